@@ -23,10 +23,14 @@ from gossamer_fx.checks.errors import InputError
 HERE = Path(__file__).parent
 NAMES = sorted(path.stem for path in HERE.glob("*.py") if not path.stem.startswith("_"))
 PAGE = HERE.parent.parent / "docs" / "verification.md"
+# The part of the page that is written by this command.
 BETWEEN = re.compile(r"(?<=<!-- studies -->\n).*?(?=<!-- /studies -->)", re.DOTALL)
 
 
 def main() -> int:
+    """Compute the studies that the command line names; returns 1 if one falls short of its
+    references.
+    """
     comm = MPI.COMM_WORLD
     parser = argparse.ArgumentParser(prog="gossamer study", description=__doc__.splitlines()[0])
     parser.add_argument(
@@ -36,7 +40,7 @@ def main() -> int:
     parser.add_argument(
         "--out", type=Path, default=Path("out/studies"), help="folder of the results"
     )
-    parser.add_argument("--fresh", action="store_true", help="compute everything anew")
+    parser.add_argument("--fresh", action="store_true", help="compute everything again")
     wanted = parser.parse_args()
     names = NAMES if wanted.name == "all" else [wanted.name]
     missing, done = [], []
@@ -45,6 +49,7 @@ def main() -> int:
         if wanted.fresh and comm.rank == 0:
             for kept in (f"{name}.csv", f"{name}-quick.csv"):
                 (wanted.out / kept).unlink(missing_ok=True)
+        # No rank may read a file that another one is about to remove.
         comm.barrier()
         results = run(study, wanted.out, comm, wanted.quick)
         missing += [f"{name}: {words}" for words in shortfalls(study, results) if not wanted.quick]
@@ -58,6 +63,7 @@ def main() -> int:
                 picture(study, results, wanted.out / f"{name}.png")
             print(text)
     if comm.rank == 0:
+        # The page of verification shows full studies, and all of them.
         if wanted.name == "all" and not wanted.quick and PAGE.is_file():
             text = summary(done)
             PAGE.write_text(BETWEEN.sub(lambda match: f"\n{text}\n", PAGE.read_text()))

@@ -19,6 +19,7 @@ from gossamer_fx.fields.fields import AreaFractions, FieldFunctions
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.meshes.sheet import crossed_sheet
 
+# Overpressure [Pa].
 PRESSURE = 5000.0
 HALF_EDGE = 0.6 / math.sqrt(2)
 FILM = {"E": 588e6, "nu": 0.4, "density": 1000.0, "thickness": 6e-4}
@@ -28,6 +29,7 @@ LAWS: dict[str, FilmLaw] = {
     "Elastica 0.4 m": gx.Elastica(**FILM, half_wavelength=0.4),
     "TensionField": gx.TensionField(**FILM),
 }
+# A quarter of one sheet is computed; volumes are those of the whole.
 SHEETS, QUARTERS = 2, 4
 
 

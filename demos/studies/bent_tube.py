@@ -24,13 +24,20 @@ from gossamer_fx.fields.fields import AreaFractions
 from gossamer_fx.meshes.tube_section import cylinder
 from gossamer_fx.model.body import Array
 
-RADIUS, LENGTH, E, NU, THICKNESS = 1.0, 1.0, 1e9, 0.3, 1e-3
+# Sizes [m] and modulus [Pa] of half of the tube.
+RADIUS = 1.0
+LENGTH = 1.0
+E = 1e9
+NU = 0.3
+THICKNESS = 1e-3
 LAW = gx.Miyazaki(E=E, nu=NU, density=1000.0, thickness=THICKNESS, residual_stiffness=1e-6)
 P = 2e-4 * E * THICKNESS / RADIUS
 INFLATED = RADIUS * (1 + (1 - NU / 2) * P * RADIUS / (E * THICKNESS))
-FIRST = P / (2 * E * THICKNESS)  # κ_w
+# Curvature κ_w [1/m] of the first wrinkle, and its moment [N m].
+FIRST = P / (2 * E * THICKNESS)
 M_FIRST = P * math.pi * INFLATED**3 / 2
 BENT = (2.0, 5.0)  # κ/κ_w at which the moment is compared
+# Bisections of the curvature at which the first wrinkles appear, to a 256th of the interval.
 BISECTIONS = 8
 
 
@@ -85,6 +92,7 @@ def problem(comm: MPI.Comm, element: str, sides: int) -> dict[str, float]:
         return abs(float(search.reaction(middle)[1][1])), slack + wrinkled
 
     results = {"M(½κ_w)/exact": bend(0.5)[0] / moment(0.5)}
+    # κ/κ_w without and with wrinkles, and the moment at the smallest one with them.
     taut, buckled, M_w = 0.8, 1.3, math.nan
     for _ in range(BISECTIONS):
         ratio = (taut + buckled) / 2

@@ -6,7 +6,7 @@ at a time:
     sharp         zigzag of 80°, layers 0.2 mm apart at the folds, 25 µm, no crease memory: the usual one
     lift 0.3      layers 0.6 mm apart at the folds
     open 60       panels that rise by 60°
-    roll          rolled up: bends with a radius in the place of sharp folds
+    roll          rolled up: bends with a radius instead of sharp folds
     film 12.5, film 50       thickness [µm]
     crease 0.02, crease 0.2  folds with memory [N m/m/rad], rest angle half of the fold
     no contact    layers pass through each other: what a computation without contact says
@@ -30,7 +30,10 @@ import gossamer_fx as gx
 from demos.folded_tube import OPEN, build
 from demos.studies.engine.study import Result, Study
 
-UNTIL, DIAMETER = 12e-3, 0.03
+# End of a run [s], and diameter of the round tube of the demo [m].
+UNTIL = 12e-3
+DIAMETER = 0.03
+# Times [s] at which ratios of pressures are compared.
 TIMES = (2e-3, 3e-3, 5e-3)
 CASES: dict[str, dict[str, Any]] = {
     "sharp": {},
@@ -47,6 +50,7 @@ CASES: dict[str, dict[str, Any]] = {
 
 
 def problem(comm: MPI.Comm, tube: str) -> dict[str, float]:
+    """Fill one tube, and measure how its folds open and what pressures they hold back."""
     case = build(comm, **{"until": UNTIL, **CASES[tube]})
     series = gx.Series(case.probes)
     run = case.simulation([series])
@@ -62,9 +66,11 @@ def problem(comm: MPI.Comm, tube: str) -> dict[str, float]:
         found |= {f"least{i}": float(area[early].min()), f"mean{i}": float(area[early].mean())}
         opened = np.flatnonzero(area >= OPEN)
         found[f"opened{i} [ms]"] = 1e3 * float(t[opened[0]]) if len(opened) else math.inf
-    pierced = float(series["penetrations"].max()) if "penetrations" in case.probes else math.nan
+    penetrations = (
+        float(series["penetrations"].max()) if "penetrations" in case.probes else math.nan
+    )
     return found | {
-        "penetrations": pierced,
+        "penetrations": penetrations,
         "energy_error": abs(run.energy_error),
         "halved": run.substeps,
         "steps": run.step,

@@ -16,6 +16,7 @@ from demos.studies.engine.study import Measure, Study
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.meshes.disc import quarter_disc
 
+# A radius of 1 m; pressures are given over E t/a.
 FILM = {"E": 1e9, "nu": 0.3, "density": 1000.0, "thickness": 1e-4}
 LAWS: dict[str, FilmLaw] = {
     "Linear": gx.Linear(**FILM),

@@ -1,4 +1,4 @@
-"""Contact: iterations and books over step and law, against exact answers, and how far from ordinary numbers may be.
+"""Contact: iterations and errors of conservation over step and law, exact answers, and extreme numbers.
 
 films     a square film of 0.2 m is thrown at 2 m/s, turned and turning, onto another one; d̂ 1 mm, K 2e6 N/m³, 10 ms
 zigzag    a strip folded into 6 layers 2 mm apart, thrown at each other at random 1 m/s; d̂ 0.5 mm, K 8e6 N/m³, 10 ms
@@ -14,7 +14,7 @@ tube      0.8 m, 58 mm, five compartments folded to a zigzag, filled from a tank
 map       films of 0.1 m, 4 x 4 cells, at 2 m/s, d̂ 1 mm, h 1e-4 s, 3 ms; one number goes from ordinary to extreme
 
 `deviation` is the largest relative error of contact time, velocities and mean stress, zero where there is no exact
-answer.  Every case must keep energy and momenta, and have no edge that pierces a triangle at its end; anything else
+answer.  Every case must keep energy and momenta, and have no edge that intersects a triangle at its end; anything else
 is an error.  The picture is the map.
 """
 
@@ -38,6 +38,7 @@ from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN
 
 LAW = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
+# Largest errors, relative, with which a case counts as right.
 ENERGY, MOMENTUM = 1e-10, 1e-12
 MAP = {
     "speed": [0.01, 0.1, 10.0, 100.0],
@@ -94,6 +95,7 @@ def zigzag(
     X = np.where(layer % 2, cells * cell - way, way)
 
     def build(model: Any) -> None:
+        """Nodes and triangles of a flat strip whose columns are at x."""
         x_, y_ = np.meshgrid(x, np.arange(6) * cell)
         grid = np.arange(1, x_.size + 1).reshape(x_.shape)
         a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
@@ -128,9 +130,13 @@ def zigzag(
     )
 
 
-UNTIL = 0.04  # s, of the tube
+# End of the run of the tube [s].
+UNTIL = 0.04
 BAR = {"E": 2.3e9, "nu": 0.0, "density": 1400.0, "thickness": 1e-4}
-LENGTH, WIDTH, SPEED = 0.5, 0.02, 1.0  # m, m, m/s of each bar
+# Sizes [m] and speed [m/s] of each bar, and speed of waves in it [m/s].
+LENGTH = 0.5
+WIDTH = 0.02
+SPEED = 1.0
 WAVE = (BAR["E"] / BAR["density"]) ** 0.5
 
 
@@ -155,6 +161,7 @@ def impact(comm: MPI.Comm, against: str) -> tuple[gx.Simulation, gx.Contact, flo
     run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=h), outputs=[force])
     run.run(until=2.2 * 2 * LENGTH / WAVE)
     values = -np.array(force["force"])
+    # Contact lasts for the steps with a force above round-off.
     time = h * np.count_nonzero(values > 1e-6 * values.max())
     stress = h * values.sum() / time / (WIDTH * BAR["thickness"])
     x = bar_velocity(run, left)
@@ -168,10 +175,8 @@ def impact(comm: MPI.Comm, against: str) -> tuple[gx.Simulation, gx.Contact, flo
 
 def bar_velocity(run: gx.Simulation, body: gx.Membrane) -> float:
     """Mean velocity along x, by mass."""
-    owned, P = (
-        run.system.state[body].part,
-        run.system.numbering.vector(),
-    )
+    owned = run.system.state[body].part
+    P = run.system.numbering.vector()
     run.system.M.mult(run.system.v0, P)
     mass = BAR["density"] * BAR["thickness"] * LENGTH * WIDTH
     return float(run.comm.allreduce(P.array_r[owned][::3].sum()) / mass)
@@ -182,6 +187,7 @@ def block(comm: MPI.Comm) -> tuple[gx.Simulation, gx.Contact, float]:
     d, V, size = 1e-3, 2.0, 0.1
     mass = LAW["density"] * LAW["thickness"] * size**2
     reduced = 0.75 * mass
+    # A spring of this stiffness is closed by 0.6 of the distance.
     k = reduced * (V / (0.6 * d)) ** 2
     face = gx.RigidBody(
         3 * mass, (1e-5, 1e-5, 1e-5), position=(0, 0, -0.01), comm=comm, name="block"
@@ -353,12 +359,12 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
         )
         / size
     )
-    pierced = 0.0 if contact is None else gx.probes.Penetrations(contact)(run)
-    sound = abs(run.energy_error) < ENERGY and (change < MOMENTUM or not free) and pierced == 0
+    penetrations = 0.0 if contact is None else gx.probes.Penetrations(contact)(run)
+    sound = abs(run.energy_error) < ENERGY and (change < MOMENTUM or not free) and penetrations == 0
     check(
         sound,
         f"Case '{case}' is wrong without a word: energy {run.energy_error:.1e}, momenta {change:.1e}, "
-        f"{pierced:.0f} pierced.",
+        f"{penetrations:.0f} penetrations.",
     )
     return {
         "iterations": run.iterations / run.step,
@@ -371,6 +377,7 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
 
 
 def cases() -> list[str]:
+    """Names of all cases: scenes over law and step, exact ones, and the cells of the map."""
     table = [
         f"{s} {law} {h:g}"
         for s in ("films", "zigzag")
@@ -403,7 +410,7 @@ def draw(results: list[Result], path: Path) -> None:
 
 STUDY = Study(
     "contact",
-    "Contact: iterations and halved steps, books, and deviation from exact answers",
+    "Contact: iterations and rejected steps, conservation, and deviation from exact answers",
     problem,
     {"case": cases()},
     lambda case: 1.0,

@@ -19,6 +19,7 @@ from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.probes.crease_angle import FoldAngle
 
 LENGTH, WIDTH, THICKNESS, E = 0.05, 0.01, 50e-6, 2.5e9
+# Of the crease: N m/m/rad, and rad.
 STIFFNESS, REST = 2e-3, math.radians(120.0)
 LAW = gx.Linear(E=E, nu=0.0, density=1400.0, thickness=THICKNESS)
 STRIP = gx.analysis.HangingStrip(LENGTH, WIDTH, bending_stiffness=E * THICKNESS**3 / 12)

@@ -19,12 +19,14 @@ from demos.folded_tube import build, opening_times
 from demos.studies.engine.deployments import STARTS, nudged
 from demos.studies.engine.study import Study
 
+# End of a run [s], the same as in the study of choking.
 UNTIL = 12e-3
 
 
 def problem(
     comm: MPI.Comm, start: str, cells: int, h: float, until: float = UNTIL
 ) -> dict[str, float]:
+    """Fill the folded tube of the demo until a time [s], with steps of h [s]."""
     case = build(comm, cells=cells, dt=h, until=until, pressure=nudged(1.5e6, start))
     series = gx.Series(case.probes)
     run = gx.Simulation(case.scene, case.stepper, outputs=[series])

@@ -29,7 +29,13 @@ from gossamer_fx.fields.fields import FieldFunctions
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.meshes.disc import ring
 
-HUB, RIM, THICKNESS, E, NU = 0.2, 1.0, 2e-5, 2.3e9, 0.3
+# Radii and thickness [m], modulus [Pa].
+HUB = 0.2
+RIM = 1.0
+THICKNESS = 2e-5
+E = 2.3e9
+NU = 0.3
+# Tension σ0 [Pa], small enough for the theory of small strains, and the strain that it has in both directions.
 TENSION = 1e-5 * E
 STRAIN = (1 - NU) * TENSION / E
 FILM = {"E": E, "nu": NU, "density": 1400.0, "thickness": THICKNESS}
@@ -37,7 +43,9 @@ LAWS: dict[str, FilmLaw] = {
     "Miyazaki 1e-6": gx.Miyazaki(**FILM, residual_stiffness=1e-6),
     "TensionField": gx.TensionField(**FILM),
 }
-PROBE = 1.25 * HUB  # radius at which stresses are compared
+# Radius [m] at which stresses are compared.
+PROBE = 1.25 * HUB
+# Runge-Kutta steps over the wrinkled part.
 INNER_STEPS = 500
 
 
@@ -70,10 +78,19 @@ def exact(c: float) -> Solution:
     from scipy.optimize import brentq
 
     if c <= TENSION * HUB**2:
-        return Solution(c * (1 + NU) / E * (HUB**-2 - RIM**-2), HUB, TENSION, 0.0, c)
+        # Taut everywhere: pure torsion.
+        rotation = c * (1 + NU) / E * (HUB**-2 - RIM**-2)
+        return Solution(rotation, HUB, TENSION, 0.0, c)
     limit = TENSION * RIM**2
-    B = brentq(lambda B: _inward(B, c)[0] / (STRAIN * HUB) - 1, 0.0, limit, xtol=1e-12 * limit)
-    return _inward(B, c)[1]
+
+    def error_at_hub(B: float) -> float:
+        """Relative error of the displacement of the hub, which is given."""
+        displacement, _ = _inward(B, c)
+        return displacement / (STRAIN * HUB) - 1
+
+    B = brentq(error_at_hub, 0.0, limit, xtol=1e-12 * limit)
+    _, solution = _inward(B, c)
+    return solution
 
 
 def _inward(B: float, c: float) -> tuple[float, Solution]:
@@ -81,26 +98,34 @@ def _inward(B: float, c: float) -> tuple[float, Solution]:
     A = TENSION + (1 + NU) / (1 - NU) * B / RIM**2
     R = ((B**2 + c**2) / A**2) ** 0.25
     k2 = Solution(0.0, R, A, B, c).k2
-    if k2 <= (c / HUB) ** 2:  # no tension would be left at the hub: B is too small
+    # No tension would be left at the hub: B is too small.
+    if k2 <= (c / HUB) ** 2:
         return 2 * STRAIN * HUB, Solution(math.nan, R, A, B, c)
 
     def rates(r: float, y: np.ndarray) -> np.ndarray:
         """(u', (v/r)') of y = (u, v/r)."""
-        σ_r, τ = math.sqrt(k2 - (c / r) ** 2) / r, c / r**2
-        ε1, φ = (σ_r + τ**2 / σ_r) / E, math.atan2(τ, σ_r)
+        σ_r = math.sqrt(k2 - (c / r) ** 2) / r
+        τ = c / r**2
+        ε1 = (σ_r + τ**2 / σ_r) / E
+        φ = math.atan2(τ, σ_r)
         sin2 = math.sin(φ) ** 2
+        # From u/r; wrinkles make ε2 more compressive than the stress says.
         ε2 = (y[0] / r - ε1 * sin2) / (1 - sin2)
-        return np.array([ε1 * (1 - sin2) + ε2 * sin2, (ε1 - ε2) * math.sin(2 * φ) / r])
+        radial = ε1 * (1 - sin2) + ε2 * sin2
+        shear = (ε1 - ε2) * math.sin(2 * φ)
+        return np.array([radial, shear / r])
 
-    y = np.array(
-        [R / E * ((1 - NU) * A - (1 + NU) * B / R**2), -c * (1 + NU) / E * (R**-2 - RIM**-2)]
-    )
+    # Of the taut part, at its inner end.
+    u = R / E * ((1 - NU) * A - (1 + NU) * B / R**2)
+    rotation = -c * (1 + NU) / E * (R**-2 - RIM**-2)
+    y = np.array([u, rotation])
     h = (HUB - R) / INNER_STEPS
     for r in R + h * np.arange(INNER_STEPS):
         k1 = rates(r, y)
         k2_ = rates(r + h / 2, y + h / 2 * k1)
         k3 = rates(r + h / 2, y + h / 2 * k2_)
-        y = y + h / 6 * (k1 + 2 * k2_ + 2 * k3 + rates(r + h, y + h * k3))
+        k4 = rates(r + h, y + h * k3)
+        y = y + h / 6 * (k1 + 2 * k2_ + 2 * k3 + k4)
     return float(y[0]), Solution(-float(y[1]), R, A, B, c)
 
 
@@ -111,23 +136,28 @@ def problem(comm: MPI.Comm, law: str, element: str, torque: float, nodes: int) -
     c = torque * TENSION * HUB**2
     solution = exact(c)
     θ = solution.θ
-    film = gx.Membrane(ring(comm, HUB, RIM, cells, 4 * cells, order), LAWS[law], order=order)
+    mesh = ring(comm, HUB, RIM, cells, 4 * cells, order)
+    film = gx.Membrane(mesh, LAWS[law], order=order)
 
     def turn(X: np.ndarray, t: float) -> np.ndarray:
+        """Displacement (3, n) of hub and rim: stretched by the tension, and the hub turned by -θ."""
         at_hub = np.hypot(X[0], X[1]) < (HUB + RIM) / 2
         angle = np.where(at_hub, -θ, 0.0)
-        x, y = (1 + STRAIN) * X[0], (1 + STRAIN) * X[1]
-        turned = np.vstack(
-            [np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y, X[2]]
-        )
-        return turned - X
+        # Stretched by the tension first, then turned.
+        x = (1 + STRAIN) * X[0]
+        y = (1 + STRAIN) * X[1]
+        turned_x = np.cos(angle) * x - np.sin(angle) * y
+        turned_y = np.sin(angle) * x + np.cos(angle) * y
+        return np.vstack([turned_x, turned_y, X[2]]) - X
 
     hub = gx.Fixed(film, "hub", motion=turn, components=(0, 1))
     rim = gx.Fixed(film, "rim", motion=turn, components=(0, 1))
-    search = gx.Equilibrium(gx.Scene(film, hub, rim, gx.Fixed(film, "film", components=(2,))))
+    in_plane = gx.Fixed(film, "film", components=(2,))
+    search = gx.Equilibrium(gx.Scene(film, hub, rim, in_plane))
     found = search.find()
     _, moment = search.reaction(hub)
     measured = abs(moment[2]) / (2 * math.pi * THICKNESS)
+    # The angle is given and the torque measured: the error of the angle at a given torque follows by the slope.
     slope = (exact(1.01 * c).θ - exact(0.99 * c).θ) / (0.02 * c)
     fields = FieldFunctions(search.system, film, ["stress1"])
     fields.update()
@@ -149,9 +179,8 @@ def mean_ratio(stress: fem.Function, solution: Solution, width: float) -> float:
     r = np.linalg.norm(compute_midpoints(domain, 2, cells), axis=1)
     values = stress.x.array[stress.function_space.dofmap.list[: len(cells)]].mean(axis=1)
     near = abs(r - PROBE) < width
-    total, n = domain.comm.allreduce(
-        np.array([(values[near] / solution.stress(r[near])).sum(), near.sum()])
-    )
+    ratios = values[near] / solution.stress(r[near])
+    total, n = domain.comm.allreduce(np.array([ratios.sum(), near.sum()]))
     return float(total / n)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from mpi4py import MPI
 
 from demos.ikaros import main
-from demos.studies.engine.deployments import BOOKS
+from demos.studies.engine.deployments import LEDGER
 from demos.studies.engine.study import Study
 
 
@@ -26,6 +26,6 @@ STUDY = Study(
     lambda case: case["h"],
     quick={"pitch": [0.8], "h": [2e-2]},
     quick_options={"until": 1.0},
-    columns=("opened", "largest_radius", "radius", "spin_of_hub", "spin_of_sail", *BOOKS),
+    columns=("opened", "largest_radius", "radius", "spin_of_hub", "spin_of_sail", *LEDGER),
     may_fail=True,
 )

@@ -21,7 +21,9 @@ from demos.studies.engine.study import Measure, Study
 from gossamer_fx.meshes.tube_section import capped_cylinder
 from gossamer_fx.model.body import Array
 
-RADIUS, LENGTH = 1.0, 4.0
+# Of the wall without pressure [m].
+RADIUS = 1.0
+LENGTH = 4.0
 FILM = {"E": 1e9, "nu": 0.3, "density": 1000.0, "thickness": 1e-3}
 LAW = gx.Miyazaki(**FILM, residual_stiffness=1e-6)
 
@@ -40,6 +42,7 @@ def stretches(film: gx.Membrane, search: gx.Equilibrium) -> tuple[float, float]:
     """(λ_x, λ_t) of the middle quarter of the wall: mean distance from its axis, and slope of x over X."""
     x = search.system.q0.array_r.reshape(-1, 3)
     X = film.space.tabulate_dof_coordinates()[: len(x)]
+    # Away from the caps, which disturb the wall over a few radii.
     middle = abs(X[:, 0] / LENGTH - 0.5) < 0.125
 
     def sums(values: Array) -> Array:

@@ -19,10 +19,13 @@ from demos.studies.engine.study import Study
 from gossamer_fx.fields.fields import AreaFractions
 from gossamer_fx.materials.film import FilmLaw
 
+# Curvature over that of the first wrinkle, and cells over the height of the strip and along the
+# airbag's edge.
 K, STRIP_CELLS, AIRBAG_CELLS = 2.0, 24, 16
 
 
 def laws(film: dict[str, float], half_wavelength: float) -> dict[str, FilmLaw]:
+    """The laws that are compared, for one film; `half_wavelength` [m] is that of its wrinkles."""
     return {
         "Linear": gx.Linear(**film),
         "Miyazaki 1e-2": gx.Miyazaki(**film, residual_stiffness=1e-2),
@@ -38,25 +41,26 @@ STRIP, AIRBAG = laws(bending_strip.FILM, 0.05), laws(airbag.FILM, 0.4)
 
 
 def problem(comm: MPI.Comm, scene: str, law: str) -> dict[str, float]:
+    """Solve a scene with one law; m of the strip or V [m³] of the airbag is the global result."""
     if scene == "strip":
         moved, search = bending_strip.bent_strip(comm, STRIP[law], 1, K, STRIP_CELLS)
         film, found = moved.body, search.find()
         force, moment = search.reaction(moved, about=(bending_strip.L, bending_strip.H / 2, 0.0))
         accepted = bending_strip.exact(K)[0]
         global_result = -2 * moment[2] / (force[0] * bending_strip.H)
-        place, component = "top right", 1
+        point, component = "top right", 1
     else:
         film, search = airbag.airbag(comm, AIRBAG[law], 1, AIRBAG_CELLS)
         found = search.find()
         accepted = 0.1250
         global_result = airbag.SHEETS * airbag.QUARTERS * found.totals.supplied / airbag.PRESSURE
-        place, component = "bottom left", 2
+        point, component = "bottom left", 2
     slack, wrinkled, taut = AreaFractions([film])(search.system)
     return {
         "m or V": float(global_result),
         "error": abs(float(global_result) / accepted - 1),
-        "u": float(airbag.displacement(film, search, place)[component]),
-        "σ1": airbag.stress_at(film, search, place),
+        "u": float(airbag.displacement(film, search, point)[component]),
+        "σ1": airbag.stress_at(film, search, point),
         "taut": taut,
         "wrinkled": wrinkled,
         "slack": slack,

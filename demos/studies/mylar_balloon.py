@@ -22,12 +22,15 @@ LAWS: dict[str, FilmLaw] = {
     "Miyazaki 1e-6": gx.Miyazaki(**FILM, residual_stiffness=1e-6),
     "TensionField": gx.TensionField(**FILM),
 }
+# Pressure over E t/a: so small that the film hardly stretches.
 Q = 1e-3
+# A quarter of the upper half is computed.
 HALVES, QUARTERS = 2, 4
+# Cells along a radius; finer meshes of order 2 wrinkle in many ways at this pressure.
 CELLS = {
     "P1": (6, 12, 24),
     "P2": (4, 8, 12),
-}  # along a radius; finer ones of order 2 wrinkle in many ways at this q
+}
 
 
 def inflate(
@@ -53,10 +56,12 @@ def inflate(
 
 
 def problem(comm: MPI.Comm, law: str, element: str, level: int) -> dict[str, float]:
+    """Shape of the balloon at zero strain, extrapolated from two pressures."""
     order, cells = {"P1": 1, "P2": 2}[element], CELLS[element][level]
     (coarse, first), (fine, second) = (
         inflate(comm, LAWS[law], order, cells, q) for q in (2 * Q, Q)
     )
+    # The error is linear in the pressure: extrapolate to zero.
     radius, thickness, volume = 2 * fine - coarse
     return {
         "R/a": radius,

@@ -16,9 +16,12 @@ from demos.studies.engine.study import Study
 from gossamer_fx.materials.film import FilmLaw
 from meshes.sheet import sheet
 
+# Step [s], and cells along an edge of 1 m.
 DT = 1e-3
 CELLS = 10
+# kg/m³ and m, as of the isotropic film.
 MASS = {"density": 1400.0, "thickness": 1e-4}
+# The first axis of the material is not along edges of the mesh.
 AXES = {"direction": (1.0, 0.3, 0.0)}
 
 LAWS: dict[str, FilmLaw] = {
@@ -58,7 +61,7 @@ def problem(comm: MPI.Comm, law: str, steps: int) -> dict[str, float]:
 
 STUDY = Study(
     "orthotropic",
-    "Orthotropic films beside the isotropic one, on a thrown free sheet",
+    "Orthotropic films and the isotropic one, on a thrown free sheet",
     problem,
     {"law": list(LAWS), "steps": [200]},
     lambda case: case["steps"],

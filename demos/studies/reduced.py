@@ -3,7 +3,7 @@
 The sail has 16 × 16 × 2 triangles and 909 unknowns with hub and masses.  Two flights of two turns are recorded; a third
 kick with another spin is then predicted for two turns.
 
-    cells 100 % to 1 %   the reduced model: Σ φ_i c_i, `modes` of them beside 1, X, Y; strains over so many of the cells
+    cells 100 % to 1 %   the reduced model: Σ φ_i c_i, `modes` of them and 1, X, Y; strains over so many of the cells
     vector modes         ordinary proper orthogonal decomposition in inertial axes with as many unknowns, x̄ + Σ u_i a_i:
                          the flight itself, projected.  No model with these modes can come nearer
 
@@ -34,7 +34,13 @@ from gossamer_fx.model.body import Array
 from gossamer_fx.reduction.basis import mass_times
 from gossamer_fx.system.totals import relative_drift
 
-CELLS, DT, TURNS, FASTER, LOWEST = 16, 0.1, 48.0, 1.1, 6
+# Cells along an edge of the sail, step and length of a flight [s], spin of the predicted flight over that of the
+# recorded ones, and number of frequencies.
+CELLS = 16
+DT = 0.1
+TURNS = 48.0
+FASTER = 1.1
+LOWEST = 6
 SHARES = {f"cells {100 * share:.0f} %": share for share in (1.0, 0.5, 0.3, 0.2, 0.1, 0.01)}
 VECTOR = "vector modes"
 TILT = np.array(rotations(np.array([1.0, 0.0, 0.0]), np.radians(10.0)))
@@ -45,6 +51,7 @@ class Truth:
     """The recordings, and the flight that is to be predicted."""
 
     def __init__(self, comm: MPI.Intracomm) -> None:
+        """Fly the full model three times: two recorded flights, and the one that is predicted."""
         self.recordings = []
         for kick in (saddle, bowl):
             known = film(comm, CELLS, kick, 0.02)
@@ -57,7 +64,8 @@ class Truth:
         run.run(until=TURNS)
         self.seconds = time.process_time() - started
         self.positions = self.shapes.positions[-len(TIMES) :]
-        self.spin, self.stress = spin(run), stress(run, self.film)
+        self.spin = spin(run)
+        self.stress = stress(run, self.film)
         self.frequencies = frequencies(self.film)
 
 
@@ -93,15 +101,21 @@ def error_across(comm: MPI.Intracomm, shapes: list[Array]) -> float:
 
 
 def predicted(comm: MPI.Intracomm, modes: int, share: float) -> dict[str, float]:
+    """Errors of the reduced model with `modes` modes and a share of the cells, see the module."""
     known = truth()
     started = time.process_time()
     all_cells = 2 * CELLS**2 // comm.size
-    cells = None if share == 1 else max(round(share * all_cells), 1)
+    # None: all cells, without a choice of weights.
+    cells = None
+    if share < 1:
+        cells = max(round(share * all_cells), 1)
     sail = gx.reduction.reduce(known.film, known.recordings, modes=modes, cells=cells)
     trained = time.process_time() - started
     run = flight(sail, FASTER * SPIN, DT)
-    shape, found = BodyShape(run.system.state, sail), []
+    shape = BodyShape(run.system.state, sail)
+    found = []
     own = known.film.space.dofmap.index_map.size_local
+    # Time of the steps only, as that of the full model.
     seconds = 0.0
     for t in TIMES:
         started = time.process_time()
@@ -129,42 +143,53 @@ def predicted(comm: MPI.Intracomm, modes: int, share: float) -> dict[str, float]
     }
 
 
+def angular_momentum(comm: MPI.Intracomm, sail: gx.Membrane, x: Array, v: Array) -> Array:
+    """Angular momentum (3,) [kg m²/s] about the centre, for positions and velocities (n, 3)."""
+    momenta = mass_times(sail, v[:, :, None])[:, :, 0]
+    total: Array = comm.allreduce(np.cross(x - CENTRE, momenta).sum(axis=0))
+    return total
+
+
 def projected(comm: MPI.Intracomm, modes: int) -> dict[str, float]:
     """The flight in the space of ordinary modes: the nearest motion in the norm of the mass."""
     known = truth()
-    sail, started = known.film, time.process_time()
-    X = np.stack(
-        [x for recording in known.recordings for x in recording.positions], axis=2
-    )  # (n, 3, times)
+    sail = known.film
+    started = time.process_time()
+    shapes = []
+    for recording in known.recordings:
+        shapes += recording.positions
+    X = np.stack(shapes, axis=2)  # (n, 3, times)
     mean = X.mean(axis=2, keepdims=True)
     A = X - mean
-    λ, v = np.linalg.eigh(comm.allreduce(np.einsum("nit,nis->ts", A, mass_times(sail, A))))
-    count = min(3 * (modes + 3), int((λ > 1e-14 * λ[-1]).sum()))  # no more than the snapshots hold
-    U = np.einsum(
-        "nit,tk->nik", A, v[:, ::-1][:, :count] / np.sqrt(np.maximum(λ[::-1][:count], 1e-300))
-    )
+    # Method of snapshots: eigenvectors of the small Gram matrix (times, times).
+    gram = comm.allreduce(np.einsum("nit,nis->ts", A, mass_times(sail, A)))
+    λ, v = np.linalg.eigh(gram)
+    # As many unknowns as the reduced model has, and no more than the snapshots hold.
+    independent = int((λ > 1e-14 * λ[-1]).sum())
+    count = min(3 * (modes + 3), independent)
+    largest = np.maximum(λ[::-1][:count], 1e-300)
+    vectors = v[:, ::-1][:, :count] / np.sqrt(largest)
+    U = np.einsum("nit,tk->nik", A, vectors)
     MU = mass_times(sail, U)
     trained = time.process_time() - started
 
     def project(x: Array) -> Array:
-        return np.einsum("nik,k->ni", U, comm.allreduce(np.einsum("nik,ni->k", MU, x)))
+        """The part of x (n, 3) in the space of the modes, orthogonal in the norm of the mass."""
+        coefficients = comm.allreduce(np.einsum("nik,ni->k", MU, x))
+        return np.einsum("nik,k->ni", U, coefficients)
 
-    near = [project(x - mean[:, :, 0]) + mean[:, :, 0] for x in known.positions]
+    centre = mean[:, :, 0]
+    near = [project(x - centre) + centre for x in known.positions]
+    # Velocities by central differences of the recorded positions.
     h = TIMES[1] - TIMES[0]
     rates = [(b - a) / (2 * h) for a, b in zip(known.positions, known.positions[2:], strict=False)]
     turned = [(x - CENTRE) @ TILT.T + CENTRE for x in known.positions]
-    far = max(
-        np.abs(project(x - mean[:, :, 0]) + mean[:, :, 0] - x).max(initial=0.0) for x in turned
-    )
+    far = max(np.abs(project(x - centre) + centre - x).max(initial=0.0) for x in turned)
     high = max(np.abs(x[:, 2]).max(initial=0.0) for x in known.positions)
     momenta = []
     for x, v_true, y in zip(known.positions[1:], rates, near[1:], strict=False):
-        exact, ours = (
-            comm.allreduce(
-                np.cross(p - CENTRE, mass_times(sail, r[:, :, None])[:, :, 0]).sum(axis=0)
-            )
-            for p, r in ((x, v_true), (y, project(v_true)))
-        )
+        exact = angular_momentum(comm, sail, x, v_true)
+        ours = angular_momentum(comm, sail, y, project(v_true))
         momenta.append(np.linalg.norm(ours - exact) / np.linalg.norm(exact))
     σ = np.sqrt(np.maximum(λ[::-1], 0.0))
     return {
@@ -179,7 +204,9 @@ def projected(comm: MPI.Intracomm, modes: int) -> dict[str, float]:
 
 
 def problem(comm: MPI.Intracomm, model: str, modes: int) -> dict[str, float]:
-    return projected(comm, modes) if model == VECTOR else predicted(comm, modes, SHARES[model])
+    if model == VECTOR:
+        return projected(comm, modes)
+    return predicted(comm, modes, SHARES[model])
 
 
 COLUMNS = (

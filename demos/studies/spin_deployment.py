@@ -10,7 +10,7 @@ from __future__ import annotations
 from mpi4py import MPI
 
 from demos.spin_deployment import main
-from demos.studies.engine.deployments import BOOKS, STARTS, nudged
+from demos.studies.engine.deployments import LEDGER, STARTS, nudged
 from demos.studies.engine.study import Study
 
 
@@ -27,6 +27,6 @@ STUDY = Study(
     lambda case: case["h"],
     quick={"start": ["usual"], "cells": [1], "h": [1e-3]},
     quick_options={"until": 0.05},
-    columns=("largest_radius", "when", "spin_of_hub", "spin_of_sail", *BOOKS),
+    columns=("largest_radius", "when", "spin_of_hub", "spin_of_sail", *LEDGER),
     may_fail=True,
 )

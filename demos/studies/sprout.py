@@ -10,13 +10,14 @@ from __future__ import annotations
 from mpi4py import MPI
 
 from demos.sprout import main
-from demos.studies.engine.deployments import BOOKS, STARTS, nudged
+from demos.studies.engine.deployments import LEDGER, STARTS, nudged
 from demos.studies.engine.study import Study
 
 
 def problem(
     comm: MPI.Comm, start: str, cell: float, h: float, until: float = 0.12
 ) -> dict[str, float]:
+    """Deploy tubes and film with cells of some length [m] and steps of at most h [s]."""
     found = main(
         until=until,
         length=0.6,
@@ -24,6 +25,7 @@ def problem(
         tank=5e-4,
         damping=3e-4,
         cell=cell,
+        # Widths of cells in proportion to the length, as those of the demo.
         fine=0.2 * cell / 0.06,
         coarse=0.3 * cell / 0.06,
         largest=h,
@@ -43,6 +45,6 @@ STUDY = Study(
     lambda case: case["h"],
     quick={"start": ["usual"], "cell": [0.06], "h": [4e-4]},
     quick_options={"until": 5e-3},
-    columns=("span", "reach", "spin", "least pressure", "largest pressure", *BOOKS),
+    columns=("span", "reach", "spin", "least pressure", "largest pressure", *LEDGER),
     may_fail=True,
 )

@@ -11,8 +11,8 @@ extreme, alone and with another one:
     aspect      length of the triangles over their width
     dead        volume that the flat tube encloses at the start [m³]
 
-A cell of the map is completed; completed with halved steps; or failed, and then its row holds the reason.  One that
-completed must have kept its books: energy to 1e-9, gas to 1e-12, with positive volumes and pressures and finite
+A cell of the map is completed; completed with rejected steps; or failed, and then its row holds the reason.  One that
+completed must have closed its balances: energy to 1e-9, gas to 1e-12, with positive volumes and pressures and finite
 coordinates.  Anything else is wrong without a word, and the study ends with an error.
 """
 
@@ -29,6 +29,7 @@ from demos.studies.engine.study import Result, Study
 from gossamer_fx.checks.errors import check
 from gossamer_fx.meshes.tube import flat_tube
 
+# Steps of a run, and their usual length [s].
 STEPS, H = 30, 1e-4
 LENGTH, DIAMETER, CELLS = 0.2, 0.058, 4
 ORDINARY = {
@@ -56,6 +57,7 @@ PAIRS = {
     ("mass", "h"): ([1e-6, 1e6], [0.1, 10.0]),
     ("aspect", "thickness"): ([10.0, 1000.0], [1e-6, 1e-3]),
 }
+# Largest closing errors, relative, with which a cell counts as right.
 ENERGY, MASS = 1e-9, 1e-12
 
 
@@ -129,7 +131,7 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
 
 
 def draw(results: list[Result], path: Path) -> None:
-    """The map: a row for each axis and pair, a square for each cell, with iterations a step and halved steps."""
+    """Draw the map: a row for each axis and pair, a square for each cell, with iterations and sub-steps."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -142,7 +144,7 @@ def draw(results: list[Result], path: Path) -> None:
         rows.setdefault(" × ".join(word.split("=")[0] for word in name.split()), []).append(result)
     colours = {
         "completed": "#009E73",
-        "completed, with halved steps": "#E69F00",
+        "completed, with rejected steps": "#E69F00",
         "failed, by name": "#56507A",
     }
     wide = max(map(len, rows.values()))
@@ -185,7 +187,7 @@ def draw(results: list[Result], path: Path) -> None:
     figure.text(
         0.5,
         -0.02,
-        "value; Newton iterations a step, halved steps; closing error of the energy",
+        "value; Newton iterations a step, sub-steps of rejected steps; closing error of the energy",
         ha="center",
     )
     figure.savefig(path, dpi=120, bbox_inches="tight")

@@ -5,7 +5,7 @@ along Δe that makes S̄·Δe = ψ(e1) - ψ(e0) exact:
 
     Gonzalez        S̄ = ψ'((e0 + e1)/2) + [·]            (J. Nonlinear Sci. 6 (1996) 449)
     points n        S̄ = n Gauss points of ∫₀¹ ψ'(e0 + s Δe) ds + [·]
-    exact           the integral itself, piece by piece between the places where the state switches
+    exact           the integral itself, piece by piece between the points where the state switches
 
 Measured are Newton iterations a step, steps that had to be halved, and the drift of energy and angular momentum.
 """

@@ -1,11 +1,11 @@
 """A tape spring bent against its curvature: moment up to the snap, and after it.
 
 A steel strip, curved across (R = 13.3 mm, 80°, t = 0.1 mm), is a plate with a rest curvature on a flat mesh.  Its ends
-keep their shape and are turned by φ each, without axial force; by symmetry a half is computed.  The moment follows from
-the energy, M = dU/d(2φ).
+retain their shape and are turned by φ each, without axial force; by symmetry a half is computed.  The moment follows
+from the energy, M = dU/d(2φ).
 
     peak     of uniform bending: the largest dU/dκ of the section under the curvature κ along the tape (Wüst, Z. Angew.
-             Math. Mech. 34 (1954) 444; solved anew below).  Ends that keep their shape make a short tape stiffer.
+             Math. Mech. 34 (1954) 444; solved again below).  Ends that retain their shape make a short tape stiffer.
     plateau  of a fold, a cylinder of radius R about the other axis: M = (1+ν) D α (Seffen & Pellegrino, Proc. R. Soc.
              Lond. A 455 (1999) 1003, doi:10.1098/rspa.1999.0347)
 """
@@ -21,17 +21,28 @@ import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
 from gossamer_fx.meshes.sheet import sheet
 
-RADIUS, ANGLE, HALF = 13.3e-3, math.radians(80), 0.1
+# Radius [m] and angle [rad] of the section, and half of the length [m].
+RADIUS = 13.3e-3
+ANGLE = math.radians(80)
+HALF = 0.1
 STEEL = gx.Linear(E=210e9, nu=0.3, density=7850.0, thickness=1e-4)
 WIDTH = RADIUS * ANGLE
+# Bending stiffness [N m] of the strip as a plate.
 D = STEEL.E * STEEL.thickness**3 / 12 / (1 - STEEL.nu**2)
 PLATEAU = (1 + STEEL.nu) * D * ANGLE
+# Turns φ [rad] of an end.
 TURNS = np.radians([0, 1, 2, 3, 4, 5, 6, 6.5, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16])
-FLAT = np.radians(13.0)  # the turn from which the moment is that of the fold
+# Turn [rad] from which the moment is that of the fold.
+FLAT = np.radians(13.0)
 SEARCH = gx.analysis.Continuation(
     first_step=1e-3, tolerance=1e-6, inner_tolerance=0.3, fast_iterations=15, max_iterations=40
 )
-LITTLE = 1e-3 * D * ANGLE / RADIUS  # of an axial force [N]
+# Axial force [N] that counts as zero.
+LITTLE = 1e-3 * D * ANGLE / RADIUS
+# Secant iterations for the shift of an end.
+MAX_SECANT_STEPS = 12
+# Largest change [m] of the shift in one of them, against steps over the snap.
+MAX_SHIFT = 2e-3
 
 
 def peak_of_section(n: int = 300) -> float:
@@ -40,22 +51,35 @@ def peak_of_section(n: int = 300) -> float:
     U(κ) = min ∫ E t/2 κ² (z - mean)² + D/2 (κ² - 2ν κ χ + χ²) ds
     """
     s = np.linspace(-WIDTH / 2, WIDTH / 2, n + 1)
-    h, E, ν = s[1] - s[0], STEEL.E * STEEL.thickness, STEEL.nu
+    h = s[1] - s[0]
+    # Membrane stiffness [N/m] of the strip.
+    E = STEEL.E * STEEL.thickness
+    ν = STEEL.nu
+    # Trapezoidal rule.
     weight = np.full(n + 1, h)
     weight[[0, -1]] /= 2
-    second = (np.eye(n - 1, n + 1) - 2 * np.eye(n - 1, n + 1, 1) + np.eye(n - 1, n + 1, 2)) / h**2
-    centred = np.eye(n + 1) - np.outer(np.ones(n + 1), weight) / WIDTH
+    before = np.eye(n - 1, n + 1)
+    here = np.eye(n - 1, n + 1, 1)
+    after = np.eye(n - 1, n + 1, 2)
+    second = (before - 2 * here + after) / h**2
+    # Takes the mean off a function.
+    mean = np.outer(np.ones(n + 1), weight) / WIDTH
+    centred = np.eye(n + 1) - mean
     z0 = centred @ (RADIUS * (1 - np.cos(s / RADIUS)))
 
     def energy(κ: float) -> float:
+        """U(κ) [J/m]: the minimum over the deflection w (n + 1,) [m] of the section."""
         along = E * κ**2 * centred.T @ (weight[:, None] * centred)
         K = along + D * h * second.T @ second
-        K += 1e-9 * np.trace(K) / n**2  # w itself is free
-        w = np.linalg.solve(K, -along @ z0 + D * ν * κ * h * second.sum(axis=0))
-        z, χ = centred @ (z0 + w), second @ w
-        return float(
-            E / 2 * κ**2 * (weight * z * z).sum() + D / 2 * h * (κ**2 - 2 * ν * κ * χ + χ**2).sum()
-        )
+        # The energy does not change with a constant w, which makes K singular.
+        K += 1e-9 * np.trace(K) / n**2
+        by_poisson = D * ν * κ * h * second.sum(axis=0)
+        w = np.linalg.solve(K, by_poisson - along @ z0)
+        z = centred @ (z0 + w)
+        χ = second @ w
+        stretching = E / 2 * κ**2 * (weight * z * z).sum()
+        bending = D / 2 * h * (κ**2 - 2 * ν * κ * χ + χ**2).sum()
+        return float(stretching + bending)
 
     curvatures = np.linspace(0.05, 4, 80)
     return float(np.gradient([energy(κ) for κ in curvatures], curvatures).max())
@@ -92,28 +116,38 @@ def problem(comm: MPI.Comm, cells: int) -> dict[str, float]:
     )
     end = gx.Fixed(tape, "right", rotation=True, direction=direction, motion=turned, name="end")
     equilibrium = gx.Equilibrium(gx.Scene(tape, middle, end), SEARCH)
-    energies, iterations, seconds = [], 0, 0.0
+    energies = []
+    iterations = 0
+    seconds = 0.0
+    # First guess of the axial stiffness [N/m]: that of a straight strip.
     stiffness = STEEL.E * STEEL.thickness * WIDTH / HALF
     for φ in TURNS:
-        before, step = None, 0.0
-        for _ in range(12):  # a secant iteration for the shift without axial force
+        before = None
+        step = 0.0
+        # A secant iteration for the shift [m] without axial force.
+        for _ in range(MAX_SECANT_STEPS):
             found = equilibrium.find(at=float(φ))
-            iterations, seconds = iterations + found.iterations, seconds + found.seconds
+            iterations += found.iterations
+            seconds += found.seconds
             force = equilibrium.reaction(end)[0][0]
             if before is not None and before != force:
                 secant = (force - before) / step
-                stiffness = secant if secant > 1e-3 * stiffness else stiffness
+                # Past the snap a secant may be negative and lead away.
+                if secant > 1e-3 * stiffness:
+                    stiffness = secant
             if abs(force) < LITTLE:
                 break
-            before, step = force, float(np.clip(-force / stiffness, -2e-3, 2e-3))
+            before = force
+            step = float(np.clip(-force / stiffness, -MAX_SHIFT, MAX_SHIFT))
             shift += step
+        # Of both halves.
         energies.append(2 * sum(found.totals.stored.values()))
     moments = np.diff(energies) / np.diff(2 * TURNS)
     fold = TURNS >= FLAT
+    plateau = float(np.polyfit(2 * TURNS[fold], np.array(energies)[fold], 1)[0])
     return {
         "peak/section's": float(moments.max()) / peak_of_section(),
-        "plateau/(1+ν)Dα": float(np.polyfit(2 * TURNS[fold], np.array(energies)[fold], 1)[0])
-        / PLATEAU,
+        "plateau/(1+ν)Dα": plateau / PLATEAU,
         "peak [N m]": float(moments.max()),
         "iterations": iterations,
         "seconds": seconds,

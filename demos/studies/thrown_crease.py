@@ -19,12 +19,21 @@ from demos.studies.crease import folded
 from demos.studies.engine.study import Measure, Study
 from gossamer_fx.meshes.creased_strip import creased_strip
 
-LENGTH, WIDTH, STIFFNESS, UNTIL = 0.05, 0.02, 2e-3, 0.06
+# Length of a panel and width of the strip [m].
+LENGTH = 0.05
+WIDTH = 0.02
+# Of the softest crease [N m/m/rad].
+STIFFNESS = 2e-3
+# End of a run [s].
+UNTIL = 0.06
 LAW = gx.Linear(E=2.5e9, nu=0.3, density=1400.0, thickness=50e-6)
 
 
 def thrown(speed: float, X: np.ndarray) -> np.ndarray:
-    return speed * np.stack([X[1] - 0.01, -X[0], 0.4 * np.sin(40 * X[0]) * (1 + 20 * X[1])])
+    """Velocities (3, n) [m/s] at points X (3, n): a turn, and a wave across the strip."""
+    # Not symmetric about the crease or the middle line, so that no motion is left out.
+    across = 0.4 * np.sin(40 * X[0]) * (1 + 20 * X[1])
+    return speed * np.stack([X[1] - 0.01, -X[0], across])
 
 
 def problem(
@@ -46,8 +55,11 @@ def problem(
     )
     crease = gx.connectors.Crease(plate, "crease", stiffness=stiffness * STIFFNESS)
     run = gx.Simulation(gx.Scene(plate, crease), gx.Midpoint(dt=h))
-    least, most, began = math.inf, -math.inf, time.process_time()
+    least = math.inf
+    most = -math.inf
+    began = time.process_time()
     angle = gx.probes.FoldAngle(crease)
+    # The angle is read at every fourth step.
     for end in np.linspace(0, until, round(until / (4 * h)) + 1)[1:]:
         run.run(until=float(end))
         θ = math.degrees(angle(run))

@@ -24,7 +24,9 @@ from gossamer_fx.meshes.sheet import EDGES, sheet
 N0, THICKNESS, E, NU = 10.0, 2e-5, 2.3e9, 0.3
 TENSIONED = gx.Miyazaki(E, NU, density=0.028 / THICKNESS, thickness=THICKNESS)
 STRETCH = N0 * (1 - NU) / (E * THICKNESS)
-SPIN, HUB = 10.0, 0.2
+# Spin [rad/s], and radius of the hub over that of the film.
+SPIN = 10.0
+HUB = 0.2
 SPUN = gx.Miyazaki(1e9, NU, density=5e-5 * 1e9 / SPIN**2, thickness=1e-4)
 EXACT = {  # Hz
     "square": (6.363363, 10.06136, 10.06136, 12.726726),
@@ -37,6 +39,7 @@ EXACT = {  # Hz
 
 
 def film_of(comm: MPI.Comm, scene: str, order: int, cells: int) -> gx.Scene:
+    """The scene of a square, a quarter of a circle, a film on a hub, or a free spinning disc."""
     if scene == "square":
         film = gx.Membrane(
             sheet(comm, cells, cells, 2.1, 2.1),
@@ -65,7 +68,8 @@ def problem(comm: MPI.Comm, scene: str, element: str, nodes: int) -> dict[str, f
     equilibrium = gx.Equilibrium(film_of(comm, scene, order, nodes // order))
     found = equilibrium.find()
     exact, began = np.array(EXACT[scene]), time.process_time()
-    heave = scene == "free disc"  # its first motion is no vibration
+    # The first mode of a free disc is a translation along its axis, which is not a vibration.
+    heave = scene == "free disc"
     modes = gx.analysis.modes(equilibrium, len(exact) + heave, above=0.1 if heave else 0.0)[heave:]
     ratios = np.array([mode.frequency for mode in modes]) / exact
     return {

@@ -1,4 +1,4 @@
-"""A sheared film that wrinkles: as a plate, whose wrinkles are resolved, and as a tension field, beside each other.
+"""A sheared film that wrinkles: as a plate, whose wrinkles are resolved, and as a tension field, for comparison.
 
 Kapton, L × H = 380 × 128 mm, t = 25 µm; both long edges are clamped, and one is moved by δ = 3 mm along itself (Wong &
 Pellegrino, J. Mech. Mater. Struct. 1 (2006) 3, 27, 63, doi:10.2140/jomms.2006.1.3).  With γ = δ/H their theory has
@@ -29,7 +29,10 @@ from demos.studies.engine.study import Measure, Study
 from gossamer_fx.meshes.plates import leaning_sheet
 from gossamer_fx.meshes.sheet import sheet
 
-LENGTH, HEIGHT, SHEAR = 0.38, 0.128, 3e-3
+# Sizes of the sheet, and displacement δ of its upper edge [m].
+LENGTH = 0.38
+HEIGHT = 0.128
+SHEAR = 3e-3
 FILM = {"E": 3.5e9, "nu": 0.31, "density": 1420.0, "thickness": 25e-6}
 GAMMA = SHEAR / HEIGHT
 LAMBDA = (
@@ -37,8 +40,9 @@ LAMBDA = (
 )
 AMPLITUDE = LAMBDA / math.pi * math.sqrt(2 * (1 - FILM["nu"]) * GAMMA)
 FORCE = FILM["E"] * FILM["thickness"] * LENGTH * GAMMA / 4
-CENTRE = (0.3, 0.7)  # of the length, where wrinkles are measured
-# pseudo-steps of wrinkles need not be solved well; what is left unbalanced is in the slack corners
+# Part of the length in which wrinkles are measured: away from the fans at the free ends.
+CENTRE = (0.3, 0.7)
+# Pseudo-steps of wrinkles need not be solved well; the remaining forces are in the slack corners.
 SEARCH = gx.analysis.Continuation(
     first_step=1e-4,
     growth_factor=2.0,
@@ -48,14 +52,17 @@ SEARCH = gx.analysis.Continuation(
     max_iterations=40,
     total_iterations=2000,
 )
+# Length of the first wrinkles over that of the theory; none for waves in all directions.
 STARTS = {"noise": None, "theory": 1.0, "long": 1.3}
 
 
 def moved(X: np.ndarray, t: float) -> np.ndarray:
+    """Displacement (3, n) [m] of the upper edge."""
     return np.stack([SHEAR + 0 * X[0], 0 * X[0], 0 * X[0]])
 
 
 def sheared(X: np.ndarray) -> np.ndarray:
+    """Displacement (3, n) [m] of a uniform shear."""
     return np.stack([SHEAR * X[1] / HEIGHT, 0 * X[0], 0 * X[0]])
 
 

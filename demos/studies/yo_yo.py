@@ -14,6 +14,7 @@ from demos.yo_yo import main
 
 
 def problem(comm: MPI.Comm, h: float, cells: int) -> dict[str, float]:
+    # `h` is the longest step, not the first one.
     return main(cells=cells, largest=h, dt=min(h, 2e-4), comm=comm)
 
 

@@ -109,6 +109,7 @@ class InflatableTube:
         obstacles: tuple[Obstacle, ...] = (),
         name: str = "tube",
     ) -> None:
+        """Check the arguments, which the class describes, and make the parts.  Collective."""
         who = f"InflatableTube '{name}'"
         check(
             isinstance(mesh, Mesh),
@@ -134,10 +135,14 @@ class InflatableTube:
             crease_stiffness == 0 or folds is not None,
             f"{who}: creases are at fold lines; give the folds.",
         )
-        self.name, self._discharge, self._gas = name, discharge_coefficient, gas
+        self.name = name
+        self._discharge = discharge_coefficient
+        self._gas = gas
+        # Creases are groups of edges, so that the mesh is marked before the film is made.
         if folds is not None and crease_stiffness:
             mesh = folds.mark(mesh)
         self.film = Membrane(mesh, law, name=f"{name} film")
+        # A mesh without such groups is one chamber.
         count = sum(1 for group in mesh.groups if group.startswith("compartment ")) or 1
         self.rings = [Ring(self.film, f"ring {i}") for i in range(1, count)]
         self.chambers = [
@@ -147,13 +152,17 @@ class InflatableTube:
                 pressure=pressure,
                 temperature=temperature,
                 dead_volume=dead_volume,
+                # A single chamber is bounded by the whole film.
                 surface=(f"compartment {i + 1}",) if count > 1 else (),
+                # Each compartment is closed by the rings at its ends; the first and the last one
+                # have one.
                 rings=tuple(self.rings[max(i - 1, 0) : i + 1]),
                 outside=outside,
                 name=f"{name} {i + 1}",
             )
             for i in range(count)
         ]
+        # Passages are as wide as the deformed rings, so that they close where the tube is folded.
         self.passages = [
             Orifice(
                 self.chambers[i],
@@ -173,6 +182,7 @@ class InflatableTube:
             caps is None or isinstance(caps, Mapping),
             f"{who}: caps is {caps!r}; give a dictionary by groups of ends.",
         )
+        # After `start`, since a bar lies along the end of the folded tube.
         self.caps = [self._cap(end, what, rod_width) for end, what in (caps or {}).items()]
         self.creases: list[Crease] = (
             list(
@@ -186,6 +196,10 @@ class InflatableTube:
         self.contact = self._contact(contact_distance, obstacles) if contact_distance else None
 
     def _cap(self, end: str, what: float | RigidBody, bar: float) -> RigidRegion:
+        """The rigid region of one end, on a given body or on a bar of a mass [kg]; `bar` is its
+        side [m].
+        """
+        # Imported here: a tube without caps does not load it.
         from gossamer_fx.constraints.rigid_region import RigidRegion
 
         known = isinstance(what, RigidBody) or (
@@ -205,19 +219,25 @@ class InflatableTube:
 
     def _bar(self, end: str, mass: float, side: float) -> RigidBody:
         """A bar along the nodes of an end, where the tube starts."""
-        index_map, comm = self.film.block.index_map, self.film.comm
+        index_map = self.film.block.index_map
+        comm = self.film.comm
         nodes = self.film.nodes(end)
         x = (
             self.film.initial_state()[0].reshape(-1, 3)
             if self.start is None
             else self.start.positions()
         )
+        # Owned nodes only, so that shared ones do not count twice in the mean.
         own = x[nodes[nodes < index_map.size_local]]
         x = np.concatenate(comm.allgather(own))
         middle = x.mean(axis=0)
-        along = np.linalg.svd(x - middle)[2]  # its first row is the bar's axis
+        # Of the singular vectors of points on a line the first is along it.
+        along = np.linalg.svd(x - middle)[2]
         length = float(np.ptp((x - middle) @ along[0]))
-        axis, across = mass * side**2 / 6, mass * (length**2 + side**2) / 12
+        # Moments of inertia [kg m²] of a cuboid about its own axis and across it.
+        axis = mass * side**2 / 6
+        across = mass * (length**2 + side**2) / 12
+        # Singular vectors may be left-handed; an attitude is a rotation.
         attitude = along.T * np.sign(np.linalg.det(along))
         return RigidBody(
             mass,
@@ -229,6 +249,7 @@ class InflatableTube:
         )
 
     def _contact(self, distance: float, obstacles: tuple[Obstacle, ...]) -> Contact:
+        # Imported here: a tube without contact does not load it.
         from gossamer_fx.contact.contact import Contact
 
         return Contact(self.film, *obstacles, distance=distance, name=f"{self.name} contact")

@@ -75,7 +75,11 @@ class LiddedBox:
         stop_stiffness: float = 1e4,
         name: str = "box",
     ) -> None:
-        self.name, self._wall = name, wall_thickness
+        """Check the arguments, which the class describes, and make lid, hinge, spring, latch and
+        stop.
+        """
+        self.name = name
+        self._wall = wall_thickness
         self._half: Array = np.asarray(sizes, dtype=float) / 2
         self._centre: Array = np.asarray(centre, dtype=float)
         good = self._half.shape == (3,) and bool(
@@ -111,6 +115,7 @@ class LiddedBox:
         )
         x, y, _ = 2 * self._half
         top = self._centre + np.array([0.0, 0.0, self._half[2] + wall_thickness / 2])
+        # Of a cuboid about its centre [kg m²].
         inertia = (
             mass / 12 * np.array([y**2 + wall_thickness**2, x**2 + wall_thickness**2, x**2 + y**2])
         )
@@ -120,8 +125,10 @@ class LiddedBox:
             position=(float(top[0]), float(top[1]), float(top[2])),
             name=f"{name} lid",
         )
+        # The hinge is at the edge -x of the opening.
         edge = (float(top[0] - self._half[0]), float(top[1]), float(top[2]))
         sides = ground_frame(edge), self.lid.frame_at(edge)
+        # About -y positive angles open the lid.
         axis = (0.0, -1.0, 0.0)
         self.hinge = RevoluteJoint(*sides, axis=axis, name=f"{name} hinge")
         self.spring = TorsionSpring(
@@ -132,12 +139,14 @@ class LiddedBox:
             if damping
             else None
         )
+        # Moment [N m] of the spring while the box is closed, which the latch balances.
         moment = stiffness * rest_angle
         self.latch = Torque(
             self.lid.frame(),
             lambda t: (0.0, moment if t < release_time else 0.0, 0.0),
             name=f"{name} latch",
         )
+        # A cord from rim to lid is as long as the chord of the largest angle.
         self.stop = (
             self._cord(top, 2 * x * math.sin(max_angle / 2), stop_stiffness)
             if max_angle is not None
@@ -159,17 +168,23 @@ class LiddedBox:
     @property
     def obstacles(self) -> tuple[Box, ...]:
         """Four walls and the floor, which stand still, and the lid."""
+        # Imported here: a box that nothing touches does not load contact.
         from gossamer_fx.contact.obstacles import Box
 
-        t, half = self._wall, self._half
+        t = self._wall
+        half = self._half
         slabs: list[Box] = []
+        # Four walls and the floor, by axis and side; there is none at the top.
         for axis, sign in ((0, -1), (0, 1), (1, -1), (1, 1), (2, -1)):
-            at, sizes = self._centre.copy(), 2 * half + 2 * t * (np.arange(3) != 2)
+            at = self._centre.copy()
             at[axis] += sign * (half[axis] + t / 2)
+            # Longer by the thickness at both ends along x and y, so that the corners are closed.
+            sizes = 2 * half + 2 * t * (np.arange(3) != 2)
             sizes[axis] = t
             slabs.append(
                 Box(centre=tuple(at), sizes=tuple(sizes), name=f"{self.name} wall {len(slabs) + 1}")
             )
+        # The cover is a part of the lid and moves with it.
         above = self._centre + np.array([0.0, 0.0, half[2] + t / 2])
         room = (2 * half[0], 2 * half[1], t)
         return (

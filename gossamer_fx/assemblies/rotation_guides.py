@@ -20,10 +20,12 @@ if TYPE_CHECKING:
     from gossamer_fx.connectors.tether import Tether
     from gossamer_fx.contact.obstacles import Cylinder
 
-REEL = 1e4  # N/m
+# Stiffness [N/m] of the tether of the reel.
+REEL = 1e4
 # Largest number of rods: each is a rigid body with joints, a reel and a tether.
 MAX_RODS = 1000
 
+# Against oscillations of the ring on the stiff tether.
 SLOWS = 0.1  # s in which the damper takes the ring's speed along the axis
 
 
@@ -82,6 +84,7 @@ class RotationGuides:
         reel_depth: float = 1.2,
         name: str = "guides",
     ) -> None:
+        """Check the arguments, which the class describes, and make ring, joint, brake and reel."""
         self.name = name
         check(
             1 <= count <= MAX_RODS,
@@ -106,6 +109,8 @@ class RotationGuides:
             f"RotationGuides '{name}': drawn is {drawn!r}; give a function of time, as lambda t: 0.1 * t, or None.",
         )
         self.hub, self._height, self._rod_radius = hub, height, rod_radius
+        # A thin ring: its whole mass is at the radius.  Half of the polar moment is that about a
+        # diameter.
         polar = mass * radius**2
         self.ring = RigidBody(
             mass, (polar / 2, polar / 2, polar), comm=hub.comm, name=f"{name} ring"
@@ -123,9 +128,12 @@ class RotationGuides:
             from gossamer_fx.connectors.tether import Tether
 
             require_positive(f"RotationGuides '{name}': reel_depth", reel_depth, "m")
+            # Free along the axis, too, where the reel moves the ring.
             self.joint = CylindricalJoint(
                 hub.frame(), self.ring.frame(), axis=axis, name=f"{name} joint"
             )
+            # From a point of the hub below the ring, so that a shorter tether draws the ring
+            # down.
             ends = hub.port((0.0, 0.0, -reel_depth)), self.ring.port()
             reel = Tether(
                 *ends, stiffness=REEL, length=lambda t: reel_depth - drawn(t), name=f"{name} reel"
@@ -138,6 +146,7 @@ class RotationGuides:
     @property
     def rods(self) -> tuple[Cylinder, ...]:
         """The rods, as obstacles on the ring."""
+        # Imported here: guides without contact do not load it.
         from gossamer_fx.contact.obstacles import Cylinder
 
         half = self._height / 2

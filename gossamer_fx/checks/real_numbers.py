@@ -48,7 +48,7 @@ def real_numbers(value: Any) -> npt.NDArray[np.float64] | None:
 def are_usual_sizes(numbers: npt.NDArray[np.floating]) -> bool:
     """Return whether all numbers are finite, and zero or of a size that can be computed with.
 
-    Entries of a list may also be smaller: a component that vanishes beside the others is harmless.
+    Entries of a list may also be smaller: a component that vanishes next to the others is harmless.
 
     >>> are_usual_sizes(np.array([1e-300, -1e9])), are_usual_sizes(np.array([1e300]))
     (True, False)

@@ -53,20 +53,24 @@ class Case:
         0.4
     """
 
+    # In the order of their use in scene files: the first two are given without a name.
     scene: Scene
     stepper: Stepper
     _: KW_ONLY
     until: float
     title: str = ""
+    # No fields: only the ledger and the probes are written.
     fields: Mapping[str, Sequence[str]] = field(default_factory=dict)
     probes: Mapping[str, Probe] = field(default_factory=dict)
     frames: int = 100
     control: StepControl | None = None
     events: Sequence[Event] = ()
+    # Rejected steps are cut to 1/256 of their length at most.
     halvings: int = 8
     outputs: Sequence[Output] = ()
 
     def __post_init__(self) -> None:
+        """Refuse a scene or stepper of another kind, an end time ≤ 0 s, and less than one frame."""
         check(isinstance(self.scene, Scene), f"Case: scene is {self.scene!r}; give a Scene.")
         check(
             hasattr(self.stepper, "start"),
@@ -83,6 +87,7 @@ class Case:
 
     def recording(self, folder: str | Path) -> Recording:
         """The output that writes the folder of the run."""
+        # The small number outweighs the round-off of a quotient that is a whole number.
         every = max(math.floor(self.until / self.stepper.dt / self.frames + 1e-9), 1)
         return Recording(folder, self.fields, probes=self.probes, every=every, title=self.title)
 

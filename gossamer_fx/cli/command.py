@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from gossamer_fx.cli.case import Case
 
+# Environment variables by which mpirun or a batch system shows that it started this process.
 _LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_RANK", "SLURM_PROCID")
 
 
@@ -29,6 +30,7 @@ class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one sentence."""
 
     def error(self, message: str) -> NoReturn:
+        """Print the message with the name of the command, and exit with the code 2."""
         self.exit(2, f"gossamer: {message}; see {self.prog} --help.\n")
 
 
@@ -43,6 +45,7 @@ def main(words: Sequence[str]) -> int:
         from gossamer_fx.cli.doctor import main as examine
 
         return examine()
+    # A process that mpirun has started is one of its ranks, and starts no others.
     if not any(name in os.environ for name in _LAUNCHED):
         if getattr(wanted, "jobs", 1) > 1:
             from gossamer_fx.cli.launch import launch_alike
@@ -70,6 +73,7 @@ def main(words: Sequence[str]) -> int:
     if _ranks_are_alone(comm):
         return 1
     try:
+        # An error on one rank alone would leave the others waiting.
         with abort_on_lone_error(comm):
             wanted.command(wanted, comm)
     except (InputError, StepFailure, NoEquilibrium, OutputFailure) as error:
@@ -77,7 +81,9 @@ def main(words: Sequence[str]) -> int:
             raise
         if comm.rank == 0:
             print(f"gossamer: {error}", file=sys.stderr, flush=True)
+        # Scripts can tell wrong input from a computation that failed.
         return 2 if isinstance(error, InputError) else 1
+    # These may happen on one rank only, so that the program is ended on all of them.
     except (MemoryError, OSError) as error:
         if wanted.debug:
             raise
@@ -92,10 +98,12 @@ def _ranks_are_alone(comm: MPI.Intracomm) -> bool:
     """Whether mpirun has started several ranks of which each sees only itself; tells why."""
     from mpi4py import MPI
 
+    # The first is set by Open MPI, the second by MPICH.
     started = int(os.environ.get("OMPI_COMM_WORLD_SIZE") or os.environ.get("PMI_SIZE") or 1)
     if started == 1 or comm.size > 1:
         return False
     rank = os.environ.get("OMPI_COMM_WORLD_RANK") or os.environ.get("PMI_RANK")
+    # Each process is rank 0 of an MPI that has one rank; the environment has the true number.
     if rank == "0":
         library, version = MPI.get_vendor()
         numbers = ".".join(map(str, version))
@@ -115,7 +123,9 @@ def script() -> int:
 
 def _with_values(words: Sequence[str]) -> list[str]:
     """The words with --restart=newest where what follows --restart is the scene, an argument of it, or an option."""
-    rest, given = list(words), list[str]()
+    rest = list(words)
+    given: list[str] = []
+    # argparse would take the scene for the optional value of --restart.
     while rest:
         word = rest.pop(0)
         if word == "--restart":
@@ -128,6 +138,7 @@ def _with_values(words: Sequence[str]) -> list[str]:
 
 
 def _parser() -> argparse.ArgumentParser:
+    """The parser of all commands; each one sets the function that runs it."""
     parser = _Parser(prog="gossamer", description="Run a scene, and look at what it did.")
     parser.add_argument("--version", action="version", version=f"gossamer_fx {VERSION}")
     commands = parser.add_subparsers(
@@ -148,6 +159,7 @@ def _parser() -> argparse.ArgumentParser:
         "-o", "--output", type=Path, help="folder of the run; default out/NAME of the scene file"
     )
     run.add_argument("-n", "--ranks", type=_positive, default=1, help="MPI ranks")
+    # Its value is optional, see `_with_values`.
     words = "go on from the newest checkpoint in the folder, or from that of a step, or in a folder"
     run.add_argument("--restart", metavar="[STEP|FOLDER]", help=words)
     run.add_argument(
@@ -226,6 +238,7 @@ def _parser() -> argparse.ArgumentParser:
         "-o", "--output", type=Path, help="file; default report.html in the folder of the run"
     )
     report.set_defaults(command=_report)
+    # These execute files of users or read runs, whose errors may need a traceback.
     for command in (run, sweep, plot, report):
         command.add_argument("--debug", action="store_true", help="show where an error comes from")
 
@@ -237,6 +250,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _positive(word: str) -> int:
+    """A positive whole number from a word of the command line."""
     if not word.isdigit() or int(word) < 1:
         raise argparse.ArgumentTypeError(f"'{word}' is not a positive number")
     return int(word)
@@ -246,6 +260,7 @@ def _positive(word: str) -> int:
 
 
 def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
+    """Run a scene file: write its folder, with checkpoints, until its end time."""
     from gossamer_fx.checks.errors import check
     from gossamer_fx.outputs.output import Output
     from gossamer_fx.outputs.progress import Progress
@@ -253,10 +268,12 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.run.log import log_to
 
     folder: Path = wanted.output or Path("out") / wanted.scene.stem
+    # An existing run is never overwritten unasked.
     free = (
         wanted.dry_run or wanted.restart or wanted.overwrite or not (folder / "run.json").exists()
     )
     check(
+        # Rank 0 decides, as other ranks may see the folder later.
         comm.bcast(free),
         f"'{folder}' holds a run already; give another folder with --output, go on with --restart, or replace it with "
         "--overwrite.",
@@ -293,6 +310,7 @@ def _show(case: Case, comm: MPI.Intracomm) -> None:
 
     run = case.simulation()
     about = describe(run)
+    # The search for intersections takes too long for every run; a dry run has the time.
     strange = [*warnings(run.scene.items), *self_intersections(run.system.bodies)]
     if comm.rank == 0:
         steps = case.until / case.stepper.dt
@@ -330,6 +348,7 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
     )
     assert build is not None
     parameters = inspect.signature(build).parameters
+    # A function with **options takes any name.
     free = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
     unknown = [name for name in options if name not in list(parameters)[1:] and not free]
     check(
@@ -337,6 +356,7 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
         f"build in '{path}' takes no {unknown[0] if unknown else 'comm'!r}; its arguments are: "
         f"{', '.join(parameters) or 'none, but the first must be the communicator'}.",
     )
+    # The first parameter is the communicator, which the command gives.
     needed = [
         n
         for n, p in list(parameters.items())[1:]
@@ -355,6 +375,7 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
 
 
 def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
+    """Compute the runs of a design that the folder lacks, and print what follows from all."""
     from gossamer_fx.checks.errors import check
     from gossamer_fx.cli.user_files import guarded, load
     from gossamer_fx.sweep.robust_design import RobustDesign
@@ -381,6 +402,7 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
 
 
 def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
+    """Write the pictures of a run that the options ask for, and print their paths."""
     from gossamer_fx.checks.errors import check
     from gossamer_fx.plot import plot as pictures
     from gossamer_fx.plot.colours import default_field
@@ -404,35 +426,40 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     view = View(
         azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom, opacity=wanted.opacity
     )
+    # Curves have no field.
     field: str = wanted.field or ("" if chosen == ["curves"] else default_field(run))
     output: Path | None = wanted.output
     if not chosen or wanted.strip:
-        _told(
+        _write_and_print(
             output or folder / f"{field}.png",
             lambda path: pictures.strip(run, field, path=path, count=wanted.strip or 6, view=view),
         )
     if wanted.time:
-        _told(
+        _write_and_print(
             output or folder / f"{field}_at.png",
             lambda path: pictures.field(run, field, times=wanted.time, path=path, view=view),
         )
     if wanted.animate:
-        _told(
+        _write_and_print(
             output or folder / f"{field}.{wanted.animate}",
             lambda path: pictures.animate(run, field, path=path, view=view),
         )
     if not chosen or wanted.curves:
-        _told(output or folder / "curves.png", lambda path: pictures.curves(run, path))
+        _write_and_print(output or folder / "curves.png", lambda path: pictures.curves(run, path))
 
 
 def _report(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
+    """Write the HTML page of a run, and print its path."""
     from gossamer_fx.plot.report import write_report
     from gossamer_fx.plot.run_reader import RunReader
 
     run = RunReader(wanted.run)
-    _told(wanted.output or wanted.run / "report.html", lambda path: write_report(run, path))
+    _write_and_print(
+        wanted.output or wanted.run / "report.html", lambda path: write_report(run, path)
+    )
 
 
-def _told(path: Path, write: Callable[[Path], None]) -> None:
+def _write_and_print(path: Path, write: Callable[[Path], None]) -> None:
+    """Write a file, and print its path, which scripts can read."""
     write(path)
     print(path)

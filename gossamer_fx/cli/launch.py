@@ -74,6 +74,7 @@ def launch(ranks: int, program: Sequence[str]) -> int:
     heard: list[int] = []
 
     def hand_on(number: int, frame: FrameType | None) -> None:
+        """Pass a signal to mpirun: the first one as SIGUSR1, at which a run ends with its step."""
         heard.append(number)
         if len(heard) == 1:
             run.send_signal(signal.SIGUSR1)

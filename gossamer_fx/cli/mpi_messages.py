@@ -43,6 +43,7 @@ class MessageFilter:
     """
 
     def __init__(self, write: Callable[[bytes], object]) -> None:
+        """Start without output; `feed` and `close` pass it on."""
         self._write = write
         self._waiting = b""
         self._removed = b""

@@ -34,11 +34,13 @@ def load(path: Path) -> ModuleType:
     """Execute a Python file; other files of its folder can be imported."""
     from importlib.util import module_from_spec, spec_from_file_location
 
+    # As Python does with the folder of a script.
     sys.path.insert(0, str(path.resolve().parent))
     spec = spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
         raise InputError(f"'{path}' is not a Python file; give one with a function build(comm).")
     module = module_from_spec(spec)
+    # Data classes look up the module in which they are defined.
     sys.modules[path.stem] = module
     spec.loader.exec_module(module)
     return module
@@ -53,28 +55,32 @@ def guarded[T](
     """What `act` returns; an error of the user's code is reported with its line in the file."""
     try:
         return act()
+    # Their messages are sentences already.
     except (InputError, Interrupted):
         raise
     except (Exception, SystemExit) as error:
         if debug:
             raise
+        # The innermost line that is in the user's file: the one to correct.
         frames = [
             f
             for f in traceback.extract_tb(error.__traceback__)
             if Path(f.filename).resolve() == path.resolve()
         ]
-        line = (
-            error.lineno
-            if isinstance(error, SyntaxError)
-            else frames[-1].lineno
-            if frames
-            else None
-        )
-        place = f"'{path}'" + (f", line {line}" if line else "")
-        words = str(error).splitlines()[0] if str(error) else "no words"
+        line: int | None = None
+        if isinstance(error, SyntaxError):
+            line = error.lineno
+        elif frames:
+            line = frames[-1].lineno
+        location = f"'{path}'"
+        if line:
+            location += f", line {line}"
+        words = "no words"
+        if str(error):
+            words = str(error).splitlines()[0]
         end_program(
             comm,
-            f"{place}: {type(error).__name__} ({words}); correct the file, or see more with --debug.",
+            f"{location}: {type(error).__name__} ({words}); correct the file, or see more with --debug.",
             2,
         )
 
@@ -82,6 +88,7 @@ def guarded[T](
 def end_program(comm: MPI.Intracomm, words: str, code: int = 1) -> NoReturn:
     """Say something on the first rank that comes here, and end the program on all."""
     print(f"gossamer: {words}", file=sys.stderr, flush=True)
+    # Other ranks may be waiting for this one, and an exception would not end them.
     if comm.size > 1:
         comm.Abort(code)
     raise SystemExit(code)

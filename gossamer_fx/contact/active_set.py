@@ -74,6 +74,7 @@ class StepDistances:
     """
 
     def __init__(self, start: PairDistances, x1: Array, far: float) -> None:
+        """Compute the gaps at the end of all pairs that may have come near in the step."""
         candidates = start.candidates
         self.start = start
         self.approach = approach_bounds(candidates, start.x, x1)

@@ -47,6 +47,10 @@ class BlockAssembly:
     _sent: list[Int32Array]
 
     def __init__(self, points: ContactPoints, system: ContactAssembly) -> None:
+        """Find order and owner of all block rows; `couple` makes the pattern of a step.
+
+        Collective.
+        """
         self._points = points
         self._system = system
         self._comm = system.comm
@@ -57,6 +61,7 @@ class BlockAssembly:
         self._position = np.argsort(self._order)
         end = self._numbering.start + self._numbering.size_local
         ends = np.array(self._comm.allgather(end))
+        # Ranks own consecutive unknowns, so that their ends decide.
         self._owner = np.searchsorted(ends, first_dof, side="right")
         self._has_node_blocks = self._numbering.block_size == 3
         self.blocks = np.zeros((0, 9))
@@ -104,6 +109,7 @@ class BlockAssembly:
         rows: Int32Array = np.empty(room, dtype=np.int32)
         columns: Int32Array = np.empty(room, dtype=np.int32)
         row_work: Int32Array = np.empty(3 * row_count + 2, dtype=np.int32)
+        # Work space is allocated here, since the C functions allocate nothing.
         member_work: Int32Array = np.empty(4 * len(members), dtype=np.int32)
         groups = c.struct(
             "block_groups",
@@ -172,6 +178,7 @@ class BlockAssembly:
         self._enter(A, self._diagonal_rows, self.blocks[self._diagonal])
 
     def _enter(self, A: PETSc.Mat, block_rows: np.ndarray, blocks: Array) -> None:
+        """Add blocks (k, 9) [N/m] on the diagonal to a matrix, in the format that it has."""
         if not len(block_rows):
             return
         rows, *csr = self._csr(block_rows, block_rows, blocks)
@@ -228,6 +235,7 @@ class BlockAssembly:
         self._entry_rows = self._rows[nonzero]
         self._entry_columns = self._columns[nonzero]
         self._entries = blocks[index[nonzero]]
+        # Most contacts have no fixed points, and skip a pass over all entries.
         if not self._is_free.all():
             rows = self._is_free[self._entry_rows][:, :, None]
             columns = self._is_free[self._entry_columns][:, None]
@@ -253,6 +261,7 @@ class BlockAssembly:
         else:
             columns, blocks = _unrolled(columns, blocks, first, counts)
             rows = (rows[:, None] + np.arange(3)).ravel()
+            # Each row of blocks becomes three rows with three entries a block.
             counts = np.repeat(3 * counts, 3)
         ends = np.append(0, np.cumsum(counts))
         return (

@@ -80,6 +80,7 @@ class CompiledContacts(
     """
 
     def __init__(self, terms: Sequence[ContactEnergy], system: Assembly) -> None:
+        """Make a contact set for each term, and refuse contacts that are given twice."""
         # The system has a mass matrix and supports when contacts are asked for them.
         whole = cast(ContactAssembly, system)
         _examine_repeated_contacts(terms, system)
@@ -109,6 +110,7 @@ class CompiledContacts(
             contact_set.set_static_load(force)
 
     def inadmissible(self) -> str:
+        # All contact sets are asked, since each check is collective.
         messages = [contact_set.find_penetration() for contact_set in self.contact_sets.values()]
         return next(filter(None, messages), "")
 
@@ -145,6 +147,7 @@ class CompiledContacts(
     # ---- sensitivities ---------------------------------------------------------------------------------
 
     def without_gradient(self) -> str:
+        """Why a contact of the scene has no gradient, in one sentence; empty if all have one."""
         for item, contact_set in self.contact_sets.items():
             if contact_set.friction is not None:
                 return f"'{item.name}' has friction, which has no gradient yet; set its friction to zero"
@@ -164,8 +167,10 @@ class CompiledContacts(
             contact_set.exchange_ends()
 
     def node_values(self, field: str, body: Body) -> tuple[Int64Array, Array] | None:
+        """Global nodes (n,) of a body and the pressure [N/m²] (n,) of all contacts there."""
         if field != "contact_pressure":
             return None
+        # Loaded when the field is written: most runs do not ask for it.
         from gossamer_fx.contact.contact_pressure import pressures_on
 
         nodes: list[Int64Array] = [np.zeros(0, dtype=np.int64)]
@@ -177,6 +182,8 @@ class CompiledContacts(
         return np.concatenate(nodes), np.concatenate(values)
 
     def solids(self) -> list[Solid]:
+        """The obstacles of all contacts as solids; planes are drawn near the bodies."""
+        # Loaded when a picture is made.
         from gossamer_fx.contact.obstacle_drawing import solid_of
 
         found = []
@@ -195,6 +202,8 @@ def _examine_repeated_contacts(terms: Sequence[ContactEnergy], system: Assembly)
     for k, term in enumerate(terms):
         for other in terms[:k]:
             names = f"'{other.item.name}' and '{term.item.name}'"
+            # Bodies are compared as objects, obstacles by their arguments: equal obstacles are
+            # one.
             shared = [body for body in term.bodies if body in other.bodies]
             obstacles = [_arguments(obstacle) for obstacle in term.obstacles]
             others = [_arguments(obstacle) for obstacle in other.obstacles]

@@ -85,6 +85,7 @@ class Contact:
         radius: Mapping[str, float] | None = None,
         name: str = "contact",
     ) -> None:
+        """Check the arguments, which the class describes, and sort bodies from obstacles."""
         self.name = name
         self.distance = distance
         self.stiffness = stiffness

@@ -102,6 +102,10 @@ class ContactSet:
         system: ContactAssembly,
         friction: Friction | None = None,
     ) -> None:
+        """Make the stages of contact; the first `commit` finds the initial candidates.
+
+        Collective.
+        """
         library(system.comm)
         history.comm = system.comm
         self.mesh = mesh
@@ -145,6 +149,7 @@ class ContactSet:
         """
         system = self._system
         x = self.points.at(system.q0, system.time)
+        # Intersections first: gaps between layers that intersect mean nothing.
         refuse_intersections(self.mesh, x, self._comm)
         refuse_points_inside(self.mesh, x)
         self.search.find_at_rest(x, system.time)
@@ -252,10 +257,12 @@ class ContactSet:
         if not self.history.reference_speed:
             self.history.reference_speed = self._stiffness.reference_speed(system.h)
         if not self._are_within_bounds(predicted):
+            # The present list is complete while all points are within their bounds.
             self.search.find(self.x0, self._v, system.time, system.h, predicted)
         self.search.begin_step()
         self._start = self._distances_at(self.x0) or PairDistances.of(self.candidates, self.x0)
         self._grow_activation()
+        # For the predicted end; `extend_active_set` corrects it after the solution.
         step = StepDistances(self._start, predicted, FAR * self.activation_distance)
         self._set_active(step.may_touch(self._activation_distances()))
 
@@ -373,6 +380,7 @@ class ContactSet:
         missing = step.missing(activation_distance, self._active)
         if not self._comm.allreduce(bool(missing.any())):
             return False
+        # Pairs are only added: taking some out could alternate without an end.
         self._set_active(self._active | missing | step.may_touch(activation_distance))
         return True
 
@@ -430,6 +438,7 @@ class ContactSet:
             owned = self._system.block(body).owned
             rows = update[owned].reshape(-1, body.block.size)
             way = np.linalg.norm(rows[:, :3], axis=1)
+            # A whole node keeps the direction of its update.
             rows *= np.minimum(1.0, longest / np.maximum(way, TINY))[:, None]
 
     # ---- forces ----

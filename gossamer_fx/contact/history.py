@@ -51,6 +51,7 @@ class ContactHistory:
         if self.comm is not None and self.comm.size > 1:
             of_ranks = self.comm.allgather((identifier, stiffness))
             identifiers = np.concatenate([part for part, _ in of_ranks])
+            # Two ranks may hold the same pair; its stiffness is the same on both.
             identifier, first = np.unique(identifiers, return_index=True)
             stiffness = np.concatenate([part for _, part in of_ranks])[first]
         return {
@@ -66,6 +67,7 @@ class ContactHistory:
         self.identifier = np.array(state["identifier"], dtype=np.int64)
         self.stiffness = np.array(state["stiffness"], dtype=float)
         self.reference_speed = float(state["reference speed"])
+        # The contact set compares this number, and computes again what follows from the history.
         self.restored += 1
 
     def stiffness_of(self, identifier: Int64Array) -> tuple[MaskArray, Array]:
@@ -73,5 +75,6 @@ class ContactHistory:
         if not len(self.identifier):
             return np.zeros(len(identifier), dtype=bool), np.zeros(len(identifier))
         row = np.searchsorted(self.identifier, identifier)
+        # An identifier beyond the last one gets the last row, where it is found to differ.
         row = np.minimum(row, len(self.identifier) - 1)
         return self.identifier[row] == identifier, self.stiffness[row]

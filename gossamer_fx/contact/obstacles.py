@@ -80,6 +80,9 @@ class Obstacle:
     name: str = "obstacle"
 
     def __post_init__(self) -> None:
+        """Check the arguments of all kinds of obstacles; attributes that a kind lacks count as
+        right.
+        """
         owner = f"{type(self).__name__} '{self.name}'"
         if self.friction is not None:
             check_friction(owner, self.friction)
@@ -165,7 +168,9 @@ class Plane(Obstacle):
     normal: Vector
 
     def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
+        """One wall with a normal of unit length."""
         normal = _unit(self.normal, f"Plane '{self.name}': its normal")
+        # The third vector of a plane is not used, and repeats the origin.
         origin = self._at(self.point)
         wall = ObstacleWall(PairKind.POINT_PLANE, (origin, self._along(normal), origin))
         return [wall], []
@@ -192,6 +197,7 @@ class Sphere(Obstacle):
     inside: bool = False
 
     def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
+        """A ball is a corner with a radius; a room is a wall."""
         centre = self._at(self.centre)
         if self.inside:
             points = (centre, centre, centre)
@@ -221,6 +227,7 @@ class Cylinder(Obstacle):
     inside: bool = False
 
     def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
+        """A mast is an edge with a radius; a room is a wall without ends."""
         axis = _unit(np.subtract(self.end, self.start), f"Cylinder '{self.name}': its axis")
         start = self._at(self.start)
         if not self.inside:
@@ -257,6 +264,7 @@ class Box(Obstacle):
     inside: bool = False
 
     def __post_init__(self) -> None:
+        """Check sizes [m] and axes in addition to what `Obstacle` checks."""
         super().__post_init__()
         check(
             min(self.sizes) > 0,
@@ -272,6 +280,7 @@ class Box(Obstacle):
         )
 
     def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
+        """A box is a solid of 8 corners, 12 edges and 12 triangles; a room is six walls."""
         axes = np.asarray(self.axes, dtype=float)
         centre = np.asarray(self.centre, dtype=float)
         half = np.asarray(self.sizes, dtype=float) / 2

@@ -50,6 +50,7 @@ class PairStiffness:
         activation_distance: float,
         system: ContactAssembly,
     ) -> None:
+        """Take the given stiffness [N/m³], or None; densities follow when masses are assembled."""
         self._mesh = mesh
         self._stiffness = stiffness
         self._activation_distance = activation_distance

@@ -37,6 +37,7 @@ class PairKind(IntEnum):
 
 def is_wall(kind: ByteArray) -> MaskArray:
     """Return which pairs (n,) are of a point and a wall: a plane, or the inside of a room."""
+    # By the order of the kinds, which the C kernels use, too.
     return kind >= PairKind.POINT_PLANE
 
 
@@ -65,6 +66,7 @@ class PairTable:
         columns: dict[str, Any] = {}
         for column in fields(self):
             values = getattr(self, column.name)
+            # Columns that are not computed yet stay so.
             columns[column.name] = None if values is None else values[which]
         return type(self)(**columns)
 
@@ -76,6 +78,7 @@ class PairTable:
     @property
     def second_point(self) -> Int32Array:
         """The first point (n,) of the second side."""
+        # The second side begins behind one point, or behind the two ends of an edge.
         is_edges = self.kind == PairKind.EDGE_EDGE
         return np.where(is_edges, self.points[:, 2], self.points[:, 1])
 

@@ -114,6 +114,7 @@ def activate(
     if law == ContactLaw.BARRIER:
         width, offset = infinite_at_crossings(candidates.kind, width, offset)
     planes = candidates.kind == PairKind.POINT_PLANE
+    # For planes s is a signed distance and no square.
     width[planes] = activation_distance[planes]
     offset[planes] = radius[planes]
     # Inside a sphere or cylinder s is minus the squared distance from the middle.
@@ -240,7 +241,9 @@ def evaluate(
     start = pairs.start
     if start is None or alpha == 1:
         base = x1 if alpha == 1 else x0
+        # In statics the force is the gradient at x1, whose closest points it needs.
         start = pair_starts(pairs, base, *closest_points(pairs, base))
+    # What is None is not computed: C gets a null pointer for it.
     state = np.empty(count, dtype=np.uint8) if known_state is None else known_state
     forces = np.empty((count, 12)) if by_pair else None
     tangents = np.empty((count, 144)) if tangents_by_pair else None
@@ -275,6 +278,7 @@ def evaluate(
 
 
 def _active_pairs(pairs: ActivePairs, start: Array | None, law: ContactLaw) -> CStruct:
+    """The C structure of n pairs; `start` (n, 4) may be None where the function does not read it."""
     c = library()
     count = len(pairs)
     return c.struct(

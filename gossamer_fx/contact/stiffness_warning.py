@@ -36,6 +36,7 @@ class StiffnessWarning:
         names: Sequence[str],
         comm: MPI.Intracomm,
     ) -> None:
+        """Take a stiffness [N/m³] that was given by hand, and names for the message."""
         self._stiffness = stiffness
         self._activation_distance = activation_distance
         self._names = names

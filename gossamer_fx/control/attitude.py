@@ -118,6 +118,7 @@ class _ContinuousTorque(Couple):
     """
 
     def __init__(self, control: AttitudeControl, reference: Array) -> None:
+        """Start at the reference, with any step length [s]: `begin` sets both."""
         super().__init__()
         self._control = control
         self._reference = reference
@@ -235,6 +236,7 @@ class AttitudeControl:
         period: float = 0.0,
         name: str = "attitude control",
     ) -> None:
+        """Check the arguments, which the class describes; one gain stands for all three angles."""
         check(
             len(frame.directors) >= 2,
             f"'{name}' acts on something without position gradient; give the frame of a rigid body or beam, or a patch "

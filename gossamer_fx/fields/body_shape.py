@@ -31,6 +31,7 @@ class BodyShape:
     """
 
     def __init__(self, state: State, body: MeshBody) -> None:
+        """Make the functions; `update` sets their values."""
         self._of = state[body]
         self._reconstruct = body.reconstruct
         self.body: Any = body.full

@@ -233,6 +233,7 @@ class FieldFunctions:
     """
 
     def __init__(self, system: System, body: MeshBody, names: Sequence[str]) -> None:
+        """Make one function for each name, and what computes its values; `update` computes them."""
         check_fields(body, names)
         self._shape = BodyShape(system.state, body)
         self._element = self._element_of(names)
@@ -386,6 +387,9 @@ class AreaFractions:
         return areas / areas.sum()
 
     def _compile(self, system: System) -> list[tuple[BodyShape, fem.Constant, fem.Form]]:
+        """For each film its shape, a constant for the state, and the form of the area in that
+        state.
+        """
         compiled = []
         for film in self._films:
             shape = BodyShape(system.state, film)

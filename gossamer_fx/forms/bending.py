@@ -156,6 +156,7 @@ class OrthotropicBending:
         return ufl.as_matrix([[self.cosine, -self.sine], [self.sine, self.cosine]])
 
     def moment(self, H: Expr) -> Expr:
+        """Moments (2, 2) [N] of curvatures H (2, 2) [1/m], both in the frame of the mesh."""
         Q = self._axes
         κ = ufl.dot(Q.T, ufl.dot(H, Q))
         M1 = self.D11 * κ[0, 0] + self.D12 * κ[1, 1]
@@ -205,6 +206,7 @@ class Bending:
         penalty: Expr,
         rest: Expr | None = None,
     ) -> None:
+        """Take the frame and the moments of curvatures; normals and sizes are those of the cells."""
         self._B = B
         self._stiffness = stiffness
         self._penalty = penalty

@@ -104,6 +104,7 @@ class CStruct:
     """
 
     def __init__(self, ffi: Any, type_name: str, fields: Mapping[str, Any]) -> None:
+        """Set all fields of a new structure; a field that is missing or unknown is a `ValueError`."""
         known = _field_names(ffi, type_name)
         if known != fields.keys():
             raise ValueError(

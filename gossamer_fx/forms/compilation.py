@@ -103,6 +103,7 @@ class _Number(MultiFunction):
     expr = MultiFunction.reuse_if_untouched
 
     def __init__(self, of: Any) -> None:
+        """Number the constants of a form or expression in the order in which UFL finds them."""
         super().__init__()
         self._labels: dict[Label, Label] = {}
         self._constants: dict[Any, ufl.Constant] = {}

@@ -70,7 +70,7 @@ def parameters(law: Any, coefficients: SimpleNamespace) -> tuple[Parameter, ...]
     """The numbers of a law as parameters of its terms.
 
     A law with numbers that are derived from others has none but its density: the forms do not show how
-    the derived ones change.  Tables of a law are no parameters.
+    the derived ones change.  Tables of a law do not count as parameters.
     """
     has_derived = any(not field.init for field in fields(law))
     return tuple(

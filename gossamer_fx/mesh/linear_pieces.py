@@ -10,11 +10,17 @@ Integers = npt.NDArray[np.int64]
 # Node numbers of the pieces, by the dimension of the cell and its number of nodes.  The order of nodes is that of
 # dolfinx: the corners, then on a line the middle, and in a triangle the middles of the edges opposite corner 0, 1, 2.
 # All triangles have the orientation of their cell.
+_CORNERS_AND_CENTRE = (
+    (0, 5, 4),
+    (5, 1, 3),
+    (4, 3, 2),
+    (3, 4, 5),
+)
 _PIECES = {
     (1, 2): ((0, 1),),
     (1, 3): ((0, 2), (2, 1)),
     (2, 3): ((0, 1, 2),),
-    (2, 6): ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5)),
+    (2, 6): _CORNERS_AND_CENTRE,
 }
 # Position in VTK's order of each node in that of dolfinx: VTK has the middles of the edges 01, 12, 20.
 _FROM_VTK = {2: (0, 1), 3: (0, 1, 2), 6: (0, 1, 2, 4, 5, 3)}

@@ -104,6 +104,7 @@ def read_mesh(path: str | Path, comm: MPI.Intracomm) -> Mesh:
     """
 
     def read() -> RawMesh:
+        """Read the file on rank 0; what is wrong with it becomes an `InputError`."""
         check(
             Path(path).is_file(),
             f"There is no mesh file '{path}'; give the path of a gmsh file (.msh).",

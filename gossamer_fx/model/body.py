@@ -20,6 +20,7 @@ from gossamer_fx.checks.arguments import Count, check_arguments
 from gossamer_fx.checks.errors import check
 
 Array = npt.NDArray[np.floating]
+# dolfinx numbers the nodes of a rank by 32 bits.
 Indices = npt.NDArray[np.int32]
 # Three numbers, as a tuple, a list or an array.
 Vector = Annotated[Sequence[float], Count(3)]
@@ -73,6 +74,7 @@ class MeshBody(Body, Protocol):
         ...
 
 
+# One attribute decides what an item is: a body of a user needs no base class.
 @runtime_checkable
 class BringsCoordinates(Protocol):
     """What makes an item of a scene a body: a block of unknowns."""
@@ -132,6 +134,7 @@ class Port:
     vectors: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
+        """Refuse nodes that the body does not have."""
         count = self.body.block.index_map.size_global
         check(
             all(0 <= node < count for node in self.nodes),
@@ -147,7 +150,9 @@ class Port:
         start, end = block.index_map.local_range
         nodes = np.array(self.nodes)
         weights = np.array(self.weights)
+        # Without vectors all of them are positions.
         vectors = np.array(self.vectors or (0,) * len(nodes))
+        # Each node is owned by one rank, so that the sum over ranks is the vector.
         mine = (nodes >= start) & (nodes < end)
         per_node = unknowns.reshape(-1, block.size // 3, 3)
         share = weights[mine] @ per_node[nodes[mine] - start, vectors[mine]]
@@ -187,4 +192,5 @@ class Ground:
         return np.zeros(3)
 
 
+# What connectors, constraints and point loads act on.
 Attached = Port | Ground

@@ -100,6 +100,7 @@ class TangentForms(Protocol):
         ...
 
 
+# The marks have no method: a base class states a fact about the kind.
 class OnMeshes:
     """Marks a kind of which everything comes from forms on meshes: nothing acts on or between points.
 
@@ -111,6 +112,7 @@ class ExternalLoads:
     """Marks a kind whose forces are loads: reactions of supports balance them."""
 
 
+# A class method: the numbering must know all blocks before any kind is compiled.
 @runtime_checkable
 class Multipliers(Protocol):
     """Needs Lagrange multipliers, numbered behind the bodies."""
@@ -177,6 +179,7 @@ class ActiveSet(Protocol):
         """Shorten a Newton update (n,) of this rank's coordinates, in place (step-length control)."""
         ...
 
+    # Not abstract: dynamics has no such load.
     def set_static_load(self, force: float) -> None:
         """Take the norm [N] of all loads of an equilibrium, which pairs may have to carry."""
 
@@ -238,6 +241,7 @@ class Dissipation(Protocol):
     `losses` are the names of what dissipates, the same on every rank.
     """
 
+    # Names and values are separate, so that the ranks need to exchange numbers only.
     losses: Sequence[str]
 
     @abstractmethod
@@ -306,6 +310,7 @@ class ResidualForms(Protocol):
         """UFL forms of its stored energy at q1; an empty list for loads and dissipation."""
         ...
 
+    # Most kinds assemble their forms in every residual and have nothing to forget.
     def parameters_changed(self) -> None:
         """Forget what was computed with coefficients that have other values now."""
         return

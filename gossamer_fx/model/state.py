@@ -39,6 +39,7 @@ class BodyState:
         q: PETSc.Vec,
         v: PETSc.Vec,
     ) -> None:
+        """Look at the unknowns `part` of this rank in the vectors q and v, without a copy."""
         self.body = body
         self.part = part
         self._q = q
@@ -90,9 +91,11 @@ class BodyState:
         positions = self.positions()
         if self.body.comm.size == 1:
             return positions
+        # Owned nodes, rank after rank, are in the order of their global numbers.
         return np.concatenate(self.body.comm.allgather(positions.copy()))
 
     def _vectors(self, vector: PETSc.Vec) -> Array:
+        # `array_r` is a read-only view, so that readers cannot change the state.
         values: Array = vector.array_r[self.part]
         return values.reshape(-1, self.body.block.size // 3, 3)
 
@@ -117,6 +120,7 @@ class State:
         q: PETSc.Vec,
         v: PETSc.Vec,
     ) -> None:
+        """Divide the vectors q and v among the bodies, in the order of their unknowns."""
         self.comm = comm
         self._q = q
         self._v = v
@@ -128,6 +132,7 @@ class State:
         }
 
     def __getitem__(self, body: Body) -> BodyState:
+        """The state of one body; `InputError` if the body is not in the scene."""
         check(
             body in self,
             f"'{getattr(body, 'name', body)}' is not in the scene; its bodies are: "
@@ -136,6 +141,7 @@ class State:
         return self._of[id(body)]
 
     def __contains__(self, body: object) -> bool:
+        # By identity, as in `__init__`.
         return id(body) in self._of
 
     def __iter__(self) -> Iterator[BodyState]:
@@ -147,6 +153,7 @@ class State:
 
     def vector(self, port: Attached) -> Array:
         """The vector (3,) of a port: a point [m] or a director.  Collective, the same on every rank."""
+        # A point of the ground is not among the unknowns.
         if isinstance(port, Ground):
             return port.initial()
         return port.evaluate(self._q.array_r[self[port.body].part])
@@ -173,6 +180,10 @@ class InitialState(State):
     """
 
     def __init__(self, bodies: Sequence[Body], comm: MPI.Intracomm) -> None:
+        """Make vectors for coordinates and rates, with the state that the bodies have by
+        themselves.
+        """
+        # Without multipliers: constraints are compiled from this state, later.
         size = sum(map(_local_size, bodies))
         q = PETSc.Vec().createMPI((size, PETSc.DECIDE), comm=comm)
         v = q.duplicate()
@@ -192,6 +203,7 @@ class InitialState(State):
 
     def copy_to(self, q: PETSc.Vec, v: PETSc.Vec) -> None:
         """Write the coordinates and rates of all bodies to vectors that may have multipliers behind."""
+        # The initial state is older than the multipliers, which follow behind the bodies.
         size = self._q.getLocalSize()
         q.array[:size] = self._q.array_r
         v.array[:size] = self._v.array_r

@@ -46,4 +46,7 @@ class RefersToItems(Protocol):
 
 def terms_of(item: object, start: State) -> Iterable[Term]:
     """The terms that an item of a scene brings, if any."""
-    return item.terms(start) if isinstance(item, BringsTerms) else ()
+    # Initial conditions, tanks and some others change the scene without a term.
+    if not isinstance(item, BringsTerms):
+        return ()
+    return item.terms(start)

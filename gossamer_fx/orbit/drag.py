@@ -107,8 +107,13 @@ class Drag:
         rotation: float = ROTATION,
         name: str = "",
     ) -> None:
-        self.body, self.orbit, self.atmosphere, self.rotation = body, orbit, atmosphere, rotation
-        self.accommodation, self.surfaces = accommodation or Accommodation(), tuple(surfaces)
+        """Check the arguments, which the class describes, and name the load after the body."""
+        self.body = body
+        self.orbit = orbit
+        self.atmosphere = atmosphere
+        self.rotation = rotation
+        self.accommodation = accommodation or Accommodation()
+        self.surfaces = tuple(surfaces)
         self.name = name or f"drag on {body.name}"
         check(
             callable(atmosphere),
@@ -126,6 +131,7 @@ class Drag:
 
     def flow(self, flight: Flight) -> tuple[Air, Array]:
         """The air, and its velocity (3,) as seen from the origin of the frame."""
+        # One altitude for the whole scene, which is small compared with a scale height.
         altitude = float(np.linalg.norm(flight.R)) - self.orbit.radius
 
         def air_there() -> Air:
@@ -135,7 +141,9 @@ class Drag:
             raise InputError(f"it returns {air!r}; return Air.")
 
         what = f"'{self.name}': the atmosphere at {altitude:.6g} m"
+        # A user's function: `ask` reports its errors in one sentence, on all ranks alike.
         air = ask(self.body.comm, what, air_there)
+        # The air turns with the Earth about z; the origin moves through it with the velocity V.
         wind: Array = np.cross([0.0, 0.0, self.rotation], flight.R) - flight.V
         return air, wind
 
@@ -146,23 +154,32 @@ class Drag:
             yield self._on_film(self.body)
 
     def _on_film(self, film: Membrane) -> FlyingLoad:
-        mesh, how = film.space.mesh, self.accommodation
-        U, ρ, thermal, wall = (
-            fem.Constant(mesh, np.zeros(3)),
-            *(constant(mesh, 1.0) for _ in range(3)),
-        )
-        σn, σt, sides = (constant(mesh, s) for s in (how.normal, how.tangential, 1.0))
+        """Load of the flow on the deformed triangles of a film; air and wind are constants of its
+        form.
+        """
+        mesh = film.space.mesh
+        how = self.accommodation
+        # Constants, whose values `prepare` sets before each step: literals in a form would compile
+        # a new kernel for every value.
+        U = fem.Constant(mesh, np.zeros(3))
+        ρ = constant(mesh, 1.0)
+        thermal = constant(mesh, 1.0)
+        wall = constant(mesh, 1.0)
+        σn = constant(mesh, how.normal)
+        σt = constant(mesh, how.tangential)
+        # A film has no inside: air reaches both of its sides.
+        sides = constant(mesh, 1.0)
         dx = surface_measure(film)
 
         def work(q: Expr, rate: Expr, w: Expr) -> ufl.Form:
             a = area_vector(film.deformation(q))
-            return (
-                ρ * ufl.dot(flow_force(a, U - rate, thermal, σn, σt, wall, sides, Symbolic), w) * dx
-            )
+            force = flow_force(a, U - rate, thermal, σn, σt, wall, sides, Symbolic)
+            return ρ * ufl.dot(force, w) * dx
 
         def prepare(flight: Flight, system: Assembly) -> None:
             air, U.value = self.flow(flight)
-            ρ.value, thermal.value = air.density, air.thermal_speed
+            ρ.value = air.density
+            thermal.value = air.thermal_speed
             wall.value = math.sqrt(how.wall_temperature / air.temperature)
 
         return FlyingLoad(self.name, film, self.orbit, work, prepare)
@@ -172,6 +189,7 @@ class _FlowOnFaces(FacesForce):
     """Free-molecular flow on flat faces."""
 
     def __init__(self, drag: Drag) -> None:
+        """Take area vectors [m²] and centres [m] of surfaces, and which of them are two-sided."""
         super().__init__(*geometry(drag.surfaces))
         self._drag = drag
         self._two_sided = np.array([float(s.two_sided) for s in drag.surfaces])[:, None]
@@ -182,6 +200,7 @@ class _FlowOnFaces(FacesForce):
         self._air, self._wind = self._drag.flow(flight)
 
     def on_faces(self, areas: Array, places: Array, rates: Array) -> Array:
+        """Forces (..., n, 3) [N] on area vectors [m²] that move with rates [m/s], all (..., n, 3)."""
         how, air = self._drag.accommodation, self._air
         wall = math.sqrt(how.wall_temperature / air.temperature)
         U = self._wind - rates

@@ -53,6 +53,7 @@ class Elements:
     anomaly: float = 0.0
 
     def __post_init__(self) -> None:
+        """Refuse elements that are neither those of an ellipse nor of a hyperbola."""
         check(
             self.e >= 0 and self.e != 1 and self.a * (1 - self.e) > 0,
             f"Elements: a is {self.a!r} m and e is {self.e!r}; give an ellipse (a > 0, e < 1) or a hyperbola (a < 0, "
@@ -192,6 +193,7 @@ def _true_anomaly(M: float, e: float) -> float:
     if e < 1:
         M = math.remainder(M, 2 * math.pi)
         E = M
+        # Kepler's equation is nearly singular at perigee of such an ellipse.
         if e >= _LARGE_ECCENTRICITY:
             E = math.copysign(math.pi, M)
         for _ in range(_KEPLER_ITERATIONS):

@@ -48,7 +48,11 @@ class Environment:
         following: float = 1000.0,
         name: str = "orbit",
     ) -> None:
-        self.name, self.radius, self.pressure, self.following = name, radius, pressure, following
+        """Check the arguments, which `Orbit` describes; build gravity field, sky and initial state."""
+        self.name = name
+        self.radius = radius
+        self.pressure = pressure
+        self.following = following
         # arguments that a restart compares, see `outputs.arguments`
         self._start = start
         self._gravity = gravity
@@ -75,7 +79,9 @@ class Environment:
         elif gravity != "point":
             assert isinstance(gravity, int)
             self._harmonics = egm2008(gravity)
+        # Harmonics of a degree depend on the longitude; J2 alone is the same at all of them.
         self._turns = isinstance(gravity, int)
+        # The coefficients of EGM2008 belong to its value of μ.
         self.mu = mu if mu is not None else EGM_MU if self._turns else MU
         check(
             math.isfinite(self.mu) and self.mu > 0,
@@ -102,6 +108,7 @@ class Environment:
         self.state = self._state_of(start)
 
     def _state_of(self, start: Elements | tuple[Vector, Vector]) -> tuple[Array, Array]:
+        """Position [m] and velocity [m/s], (3,) each, at the start, from elements or from both."""
         if isinstance(start, Elements):
             return start.state(self.mu)
         check(
@@ -129,6 +136,7 @@ class Environment:
         a: Array = np.zeros(3)
         if self._harmonics is not None:
             E = self.earth(t)
+            # Harmonics are functions of Earth-fixed coordinates.
             a += E.T @ self._harmonics.gradient(E @ r)
         for place, mu in self._bodies(t):
             a += third_body(r, place, mu)
@@ -149,6 +157,7 @@ class Environment:
         return point_gradient(r, self.mu)
 
     def _bodies(self, t: float) -> Iterable[tuple[Array, float]]:
+        """Positions (3,) [m] of the third bodies at time t [s], each with its μ [m³/s²]."""
         if self.sky is not None and self._third_bodies:
             if "sun" in self._third_bodies:
                 yield self.sky.sun(t), MU_SUN
@@ -159,6 +168,8 @@ class Environment:
         """Rotation (3, 3) to Earth-fixed axes; without epoch, from the axes at time 0 about z."""
         if self.sky is not None:
             return self.sky.earth(t)
+        # The angle at time 0 is unknown without an epoch; J2, which is symmetric about z, needs
+        # none.
         c, s = math.cos(ROTATION * t), math.sin(ROTATION * t)
         return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
@@ -189,10 +200,12 @@ class Environment:
         sun = self.sun(t)
         way = r - sun
         distance = float(np.linalg.norm(way))
+        # The pressure of sunlight falls with the square of the distance from the Sun.
         return way / distance, self.pressure * (AU / distance) ** 2 * self.sunlit(r, sun)
 
     def sunlit(self, r: Array, sun: Array) -> float:
         """Part of the Sun that is seen from r."""
+        # A Sun in the centre casts no shadow: nothing lies between it and the scene.
         if self.shadow == "none" or not np.any(sun):
             return 1.0
         sunlit = sunlit_in_cone if self.shadow == "cone" else sunlit_in_cylinder

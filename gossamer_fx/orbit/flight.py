@@ -48,6 +48,7 @@ class Flight:
     """
 
     def __init__(self, around: Environment) -> None:
+        """Put the origin at the start of the orbit; the first step computes all other attributes."""
         self.around, self.origin = around, Origin(*around.state, around.mu)
         self.moments: Callable[[], Moments] | None = None
         self._for: tuple[float, float] | None = None

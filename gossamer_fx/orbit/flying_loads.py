@@ -30,6 +30,7 @@ class FlyingLoads(Loads):
     """All `FlyingLoad` terms of a scene."""
 
     def __init__(self, terms: Sequence[FlyingLoad], system: Assembly) -> None:
+        """Compile the terms as loads that depend on the mean velocity of the step."""
         self._flying = terms
         at = [system.fields[term.body] for term in terms]
         super().__init__(
@@ -37,10 +38,12 @@ class FlyingLoads(Loads):
         )
 
     def begin_step(self, t: float) -> None:
+        """Set the constants of all loads for the step that is evaluated at time t [s]."""
         system = self._system
         for term in self._flying:
             flight = term.orbit.flight(system)
             flight.prepare(system)
+            # The forms take velocities as differences over the step.
             system.fields[term.body].h.value = system.h
             term.prepare(flight, system)
         super().begin_step(t)
@@ -77,7 +80,9 @@ class _ByComplexSteps:
     """A `FlyingForce` as a law of point loads, its derivative taken by complex steps, to round-off."""
 
     def __init__(self, law: FlyingForce) -> None:
-        self._law, self._lag = law, 1.0
+        self._law = law
+        # Seconds from the start of the step; any positive number serves before the first step.
+        self._lag = 1.0
         self._X0: Array = np.zeros(0)
 
     def begin(
@@ -87,7 +92,9 @@ class _ByComplexSteps:
         X: Array,
         V: Array,
     ) -> None:
-        self._lag, self._X0 = lag, X
+        """Start a step from the vectors X (3k,); forces act on them `lag` seconds later."""
+        self._lag = lag
+        self._X0 = X
 
     def _forces(self, X: Any) -> Any:
         shape = (*X.shape[:-1], -1, 3)
@@ -98,8 +105,11 @@ class _ByComplexSteps:
         return f
 
     def tangent(self, X: Array) -> Array:
+        """Derivatives (3k, 3k) of the forces with respect to the vectors X (3k,)."""
         if not self._X0.size:  # before the first step only the pattern of the matrix is asked for
             return np.zeros((X.size, X.size))
+        # A complex step subtracts nothing, so that it can be this small; its error is of the
+        # order of its square.
         tiny = 1e-30
         stepped = self._forces(X + 1j * tiny * np.eye(X.size))
         K: Array = stepped.reshape(X.size, X.size).imag.T / tiny
@@ -116,6 +126,7 @@ class FlyingPointLoads(PointLoads):
         )
 
     def begin_step(self, t: float) -> None:
+        """Prepare all laws for the step that is evaluated at time t [s]."""
         for term in self._flying:
             flight = term.orbit.flight(self._system)
             flight.prepare(self._system)
@@ -147,9 +158,13 @@ class FacesForce:
     """
 
     def __init__(self, areas: Array, centres: Array) -> None:
-        self._areas, self._arms = areas, np.column_stack([np.ones(len(centres)), centres])
+        self._areas = areas
+        # Weights of position and directors in a centre c, which is x + Σ c_k d_k.
+        self._arms = np.column_stack([np.ones(len(centres)), centres])
 
     def forces(self, X: Array, rate: Array) -> Array:
+        """Forces (..., 4, 3) on position and directors X (..., 4, 3) that move with the rates."""
+        # Area vectors turn with the directors; the position does not move them.
         faces = self._areas @ X[..., 1:, :]
         f = self.on_faces(faces, self._arms @ X, self._arms @ rate)
         total: Array = np.swapaxes(f, -1, -2) @ self._arms

@@ -38,6 +38,7 @@ class Air:
     molecule: float = ATOM
 
     def __post_init__(self) -> None:
+        """Refuse a negative density, and a temperature or mass that is not positive."""
         check(
             self.density >= 0,
             f"Air: density is {self.density!r} kg/m³; give a number that is not negative.",
@@ -79,6 +80,7 @@ class Accommodation:
     wall_temperature: float = 300.0
 
     def __post_init__(self) -> None:
+        """Refuse fractions outside 0 to 1 and a wall temperature [K] that is not positive."""
         for quantity in ("normal", "tangential"):
             value = getattr(self, quantity)
             check(
@@ -122,4 +124,5 @@ def coefficients(
     pressure = ((2 - σn) * x / root + σn * wall / 2) * bell
     pressure += ((2 - σn) * (x * x + 0.5) + σn * root * wall * x / 2) * step
     shear = σt * (bell / root + x * step) / s
+    # Both are divided by powers of s: the formulas do not hold for a face at rest in the air.
     return pressure / s**2 - c * shear, shear

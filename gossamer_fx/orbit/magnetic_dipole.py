@@ -51,7 +51,11 @@ class MagneticDipole:
         moment: Vector | MomentHistory,
         name: str = "magnet",
     ) -> None:
-        self.frame, self.orbit, self.moment, self.name = frame, orbit, moment, name
+        """Check the arguments, and read the coefficients of IGRF-14 for the year of the epoch."""
+        self.frame = frame
+        self.orbit = orbit
+        self.moment = moment
+        self.name = name
         check(
             isinstance(frame, Frame) and len(frame.directors) == 3,
             f"'{name}' needs a frame with three directors; give that of a rigid body.",
@@ -64,6 +68,7 @@ class MagneticDipole:
             orbit.sky is not None,
             f"'{name}': the magnetic field turns with the Earth; give the orbit an epoch.",
         )
+        # The field changes by less than a percent a year: that of the epoch serves the whole run.
         self._field = Igrf(orbit.sky.year) if orbit.sky is not None else None
 
     def requires(self) -> Iterable[Any]:
@@ -73,6 +78,7 @@ class MagneticDipole:
     def field(self, flight: Flight) -> Array:
         """B (3,) [T] in the axes of the scene, in the middle of the step."""
         assert self._field is not None
+        # IGRF is a field in Earth-fixed axes.
         turn = self.orbit.earth(flight.time)
         B: Array = turn.T @ self._field.field(turn @ flight.R)
         return B
@@ -90,16 +96,22 @@ class _DipoleTorque:
         self._m: Array = np.zeros(3)
 
     def prepare(self, flight: Flight) -> None:
+        """Take the field B [T] and the moment m [A m²], (3,) each, in the middle of the step."""
         moment = self._dipole.moment
+        # Loads of the midpoint rule act in the middle of the step.
         value = moment(flight.time) if callable(moment) else moment
         check(
             is_vector(value),
             f"'{self._dipole.name}': its moment is {value!r} at t = {flight.time:.6g} s; return three finite numbers.",
         )
-        self._B, self._m = self._dipole.field(flight), np.asarray(value, dtype=float)
+        self._B = self._dipole.field(flight)
+        self._m = np.asarray(value, dtype=float)
 
     def forces(self, X: Array, rate: Array) -> Array:
+        """Forces (..., 3, 3) on the directors X (..., 3, 3) whose torque is m × B [N m]."""
         torque = np.cross(self._m @ X, self._B)
+        # In the middle of a step directors are not exactly orthonormal; with their own S the
+        # torque is still m × B.
         S = np.swapaxes(X, -1, -2) @ X
         resistance = np.trace(S, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - S
         F = np.linalg.solve(resistance, torque[..., None])[..., 0]

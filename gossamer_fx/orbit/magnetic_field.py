@@ -37,6 +37,7 @@ class Igrf:
     """
 
     def __init__(self, year: float) -> None:
+        """Interpolate the coefficients linearly between the two epochs around a year."""
         epochs, c = _igrf14()
         check(
             bool(epochs[0] <= year <= epochs[-1]),

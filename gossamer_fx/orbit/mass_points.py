@@ -43,6 +43,7 @@ class MassPoints:
     """
 
     def __init__(self, terms: Sequence[Kinetic], system: Assembly) -> None:
+        """Replace each mass by points, and find the unknowns that move them.  Collective."""
         indices: list[Array] = []
         matrices: list[Array] = []
         offsets: list[Array] = []
@@ -80,6 +81,7 @@ class MassPoints:
         self.B = np.array(padded_matrices).reshape(n, 3, width)
         self.o = np.array(offsets).reshape(n, 3)
         self.mass = np.array(point_masses)
+        # One exchange brings the unknowns of all points, also those that other ranks own.
         self._gather = Gather(system.numbering, [self.indices])
 
     def __call__(self, q: PETSc.Vec) -> Array:
@@ -125,6 +127,7 @@ def equivalent_points(mass: Array, translation_weight: Array) -> tuple[Array, Ar
     total = float(translation_weight @ towards)
     centre = towards / total
     about_centre = mass - total * np.outer(centre, centre)
+    # Pairs of points on the principal axes have the second moments and no products of inertia.
     moments, axes = np.linalg.eigh(about_centre)
     # Moments below this are round-off.
     kept = moments > 1e-13 * max(total, float(np.abs(mass).max()))

@@ -46,6 +46,7 @@ class Optics:
     other_side: Optics | None = None
 
     def __post_init__(self) -> None:
+        """Refuse values outside 0 to 1, a side of a side, and absorption without radiation."""
         for quantity in ("reflectivity", "specular", "emissivity", "lambertian"):
             value = getattr(self, quantity)
             check(
@@ -69,13 +70,21 @@ class Optics:
     def coefficients(self, back: bool = False) -> tuple[float, float, float]:
         """(2rs, B(1-s)r + (1-r)(εB - ε'B')/(ε + ε'), 1 - rs) if the front is lit, or the back."""
         lit, dark = self.sides[::-1] if back else self.sides
-        r, s, sum_ = lit.reflectivity, lit.specular, lit.emissivity + dark.emissivity
+        r = lit.reflectivity
+        s = lit.specular
+        total_emissivity = lit.emissivity + dark.emissivity
+        # The recoil of the heat that both sides radiate; it is the difference of the sides.
         radiated = lit.emissivity * lit.lambertian - dark.emissivity * dark.lambertian
-        thermal = (1 - r) * radiated / sum_ if sum_ else 0.0
+        thermal = 0.0
+        # Zero emissivity is allowed for a surface that absorbs nothing.
+        if total_emissivity:
+            thermal = (1 - r) * radiated / total_emissivity
         return 2 * r * s, lit.lambertian * (1 - s) * r + thermal, 1 - r * s
 
 
+# The default of `SolarPressure` and `Surface`: an ideal mirror on both sides.
 MIRROR = Optics()
+# Aluminium on the front, chromium, which radiates more heat, on the back.
 JPL_SAIL = Optics(
     0.88,
     0.94,

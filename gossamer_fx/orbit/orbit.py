@@ -69,6 +69,7 @@ class Orbit(Environment):
         following: float = 1000.0,
         name: str = "orbit",
     ) -> None:
+        """Check the arguments, which the class describes; a flight starts when a scene is compiled."""
         super().__init__(
             start,
             gravity=gravity,
@@ -83,9 +84,11 @@ class Orbit(Environment):
             following=following,
             name=name,
         )
+        # Weak keys: an orbit does not keep the compiled scenes of earlier runs in memory.
         self._flights: WeakKeyDictionary[Assembly, Flight] = WeakKeyDictionary()
 
     def terms(self, start: State) -> Iterable[Term]:
+        # Each compiled scene has a separate flight, so that runs may share an orbit.
         yield RelativeGravity(self.name, Flight(self), self._flights)
 
     def flight(self, system: Assembly) -> Flight:

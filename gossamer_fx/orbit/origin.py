@@ -56,6 +56,7 @@ class Origin:
     """
 
     def __init__(self, r: Array, v: Array, mu: float) -> None:
+        """Convert the state to decimals; `gained` counts from the invariants of this state."""
         self.mu = mu
         self._mu = Decimal(mu)
         self._R0 = exact(r)
@@ -119,6 +120,7 @@ class Origin:
             else:
                 raise_too_long(h)
             self._R1 = R1
+            # The second of equations (1), solved for V1.
             self._V1 = [2 * (c - b) / H - v for b, c, v in zip(R0, R1, V0, strict=True)]
 
     def keep(self) -> None:

@@ -124,12 +124,19 @@ class MeshGravity:
     """
 
     def __init__(self, term: KineticEnergy, at: Any) -> None:
+        """Compile equations (1) to (3) for one body; each step sets only constants of the forms."""
         self.body = term.body
         self._at = at
-        mesh, size = at.q0.function_space.mesh, len(at.w)
-        self.R0, self.R1, self.A = (fem.Constant(mesh, np.zeros(3)) for _ in range(3))
-        self.σ, self.μ = constant(mesh, 0.0), constant(mesh, 0.0)
-        self.G, self.T = fem.Constant(mesh, np.zeros((3, 3))), fem.Constant(mesh, np.zeros((3, 3)))
+        mesh = at.q0.function_space.mesh
+        size = len(at.w)
+        # Constants, so that the forms are compiled once for all steps.
+        self.R0 = fem.Constant(mesh, np.zeros(3))
+        self.R1 = fem.Constant(mesh, np.zeros(3))
+        self.A = fem.Constant(mesh, np.zeros(3))
+        self.σ = constant(mesh, 0.0)
+        self.μ = constant(mesh, 0.0)
+        self.G = fem.Constant(mesh, np.zeros((3, 3)))
+        self.T = fem.Constant(mesh, np.zeros((3, 3)))
         one = constant(mesh, 1.0)
 
         def placed(v: Expr) -> Expr:
@@ -140,16 +147,18 @@ class MeshGravity:
             """The position in the unknowns of a node."""
             return ufl.as_vector([q[i] for i in range(3)])
 
-        x0, x1, x = point(at.q0), point(at.q1), point(at.mid)
-        (r0, d0), (r1, d1) = (
-            growth(R, y, ufl.dot, ufl.sqrt) for R, y in ((self.R0, x0), (self.R1, x1))
-        )
+        x = point(at.mid)
+        r0, d0 = growth(self.R0, point(at.q0), ufl.dot, ufl.sqrt)
+        r1, d1 = growth(self.R1, point(at.q1), ufl.dot, ufl.sqrt)
         γ = excess(r0, r1, d0, d1)
+        # Equation (1).  A is the acceleration of the origin that keeps it near the bodies, G the
+        # gradient of all attraction other than 1/r.
         pull = -self.σ * (x - γ / (1 + γ) * ((self.R0 + self.R1) / 2 + x))
         self.force = compile_form(term.mass(placed(pull + self.A + ufl.dot(self.G, x)), at.w))
         self.tidal = compile_form(term.mass(placed(ufl.dot(self.G, x)), at.w))
         self.tangent = compile_form(-term.mass(placed(ufl.dot(self.T, point(at.dq))), at.w))
         unit = placed(ufl.as_vector([one, 0 * one, 0 * one]))
+        # μ (1/|R| - 1/|X|), without the difference of two large numbers.
         weight = self.μ * d0 / (r0 * (r0 + d0))
         self.potential = compile_form(
             term.mass(placed(ufl.as_vector([weight, 0 * one, 0 * one])), unit)
@@ -193,14 +202,19 @@ class CompiledOrbit(
     """
 
     def __init__(self, terms: Sequence[RelativeGravity], system: Assembly) -> None:
+        """Check that the scene can fly, and compile gravity on its bodies.  Collective."""
+        # Positions of the scene are relative to one origin.
         check(len(terms) == 1, f"The scene has {len(terms)} orbits; give it one.")
         check(
             system.rule.alpha == 0.5,
             f"'{terms[0].name}' flies by the midpoint rule only; run its scene with Midpoint.",
         )
-        self._system, self.name, self.flight = system, terms[0].name, terms[0].flight
+        self._system = system
+        self.name = terms[0].name
+        self.flight = terms[0].flight
         self._around = self.flight.around
         terms[0].flights[system] = self.flight
+        # Ranks may hold different terms, and all report the same name.
         held = max(system.comm.allgather(next(_names_of_holders(system.terms), "")))
         check(
             not held,
@@ -215,7 +229,7 @@ class CompiledOrbit(
         self._points = MassPoints(points, system) if points else None
         self._size = sum(b.block.index_map.size_local * b.block.size for b in system.bodies)
         self._weights = self._weigh()
-        ones = np.array([self._weights.array_r[: self._size : 3] @ self._is_place()])
+        ones = np.array([self._weights.array_r[: self._size : 3] @ self._is_position()])
         self.mass = float(system.comm.allreduce(ones)[0])
         self.flight.moments = self.moments
         self._tangent: Array = np.zeros((3, 3))
@@ -234,7 +248,7 @@ class CompiledOrbit(
             self._points.add(np.repeat(self._points.mass[:, None], 3, axis=1), W)
         return W
 
-    def _is_place(self) -> Array:
+    def _is_position(self) -> Array:
         """Array of 1 for each owned position and 0 for each director."""
         each = [
             np.tile(np.eye(b.block.size // 3)[0], b.block.index_map.size_local)
@@ -256,6 +270,7 @@ class CompiledOrbit(
     # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self, t: float) -> None:
+        """Advance the origin by one step, whose middle is at t [s], and set all constants."""
         flight = self.flight
         flight.prepare(self._system)
         R0 = flight.origin.R0
@@ -286,15 +301,15 @@ class CompiledOrbit(
         x = (x0 + x1) / 2
         R0 = flight.origin.R0
         R1 = flight.origin.R1
-        (r0, d0), (r1, d1) = (
-            growth(np.broadcast_to(R, x.shape), y, _dots, np.sqrt) for R, y in ((R0, x0), (R1, x1))
-        )
+        r0, d0 = growth(np.broadcast_to(R0, x.shape), x0, _dots, np.sqrt)
+        r1, d1 = growth(np.broadcast_to(R1, x.shape), x1, _dots, np.sqrt)
         γ = excess(r0, r1, d0, d1)[:, None]
         pull = -self._σ * (x - γ / (1 + γ) * ((R0 + R1) / 2 + x))
         forces: Array = self._points.mass[:, None] * (pull - flight.pushed + x @ flight.gradient)
         return forces
 
     def add_forces(self, r: PETSc.Vec) -> None:
+        """Subtract gravity [N] on all bodies at the iterate from the residual r.  Collective."""
         with r as values:
             for mesh in self._meshes:
                 values[self._system.block(mesh.body).owned] -= mesh.vector(mesh.force)
@@ -317,9 +332,13 @@ class CompiledOrbit(
         displacement of the origin.  The loads count their work on displacements in the frame
         themselves.  Their resultant follows from the change of momentum.  Collective.
         """
-        system, flight, h = self._system, self.flight, self._system.h
-        ΔR, Δq = flight.origin.moved, system.q1.array_r - system.q0.array_r
+        system = self._system
+        flight = self.flight
+        h = system.h
+        ΔR = flight.origin.moved
+        Δq = system.q1.array_r - system.q0.array_r
         middle = (system.q0.array_r + system.q1.array_r) / 2
+        # Forces of gravity in the frame, as the residual has them: with the opposite sign.
         r = system.numbering.vector()
         self.add_forces(r)
         tidal = system.numbering.vector()
@@ -330,21 +349,28 @@ class CompiledOrbit(
             if self._points:
                 x = (self._X0 + self._points(system.q1)) / 2
                 self._points.add(self._points.mass[:, None] * (x @ flight.gradient), tidal)
-        places = np.repeat(self._is_place(), 3)
+        # Forces on directors have a moment, and no resultant.
+        is_position = self._is_position()[:, None]
         forces = -r.array_r[: self._size].reshape(-1, 3)
-        gravity = (places.reshape(-1, 3) * forces).sum(axis=0)
-        self._resultant = np.array(
-            [gravity, np.cross(middle[: self._size].reshape(-1, 3), forces).sum(axis=0)]
-        )
+        gravity = (is_position * forces).sum(axis=0)
+        moment = np.cross(middle[: self._size].reshape(-1, 3), forces).sum(axis=0)
+        self._resultant = np.array([gravity, moment])
         deformed = float(tidal.array_r[: self._size] @ Δq[: self._size])
         *gravity, deformed = system.comm.allreduce(np.array([*gravity, deformed]))
         ΔS, S, P0 = self._sums(Δq, middle, system.v0.array_r)
         self.flight.centre = S / self.mass
+        # The midpoint rule has P1 = 2 ΔS/h - P0; (P1 - P0)/h less gravity is the resultant of all
+        # other loads.
         others = 2 * (ΔS / h - P0) / h - np.array(gravity)
+        # Work of the field and its gradient on the displacements of origin and bodies, to first
+        # order in x.
         attracted = (
             self.mass * flight.field @ ΔR + flight.field @ ΔS + S @ flight.gradient @ ΔR + deformed
         )
-        return float(attracted + others @ ΔR) if system.comm.rank == 0 else 0.0
+        # All ranks know the sums; one of them reports.
+        if system.comm.rank != 0:
+            return 0.0
+        return float(attracted + others @ ΔR)
 
     def resultants(self) -> dict[str, Array]:
         return {self.name: self._resultant}
@@ -358,18 +384,23 @@ class CompiledOrbit(
         It is ½ M |V|² + V·P + Σ m μ (1/|R| - 1/|X|) - M μ/|R|, less the first and the last term at
         the start of the run, with the mass M and the momentum P in the frame.
         """
-        system, origin = self._system, self.flight.origin
+        system = self._system
+        origin = self.flight.origin
         gained, _ = origin.gained()
         momentum = self._weights.array_r[: self._size] * system.v0.array_r[: self._size]
         energy = float(origin.V0 @ momentum.reshape(-1, 3).sum(axis=0))
         for mesh in self._meshes:
-            mesh.R0.value, mesh.μ.value = origin.R0, self._around.mu
+            mesh.R0.value = origin.R0
+            mesh.μ.value = self._around.mu
             energy += float(fem.assemble_scalar(mesh.potential))
         if self._points:
             x = self._points(system.q0)
             r, d = growth(np.broadcast_to(origin.R0, x.shape), x, _dots, np.sqrt)
             energy += float(np.sum(self._points.mass * self._around.mu * d / (r * (r + d))))
-        return {self.name: energy + (self.mass * gained if system.comm.rank == 0 else 0.0)}
+        # The energy of the origin belongs to no rank in particular: the first one counts it.
+        if system.comm.rank == 0:
+            energy += self.mass * gained
+        return {self.name: energy}
 
     def momenta(self) -> Array:
         """Momentum and angular momentum (2, 3) about the central body, less those in the frame.
@@ -407,4 +438,7 @@ class RelativeGravity:
     def __init__(
         self, name: str, flight: Flight, flights: MutableMapping[Assembly, Flight]
     ) -> None:
-        self.name, self.flight, self.flights = name, flight, flights
+        """Take the orbit's name, its flight, and where the flight is entered."""
+        self.name = name
+        self.flight = flight
+        self.flights = flights

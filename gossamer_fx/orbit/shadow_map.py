@@ -56,6 +56,7 @@ class ShadowMap:
     """
 
     def __init__(self, film: Membrane, pixels: int) -> None:
+        """Start with all triangles lit; `update` computes the shadow."""
         mesh = film.space.mesh
         self._film = film
         self._pixels = pixels

@@ -37,6 +37,7 @@ class Sky:
     """
 
     def __init__(self, epoch: str, ut1_utc: float = 0.0) -> None:
+        """Convert the epoch from UTC to terrestrial time and UT1, as Julian dates."""
         try:
             self.start = datetime.fromisoformat(epoch).replace(tzinfo=UTC)
         except (TypeError, ValueError):
@@ -109,6 +110,7 @@ def third_body(r: Array, body: Array, mu: float) -> Array:
     section 8.4, doi:10.2514/4.861543.
     """
     d2 = float((body - r) @ (body - r))
+    # The plain difference of both terms would lose digits, as r is much shorter than b.
     q = float(r @ (r - 2 * body)) / float(body @ body)
     f = q * (3 + 3 * q + q * q) / (1 + (1 + q) ** 1.5)
     a: Array = -mu / d2**1.5 * (r + f * body)

@@ -69,8 +69,13 @@ class SolarPressure:
         shadow_pixels: int = 0,
         name: str = "",
     ) -> None:
-        self.body, self.orbit, self.optics, self.groups = body, orbit, optics, dict(groups or {})
-        self.surfaces, self.shadow_pixels = tuple(surfaces), shadow_pixels
+        """Check the arguments, which the class describes, and name the load after the body."""
+        self.body = body
+        self.orbit = orbit
+        self.optics = optics
+        self.groups = dict(groups or {})
+        self.surfaces = tuple(surfaces)
+        self.shadow_pixels = shadow_pixels
         self.name = name or f"sunlight on {body.name}"
         check_surfaces(self.name, body, self.surfaces)
         check(
@@ -91,6 +96,7 @@ class SolarPressure:
         yield self.orbit
 
     def terms(self, start: State) -> Iterable[Term]:
+        """One load: on the flat faces of a rigid body, or on the triangles of a film."""
         if isinstance(self.body, RigidBody):
             yield FlyingPointLoad(
                 self.name, axes_of(self.body), self.orbit, _LightOnFaces(self.surfaces)
@@ -99,11 +105,16 @@ class SolarPressure:
             yield self._on_film(self.body)
 
     def _on_film(self, film: Membrane) -> FlyingLoad:
+        """Load of sunlight on the deformed triangles of a film; direction and pressure are
+        constants.
+        """
         mesh = film.space.mesh
-        u, P = fem.Constant(mesh, np.zeros(3)), constant(mesh, 0.0)
+        u = fem.Constant(mesh, np.zeros(3))
+        P = constant(mesh, 0.0)
         front, back = self._coefficients(film)
         dx = surface_measure(film)
         shades = ShadowMap(film, self.shadow_pixels) if self.shadow_pixels else None
+        # The kernel of a film without shadows has no function on its triangles to read.
         pressure = P if shades is None else P * shades.lit
 
         def work(q: Expr, rate: Expr, w: Expr) -> ufl.Form:
@@ -111,9 +122,12 @@ class SolarPressure:
             return pressure * ufl.dot(force, w) * dx
 
         def prepare(flight: Flight, system: Assembly) -> None:
+            """Set direction and pressure [N/m²] of sunlight, and the shadows, for a step."""
             direction, P.value = flight.light()
             u.value = direction
             if shades is not None:
+                # Once a step, for the shape at its start: the iteration of the step sees constant
+                # light.
                 shades.update(system, direction)
 
         return FlyingLoad(self.name, film, self.orbit, work, prepare)
@@ -122,6 +136,7 @@ class SolarPressure:
         """Those of front and back, as constants, or as functions where groups differ."""
         mesh = film.space.mesh
         both = [self.optics.coefficients(back=side) for side in (False, True)]
+        # Six constants are cheaper than a function of six values on each triangle.
         if not self.groups:
             front, back = ([constant(mesh, c) for c in side] for side in both)
             return front, back
@@ -155,6 +170,7 @@ def check_surfaces(name: str, body: Membrane | RigidBody, surfaces: Sequence[Sur
 
 def surface_measure(film: Membrane) -> ufl.Measure:
     """dx of forces on the deformed faces: constant on triangles of order 1."""
+    # On a plane triangle the force is constant; the normal of a curved one varies.
     return ufl.Measure(
         "dx", film.space.mesh, metadata={"quadrature_degree": 1 if film.order == 1 else 4}
     )
@@ -164,11 +180,13 @@ class _LightOnFaces(FacesForce):
     """Sunlight on flat faces."""
 
     def __init__(self, surfaces: Sequence[Surface]) -> None:
+        """Take geometry and optical coefficients (3, n, 1) of both sides of n surfaces."""
         super().__init__(*geometry(surfaces))
         self._front, self._back = (
             np.array([s.optics.coefficients(back=side) for s in surfaces]).T[..., None]
             for side in (False, True)
         )
+        # The back of a one-sided surface is inside of the body, without light.
         self._back *= np.array([s.two_sided for s in surfaces])[:, None]
         self._u: Array = np.zeros(3)
         self._P = 0.0
@@ -183,5 +201,6 @@ class _LightOnFaces(FacesForce):
 
 def geometry(surfaces: Sequence[Surface]) -> tuple[Array, Array]:
     """Area vectors and centres (n, 3)."""
+    # Normals are given with any length.
     areas = [s.area * np.asarray(s.normal, dtype=float) / math.hypot(*s.normal) for s in surfaces]
     return np.array(areas), np.array([s.centre for s in surfaces], dtype=float)

@@ -86,7 +86,9 @@ def light_force(
     mirrored, both, along = (
         maths.choose(c, of_back, of_front) for of_front, of_back in zip(front, back, strict=True)
     )
+    # |a·u| without an absolute value, of which a complex step has no derivative.
     projected_area = sign * c
+    # `a` has the length of the area, so that it is divided by the area once more.
     along_normal = (mirrored * projected_area / area + both) * (sign / area)
     return projected_area * (along_normal * a + along * u)
 
@@ -125,6 +127,7 @@ def flow_force(
     into_back, shear_back = coefficients(c, s, σn, σt, wall, maths)
     normal = two_sided * into_back - into_front
     shear = shear_front + two_sided * shear_back
+    # ½U² (A n + B u) times the area, with the lengths of a and U multiplied out.
     return speed / 2 * (normal * speed * a + shear * area * U)
 
 
@@ -157,6 +160,7 @@ class Surface:
     two_sided: bool = False
 
     def __post_init__(self) -> None:
+        """Refuse an area [m²] that is not positive, and vectors that are not three numbers."""
         check(self.area > 0, f"Surface: area is {self.area!r} m²; give a positive number.")
         for what in ("normal", "centre"):
             check(

@@ -127,6 +127,7 @@ def _thinned(table: Tables) -> Tables:
 
 
 def _with_prefix(table: Tables, prefix: str) -> Tables:
+    """The columns whose names begin with a prefix, named by the remainder."""
     return {
         name.removeprefix(prefix): values
         for name, values in table.items()
@@ -186,6 +187,7 @@ def _lines(
 
 
 def _states(t: Array, shares: Tables, axes: Axes) -> None:
+    """Draw the shares of the area by state, stacked to 100 %."""
     colours = [STATE_COLOURS[STATES[name]] for name in shares]
     percent = [100 * values for values in shares.values()]
     axes.stackplot(t, *percent, colors=colours, linewidth=0)
@@ -229,6 +231,7 @@ def _probes(
     curves: Tables,
     axes: Axes,
 ) -> None:
+    """Draw the curves of probes that share a title and a unit."""
     ends: dict[str, tuple[float, str]] = {}
     for (name, values), colour in zip(curves.items(), cycle(LINES), strict=False):
         axes.plot(t, values, color=colour)

@@ -75,6 +75,7 @@ class FlightPicture(DrawnRun):
         probes: Mapping[str, Probe],
         title: str = "",
     ) -> None:
+        """Check the ending of the path and that all probes can be called."""
         super().__init__(path)
         self.orbit = orbit
         self.probes = dict(probes)
@@ -86,6 +87,7 @@ class FlightPicture(DrawnRun):
             )
 
     def recording(self, run: Run) -> Recording:
+        """The recording of the run: position, velocity, sunlight and the probes."""
         probes: dict[str, Probe] = {}
         for what, names in enumerate((_POSITION, _VELOCITY, _TO_SUN)):
             for axis, name in enumerate(names):
@@ -98,6 +100,7 @@ class FlightPicture(DrawnRun):
         return float(self.orbit.sunlit(position, self.orbit.sun(run.time)))
 
     def draw(self, run: RunReader) -> None:
+        """Draw orbit and shapes in the first row, and one row for each probe."""
         from matplotlib.figure import Figure
 
         table = run.table("probes.csv")
@@ -208,6 +211,7 @@ def _draw_arrow(
     name: str,
     colour: Any,
 ) -> None:
+    """An arrow between two points of a picture, with a name beyond its tip."""
     style = {"arrowstyle": "-|>", "color": colour, "lw": 2}
     axes.annotate("", xy=tip, xytext=start, arrowprops=style)
     beyond = [a + 1.12 * (b - a) for a, b in zip(start, tip, strict=True)]

@@ -285,6 +285,7 @@ def _draw_scale_bar(header: Axes, scale: float, width: float) -> None:
 
 
 def _draw_panels(part: SubFigure, curves: Curves, rows: int) -> None:
+    """Draw all panels of curves in a grid with some number of rows."""
     columns = math.ceil(len(curves.panels) / rows)
     grid = part.subplots(rows, columns, squeeze=False).ravel()
     for axes in grid[len(curves.panels) :]:

@@ -49,6 +49,7 @@ class DrawnRun:
     times: Sequence[float] = ()
 
     def __init__(self, path: str | Path) -> None:
+        """Check the ending of the path; the recording is made when a run begins."""
         self.path = Path(path)
         self._recording: Recording | None = None
         check(
@@ -75,6 +76,7 @@ class DrawnRun:
         make_parent(run.comm, self.path, file=True)
 
         def prepare() -> None:
+            """Remove an old recording, and have the new one removed with this object."""
             # Refuses, before anything is computed, a Python that could not read the recording.
             adios2_for(self.folder)
             # A run that was killed may have left its recording.
@@ -146,6 +148,7 @@ class Picture(DrawnRun):
         section: tuple[Vector, Vector] | None = None,
         colour: str = "state",
     ) -> None:
+        """Check the arguments, which the class describes."""
         super().__init__(path)
         self.title = title
         self.view = view or View()

@@ -50,6 +50,7 @@ class PlaneCut:
     """
 
     def __init__(self, run: RunReader, point: Vector, normal: Vector) -> None:
+        """Choose axes (3, 3) of the picture: to the right, up, and towards the eye."""
         self._run = run
         self._point = np.asarray(point, dtype=float)
         towards = unit(np.asarray(normal, dtype=float))

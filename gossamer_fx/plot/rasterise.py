@@ -60,6 +60,7 @@ class Canvas:
         near: float,
         far: float,
     ) -> None:
+        """Make an empty image of height × width pixels."""
         self.height = height
         self.width = width
         self._near = near

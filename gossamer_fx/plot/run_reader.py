@@ -63,6 +63,7 @@ class RunReader:
     """
 
     def __init__(self, folder: str | Path) -> None:
+        """Open all files of a run; its times are those at which every body was written."""
         self.folder = Path(folder)
         self.about = read_run_file(self.folder)
         self.fields: dict[str, list[str]] = self.about["fields"]
@@ -281,6 +282,7 @@ class RecordedBody:
     """
 
     def __init__(self, folder: Path, name: str) -> None:
+        """Open the field files of a body, one for each part of a run that was restarted."""
         path = folder / f"{file_name(name)}.bp"
         self.segments = [FieldFile(one) for one in segments(path)]
         check(bool(self.segments), f"'{path}' is missing; write the run again.")
@@ -307,6 +309,7 @@ class FieldFile:
     """
 
     def __init__(self, path: Path) -> None:
+        """Read times and mesh of a file; fields are read when they are asked for."""
         self._path = path
         adios2 = adios2_for(path)
         noted = noted_steps(path)
@@ -346,6 +349,7 @@ class FieldFile:
         return joined
 
     def _read(self, field: str, step: int) -> Array:
+        """Values (p,) or (p, k) of a field at the points at a step, from the blocks of all ranks."""
         try:
             blocks = [
                 np.ravel(self._file.read(field, block_id=block, step_selection=[step, 1]))

@@ -126,6 +126,7 @@ def _chosen_frames(
 
 
 def _box_around(run: RunReader, frames: list[int]) -> _Box:
+    """The smallest box around bodies and solids in some frames."""
     lows = []
     highs = []
     for frame in frames:

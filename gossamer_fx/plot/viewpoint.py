@@ -43,6 +43,7 @@ class View:
     opacity: float = 1.0
 
     def __post_init__(self) -> None:
+        """Refuse angles [rad] and an opacity out of their range."""
         check(
             self.azimuth is None or math.isfinite(self.azimuth),
             f"View: azimuth is {self.azimuth!r} rad; give a number, or None.",

@@ -54,6 +54,7 @@ class FilmMaterial:
         return kind(E=self.E, nu=self.nu, density=self.density, thickness=thickness, **numbers)
 
 
+# Values of the makers; batches differ by more than the digits given here.
 KAPTON_HN = FilmMaterial(
     "Kapton HN",
     E=2.5e9,

@@ -20,6 +20,7 @@ from gossamer_fx.model.body import MeshBody
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
+# Two contacts of a scene are compiled together; a probe needs one of them.
 def contact_set_of(contact: Contact, run: Any) -> ContactSet:
     """Return the pairs of a contact in a run.
 
@@ -51,8 +52,11 @@ class ContactGap:
         self.contact = contact
 
     def __call__(self, run: Any) -> float:
+        """The least gap [m] of all candidates in the state of a run.  Collective."""
         contact_set = contact_set_of(self.contact, run)
         x = contact_set.points.at(run.system.q0, run.system.time)
+        # At the accepted state: the pairs' distances of the last iterate may belong to another
+        # one.
         gap = PairDistances.of(contact_set.candidates, x).gap
         return float(run.comm.allreduce(float(gap.min(initial=np.inf)), op=MPI.MIN))
 
@@ -76,6 +80,7 @@ class ContactForce:
     """
 
     def __init__(self, contact: Contact, body: MeshBody | Obstacle, *, axis: str) -> None:
+        """Check axis and body, and find the number of the body among those of the contact."""
         check(
             axis in AXES,
             f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}.",
@@ -92,7 +97,10 @@ class ContactForce:
         self._number = numbers[0]
 
     def __call__(self, run: Any) -> float:
+        """The component [N] of the mean force in the last step of a run."""
         contact_set = contact_set_of(self.contact, run)
+        # Each rank holds the forces of its pairs on all points, so that the sum over ranks is
+        # complete.
         of_body = contact_set.mesh.body == self._number
         # The forces of the residual are internal ones, opposite to those on the body.
         force = -float(contact_set.point_forces[of_body, AXES[self.axis]].sum())

@@ -37,6 +37,7 @@ class Crossings:
     """
 
     def __init__(self, *bodies: Membrane) -> None:
+        """Check the films; surfaces are built when the probe is first called."""
         check(bool(bodies), "Crossings: there is no film; give one or several.")
         for k, film in enumerate(bodies):
             check(
@@ -51,6 +52,7 @@ class Crossings:
         self._surface: CollisionPrimitives | None = None
 
     def __call__(self, run: Run) -> float:
+        """The number of edges that intersect a triangle in the state of a run.  Collective."""
         system = run.system
         for film in self.bodies:
             check(
@@ -60,12 +62,15 @@ class Crossings:
         library(run.comm)
         if self._surface is None:
             self._surface = self._build_surface(system)
+        # Any two parts may intersect, so that every rank needs all positions.
         positions = [
             system.state[film].gathered()[nodes]
             for film, nodes in zip(self.bodies, self._nodes, strict=True)
         ]
         x = np.ascontiguousarray(np.concatenate(positions))
         edge_count = len(self._surface.edges)
+        # Edges in turn: neighbours in the mesh, which often intersect together, are on different
+        # ranks.
         own_edges = np.arange(run.comm.rank, edge_count, run.comm.size, dtype=np.int32)
         found = find_intersections(self._surface, x, own_edges)
         # An edge counts once, however many triangles it intersects.

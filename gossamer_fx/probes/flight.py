@@ -51,6 +51,7 @@ class OrbitState:
     """
 
     def __init__(self, orbit: Orbit, quantity: str) -> None:
+        """Check the name of the quantity."""
         check(
             quantity in ORBITAL,
             f"An orbit has no quantity {quantity!r}; its quantities are: {', '.join(ORBITAL)}.",
@@ -87,6 +88,7 @@ class SunAngle:
     """
 
     def __init__(self, orbit: Orbit, of: Membrane | Port) -> None:
+        """Check that there is a direction: a film's normal or a port's vector."""
         check(
             isinstance(of, Membrane | Port),
             f"SunAngle of {of!r}; give a film, or a director such as body.frame().directors[2].",
@@ -122,6 +124,7 @@ class Attitude:
     NAMES = ("outward", "along", "across")
 
     def __init__(self, orbit: Orbit, of: Membrane | Port, *, axis: str) -> None:
+        """Check the direction and the name of the axis."""
         check(
             isinstance(of, Membrane | Port),
             f"Attitude of {of!r}; give a film, or a director such as body.frame().directors[2].",
@@ -168,6 +171,7 @@ class LoadResultant:
         action: str,
         axis: str,
     ) -> None:
+        """Check action and axis; the load is looked up by name when the probe is called."""
         check(action in ACTIONS, f"A load has no {action!r}; it has: {', '.join(ACTIONS)}.")
         check(
             axis in AXES,
@@ -184,6 +188,7 @@ class LoadResultant:
         component = AXES[self.axis]
         if self.action == "force":
             return float(force[component])
+        # Resultants are about the origin of the frame, which only follows the centre of mass.
         centre = self.orbit.flight(run.system).centre
         about_centre = torque - np.cross(centre, force)
         return float(about_centre[component])

@@ -69,6 +69,7 @@ class Position:
         indices, weights, _ = attach(system.numbering, system.bodies, (self.port,))
         if is_evaluated_here((self.port,)):
             row = weights[AXES[self.axis]]
+            # One rank adds the weights, some of which may belong to unknowns of another.
             vector.setValues(indices, row, addv=PETSc.InsertMode.ADD_VALUES)
         vector.assemble()
 
@@ -143,6 +144,7 @@ class GasState:
     """
 
     def __init__(self, chamber: Volume, quantity: str) -> None:
+        """Check the name of the quantity."""
         check(
             quantity in GAS,
             f"A chamber has no quantity {quantity!r}; its quantities are: {', '.join(GAS)}.",
@@ -178,6 +180,7 @@ class AreaFraction:
     """
 
     def __init__(self, body: Membrane, state: str) -> None:
+        """Check the name of the state; forms are compiled when the probe is first called."""
         check(
             state in STATES, f"A film has no state {state!r}; its states are: {', '.join(STATES)}."
         )
@@ -209,6 +212,7 @@ class AngularVelocity:
     """
 
     def __init__(self, frame: Frame, axis: str) -> None:
+        """Check the axis, and take the directors of the frame."""
         check_axis(axis)
         self.axis = axis
         self._directors = [port for port in frame.directors if isinstance(port, Port)]
@@ -283,6 +287,7 @@ class RingArea:
         )
         # A loop belongs to one compiled system; the probe may be used in one run after another.
         key = id(run.system)
+        # The loop finds its edges once, and measures them at every call.
         if key not in self._loops:
             self._loops = {key: Loop(self.ring, run.system)}
         # a step of no length: the area of the current state

@@ -40,6 +40,7 @@ class MeanSpin:
     """
 
     def __init__(self, body: Body, axis: str = "z") -> None:
+        """Check the arguments, which the class describes."""
         check(
             is_body(body), f"MeanSpin: {body!r} is not a body; give a film, plate, cable or beam."
         )
@@ -125,6 +126,7 @@ class PolarPosition:
     """
 
     def __init__(self, port: Port, frame: Frame, *, quantity: str = "radius") -> None:
+        """Check the arguments, which the class describes."""
         check(
             quantity in POLAR,
             f"PolarPosition: there is no {quantity!r}; choose from {', '.join(POLAR)}.",

@@ -33,6 +33,7 @@ class ReducedCoordinates(Coordinates):
     """
 
     def __init__(self, space: fem.FunctionSpace, alpha: float, values: Array) -> None:
+        """Make the functions of the full film that follow from the coefficients of the modes."""
         super().__init__(space, alpha)
         self._modes = values
         self._comm = space.mesh.comm

@@ -70,6 +70,7 @@ class OutsideBasis:
     """
 
     def __init__(self, body: ReducedMembrane) -> None:
+        """Take the reduced film; the estimate is set up at the first call."""
         check(
             isinstance(body, ReducedMembrane),
             f"OutsideBasis: '{getattr(body, 'name', body)}' is not a reduced film; give one that `reduce` has made.",
@@ -96,6 +97,7 @@ class _Estimate:
     """
 
     def __init__(self, film: ReducedMembrane) -> None:
+        """Compile energy and force of the full film, and the weights of its nodes.  Collective."""
         full = film.full
         index_map = full.space.dofmap.index_map
         self._comm = film.comm

@@ -45,6 +45,7 @@ class Points:
     def __init__(
         self, functions: LawFunctions, cells: Indices, dA: Array, G: Array, *, may_choose: bool
     ) -> None:
+        """Make the arrays of strains and stresses at all quadrature points of the sampled cells."""
         self._c = library(functions.strain.function_space.mesh.comm)
         q, _, self._r = G.shape
         self.past = np.zeros((q, 3))

@@ -62,6 +62,7 @@ class RecordedShapes:
     """
 
     def __init__(self, body: Membrane, folder: str | Path) -> None:
+        """Read all shapes [m], and give each node of the film its own.  Collective."""
         self.body = body
         self.folder = Path(folder)
         self.times: list[float] = []
@@ -128,6 +129,7 @@ class _Part:
     """
 
     def __init__(self, comm: MPI.Intracomm, path: Path) -> None:
+        """Read this rank's share of a file; refuse one that cannot be read.  Collective."""
         adios2 = adios2_for(path)
         on_rank_zero(comm, lambda: noted_steps(path))
         readable = True
@@ -150,6 +152,7 @@ class _Part:
         rows = self._own_rows(file, comm)
 
         def read(name: str, **which: Any) -> Array:
+            """Rows (n, 3) of a variable that belong to this rank, block by block of the file."""
             parts: list[Array] = [np.zeros((0, 3))]
             for block, first, count in rows:
                 values = file.read(

@@ -51,6 +51,7 @@ class ReducedEnergies(
     """All `ReducedEnergy` terms of a scene, compiled; `model.roles` describes its methods."""
 
     def __init__(self, terms: Sequence[ReducedEnergy], system: Assembly) -> None:
+        """Make the forces of the modes of each term."""
         self._system = system
         self._forces = []
         for term in terms:
@@ -79,6 +80,7 @@ class ReducedEnergies(
                 values[owned] += self._on_rank_zero(force.forces()).ravel()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
+        """Add the dense blocks (3r, 3r) [N/m] of the reduced films to A.  Collective."""
         for body, force in self._forces:
             block = self._system.block(body)
             K = self._on_rank_zero(force.tangents(self._system.geometric))
@@ -140,6 +142,7 @@ class ModeForces:
     """
 
     def __init__(self, term: ReducedEnergy, at: ReducedCoordinates, rule: StressRule) -> None:
+        """Compute the gradients of the modes at the quadrature points of this rank's cells."""
         assert term.modes is not None and term.weights is not None
         film: Any = term.body
         reference_points, dA = points_and_areas(film)

@@ -85,6 +85,10 @@ class ReducedMembrane(Membrane):
     """
 
     def __init__(self, made_from: Basis, over: Sample, name: str) -> None:
+        """Make a film over the sampled cells whose unknowns are the coefficients of modes.
+
+        Collective.
+        """
         film = made_from.film
         part, parents = backend.part_of(film.space.mesh, over.cells)
         super().__init__(SampledMesh(part), film.law, order=film.order, name=name)

@@ -288,6 +288,9 @@ class CellEnergies:
     """
 
     def __init__(self, basis: Basis) -> None:
+        """Compile the one expression for deformation, stress and stiffness at all quadrature
+        points.
+        """
         film = basis.film
         self._film = film
         self._modes = basis.values

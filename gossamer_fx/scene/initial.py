@@ -40,6 +40,7 @@ class RigidMotion:
     name: str = "rigid motion"
 
     def __post_init__(self) -> None:
+        """Refuse vectors that are not three finite numbers."""
         for argument in ("spin", "velocity", "centre"):
             value = getattr(self, argument)
             check(
@@ -50,6 +51,7 @@ class RigidMotion:
     def initialise(self, start: InitialState) -> None:
         """Add the motion to the velocities of all bodies, where they have been placed so far."""
         spin = np.asarray(self.spin, dtype=float)
+        # v + Ω × (x - c) = Ω × x + (v - Ω × c); directors have the first part only.
         at_origin = np.asarray(self.velocity, dtype=float) - np.cross(spin, self.centre)
         for body in start:
             rates = body.rates() + np.cross(spin, body.coordinates())

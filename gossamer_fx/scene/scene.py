@@ -64,10 +64,12 @@ class Scene:
     """
 
     def __init__(self, *items: Item) -> None:
+        """Collect the items and all that they refer to, and check their names."""
         self.items: list[Item] = []
         for item in items:
             self._add(item)
         check(bool(self.items), "The scene is empty; give it a body or a chamber.")
+        # Outputs, checkpoints and the ledger find parts by their names.
         names = [item.name for item in self.items]
         twice = sorted({n for n in names if names.count(n) > 1})
         check(
@@ -92,6 +94,7 @@ class Scene:
         if isinstance(item, RefersToItems):
             for other in item.requires():
                 self._add(other)
+        # After what it refers to: terms may need a part that is compiled before.
         self.items.append(item)
 
     @property
@@ -111,6 +114,7 @@ class Scene:
             InputError: cells without size, initial data that are not finite, or what a part finds wrong with its
                 surroundings.
         """
+        # Before anything is compiled, which takes seconds for new forms.
         validate(self.items, self.comm)
         for body in self.bodies:
             for what, values in zip(
@@ -133,5 +137,6 @@ class Scene:
                 makers.setdefault(item.scalar_unknowns, []).append(item)
         for maker, alike in makers.items():
             system.scalar_unknowns.append(maker(alike, system))
+        # Last: masses, constraints and gas start from the complete initial state.
         system.initialise()
         return system

@@ -72,6 +72,7 @@ class CoarseSpace:
     """
 
     def __init__(self, system: System) -> None:
+        """Build P of equation (2), and a solver for the coarse matrix.  Collective."""
         self._P = prolongation(system)
         self._scalar_matrix: PETSc.Mat | None = None
         self._coarse_matrix: PETSc.Mat | None = None

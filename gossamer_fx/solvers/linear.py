@@ -196,6 +196,7 @@ class BorderedPreconditioner:
     """
 
     def __init__(self, operator: Bordered, sparse: PETSc.PC, system: System) -> None:
+        """Take operator and sparse preconditioner; `setUp` computes Z."""
         self._operator = operator
         self._sparse = sparse
         self._system = system

@@ -163,6 +163,10 @@ class Newton:
         direct: bool = False,
         subdomains: str | None = None,
     ) -> None:
+        """Make vectors and PETSc's solvers for the system; no equation is solved yet.
+
+        Collective.
+        """
         self.system = system
         self.tolerances = tolerances
         self.geometric_stiffness_delay = 0

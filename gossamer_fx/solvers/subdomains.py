@@ -67,6 +67,10 @@ class Subdomains:
     """
 
     def __init__(self, system: System) -> None:
+        """Check that the scene is one body of forms, and divide its matrix by ranks.
+
+        Collective.
+        """
         bodies = system.bodies
         check(
             len(bodies) == 1 and has_nodal_unknowns(bodies[0]) and system.is_made_of_forms,

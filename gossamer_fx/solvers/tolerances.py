@@ -47,6 +47,7 @@ class Tolerances:
     max_iterations: int = 40
 
     def __post_init__(self) -> None:
+        """Refuse tolerances that are negative, or that the first guess would meet."""
         for name in ("relative", "absolute", "floor", "energy", "scalars", "constraint"):
             value = getattr(self, name)
             check(value >= 0, f"Tolerances: {name} is {value!r}; give zero or a positive number.")

@@ -61,6 +61,9 @@ class TwoLevel:
     """
 
     def __init__(self, system: System) -> None:
+        """Choose incomplete factorisations on each rank; levels of fill are chosen at the first
+        set-up.
+        """
         self._system = system
         self._coarse = CoarseSpace(system)
         self._local = PETSc.PC().create(system.comm)

@@ -66,6 +66,7 @@ class GeneralizedAlpha:
     tolerances: Tolerances = field(default_factory=Tolerances)
 
     def __post_init__(self) -> None:
+        """Refuse a step [s] that is not positive, and a spectral radius outside 0 to 1."""
         check(
             math.isfinite(self.dt) and self.dt > SMALLEST_STEP,
             f"GeneralizedAlpha: dt is {self.dt!r}; give a positive step in seconds.",
@@ -86,12 +87,12 @@ class GeneralizedAlpha:
         Raises:
             InputError: the scene has contact.
         """
-        # The force at the end of a step does no work along the step that an energy tells: a film that
+        # The force at the end of a step does no work along the step that an energy knows: a film that
         # falls on a floor came back at three times its true height, and the energy balance was open.
         check(
             not system.active_sets,
             "GeneralizedAlpha: the scene has contact, in which this method neither conserves energy nor "
-            "tells what it loses; use Midpoint, or leave the contact out.",
+            "reports what it loses; use Midpoint, or leave the contact out.",
         )
         return GeneralizedAlphaSolver(system, self.spectral_radius, self.tolerances)
 
@@ -105,6 +106,7 @@ class GeneralizedAlphaSolver:
     """
 
     def __init__(self, system: System, ρ: float, tolerances: Tolerances) -> None:
+        """Compute the coefficients of the method for the spectral radius ρ, and make its vectors."""
         self._system = system
         self._α_m = (2 * ρ - 1) / (ρ + 1)
         self._α_f = ρ / (ρ + 1)

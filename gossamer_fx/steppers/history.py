@@ -38,6 +38,7 @@ class History:
     """
 
     def __init__(self, system: System, carriers: Iterable[object]) -> None:
+        """Collect the vectors and history variables of system, terms and carriers by name."""
         self._system = system
         # The names are part of the format of checkpoint files.
         self.vectors = {

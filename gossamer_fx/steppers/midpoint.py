@@ -86,6 +86,7 @@ class MidpointSolver:
     def __init__(
         self, system: System, tolerances: Tolerances, subdomains: str | None = None
     ) -> None:
+        """Make the Newton solver of a step, without delay of the geometric stiffness at first."""
         self._system = system
         self.newton = Newton(system, tolerances, subdomains=subdomains)
         self._increment = system.numbering.vector()

@@ -97,6 +97,7 @@ class StepControl:
     max_step: float = math.inf
 
     def __post_init__(self) -> None:
+        """Refuse values out of their range, each in one sentence."""
         check(
             self.target_iterations >= 1,
             f"StepControl: target_iterations is {self.target_iterations!r}; aim at one or more.",
@@ -139,6 +140,7 @@ class ControlledSteps:
         solver: StepSolver,
         dt: float,
     ) -> None:
+        """Start with the step dt [s]; local errors are measured only if a tolerance is given."""
         self._control = control
         self._system = system
         self._solver = solver
@@ -248,6 +250,7 @@ class LocalError:
     """
 
     def __init__(self, system: System) -> None:
+        """Make what the estimate of the local error [m] needs, see the class."""
         self._system = system
         self.acceleration = system.numbering.vector()
         self.length_before = 0.0

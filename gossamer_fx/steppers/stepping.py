@@ -103,6 +103,7 @@ class EqualSteps:
         dt: float,
         halvings: int,
     ) -> None:
+        """Take the step dt [s] and how often it may be halved."""
         check(
             halvings >= 0,
             f"halvings is {halvings!r}; give the number of times that a step may be halved, or zero.",

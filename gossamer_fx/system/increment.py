@@ -31,6 +31,7 @@ class Increment:
     """
 
     def __init__(self, numbering: Numbering, supports: Supports) -> None:
+        """Set all vectors to zero; `set_inertia` and `predict` begin a step."""
         self._supports = supports
         self._comm = numbering.comm
         self.remainder = numbering.vector()
@@ -93,6 +94,7 @@ class Increment:
         the coordinates.
         """
         stiffness = abs(diagonal.array_r - self._diagonal_inertia(M))
+        # Fixed coordinates are set and not solved for: they have no round-off.
         stiffness[self._supports.held] = 0.0
         displacement = REST_UNITS * np.finfo(float).eps * q1.array_r
         return float(self._comm.allreduce(float(stiffness @ displacement**2) / 2))

@@ -57,6 +57,7 @@ def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Ar
     centre = check_vector(f"The reaction of '{support.name}'", about)
     total = np.zeros((2, 3))
     found = False
+    # A support fixes coordinates, or holds rotations by constraints with multipliers, or both.
     for term in system.terms_of(support):
         name = getattr(term, "name", "")
         if isinstance(term, Support):
@@ -70,7 +71,11 @@ def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Ar
             found = any(isinstance(t, PointConstraint) and t.name == name for t in system.terms)
             if found:
                 total += _tied(
-                    system, term.measure, _multipliers(system, name), lambda port: True, centre
+                    system,
+                    term.measure,
+                    λ=_multipliers(system, name),
+                    counts=lambda port: True,
+                    centre=centre,
                 )
     check(
         found,
@@ -100,6 +105,7 @@ def joint_force(system: System, joint: Joint, about: Vector | None = None) -> tu
         bool(terms),
         f"'{joint.name}' is not a joint of this scene; add it to the scene, or ask for one that is in it.",
     )
+    # The ground has no unknowns: the force on it is the opposite of that on the other side.
     second = list(_bodies(joint.b))
     sign, mine = (1.0, second) if second else (-1.0, list(_bodies(joint.a)))
 
@@ -128,10 +134,12 @@ def _held(system: System, term: Support, centre: Array) -> Array:
     owned = system.block(term.body).owned
     vectors = term.body.block.size // 3
     mine = term.dofs[term.dofs < owned.stop - owned.start].astype(np.int64) + owned.start
+    # Reactions are stored for all fixed coordinates of the system, in their order.
     all_forces = np.zeros(system.numbering.size_local)
     all_forces[mine] = system.supports.reactions[np.searchsorted(system.supports.held, mine)]
     forces = all_forces[owned].reshape(-1, vectors, 3)
     arms = system.q0.array_r[owned].reshape(-1, vectors, 3).copy()
+    # Only positions have an arm about the centre; directors turn about their own origin.
     arms[:, 0] -= centre
     return np.array([forces[:, 0].sum(axis=0), np.cross(arms, forces).sum(axis=(0, 1))])
 
@@ -139,6 +147,7 @@ def _held(system: System, term: Support, centre: Array) -> Array:
 def _multipliers(system: System, name: str) -> Array:
     """λ of a constraint, one row for each of this rank's points."""
     terms = [t for t in system.terms if isinstance(t, PointConstraint)]
+    # Multipliers are numbered behind the bodies, in the order of the constraints.
     k = next(i for i, term in enumerate(terms) if term.name == name)
     owned = system.numbering.owned(len(system.bodies) + k)
     return system.q0.array_r[owned].reshape(-1, terms[k].measure.H.shape[0])
@@ -159,9 +168,11 @@ def _tied(
     gather = Gather(system.numbering, [indices for indices, _, _ in attached])
     ends = zip(own, attached, gather(system.q0), gather(system.previous), λ, strict=True)
     for place, (_, P, o), now, before, each in ends:
+        # Where the forces of the last step acted.
         X = P @ ((1 - α) * before + α * now) + o
         forces = -(each @ (measure.H @ X + measure.L)).reshape(-1, 3)
         for port, x, f in zip(place, X.reshape(-1, 3), forces, strict=True):
+            # Forces on the ground balance those on the other side.
             if isinstance(port, Port) and counts(port):
                 vectors = port.vectors or (0,) * len(port.weights)
                 of_points = sum(w for w, v in zip(port.weights, vectors, strict=True) if v == 0)

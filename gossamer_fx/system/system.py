@@ -75,6 +75,10 @@ class System:
     """
 
     def __init__(self, start: InitialState, parts: Sequence[Part], rule: StressRule) -> None:
+        """Number the unknowns and compile the terms; `initialise` then sets the state.
+
+        Collective.
+        """
         self.comm = start.comm
         self._initial = start
         self.rule = rule
@@ -88,9 +92,11 @@ class System:
         self.geometric = 1.0
         self.supplied_energy = 0.0
 
+        # All terms of a kind are compiled together, so that their arrays and forms are shared.
         kinds: dict[Compiler, list[Term]] = {}
         for term in self.terms:
             kinds.setdefault(term.compiler, []).append(term)
+        # Before any kind is compiled, since a kind needs the numbering.
         multipliers = [
             block
             for kind, alike in kinds.items()
@@ -181,10 +187,14 @@ class System:
             free = self.numbering.vector()
             free.set(1.0)
             free.array[self.supports.held] = 0
+            # Constraints have to hold at the start: a step would close a gap with a jump.
             self.constraints.validate(self.q0, self.v0, free)
+            # Multipliers of constraints between fixed points have no equation; they are held at
+            # zero.
             self.supports.hold(self.constraints.idle(free, self.q0))
         self.q0.copy(self.previous)
         self.restart()
+        # Gas starts from the volumes of the initial state, which are known now.
         for scalars in self.scalar_unknowns:
             scalars.start()
         self._build_matrices()
@@ -292,6 +302,7 @@ class System:
         if not self.active_sets:
             return False
         missed = [active_set.extend_active_set() for active_set in self.active_sets]
+        # Ranks decide together, as all of them solve the step again.
         missed_anywhere: bool = self.comm.allreduce(any(missed))
         return missed_anywhere
 
@@ -299,6 +310,7 @@ class System:
         """What is wrong with the solution of a step, in words; empty if nothing is."""
         found = [scalars.inadmissible() for scalars in self.scalar_unknowns]
         found += [check.inadmissible() for check in self._checks]
+        # All checks are made before the first message is chosen: they are collective.
         return next(filter(None, found), "")
 
     def limit_update(self, update: Array) -> None:
@@ -337,10 +349,12 @@ class System:
 
     def residual(self, y: Array, r: PETSc.Vec) -> Array:
         """Residual of the coordinates into r [N]; returns that of the scalar unknowns."""
+        # First the gas: its pressure enters the forces on films.
         s = [scalars.residual(part) for scalars, part in self._split(y)]
         self.increment.add_inertia(self.M, r)
         if self.K is not None:
             α = self.rule.alpha
+            # K q_mid with q_mid = (1 - α) q0 + α q1.
             self._scratch.waxpy((1 - α) / α, self.q0, self.q1)
             self._scratch.scale(α)
             self.K.multAdd(self._scratch, r, r)
@@ -349,6 +363,7 @@ class System:
         with r as values:
             for scalars in self.scalar_unknowns:
                 scalars.add_force(values)
+        # Last: the sum of all forces on fixed coordinates is the reaction of their supports.
         self.supports.take(r)
         return np.concatenate([np.zeros(0), *s])
 
@@ -381,6 +396,7 @@ class System:
         with out as values:
             for scalars in self.scalar_unknowns:
                 scalars.add_force(values)
+            # Internal forces have the opposite sign of those from outside.
             values *= -1
             values[self.supports.held] = self.supports.reactions
         return out
@@ -388,6 +404,7 @@ class System:
     def gyroscopic(self, spin: tuple[float, float, float]) -> PETSc.Mat:
         """The matrix [kg/s] of the Coriolis force in a frame that turns with `spin` [rad/s]."""
         G = self.A.duplicate()
+        # The Coriolis force couples components that the tangent may not couple.
         G.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
         for mass in self._masses:
             mass.add_gyroscopic(G, spin)
@@ -401,9 +418,11 @@ class System:
     def assemble_tangent(self) -> Tangent:
         """The same derivative, as the sum of a matrix of fixed pattern and coupling matrices."""
         if self._base is None:
+            # Without constant stiffness the base would be a copy of c M.
             self.M.copy(self.A, SAME_PATTERN)
             self.A.scale(self.c)
         else:
+            # c changes with the length of the step only.
             if self._base_inertia != self.c:
                 self.M.copy(self._base, SAME_PATTERN)
                 self._base.scale(self.c)
@@ -412,6 +431,7 @@ class System:
             self._base.copy(self.A, SAME_PATTERN)
         self._add_tangents(self.A)
         self.A.assemble()
+        # Rows and columns of fixed coordinates are those of the unit matrix.
         self.supports.clear(self.A, 1.0)
         self.coupled_tangent.fetch_couplings()
         return self.coupled_tangent
@@ -441,11 +461,13 @@ class System:
                 self.losses[name] += float(loss)
         for scalars in self.scalar_unknowns:
             scalars.commit()
+        # Before q0 changes: the remainder of the sum q0 + p + w is needed.
         self.increment.commit(self.q0, self.q1)
         self.q0.copy(self.previous)
         self.q1.copy(self.q0)
         v1.copy(self.v0)
         if self.constraints:
+            # Multipliers have no rate.
             self.v0.array[self.constraints.owned] = 0
         self._commit()
         self.time += self.h
@@ -480,6 +502,7 @@ class System:
         p = self._momenta.array_r[:size].reshape(-1, 3)
         q = self.q0.array_r[:size].reshape(-1, 3)
         qp = q.T @ p
+        # Sums over positions; the moment is summed over directors, too.
         momenta = np.stack([self._is_position @ p, qp[NEXT, LAST] - qp[LAST, NEXT]])
         for frame in self._frames:
             momenta += frame.momenta()
@@ -555,6 +578,7 @@ class System:
             owned = self.block(body).owned
             if owned.start <= i < owned.stop:
                 words = f"'{body.name}' {body.describe((i - owned.start) // body.block.size)}"
+        # The rank with the largest entry names it, the others receive the words.
         _, rank = max(self.comm.allgather((largest, self.comm.rank)))
         return str(self.comm.bcast(words, root=rank))
 
@@ -576,6 +600,7 @@ class System:
         return on_meshes and not self.scalar_unknowns
 
     def _add_tangents(self, A: PETSc.Mat) -> None:
+        """Add to A the tangents of forms on meshes, of terms with arrays, and of scalar unknowns."""
         for body, field in self.fields.items():
             field.assemble(A, self.tangent_forms(body), self.block(body))
         for kind in self._tangents:

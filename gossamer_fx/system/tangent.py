@@ -39,6 +39,7 @@ class Tangent:
         """Set out = (A + Σ C) z."""
         self.A.mult(z, out)
         for C in self._couplings:
+            # Products instead of a sum, which would build a matrix in every iteration.
             C.multAdd(z, out, out)
 
     def whole(self) -> PETSc.Mat:
@@ -57,8 +58,10 @@ class Tangent:
         return total
 
     def _sum(self, couplings: Sequence[PETSc.Mat]) -> PETSc.Mat:
+        """A + Σ C [N/m] as a new matrix; A itself if nothing is coupled."""
         if not couplings:
             return self.A
+        # A copy: the pattern of A is fixed, and the couplings have entries elsewhere.
         total = self.A.copy()
         total.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
         for C in couplings:

@@ -39,11 +39,13 @@ class Totals:
     @property
     def size(self) -> float:
         """What an error of the energy is compared with: energies and flows without their signs."""
+        # Signs do not cancel: an error of 1 J in 100 J in and 99 J out is one percent.
         flows = abs(self.supplied) + abs(self.dissipated)
         return max(self.kinetic + sum(map(abs, self.stored.values())), flows)
 
 
 def relative_drift(now: Array, first: Array, scale: float = 0.0) -> float:
     """Largest change of a vector over its size (or a given scale)."""
+    # A vector that starts at zero needs a given scale.
     size = max(float(np.abs(first).max()), scale)
     return float(np.abs(now - first).max()) / size if size else 0.0

@@ -46,8 +46,8 @@ PATTERNS = {re.compile(rf"\b(?:{words})\b", re.IGNORECASE): REMEDIES[words] for 
 
 FOLDERS = ("gossamer_fx", "meshes", "tools", "tests", "demos")
 PAGES = ("README.md", "CONTRIBUTING.md", "docs")
-# This file quotes the words. The studies are cases of demos; their tables are parts of the pages.
-EXCEPT = (ROOT / "tests" / "docs" / "test_plain_words.py", ROOT / "demos" / "studies")
+# This file quotes the words.
+EXCEPT = (ROOT / "tests" / "docs" / "test_plain_words.py",)
 
 Line = tuple[int, str]
 

@@ -250,7 +250,7 @@ def test_states_are_those_of_the_stress(law) -> None:
 
 @every_law
 def test_paths_between_strains_of_special_shape_are_finite_and_do_the_work(law) -> None:
-    """Zero, equal and opposite strains, uniaxial ones, borders of states, round-off, and very different sizes."""
+    """Zero, equal and opposite strains, uniaxial ones, limits between states, round-off, and very different sizes."""
     special = np.array(
         [
             [0.0, 0.0, 0.0],

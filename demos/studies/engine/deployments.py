@@ -1,4 +1,4 @@
-"""What studies of deployments share: columns for the books, and cases that are computed twice.
+"""What studies of deployments share: columns for the energy balance, and cases that are computed twice.
 
 Folded film moves chaotically; what differs between a case and the same with its start nudged, no mesh and no step can
 tell.
@@ -7,11 +7,20 @@ tell.
 from __future__ import annotations
 
 STARTS = ["usual", "nudged"]  # values of an axis "start"
-NUDGE = 1e-9  # of a value
-BOOKS = (
-    *("dissipated", "penetrations", "energy_error", "angular_momentum_drift"),
-    *("halved", "steps", "iterations", "seconds"),
-)  # columns: what a demo says of its books
+# Relative change of a value: far below its accuracy, and far above round-off.
+NUDGE = 1e-9
+# Columns of the tables: what a demo returns of its energy balance and of its steps.  "halved" is the number of
+# sub-steps of rejected steps.
+LEDGER = (
+    "dissipated",
+    "penetrations",
+    "energy_error",
+    "angular_momentum_drift",
+    "halved",
+    "steps",
+    "iterations",
+    "seconds",
+)
 
 
 def nudged(value: float, start: str) -> float:

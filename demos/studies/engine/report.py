@@ -19,17 +19,23 @@ def curves(study: Study, results: list[Result]) -> dict[tuple[Any, ...], list[Re
     return found
 
 
+# By so much an observed order may be below the expected one: coarse cases are not yet in the asymptotic range.
+ORDER_MARGIN = 0.3
+
+
 def order(study: Study, measure: Measure, coarse: Result, fine: Result) -> float:
     """Observed order between two results of a curve; not a number where there is none."""
-    values = [(study.size(r.case), _error(measure, r)) for r in (coarse, fine)]
-    (h0, e0), (h1, e1) = values
+    h0 = study.size(coarse.case)
+    h1 = study.size(fine.case)
+    e0 = _error(measure, coarse)
+    e1 = _error(measure, fine)
     if not (e0 > 0 and e1 > 0 and h0 != h1):
         return math.nan
     return math.log(e0 / e1) / math.log(h0 / h1)
 
 
 def table(study: Study, results: list[Result]) -> str:
-    """Markdown."""
+    """All results of a study as a Markdown table, curve by curve, with errors and orders."""
     head = [*study.axes]
     for measure in study.measures:
         head += [measure.name, "error", "order"]
@@ -39,12 +45,14 @@ def table(study: Study, results: list[Result]) -> str:
         for previous, result in zip([None, *curve], curve, strict=False):
             cells = [str(value) for value in result.case.values()]
             for measure in study.measures:
-                observed = order(study, measure, previous, result) if previous else math.nan
-                cells += [
-                    _number(result.values.get(measure.name, math.nan), 6),
-                    _number(_error(measure, result), 2),
-                    "" if math.isnan(observed) else f"{observed:.1f}",
-                ]
+                # The coarsest case of a curve has none to be compared with.
+                observed = ""
+                if previous:
+                    slope = order(study, measure, previous, result)
+                    observed = "" if math.isnan(slope) else f"{slope:.1f}"
+                value = result.values.get(measure.name, math.nan)
+                error = _error(measure, result)
+                cells += [_number(value, 6), _number(error, 2), observed]
             cells += [_number(result.values.get(name, math.nan), 4) for name in study.columns]
             if result.failed:
                 cells[-1] += " (failed)"
@@ -62,26 +70,27 @@ def summary(studies: list[tuple[Study, list[Result]]]) -> str:
         groups: dict[str, list[list[Result]]] = {}
         for name, curve in curves(study, results).items():
             done = [result for result in curve if not result.failed]
+            element = next((one for one in ("P2", "P1") if one in name), "")
             if done:
-                groups.setdefault(
-                    "P2" if "P2" in name else "P1" if "P1" in name else "", []
-                ).append(done)
+                groups.setdefault(element, []).append(done)
         for measure in study.measures:
             for element, found in groups.items():
                 finest = [curve[-1] for curve in found]
-                smooth = [
-                    c for c in found if len(c) > 1 and math.isfinite(measure.rate(c[-1].case))
-                ]
-                orders = [order(study, measure, curve[0], curve[-1]) for curve in smooth]
+                orders = []
+                for curve in found:
+                    # An infinite rate means that no order is expected.
+                    has_order = math.isfinite(measure.rate(curve[-1].case))
+                    if has_order and len(curve) > 1:
+                        orders.append(order(study, measure, curve[0], curve[-1]))
+                largest_error = max(_error(measure, r) for r in finest)
+                seconds = [r.values["seconds"] for r in finest]
                 cells = [
                     study.name,
                     measure.name,
                     element,
-                    _number(max(_error(measure, r) for r in finest), 2),
-                ]
-                cells += [
+                    _number(largest_error, 2),
                     _span(orders, 1, "f"),
-                    _span([r.values["seconds"] for r in finest], 2, "g"),
+                    _span(seconds, 2, "g"),
                 ]
                 lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
@@ -89,12 +98,11 @@ def summary(studies: list[tuple[Study, list[Result]]]) -> str:
 
 def _span(values: list[float], digits: int, kind: str) -> str:
     """Smallest and largest of some numbers."""
-    ends = (
-        sorted({f"{v:.{digits}{kind}}" for v in (min(values), max(values))}, key=float)
-        if values
-        else []
-    )
-    return " to ".join(ends)
+    if not values:
+        return ""
+    # One number if both are the same to these digits.
+    ends = {f"{value:.{digits}{kind}}" for value in (min(values), max(values))}
+    return " to ".join(sorted(ends, key=float))
 
 
 def shortfalls(study: Study, results: list[Result]) -> list[str]:
@@ -108,6 +116,7 @@ def shortfalls(study: Study, results: list[Result]) -> list[str]:
         done = [result for result in curve if not result.failed]
         for measure in study.measures if done else ():
             error = _error(measure, done[-1])
+            # Written so that an error that is not a number falls short, too.
             if not error <= measure.tolerance:
                 found.append(
                     f"{measure.name}, {_words(done[-1].case)}: error {error:.2g} > {measure.tolerance:.2g}"
@@ -115,7 +124,7 @@ def shortfalls(study: Study, results: list[Result]) -> list[str]:
             rate = measure.rate(done[-1].case)
             if math.isfinite(rate) and len(done) > 1:
                 overall = order(study, measure, done[0], done[-1])
-                if not overall >= rate - 0.3:
+                if not overall >= rate - ORDER_MARGIN:
                     found.append(
                         f"{measure.name}, {_words(done[-1].case)}: order {overall:.2f}, expected {rate:.2g}"
                     )
@@ -130,26 +139,33 @@ def picture(study: Study, results: list[Result], path: Path) -> None:
     from matplotlib import pyplot
     from matplotlib.ticker import NullFormatter
 
-    rows, found = len(study.measures), curves(study, results)
-    size = (11, rows * max(3.3, 0.165 * len(found)) + 0.4)  # a line of the legend for each curve
+    rows = len(study.measures)
+    found = curves(study, results)
+    # In inches; the legend has a line for each curve.
+    size = (11, rows * max(3.3, 0.165 * len(found)) + 0.4)
     figure, panels = pyplot.subplots(
         rows, 2, figsize=size, squeeze=False, sharey="row", sharex="col", layout="constrained"
     )
-    colours, sizes = _colours(found), sorted({study.size(r.case) for r in results})
+    colours = _colours(found)
+    sizes = sorted({study.size(r.case) for r in results})
     for measure, (left, right) in zip(study.measures, panels, strict=True):
         for name, curve in found.items():
             done = [r for r in curve if not r.failed]
             errors = [_error(measure, r) for r in done]
-            overall = order(study, measure, done[0], done[-1]) if len(done) > 1 else math.nan
-            tail = "" if math.isnan(overall) else f" (order {overall:.1f})"
-            label = (", ".join(map(str, name)) or study.name) + tail
+            label = ", ".join(map(str, name)) or study.name
+            if len(done) > 1:
+                overall = order(study, measure, done[0], done[-1])
+                if not math.isnan(overall):
+                    label += f" (order {overall:.1f})"
             style = {"marker": "o", "markersize": 4, "color": colours[name], "label": label}
-            style |= {"linestyle": "--", "markerfacecolor": "white"} if "P2" in name else {}
+            if "P2" in name:
+                style |= {"linestyle": "--", "markerfacecolor": "white"}
             left.loglog([r.values["seconds"] for r in done], errors, **style)
             right.loglog([study.size(r.case) for r in done], errors, **style)
         left.set_ylabel(f"relative error of {measure.name}")
         for panel in (left, right):
             panel.grid(True, which="both", alpha=0.25)
+        # On a short logarithmic axis the default ticks are few.
         if sizes[-1] < 20 * sizes[0]:
             right.set_xticks(sizes, [f"{h:.2g}" for h in sizes])
             right.xaxis.set_minor_formatter(NullFormatter())

@@ -59,10 +59,10 @@ class Study:
         measures: the results that have references.
         quick: axes with fewer values, for `quick` runs.
         quick_options: further arguments of the problem in `quick` runs, such as an earlier end.  Their results are not
-            those of the full study, and have a file of their own.
+            those of the full study, and have a separate file.
         columns: further results that the table shows.
         may_fail: whether a case that fails by name is a result, too.
-        draw: draws all results, draw(results, path), in the place of errors against run time and h.
+        draw: draws all results, draw(results, path), instead of errors against run time and h.
     """
 
     name: str
@@ -78,6 +78,7 @@ class Study:
     draw: Callable[[list[Result], Path], None] | None = None
 
     def cases(self, quick: bool) -> list[dict[str, Any]]:
+        """All combinations of the values of the axes, or of those of a quick run."""
         axes = {**self.axes, **(self.quick if quick else {})}
         unknown = set(axes) - set(self.axes)
         check(
@@ -101,7 +102,7 @@ class Result:
 def run(study: Study, folder: Path, comm: MPI.Intracomm, quick: bool = False) -> list[Result]:
     """Compute the cases that `folder/NAME.csv` lacks for this number of ranks; returns all, in order.
 
-    Of a quick study with its own options the file is `NAME-quick.csv`, see `Study`.
+    Quick forms with other options have the file `NAME-quick.csv`, see `Study`.
 
     Raises:
         InputError: the file cannot be read or written, or is of a study with other axes.
@@ -115,6 +116,7 @@ def run(study: Study, folder: Path, comm: MPI.Intracomm, quick: bool = False) ->
         if key not in known:
             row = _compute(study, case, comm, options)
             known[key] = row
+            # After each case, so that a study that was ended goes on from there.
             on_rank_zero(comm, lambda: _write(path, list(known.values())))
             if comm.rank == 0:
                 print(f"{study.name}: {', '.join(f'{k} {v}' for k, v in row.items())}", flush=True)
@@ -128,6 +130,7 @@ def run(study: Study, folder: Path, comm: MPI.Intracomm, quick: bool = False) ->
 def _compute(
     study: Study, case: dict[str, Any], comm: MPI.Intracomm, options: Mapping[str, Any]
 ) -> Row:
+    """Compute one case; a row of text, with the reason of a failure that has a name."""
     started = time.perf_counter()
     row = {name: str(value) for name, value in case.items()} | {"ranks": str(comm.size)}
     try:
@@ -137,6 +140,7 @@ def _compute(
             f"Study '{study.name}': its problem returns no 'seconds'; return the run time.",
         )
         row |= {name: repr(float(value)) for name, value in values.items()}
+    # A failure with a name is a result; any other error ends the study.
     except (NoEquilibrium, StepFailure) as failure:
         row |= {"seconds": repr(time.perf_counter() - started), "failed": str(failure)}
     return row
@@ -147,6 +151,7 @@ def _key(case: Mapping[str, Any], ranks: int) -> tuple[str, ...]:
 
 
 def _read(study: Study, path: Path) -> dict[tuple[str, ...], Row]:
+    """Rows of a file that was written before, by their keys; none if there is no file."""
     if not path.is_file():
         return {}
     with path.open(newline="") as file:

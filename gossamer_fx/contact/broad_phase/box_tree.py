@@ -29,11 +29,13 @@ class BoxTree:
     """A tree over the boxes of n primitives."""
 
     def __init__(self, primitives: FilteredPrimitives) -> None:
+        """Sort the boxes along a Morton curve, and build the tree over them from its leaves."""
         c = library()
         count = len(primitives.boxes)
         # The tree is complete: its leaves are the next power of two, its root is node 1.
         levels = int(np.ceil(np.log2(max(count, 1))))
         leaf_count = 1 << levels
+        # Neighbours in space become neighbours in the tree, so that inner boxes are small.
         order = morton_order(primitives.boxes)
         nodes = np.empty((2 * leaf_count, 6))
         self._primitives = primitives
@@ -82,6 +84,7 @@ class BoxTree:
 
 
 def _query(primitives: FilteredPrimitives, which: Int32Array, in_tree: bool) -> CStruct:
+    """The C structure of the primitives `which` (q,) whose overlaps are asked for."""
     c = library()
     count = len(primitives.boxes)
     return c.struct(
@@ -96,6 +99,7 @@ def _query(primitives: FilteredPrimitives, which: Int32Array, in_tree: bool) -> 
 
 
 def _filter(primitives: FilteredPrimitives) -> CStruct:
+    """The C structure of labels (n, w) and of fixed primitives (n,), which form no pairs."""
     c = library()
     count, label_count = primitives.labels.shape
     return c.struct(

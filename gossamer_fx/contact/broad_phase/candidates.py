@@ -43,6 +43,7 @@ class CandidateSearch:
     bounds: TrajectoryBounds
 
     def __init__(self, mesh: CollisionMesh, activation_distance: float) -> None:
+        """Start without candidates; the first search finds them."""
         self._mesh = mesh
         self._activation_distance = activation_distance
         self._horizon = FIRST_HORIZON
@@ -84,6 +85,9 @@ class CandidateSearch:
         self._find(bounds)
 
     def _choose_horizon(self) -> None:
+        """Choose the number of steps for which the next search serves, from how long the last one
+        did.
+        """
         if not self._age:
             return
         if self._age >= self._horizon:

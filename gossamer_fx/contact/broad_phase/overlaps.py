@@ -41,7 +41,9 @@ def find_overlaps(
     """
     vertex_points = np.ascontiguousarray(surface.vertices[:, None])
     with_triangles: Int32Array = np.zeros((0, 2), dtype=np.int32)
+    # Cables and beams have edges only.
     if len(surface.triangles):
+        # The tree is built over the triangles, which are asked by fewer points.
         tree = BoxTree(surface.filtered(surface.triangles, lower, upper))
         with_triangles = tree.overlaps(surface.filtered(vertex_points, lower, upper), vertices)
     all_edges = surface.filtered(surface.edges, lower, upper)

@@ -42,6 +42,7 @@ class Friction:
         law: ContactLaw,
         system: ContactAssembly,
     ) -> None:
+        """List the coefficients of bodies and obstacles, and the block rows of all points."""
         self._mesh = mesh
         self._points = mesh.points
         self._law = law
@@ -85,6 +86,7 @@ class Friction:
             self._between_bodies(pairs.rows(~with_obstacle), x0),
             self._with_obstacles(pairs.rows(with_obstacle), x0),
         )
+        # Groups differ in the number of points of a pair, which are columns of arrays.
         self._groups = [group for group in groups if len(group)]
         return [group.block_rows for group in self._groups]
 
@@ -111,6 +113,7 @@ class Friction:
         return sum(group.loss(step) for group in self._groups)
 
     def _step(self, x0: Array, x1: Array) -> FrictionStep:
+        """A step from points x0 to x1 (m, 3) [m] with the length and the weights of the system."""
         return FrictionStep(
             x0,
             x1,
@@ -151,6 +154,7 @@ class Friction:
         gap_length = np.maximum(np.linalg.norm(gap, axis=1), TINY)
         half = along_normal / (2 * gap_length[:, None])
         corrected = edge_weights - half[:, :, None] * r[:, None]
+        # Edges are neither unit vectors nor perpendicular to each other.
         combinations = orthonormal_combinations(across, np.linalg.norm(edges, axis=2))
         is_edges = (pairs.kind == PairKind.EDGE_EDGE)[:, None]
         return FrictionPairs(

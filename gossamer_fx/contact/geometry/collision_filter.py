@@ -42,6 +42,7 @@ def filter_labels(
         point_count: m; points of bodies are the first, and those of obstacles have a label each.
     """
     ties = _ties(system, bodies, nodes)
+    # Without ties, cells are filtered by the nodes that they share, which costs no labels.
     if not ties:
         return None
     to_nodes = [(one[0], other[0]) for one, other in ties if len(other) == 1]
@@ -74,6 +75,7 @@ def _ties(
 
     def points(port: Attached) -> list[int]:
         """The points on whose positions a port depends; none if it is of another body."""
+        # A tie to the ground or of directions connects no surfaces.
         if not isinstance(port, Port) or any(port.vectors):
             return []
         number = next((k for k, body in enumerate(bodies) if port.body is body), None)
@@ -92,9 +94,11 @@ def _ties(
                 first, second = term.measure.ports[number]
                 mine.append((points(first), points(second)))
     ties: list[tuple[list[int], list[int]]] = []
+    # A tie is known to the rank that evaluates it; labels are the same on all ranks.
     for of_rank in system.comm.allgather(mine):
         for one, other in of_rank:
             if one and other:
+                # The shorter side is a node; the longer one may be the nodes of an edge.
                 shorter, longer = sorted((one, other), key=len)
                 ties.append((shorter, longer))
     return ties

@@ -82,9 +82,14 @@ class CollisionMesh:
         system: ContactAssembly,
         has_friction: Sequence[bool] = (),
     ) -> None:
+        """Number points and primitives of bodies, then of obstacles, alike on all ranks.
+
+        Collective.
+        """
         self.bodies = list(bodies)
         self.obstacles = list(obstacles)
         self.names = [body.name for body in bodies] + [obstacle.name for obstacle in obstacles]
+        # Every rank knows all facets, so that numbers need no exchange later.
         facets = [facets_of(body) for body in bodies]
         parts = [obstacle.parts() for obstacle in obstacles]
         has_frame = list(has_friction) or [False] * len(obstacles)
@@ -120,6 +125,7 @@ class CollisionMesh:
             self.body[first:start] = len(bodies) + k
 
         self.edge_area = np.concatenate(found.edge_area)
+        # Two obstacles never form a pair.
         is_fixed: ByteArray = (np.arange(point_count) >= self.points.body_count).astype(np.uint8)
         self.surface = CollisionPrimitives(
             vertices=np.concatenate(found.vertices),
@@ -129,6 +135,7 @@ class CollisionMesh:
             labels=filter_labels(system, bodies, [facet.nodes for facet in facets], point_count),
         )
         self.own_vertices = self._owned(self.surface.vertices)
+        # An edge belongs to the rank of its first point.
         self.own_edges = self._owned(self.surface.edges[:, 0])
         self._wall_vertices = self.own_vertices[self.own_vertices < self.points.body_count]
 
@@ -191,6 +198,7 @@ class CollisionMesh:
             kind: of the pairs (n,).
             primitives: numbers (n, 2): vertex and triangle, two edges, or wall and point.
         """
+        # A pair (i, j) has the number i n + j, n being the count of the second kind of primitive.
         second_count = np.full(len(kind), self._triangle_count, dtype=np.int64)
         second_count[kind == PairKind.EDGE_EDGE] = self._edge_count
         second_count[is_wall(kind)] = self.points.count
@@ -214,6 +222,7 @@ class CollisionMesh:
 
     @property
     def _triangle_count(self) -> int:
+        # At least one: numbers are divided by it.
         return len(self.surface.triangles) or 1
 
     @property

@@ -47,6 +47,7 @@ class _Map:
     """The rows of W and c for the points of obstacles, as they are added one by one."""
 
     def __init__(self, system: Assembly, body_count: int) -> None:
+        """Start with the block rows of `body_count` nodes, which the points of obstacles follow."""
         self._system = system
         self._body_count = body_count
         self._block_row_of: dict[int, int] = {}
@@ -105,6 +106,7 @@ class ContactPoints:
         obstacles: Sequence[ObstaclePoints],
         system: Assembly,
     ) -> None:
+        """Number the points, and find the unknowns that move them.  Collective."""
         self.comm = system.comm
         self._numbering = system.numbering
         of_bodies = [system.block(body).to_global(of_body)[:, 0] for body, of_body in nodes]
@@ -128,11 +130,13 @@ class ContactPoints:
             [np.zeros(0, dtype=np.int64), *(points for points, _ in self._moved)]
         )
         self._constants = np.vstack([np.zeros((self.body_count, 3)), *added.constants])
+        # Without obstacles on rigid bodies W is the identity, and products with it are left out.
         self._are_block_rows = not added.rows
         self._dofs = self.first_dof[:, None] + np.arange(3)
         self._gather = Gather(self._numbering, [self._dofs])
 
     def _matrix(self, added: _Map) -> csr_matrix:
+        """W (m, v): the identity for nodes of bodies, then the rows of obstacles."""
         own = np.arange(self.body_count)
         rows = np.concatenate([own, np.array(added.rows, dtype=int)])
         columns = np.concatenate([own, np.array(added.columns, dtype=int)])
@@ -142,6 +146,7 @@ class ContactPoints:
     def owned(self, points: np.ndarray) -> MaskArray:
         """Return which points (k,) this rank searches for: nodes where they live, others in turn."""
         numbering = self._numbering
+        # Points of obstacles have no owner, and are dealt out in turn.
         is_own = points % self.comm.size == self.comm.rank
         is_node = points < self.body_count
         first_dof = self.first_dof[points[is_node]]
@@ -205,6 +210,7 @@ class ContactPoints:
             with r as values:
                 values[self._dofs.ravel()] += on_block_rows.ravel()
             return
+        # Only rows with forces are sent: few nodes of a film touch at a time.
         touched = np.flatnonzero(on_block_rows.any(axis=1))
         indices = self._dofs[touched].ravel().astype(PETSc.IntType)
         r.setValues(indices, on_block_rows[touched].ravel(), addv=PETSc.InsertMode.ADD_VALUES)

@@ -61,7 +61,9 @@ def gaps_of(kind: ByteArray, squared_distance: Array, radius: Array, wall_radius
     rooms = is_room(kind)
     squares = np.where(walls, 0, squared_distance)
     gap: Array = np.sqrt(np.maximum(squares, 0)) - radius
+    # For planes s is the signed distance.
     gap[walls] = squared_distance[walls] - radius[walls]
+    # Inside of a room s is minus the squared distance from its middle.
     room = wall_radius[rooms] - radius[rooms]
     gap[rooms] = room - np.sqrt(-squared_distance[rooms])
     return gap
@@ -80,6 +82,7 @@ class PairDistances:
     """
 
     def __init__(self, candidates: CandidatePairs, x: Array, lower_bound: Array) -> None:
+        """Start with lower bounds (n,) [m] of the gaps; `make_exact` replaces some of them."""
         count = len(candidates)
         self.candidates = candidates
         self.x = x
@@ -114,6 +117,7 @@ class PairDistances:
         return self._squared_distance[rows], self._parameters[rows]
 
     def _compute(self, rows: Any) -> None:
+        """Compute closest points of some rows, and keep them."""
         geometry = PairTable(self.candidates.kind[rows], self.candidates.points[rows])
         squared_distance, parameters = closest_points(geometry, self.x)
         self._squared_distance[rows] = squared_distance

@@ -41,6 +41,7 @@ def find_intersections(
     tree = BoxTree(surface.filtered(surface.triangles, x, x))
     near = tree.overlaps(surface.filtered(surface.edges, x, x), edges)
     found = _floating_point_answers(surface, x, near)
+    # Fractions are slow, and rarely needed: only where the sign is within round-off.
     for row in np.flatnonzero(found == UNSURE):
         edge, triangle = near[row]
         found[row] = intersects_exactly(x[surface.edges[edge]], x[surface.triangles[triangle]])
@@ -75,6 +76,7 @@ def intersects_exactly(ends: Array, corners: Array) -> bool:
     """Return whether the edge between two points (2, 3) intersects the triangle (3, 3)."""
     below = sign_of_volume(np.vstack([corners, ends[:1]]))
     above = sign_of_volume(np.vstack([corners, ends[1:]]))
+    # Both ends are on one side of the plane, or one end is on it.
     if below * above >= 0:
         return False
     # The line of the edge passes through the triangle if it turns the same way about all three sides.

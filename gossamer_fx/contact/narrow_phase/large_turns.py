@@ -65,6 +65,7 @@ class LargeTurns:
         activation_distance: float,
         system: ContactAssembly,
     ) -> None:
+        """List points, rigid bodies and kinds of surfaces of all bodies and obstacles."""
         self._mesh = mesh
         self._system = system
         self._activation_distance = activation_distance
