@@ -1,6 +1,6 @@
 """Chambers of films that are sewn together, and the strips that close them along seams.
 
-Problem.  The panels of a sewn body have edges of their own.  Along a seam the edges of two panels are
+Problem.  The panels of a sewn body have separate edges.  Along a seam the edges of two panels are
 tied, but with different meshes they do not coincide between the nodes, and while the seam closes they
 are apart.  The volume, its gradient and the pressure force need a closed surface: only then is the
 resultant of the pressure zero.

@@ -47,7 +47,7 @@ class Panel:
 
 @dataclass
 class Drawing:
-    """What is read from a file: curves, and texts with their places (2,) [m]."""
+    """What is read from a file: curves, and texts with their points (2,) [m]."""
 
     curves: list[DrawnCurve] = field(default_factory=list)
     labels: list[tuple[str, Array]] = field(default_factory=list)
@@ -73,7 +73,7 @@ def read_dxf(
         scale: metres in a unit of the drawing; None: the drawing says its unit.
 
     Raises:
-        InputError: ezdxf is missing, there is no such file, it is no DXF drawing, it has no unit, an
+        InputError: ezdxf is missing, there is no such file, it is not a DXF drawing, it has no unit, an
             outline is open, or two groups would have one name.
 
     Example:

@@ -109,7 +109,7 @@ class Gores:
         return gmsh_mesh(lambda model: self._build(model, along, across), comm)
 
     def placed(self, X: Array, apart: float = 0.0) -> Array:
-        """Displacement [m] (3, n) of mesh points (3, n) by which each gore goes to its place, without strain.
+        """Displacement [m] (3, n) of mesh points (3, n) that moves each gore to its position, without strain.
 
         It is the `displacement` of the film, equation (2) of the module.
 
@@ -232,7 +232,7 @@ def gores(profile: Sequence[Sequence[float]] | Array, n: int) -> Gores:
         not len(negative),
         f"gores: the radius of point {_first(negative)} of the profile is negative; give zero or more.",
     )
-    # Round-off of sin(π) is no radius.
+    # Round-off of sin(π) is not a radius.
     points[:, 0] = np.where(points[:, 0] <= POINT * largest, 0.0, points[:, 0])
     closed = np.flatnonzero(points[1:-1, 0] == 0)
     check(
