@@ -181,7 +181,7 @@ def test_unknown_field_is_refused_before_anything_is_written(folder: Path) -> No
         gx.outputs.VTX(folder / "a.bp", fields="state")
     with pytest.raises(gx.InputError, match=r"\.bp"):
         gx.outputs.VTX(folder / "a.vtu")
-    with pytest.raises(gx.InputError, match="no body of the scene"):
+    with pytest.raises(gx.InputError, match="not a body of the scene"):
         fall(falling_film(), [gx.outputs.VTX(folder / "a.bp", body=falling_film())])
     assert not any(folder.iterdir())
 
