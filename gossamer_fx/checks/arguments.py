@@ -328,6 +328,9 @@ def _union(alternatives: Iterable[Any]) -> Kind | None:
 def _tuple(hints: tuple[Any, ...]) -> Kind:
     """A collection of fixed length, with a type for each entry."""
     kinds = [kind_of(hint) for hint in hints]
+    if all(hint is float for hint in hints):
+        # Components may be tiny: next to the others they vanish.
+        kinds = [Kind(_is_component, "a number") for _ in hints]
 
     def accepts(value: Any) -> bool:
         if not _is_collection(value) or len(value) != len(kinds):
@@ -411,6 +414,14 @@ def _is_number(value: Any) -> bool:
     if not isinstance(value, Real) or isinstance(value, bool):
         return False
     number = real_numbers(value)
+    return number is not None and are_usual_sizes(number)
+
+
+def _is_component(value: Any) -> bool:
+    """Whether a value is a finite number that may be one of several components."""
+    if not isinstance(value, Real) or isinstance(value, bool):
+        return False
+    number = real_numbers([value])
     return number is not None and are_usual_sizes(number)
 
 
