@@ -209,7 +209,13 @@ def write_on_all[T](comm: MPI.Intracomm, path: Path, task: Callable[[], T]) -> T
     has_reason = np.array([bool(reason)])
     request = comm.Iallreduce(MPI.IN_PLACE, has_reason, op=MPI.LOR)
     if reason:
-        _wait_for_others(comm, request, _cannot_write(path, reason))
+        wait_for_others(
+            comm,
+            request,
+            patience=WRITE_PATIENCE,
+            message=f"{_cannot_write(path, reason)} Rank {comm.rank} failed alone, and the run ends.",
+            exit_code=1,
+        )
     else:
         request.Wait()
     if has_reason[0]:
@@ -238,15 +244,20 @@ def _reason(error: Exception) -> str:
     return " ".join(plain.split()) or type(error).__name__
 
 
-def _wait_for_others(comm: MPI.Intracomm, request: MPI.Request, message: str) -> None:
-    """Wait for the other ranks; after `WRITE_PATIENCE` print the error and end the program."""
-    deadline = time.monotonic() + WRITE_PATIENCE
+def wait_for_others(
+    comm: MPI.Intracomm,
+    request: MPI.Request,
+    *,
+    patience: float,
+    message: str,
+    exit_code: int,
+) -> None:
+    """Wait for a request; after `patience` seconds print the message and end the program on all ranks."""
+    deadline = time.monotonic() + patience
     while not request.Test():
         if time.monotonic() > deadline:
-            sys.stderr.write(
-                f"gossamer: {message} Rank {comm.rank} failed alone, and the run ends.\n"
-            )
+            sys.stderr.write(f"gossamer: {message}\n")
             sys.stderr.flush()
-            comm.Abort(1)
-        # Poll, since a blocking wait could not end after `WRITE_PATIENCE`.
+            comm.Abort(exit_code)
+        # Poll, since a blocking wait could not end after `patience`.
         time.sleep(1e-3)

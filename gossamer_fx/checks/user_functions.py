@@ -9,8 +9,6 @@ and the program ends after some seconds with the error.
 
 from __future__ import annotations
 
-import sys
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -18,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.checks.errors import InputError
+from gossamer_fx.checks.errors import InputError, wait_for_others
 from gossamer_fx.checks.real_numbers import LARGEST, real_numbers
 
 # Seconds for which a rank with an error waits for the others.
@@ -163,7 +161,13 @@ def _agree(
     extremes = np.concatenate([[float(bool(problem))], flat, -flat])
     request = talk.Iallreduce(MPI.IN_PLACE, extremes, op=MPI.MAX)
     if problem:
-        _wait(talk, request, f"{what}: {problem}")
+        wait_for_others(
+            talk,
+            request,
+            patience=PATIENCE,
+            message=f"{what}: {problem} This is of rank {comm.rank} alone, and ends the run.",
+            exit_code=2,
+        )
     else:
         request.Wait()
     if extremes[0]:
@@ -191,16 +195,3 @@ def _own_messages(comm: MPI.Intracomm) -> MPI.Intracomm:
     if not known:
         comm.Set_attr(_KEY, talk)
     return talk
-
-
-def _wait(comm: MPI.Intracomm, request: MPI.Request, words: str) -> None:
-    """Wait for the other ranks; after `PATIENCE` print the error and end the program."""
-    deadline = time.monotonic() + PATIENCE
-    while not request.Test():
-        if time.monotonic() > deadline:
-            sys.stderr.write(
-                f"gossamer: {words} This is of rank {comm.rank} alone, and ends the run.\n"
-            )
-            sys.stderr.flush()
-            comm.Abort(2)
-        time.sleep(1e-3)
