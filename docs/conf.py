@@ -7,7 +7,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
-from gossamer_fx.version import VERSION
+from gossamer_fx.version import VERSION  # noqa: E402  after the path is set
 
 project = "gossamer_fx"
 author = "the gossamer_fx contributors"

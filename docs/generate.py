@@ -10,6 +10,7 @@ import inspect
 import re
 import shutil
 import tomllib
+from collections.abc import Sequence
 from operator import attrgetter
 from pathlib import Path
 from types import FunctionType
@@ -295,8 +296,8 @@ def gallery() -> dict[str, str]:
     """A page of cards by subject, and one page a demo: what it shows, its picture, commands, notebook."""
     texts = {name: (title, text) for name, title, text in demos()}
     parts = [
-        "# Gallery\n\nEach card opens the page of a demo, with its commands, its sources and a notebook. The times are of "
-        "one core.\n"
+        "# Gallery\n\nEach card opens the page of a demo, with its commands, its sources and a notebook. "
+        "The times are of one core.\n"
     ]
     pages = {}
     for subject in subjects():
@@ -305,7 +306,7 @@ def gallery() -> dict[str, str]:
             name = demo["name"]
             title, text = texts[name]
             parts.append(_card(demo, title))
-            pages[f"demo_{name}"] = _demo_page(name, title, text)
+            pages[f"demo_{name}"] = _demo_page(name, demo["title"], title, text)
         parts.append(":::::\n")
     toc = "\n".join(pages)
     parts.append(f"```{{toctree}}\n:hidden:\n\n{toc}\n```\n")
@@ -314,25 +315,20 @@ def gallery() -> dict[str, str]:
 
 def _card(demo: dict[str, Any], title: str) -> str:
     name = demo["name"]
-    picture = [f":img-top: {_thumbnail(name)}"] if _picture(name) else []
+    picture = [f":img-top: {_thumbnail(name, demo.get('crop', WHOLE))}"] if _picture(name) else []
     options = "\n".join([*picture, f":link: demo_{name}", ":link-type: doc"])
     foot = f"{demo['time']} · {LEVELS[demo['level']]}"
-    return (
-        f"::::{{grid-item-card}} {_heading(name)}\n{options}\n\n{prose(title)}\n\n:::{{card-footer}}\n{foot}\n:::\n::::"
-    )
+    head = f"::::{{grid-item-card}} {demo['title']}\n{options}\n"
+    return f"{head}\n{prose(title)}\n\n:::{{card-footer}}\n{foot}\n:::\n::::"
 
 
-def _heading(name: str) -> str:
-    return name.replace("_", " ").capitalize()
-
-
-def _demo_page(name: str, title: str, text: str) -> str:
-    parts = [f"# {_heading(name)}\n\n{prose(title)}\n"]
+def _demo_page(name: str, heading: str, title: str, text: str) -> str:
+    parts = [f"# {heading}\n\n{prose(title)}\n"]
     if _picture(name):
         shutil.copy(ROOT / "demos" / f"{name}.png", OUT / f"{name}.png")
         parts.append(f"![{title}]({name}.png)\n")
     parts.append(markdown(text) + "\n")
-    notebook(name)
+    notebook(name, heading)
     parts.append(
         f"{{download}}`notebook <{name}.ipynb>` · {{download}}`Python <../../demos/{name}.py>`\n"
     )
@@ -344,24 +340,28 @@ def _picture(name: str) -> Path | None:
     return path if path.exists() else None
 
 
-THUMBNAIL = 480  # pixels: the width of a card on a large screen
+# of a card on a large screen [pixels]; all cards are alike, so that their texts are in line
+THUMBNAIL = (480, 320)
+WHOLE = (0.0, 0.0, 1.0, 1.0)
 
 
-def _thumbnail(name: str) -> str:
-    """A small copy of a demo's picture, made once; its name relative to the page."""
+def _thumbnail(name: str, crop: Sequence[float]) -> str:
+    """A small copy of a part of a demo's picture, on white; its name relative to the page."""
     from PIL import Image
 
-    small = OUT / f"{name}_small.png"
-    large = ROOT / "demos" / f"{name}.png"
-    if not small.exists() or small.stat().st_mtime < large.stat().st_mtime:
-        with Image.open(large) as picture:
-            picture = picture.convert("RGB")
-            picture.thumbnail((THUMBNAIL, THUMBNAIL))
-            picture.save(small)
-    return small.name
+    with Image.open(ROOT / "demos" / f"{name}.png") as whole:
+        width, height = whole.size
+        left, top, right, bottom = crop
+        box = (int(left * width), int(top * height), int(right * width), int(bottom * height))
+        part = whole.convert("RGB").crop(box)
+    part.thumbnail(THUMBNAIL)
+    card = Image.new("RGB", THUMBNAIL, "white")
+    card.paste(part, ((THUMBNAIL[0] - part.width) // 2, (THUMBNAIL[1] - part.height) // 2))
+    card.save(OUT / f"{name}_small.png")
+    return f"{name}_small.png"
 
 
-def notebook(name: str) -> None:
+def notebook(name: str, heading: str) -> None:
     """A demo as a notebook: its text, its code, and a cell that runs it.
 
     The code of a demo runs when its file is the main program; in a notebook the last cell does the same.
@@ -377,7 +377,7 @@ def notebook(name: str) -> None:
     definitions, _, main = body.partition('if __name__ == "__main__":\n')
     note = "Start Jupyter in a clone of gossamer_fx: the demo takes parts from its folder `demos`."
     cells = [
-        new_markdown_cell(f"# {_heading(name)}\n\n{plain_text(text)}\n\n{note}"),
+        new_markdown_cell(f"# {heading}\n\n{plain_text(text)}\n\n{note}"),
         new_code_cell(definitions.strip()),
         new_code_cell(inspect.cleandoc("\n" + main)),
     ]
@@ -388,7 +388,10 @@ def notebook(name: str) -> None:
 
 def plain_text(text: str) -> str:
     """A docstring for a notebook, whose Markdown has no roles of Sphinx: indented lines stay as they are."""
-    return "\n".join(line if line.startswith("    ") else re.sub(r"([*_])", r"\\\1", line) for line in text.splitlines())
+    return "\n".join(
+        line if line.startswith("    ") else re.sub(r"([*_])", r"\\\1", line)
+        for line in text.splitlines()
+    )
 
 
 def options() -> str:
