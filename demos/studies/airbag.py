@@ -30,16 +30,24 @@ LAWS: dict[str, FilmLaw] = {
     "TensionField": gx.TensionField(**FILM),
 }
 # A quarter of one sheet is computed; volumes are those of the whole.
-SHEETS, QUARTERS = 2, 4
+SHEETS = 2
+QUARTERS = 4
 
 
 def airbag(
     comm: MPI.Comm, law: FilmLaw, order: int, cells: int
 ) -> tuple[gx.Membrane, gx.Equilibrium]:
     """A quarter of one sheet with `cells` along half an edge, each of four triangles, in its planes of symmetry."""
-    film = gx.Membrane(crossed_sheet(comm, cells, cells, HALF_EDGE, HALF_EDGE), law, order=order)
+    film = gx.Membrane(
+        crossed_sheet(comm, cells, cells, HALF_EDGE, HALF_EDGE),
+        law,
+        order=order,
+    )
     seam = [gx.Fixed(film, edge, components=(2,)) for edge in ("top", "right")]
-    symmetry = [gx.Fixed(film, "bottom", components=(1,)), gx.Fixed(film, "left", components=(0,))]
+    symmetry = [
+        gx.Fixed(film, "bottom", components=(1,)),
+        gx.Fixed(film, "left", components=(0,)),
+    ]
     return film, gx.Equilibrium(gx.Scene(film, gx.Pressure(film, PRESSURE), *seam, *symmetry))
 
 

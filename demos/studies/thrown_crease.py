@@ -63,7 +63,8 @@ def problem(
     for end in np.linspace(0, until, round(until / (4 * h)) + 1)[1:]:
         run.run(until=float(end))
         θ = math.degrees(angle(run))
-        least, most = min(least, θ), max(most, θ)
+        least = min(least, θ)
+        most = max(most, θ)
     drift = run.totals.angular_momentum - run.first.angular_momentum
     return {
         "halved": run.substeps / (until / h),
