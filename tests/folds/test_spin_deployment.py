@@ -14,7 +14,10 @@ from demos import spin_deployment
 def test_the_roll_leaves_the_hub(comm, tmp_path) -> None:
     """At first its tips go off as free particles do, r² = r0² + (v t)²."""
     found = spin_deployment.main(
-        comm=comm, n=4, until=0.02 if comm.size == 1 else 4e-3, largest=2e-3
+        comm=comm,
+        n=4,
+        until=0.02 if comm.size == 1 else 4e-3,
+        largest=2e-3,
     )
     assert found["penetrations"] == 0 and found["halved"] == 0
     assert found["energy_error"] < 1e-8 and found["angular_momentum_drift"] < 1e-9
@@ -59,7 +62,12 @@ def test_the_finer_sail_snaps_straight() -> None:
 @pytest.mark.slow
 def test_a_driven_hub_with_creases_and_friction() -> None:
     found = spin_deployment.main(
-        n=4, until=0.03, held=True, crease=5e-4, friction=0.3, gravity=9.81
+        n=4,
+        until=0.03,
+        held=True,
+        crease=5e-4,
+        friction=0.3,
+        gravity=9.81,
     )
     assert found["penetrations"] == 0 and found["energy_error"] < 1e-8
     assert found["spin_of_hub"] == pytest.approx(2 * math.pi * 8.0, rel=1e-3)
