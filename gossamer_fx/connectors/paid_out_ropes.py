@@ -8,7 +8,7 @@ over y0 ≤ y ≤ y1, so that exactly
     brake B      y1 = l1 - L0, T ≤ B       T_mean Δl = Δψ + B ΔL        the brake dissipates B ΔL
 
 with ΔL = max(y1 - B/k, 0).  Both are the slope of a convex potential of l1.  The rope on the reel
-ends at the length `most`; from there on the rope is stretched beyond B.
+ends at the length `total_length`; from there on the rope is stretched beyond B.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class PaidOutRopes(
         mine = [terms[i] for i in self._at.owner]
         self._k = np.array([term.stiffness for term in mine], dtype=float)
         self._brake = np.array([term.brake for term in mine], dtype=float)
-        self._most = np.array([term.most for term in mine], dtype=float)
+        self._total_length = np.array([term.total_length for term in mine], dtype=float)
         self.length = np.array([term.length for term in mine], dtype=float)
         self._given = []
         for i, term in enumerate(terms):
@@ -201,7 +201,7 @@ class PaidOutRopes(
 
     def _room(self) -> Array:
         """Lengths (n,) [m] that remain on the reels; zero without a brake."""
-        remaining = np.maximum(self._most - self.length, 0.0)
+        remaining = np.maximum(self._total_length - self.length, 0.0)
         return np.where(self._brakes, remaining, 0.0)
 
     def _slip(self, l1: Array) -> Array:
@@ -263,7 +263,7 @@ class PaidOutRope:
         length: L [m] at the start.
         history: L(t) [m], the same on every rank; without it a brake holds the rope.
         brake: B [N], at which the brake slips; infinite with a history.
-        most: L [m] at which the reel is empty.
+        total_length: L [m] at which the reel is empty.
     """
 
     name: str
@@ -272,5 +272,5 @@ class PaidOutRope:
     length: float
     history: Callable[[float], float] | None = None
     brake: float = np.inf
-    most: float = np.inf
+    total_length: float = np.inf
     compiler: ClassVar[Compiler] = PaidOutRopes
