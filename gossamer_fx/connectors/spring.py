@@ -239,12 +239,12 @@ class Rope(Between):
 
     def terms(self, start: State) -> Iterable[Term]:
         """Stored energy and, with damping, dissipation of the rope."""
-        density, measure = (
-            LengthSpring(self.stiffness, self.length, side=1),
-            half_distance_squared(self.a, self.b),
-        )
+        density = LengthSpring(self.stiffness, self.length, side=1)
+        measure = half_distance_squared(self.a, self.b)
         yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
         if self.damping:
+            # It knows stiffness and length: a damper that pushed would slacken the rope, so that the
+            # whole tension is kept from falling below zero.
             loss = RopeDamper(self.damping, self.stiffness, self.length)
             numbers = (STIFFNESS, LENGTH, Parameter("damping", "N s/m", "c"))
             yield PointDissipation(f"{self.name} damping", measure, loss, numbers)
@@ -376,6 +376,7 @@ class AxialSpring:
     def terms(self, start: State) -> Iterable[Term]:
         """The stored energy, with a measure along the direction."""
         n = unit(self.direction)
+        # Linear in x: exact for any step, and its matrix is constant.
         rest = -float(n @ np.asarray(self.origin, dtype=float))
         measure = PointMeasure([(self.port,)], np.zeros((1, 3, 3)), n[None], np.array([rest]))
         yield PointStoredEnergy(self.name, measure, Quadratic(self.stiffness), (STIFFNESS,))

@@ -34,7 +34,8 @@ from gossamer_fx.forms.strain_path import Piece
 from gossamer_fx.forms.strain_path import gradient as gradient
 from gossamer_fx.materials.c_law import CLaw
 
-ROUND_OFF = 4 * np.finfo(float).eps  # of a difference of energies, over their sum
+# Round-off of a difference of energies, over their sum.
+ROUND_OFF = 4 * np.finfo(float).eps
 
 
 class PathEnergy(Protocol):
@@ -108,11 +109,14 @@ class PathAverage(StressRule):
         """Mean stress S_mean of the step from strain e0 to e1, with S_mean·(e1 - e0) = ψ(e1) -
         ψ(e0).
         """
-        ψ, Δe = energy.density, e1 - e0
+        ψ = energy.density
+        Δe = e1 - e0
+        # The average of a linear stress is that in the middle: exact, without a correction.
         if energy.quadratic:
             return gradient(ψ, (e0 + e1) / 2)
         S = ufl.zero(Δe.ufl_shape)
-        # where the pieces meet they have the same stress, so that the points need not be derived
+        # Where two pieces meet they have the same stress: the derivative of a point at which the
+        # integral is divided cancels, and need not be taken.
         pieces = energy.pieces(e0, e1.expression()) if energy.pieces else []
         for piece in pieces:
             S += (piece.end - piece.start) * piece.stress(
@@ -132,16 +136,17 @@ class PathAverage(StressRule):
             return []
         pieces = energy.pieces(e0, e1.expression())
         if len(pieces) <= 1:
-            return []  # one expression serves every path
+            # One expression serves every path.
+            return []
         lengths: dict[Callable[[Expr, Expr], Expr], list[Expr]] = {}
         for piece in pieces:
             lengths.setdefault(piece.stress, []).append(piece.end - piece.start)
         found = []
         for stress, parts in lengths.items():
+            # Pieces of one state that fill the path: the average needs no division of it.
+            fills_path = ufl.ge(sum(parts[1:], parts[0]), 1.0)
             S = stress(e0, e1)
-            found.append(
-                (ufl.ge(sum(parts[1:], parts[0]), 1.0), S + defect(energy.density, S, e0, e1))
-            )
+            found.append((fills_path, S + defect(energy.density, S, e0, e1)))
         return found
 
 
@@ -195,10 +200,12 @@ def defect(
     amplify noise, and keep a film that is taut all the way (where nothing is missing) from converging.
     """
     Δe = e1 - e0
+    # 1e-40 stands for a film at rest, both of whose strains are zero.
     smallest = ufl.max_value(1e-10 * (ufl.dot(e0, e0) + ufl.dot(e1, e1)), 1e-40)
     ψ0 = ψ(e0)
     ψ1 = ψ(e1)
     missing = ψ1 - ψ0 - ufl.dot(S, Δe)
+    # What is within round-off is cut off, not rounded: the correction stays continuous.
     noise = ROUND_OFF * (ψ0 + ψ1)
     missing -= ufl.max_value(ufl.min_value(missing, noise), -noise)
     components = [Δe[i] for i in range(Δe.ufl_shape[0])]

@@ -25,12 +25,14 @@ class QuadraticEnergies(
     def __init__(self, terms: Sequence[QuadraticEnergy], system: Assembly) -> None:
         self._system = system
         self._terms = terms
-        self._stiffness, self._energies = [], []
+        self._stiffness = []
+        self._energies = []
         for term in terms:
             at = system.fields[term.body]
             self._stiffness.append((term.body, compile_form(term.form(at.dq, at.w))))
             self._energies.append((term.name, compile_form(term.form(at.q0, at.q0))))
 
+    # The matrix is assembled once; the system multiplies it with the coordinates for the forces.
     def add_stiffness(self, K: PETSc.Mat) -> None:
         for body, form in self._stiffness:
             self._system.block(body).assemble(K, [form])
@@ -54,6 +56,7 @@ class QuadraticEnergies(
 
     def energies(self) -> dict[str, float]:
         """This rank's share of the stored energy [J] at the start of the step, by name."""
+        # Several terms may have one name, e.g. the bending of a plate and that of its clamped edge.
         found: dict[str, float] = {}
         for name, form in self._energies:
             found[name] = found.get(name, 0.0) + float(fem.assemble_scalar(form)) / 2
