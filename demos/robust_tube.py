@@ -63,7 +63,7 @@ def outcome(comm: MPI.Comm, folder: Path, **levels: Any) -> dict[str, float]:
 
     Time [s] at which the tip arrives (the end of the run, if it does not), its angle [degrees] from the
     tube's axis and its speed [m/s] then, most edges that intersect the film after any step, errors of
-    the balances of energy and gas mass, steps, and rejected steps ("halved").
+    the balances of energy and gas mass, steps, and rejected steps ("rejected").
     """
     case = build(comm, **levels)
     saves = folder / "checkpoints"
@@ -80,7 +80,7 @@ def outcome(comm: MPI.Comm, folder: Path, **levels: Any) -> dict[str, float]:
         "energy_error": abs(run.energy_error),
         "mass_error": abs(run.mass_error),
         "steps": run.step,
-        "halved": run.substeps,
+        "rejected": run.substeps,
     }
 
 

@@ -54,7 +54,7 @@ show(
     {
         **{
             key: figures[key]
-            for key in ("cpu", "wall", "dofs", "steps", "Newton/step", "halved", "ΔE/E")
+            for key in ("cpu", "wall", "dofs", "steps", "Newton/step", "rejected", "ΔE/E")
         },
         "ΔP/P": relative_drift(run.totals.momentum, run.first.momentum),
         "ΔL/L": relative_drift(run.totals.angular_momentum, run.first.angular_momentum),

@@ -46,7 +46,7 @@ class Stopwatch:
             "steps": run.step - first,
             "Newton/step": iterations / (run.step - first),
             "Krylov/Newton": (newton.linear_iterations - krylov) / iterations,
-            "halved": run.substeps,
+            "rejected": run.substeps,
             "iteration [ms]": 1e3 * cpu / iterations,
         }
         figures |= {

@@ -3,7 +3,7 @@
 Two flat square sheets of diagonal 1.2 m, 0.6 mm thick, E = 588 MPa, ν = 0.4, joined along the edges, which stay in
 z = 0; overpressure 5 kPa.  M is the centre, A a corner.  The references were computed with several meshes of the
 quarter of one sheet; but for V they scatter without an order.  For the problem and results of others see
-Jarasjarungkiat, Wüchner & Bletzinger, CMAME 198 (2009) 1097, doi:10.1016/j.cma.2008.12.002.
+Jarasjarungkiat, Wüchner & Bletzinger, CMAME 198 (2009) 1097.
 """
 
 from __future__ import annotations

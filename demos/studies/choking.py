@@ -73,7 +73,7 @@ def problem(comm: MPI.Comm, tube: str) -> dict[str, float]:
     return found | {
         "penetrations": penetrations,
         "energy_error": abs(run.energy_error),
-        "halved": run.substeps,
+        "rejected": run.substeps,
         "steps": run.step,
         "seconds": run.seconds,
     }
@@ -138,7 +138,7 @@ STUDY = Study(
             "opened1 [ms]",
             "opened2 [ms]",
         ),
-        *("penetrations", "energy_error", "halved", "steps", "seconds"),
+        *("penetrations", "energy_error", "rejected", "steps", "seconds"),
     ),
     may_fail=True,
     draw=draw,

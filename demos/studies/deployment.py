@@ -65,7 +65,7 @@ STUDY = Study(
             "distance [mm]",
             "mean speed [m/s]",
         ),
-        *("penetrations", "energy_error", "iterations", "halved", "unknowns", "seconds"),
+        *("penetrations", "energy_error", "iterations", "rejected", "unknowns", "seconds"),
     ),
     may_fail=True,
 )

@@ -158,21 +158,27 @@ def draw(results: list[Result], path: Path) -> None:
     )
     for y, cells in enumerate(rows.values()):
         for x, result in enumerate(cells):
-            halved = result.values.get("substeps", 0) > 0
-            kind = list(colours)[2 if result.failed else int(halved)]
+            rejected = result.values.get("substeps", 0)
+            if result.failed:
+                kind = "failed, by name"
+            elif rejected:
+                kind = "completed, with rejected steps"
+            else:
+                kind = "completed"
             axes.add_patch(pyplot.Rectangle((x, y), 0.94, 0.9, color=colours[kind]))
-            told = "\n".join(
-                word.split("=")[1] for word in str(result.case["case"]).split() if "=" in word
-            )
+            # The case is a list of words such as "cells=8"; the label has the values only.
+            words = str(result.case["case"]).split()
+            lines = [word.split("=")[1] for word in words if "=" in word]
             if not result.failed:
-                count = f"{result.values['iterations']:.1f} it." + (
-                    f", {result.values['substeps']:.0f} h." * halved
-                )
-                told += f"\n{count}\n{result.values['energy_error']:.0e}"
+                count = f"{result.values['iterations']:.1f} it."
+                if rejected:
+                    count += f", {rejected:.0f} rej."
+                lines += [count, f"{result.values['energy_error']:.0e}"]
+            told = "\n".join(lines)
             axes.text(
                 x + 0.47,
                 y + 0.45,
-                told.strip(),
+                told,
                 ha="center",
                 va="center",
                 fontsize=8,

@@ -7,7 +7,7 @@ along Δe that makes S̄·Δe = ψ(e1) - ψ(e0) exact:
     points n        S̄ = n Gauss points of ∫₀¹ ψ'(e0 + s Δe) ds + [·]
     exact           the integral itself, piece by piece between the points where the state switches
 
-Measured are Newton iterations a step, steps that had to be halved, and the drift of energy and angular momentum.
+Measured are Newton iterations a step, rejected steps, and the drift of energy and angular momentum.
 """
 
 from __future__ import annotations

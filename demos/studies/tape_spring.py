@@ -7,7 +7,7 @@ from the energy, M = dU/d(2φ).
     peak     of uniform bending: the largest dU/dκ of the section under the curvature κ along the tape (Wüst, Z. Angew.
              Math. Mech. 34 (1954) 444; solved again below).  Ends that retain their shape make a short tape stiffer.
     plateau  of a fold, a cylinder of radius R about the other axis: M = (1+ν) D α (Seffen & Pellegrino, Proc. R. Soc.
-             Lond. A 455 (1999) 1003, doi:10.1098/rspa.1999.0347)
+             Lond. A 455 (1999) 1003)
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A sheared film that wrinkles: as a plate, whose wrinkles are resolved, and as a tension field, for comparison.
 
 Kapton, L × H = 380 × 128 mm, t = 25 µm; both long edges are clamped, and one is moved by δ = 3 mm along itself (Wong &
-Pellegrino, J. Mech. Mater. Struct. 1 (2006) 3, 27, 63, doi:10.2140/jomms.2006.1.3).  With γ = δ/H their theory has
+Pellegrino, J. Mech. Mater. Struct. 1 (2006) 3, 27, 63).  With γ = δ/H their theory has
 wrinkles at 45° of length √2 H, and
 
     half wavelength  λ = (πHt)^½ (3(1-ν²)γ)^(-¼) = 6.31 mm

@@ -42,6 +42,6 @@ def test_the_hub_is_stopped(tmp_path) -> None:
     found = yo_yo.main(tmp_path)
     assert found["error_half"] < 0.004 and found["error_whole"] < 0.005
     assert found["energy_error"] < 1e-10 and found["angular_momentum_drift"] < 1e-11
-    assert found["penetrations"] == 0 and found["halved"] == 0
+    assert found["penetrations"] == 0 and found["rejected"] == 0
     measured = (tmp_path / "yo_yo.png").read_bytes()[1:4]
     assert measured == b"PNG"

@@ -236,6 +236,15 @@ def use(folder: Path, out: Path) -> str:
 OTHER_VALUES: list[Any] = [None, "words", 7, -1.5, True, [], {}, [[]], 10**400]
 
 
+def test_a_run_of_an_older_version_is_read(recorded: Path, tmp_path: Path) -> None:
+    """It calls rejected steps "halved"."""
+    about = json.loads((recorded / "run.json").read_text())
+    statistics = about["statistics"]
+    statistics["halved"] = statistics.pop("rejected") + 3
+    (tmp_path / "run.json").write_text(json.dumps(about))
+    assert read_run_file(tmp_path)["statistics"]["rejected"] == statistics["halved"]
+
+
 def test_any_damaged_key_of_run_json_is_refused_in_a_sentence(
     recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
