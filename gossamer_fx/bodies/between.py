@@ -62,7 +62,7 @@ class FrameJoint(Between):
         super().__post_init__()
         a = self.a.origin
         b = self.b.origin
-        # Two points of one body keep their distance by its stiffness: a joint would be a support.
+        # The distance of two points of one body follows from its stiffness: a joint would be a support.
         if isinstance(a, Port) and isinstance(b, Port):
             check(
                 a.body is not b.body,

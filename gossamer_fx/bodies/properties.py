@@ -87,7 +87,7 @@ def cellwise(
     function = fem.Function(fem.functionspace(mesh.domain, ("Discontinuous Lagrange", 0, shape)))
     dim = mesh.domain.topology.dim
     index_map = mesh.domain.topology.index_map(dim)
-    # Ghost cells are computed, not sent: each rank knows groups and midpoints of its own.
+    # Ghost cells are computed, not sent: each rank has the groups and midpoints of all its cells.
     cells = np.arange(index_map.size_local + index_map.num_ghosts)
     size = int(np.prod(shape, dtype=int))
     values = np.tile(np.asarray(base, dtype=float).ravel(), (len(cells), 1))

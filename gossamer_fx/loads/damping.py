@@ -95,7 +95,7 @@ class Damping:
         if self.stiffness_factor > 0:
             β = constant(body.space.mesh, self.stiffness_factor)
             if self.tension_only and isinstance(body, Membrane):
-                # Imported here: few scenes need it, and it compiles a form of its own.
+                # Imported here: few scenes need it, and it compiles another form.
                 from gossamer_fx.loads.present_stiffness import PresentStiffness
 
                 yield (now := PresentStiffness(body, body.measure, body.density, body.dx))
