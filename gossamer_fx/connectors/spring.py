@@ -50,7 +50,7 @@ class LengthSpring:
     """ψ = ½ k (l - L)² of the length l = √(2e), e = ½|x_a - x_b|²; none where l - L has not the sign of `side`.
 
     `side` 1 pulls only (a rope), -1 pushes only (a stop), 0 does both.  With l0 and l1 at the ends of the step,
-    S̄ = Δψ/Δe = k (1 - 2L/(l0 + l1)) while it acts; in a step that passes the natural length, the quotient itself.
+    S_mean = Δψ/Δe = k (1 - 2L/(l0 + l1)) while it acts; in a step that passes the natural length, the quotient itself.
     """
 
     k: float
@@ -87,7 +87,7 @@ class LengthSpring:
 
 @dataclass(frozen=True)
 class LengthDamper:
-    """Axial force c l̇ of the length l = √(2e): S̄ = 2 c (l1 - l0)/(h (l0 + l1))."""
+    """Axial force c l̇ of the length l = √(2e): S_mean = 2 c (l1 - l0)/(h (l0 + l1))."""
 
     c: float
     stacks: ClassVar[tuple[str, ...]] = ("c",)
@@ -104,7 +104,7 @@ class LengthDamper:
 @dataclass(frozen=True)
 class RopeDamper:
     """What a rope of length L loses by its own viscosity: f = c ṡ of the stretch s = max(l - L, 0), but no less than
-    minus the mean tension k s̄ of the step, so that the rope pulls or is slack.  S̄ = 2 f/(l0 + l1); its loss f Δl ≥ 0.
+    minus the mean tension k s_mean of the step, so that the rope pulls or is slack.  S_mean = 2 f/(l0 + l1); its loss f Δl ≥ 0.
     """
 
     c: float

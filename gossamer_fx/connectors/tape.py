@@ -27,7 +27,7 @@ from gossamer_fx.terms.point_masses import AttachedKineticEnergy
 
 @dataclass(frozen=True)
 class OneSided:
-    """ψ(e) = ½ ⟨e⟩², ⟨e⟩ the positive part; in a step that passes zero, S̄ = Δψ/Δe."""
+    """ψ(e) = ½ ⟨e⟩², ⟨e⟩ the positive part; in a step that passes zero, S_mean = Δψ/Δe."""
 
     def energy(self, e: Array) -> Array:
         return one_sided_energy(e[:, 0])

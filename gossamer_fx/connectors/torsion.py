@@ -3,9 +3,9 @@
 With a direction a of one side and the pair b, c of the other, normal to the axis, the measures are cos φ = a·b and
 sin φ = a·c.  A law of the angle has the stress
 
-    S̄ = m̄ t,   t = Δφ/(2 sin(Δφ/2)) (-sin φm, cos φm),   φm = (φ0 + φ1)/2
+    S_mean = m_mean t,   t = Δφ/(2 sin(Δφ/2)) (-sin φm, cos φm),   φm = (φ0 + φ1)/2
 
-in them, with t·(Δcos, Δsin) = Δφ, so that S̄·Δe = m̄ Δφ is the work of the moment m̄ exactly.
+in them, with t·(Δcos, Δsin) = Δφ, so that S_mean·Δe = m_mean Δφ is the work of the moment m_mean exactly.
 """
 
 from __future__ import annotations

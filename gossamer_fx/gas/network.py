@@ -4,8 +4,8 @@ Problem.  Chambers exchange gas through openings and work with films and pistons
 to round-off: what the gas loses in a step the bodies must gain, whatever the step length.
 
 Unknowns.  y = (p1, m1), pressures [Pa] and masses [kg] of the n chambers at the end of a step.  They
-solve the mass and energy balance of `balance`, in which p̄ = (p0 + p1)/2 does the work p̄ W.  The same
-p̄ acts on the film in the midpoint rule, so this work is what the bodies receive, to the last digit.
+solve the mass and energy balance of `balance`, in which p_mean = (p0 + p1)/2 does the work p_mean W.  The same
+p_mean acts on the film in the midpoint rule, so this work is what the bodies receive, to the last digit.
 
 Algorithm.  In each Newton iteration of the bodies:
 
@@ -212,7 +212,7 @@ class GasNetwork:
         for i, (k, enclosure) in enumerate(enclosures.items()):
             at_middle, of_volume, of_swept = enclosure.gradients()
             G[k] = -self._alpha * at_middle
-            # ∂/∂W of p̄ W in the energy balance
+            # ∂/∂W of p_mean W in the energy balance
             total_pressure = self._chambers[k].pressure + float(self._y[k])
             by_W[k, i] = total_pressure / (2 * self._scale[k])
             volume_gradients.append(of_volume)
@@ -312,7 +312,7 @@ class GasNetwork:
     # ---- chambers -----------------------------------------------------------------------------------
 
     def _acting_pressure(self, start: float, end: float) -> float:
-        """The pressure [Pa] that acts in the step: p̄ for the midpoint rule, p1 at the end of the step."""
+        """The pressure [Pa] that acts in the step: p_mean for the midpoint rule, p1 at the end of the step."""
         return (1 - self._alpha) * start + self._alpha * end
 
     def _magnitudes(self) -> Array:

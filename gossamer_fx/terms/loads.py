@@ -1,4 +1,4 @@
-"""Loads on mesh bodies: their force at q̄ and their work over a step."""
+"""Loads on mesh bodies: their force at q_mid and their work over a step."""
 
 from __future__ import annotations
 
@@ -194,7 +194,7 @@ class LoadForces:
     def path_average(self) -> Array:
         """The force whose product with Δq is the work of the step, owned and ghost.
 
-        The midpoint rule does its work with the force at q̄.  Of a force at the end of the step, the work along the
+        The midpoint rule does its work with the force at q_mid.  Of a force at the end of the step, the work along the
         straight path is taken, by Simpson's rule: exact for forces that are at most cubic in q, such as pressure.
         """
         end: Array = self.force.array.copy()

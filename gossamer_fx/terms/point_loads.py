@@ -73,7 +73,7 @@ class PointLoads(
     IndependentOfShape,
     CompiledTerms["PointLoad"],
 ):
-    """All `PointLoad` terms of a scene: force f(X̄) on attached vectors X = P q + o, work f·(X1 - X0)."""
+    """All `PointLoad` terms of a scene: force f(X_mid) on attached vectors X = P q + o, work f·(X1 - X0)."""
 
     def __init__(self, terms: Sequence[PointLoad], system: Assembly) -> None:
         self._system = system

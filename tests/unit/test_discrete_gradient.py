@@ -43,7 +43,7 @@ def law_part(law: FilmLaw, cut: bool = True) -> StoredEnergy:
 
 
 def responses(law, rule) -> Samples:
-    """(S̄, D̄ row by row, Δψ) of a path from e0 to e1."""
+    """(S_mean, D_mean row by row, Δψ) of a path from e0 to e1."""
     part = law_part(law)
 
     def expression(e0, e1):
@@ -70,7 +70,7 @@ def stress(law) -> Samples:
 
 
 def parts(values):
-    """S̄ (n, 3), D̄ (n, 3, 3), Δψ (n,)."""
+    """S_mean (n, 3), D_mean (n, 3, 3), Δψ (n,)."""
     return values[:, :3], values[:, 3:12].reshape(-1, 3, 3), values[:, 12]
 
 

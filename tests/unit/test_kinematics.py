@@ -95,7 +95,7 @@ def test_strain_of_a_homogeneous_deformation(comm, surface, order):
 @pytest.mark.mpi
 @every_film
 def test_strain_is_quadratic_in_the_positions(comm, surface, order):
-    """De(q̄)·(q1 - q0) = e1 - e0 for any two configurations, on which the conservation of energy rests."""
+    """De(q_mid)·(q1 - q0) = e1 - e0 for any two configurations, on which the conservation of energy rests."""
     film = Membrane(SURFACES[surface](comm), LAW, order=order)
     q0 = moved(film, lambda X: np.sin(3 * X) + X)
     q1 = moved(film, lambda X: 2 * X[[1, 2, 0]] - X**2)
