@@ -633,7 +633,11 @@ class Equilibrium:
         system = self.system
         unbalanced, load = self._unbalanced()
         K = system.tangent()
-        free = free_motions(system, K, unbalanced * (load or 1.0))
+        stiffnesses = []
+        for scalars in system.scalar_unknowns:
+            if isinstance(scalars, ChangesWithVolume):
+                stiffnesses += scalars.static_stiffness()
+        free = free_motions(system, K, unbalanced * (load or 1.0), stiffnesses)
         if free or not converges:
             return free, False
         # With scalar unknowns K is only a block of the matrix, and may be singular in a regular one.

@@ -130,11 +130,20 @@ class GasNetwork:
         In a fast vibration no gas flows and no heat is exchanged, so that the pressure changes by -κ ΔV
         and the forces by the stiffness κ g⊗g.  Gradients are this rank's part; collective.
         """
+        return self._stiffness(self._gas.gamma)
+
+    def static_stiffness(self) -> list[tuple[Array, float]]:
+        """The same for slow changes by the process of an equilibrium: κ = γ p/V, p/V or none."""
+        exponents = {ADIABATIC: self._gas.gamma, ISOTHERMAL: 1.0, HELD_PRESSURE: 0.0}
+        return self._stiffness(exponents[self._process])
+
+    def _stiffness(self, exponent: float) -> list[tuple[Array, float]]:
+        """Gradients of volumes and κ = exponent p/V of each enclosure, if the exponent is not zero."""
         found = []
         for state in self._chambers:
-            if state.enclosure is not None:
+            if state.enclosure is not None and exponent:
                 _, of_volume, _ = state.enclosure.gradients()
-                found.append((of_volume, self._gas.gamma * state.pressure / state.volume))
+                found.append((of_volume, exponent * state.pressure / state.volume))
         return found
 
     # ---- scalar unknowns: a step --------------------------------------------------------------------

@@ -115,6 +115,10 @@ class ChangesWithVolume(Protocol):
         """Pairs (g, κ) of the stiffness Σ κ g⊗g in a fast vibration; this rank's part of g."""
         ...
 
+    def static_stiffness(self) -> list[tuple[Array, float]]:
+        """The same for slow changes, by the process that was chosen."""
+        ...
+
 
 class ScalarUnknownsMaker(Protocol):
     """Compiles all items of one kind to one block of scalar unknowns."""
