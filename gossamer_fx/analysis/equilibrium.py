@@ -418,9 +418,8 @@ class Equilibrium:
         ceiling = math.inf
         residual = math.inf
         round_off = 0.0
-        load = 0.0
         pseudo_time = 0.0
-        reason = "no step succeeded"
+        reason = "none"
         tension_only = _TensionOnly(self._resists_compression)
         while residual > max(search.tolerance, min(round_off, MAX_ROUND_OFF)):
             self.newton.geometric_stiffness_delay = 0
@@ -468,7 +467,7 @@ class Equilibrium:
                     f"No equilibrium after {self._iterations} Newton iterations in {self._steps} pseudo-steps: the "
                     f"unbalanced force is {residual:.1e} of the load, pseudo-step {h:.1e} s, largest in "
                     f"{self.system.locate(self._residual)}; last failure: {reason}."
-                    f"{remedies(self.system, self.chambers, load)}"
+                    f"{remedies(self.system, self.chambers)}"
                 )
 
     def _leave_on_signal(self, signals: Listener, residual: float) -> None:

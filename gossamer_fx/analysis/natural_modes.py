@@ -268,7 +268,7 @@ class ModalMasses:
         # Mass and first moments: rows of M times translations, by the positions.
         mass = self._sum(masses[0][:, 0] * is_position)
         moments = [self._sum(masses[0][:, 0] * is_position * q[:, i]) for i in range(3)]
-        centre = np.zeros(3)
+        centre: Array = np.zeros(3)
         if mass > 0:
             centre = np.array(moments) / mass
         arms = q - np.multiply.outer(is_position, centre)

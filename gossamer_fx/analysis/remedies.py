@@ -21,6 +21,9 @@ SOFT_RESIDUAL_STIFFNESS = 1e-2
 # Temperature of a gas over that of its start, below which it has expanded into a volume that it does not fill.
 COOLED = 0.95
 
+# Sum of the loads over the sum of their magnitudes, below which they balance each other.
+BALANCED = 1e-6
+
 # Sum of the area vectors of a film over its area, below which it is closed.
 CLOSED = 1e-9
 
@@ -28,16 +31,15 @@ CLOSED = 1e-9
 FLAT_VOLUME = 1e-6
 
 
-def remedies(system: System, chambers: Mapping[str, Any], load: float) -> str:
+def remedies(system: System, chambers: Mapping[str, Any]) -> str:
     """Sentences about likely causes and what to do; empty if none is known.  Collective.
 
     Args:
         system: the compiled scene, in the state that was reached last.
         chambers: states of its gas by name.
-        load: norm of its loads [N].
     """
     found = [
-        *_unsupported(system, load),
+        *_unsupported(system),
         *_inward_pressures(system),
         *_gas_that_cooled(chambers),
         *_soft_films(system),
@@ -45,13 +47,18 @@ def remedies(system: System, chambers: Mapping[str, Any], load: float) -> str:
     return "".join(f"  {sentence}" for sentence in found)
 
 
-def _unsupported(system: System, load: float) -> Iterator[str]:
-    """Loads on a scene in which no coordinate is held."""
+def _unsupported(system: System) -> Iterator[str]:
+    """Loads that do not balance each other, on a scene in which no coordinate is held."""
     held = system.comm.allreduce(len(system.supports.held))
-    if held == 0 and load > 0 and system.constraints is None:
-        yield (
-            "Nothing in the scene is supported: hold it by gx.Fixed, unless its loads balance each other."
-        )
+    if held or system.constraints is not None:
+        return
+    size = 3 * len(system.position_marks)
+    forces = system.external_forces().array_r[:size].reshape(-1, 3)
+    of_positions = forces * system.position_marks[:, None]
+    sums = np.append(of_positions.sum(axis=0), np.abs(of_positions).sum())
+    total: Array = system.comm.allreduce(sums, op=MPI.SUM)
+    if np.linalg.norm(total[:3]) > BALANCED * total[3]:
+        yield "Nothing in the scene is supported, and its loads do not balance each other: hold it by gx.Fixed."
 
 
 def _inward_pressures(system: System) -> Iterator[str]:
