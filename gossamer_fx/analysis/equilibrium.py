@@ -221,8 +221,8 @@ class Equilibrium:
 
     Openings between chambers flow and damping resists in the pseudo-time of the continuation; at
     equilibrium both have ceased.  The gas of a closed chamber changes from its initial state by the process
-    `gas`: "adiabatic" as in a run, so that it cools while a film unfolds; "isothermal", it keeps its
-    temperature; "held pressure", a blower keeps its pressure.
+    `gas`: "adiabatic" as in a run, so that it cools while a film unfolds; "isothermal", its
+    temperature is constant; "held pressure", a blower holds its pressure.
 
     Args:
         scene: its initial state is the first guess; its initial velocities are ignored.
@@ -312,7 +312,7 @@ class Equilibrium:
         self._warn_of_lost_loads()
         free, is_regular = self._assess(at)
         residual, _ = self._unbalanced()
-        is_within_tolerance = residual <= self.search.tolerance
+        is_within_tolerance = bool(residual <= self.search.tolerance)
         self.result = EquilibriumResult(
             residual=residual,
             iterations=self._iterations,

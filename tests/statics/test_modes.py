@@ -129,7 +129,7 @@ def test_coriolis_matrix_of_a_film(comm):
 
 @pytest.mark.mpi
 def test_a_mass_on_a_gas_spring(comm):
-    """ω² = γ p A²/(m V) of a piston with gas, and the springs that hold it across keep their frequencies."""
+    """ω² = γ p A²/(m V) of a piston with gas, and the frequencies of springs across are those without gas."""
     mass, area, volume, pressure, k = 2.0, 0.01, 2e-3, 1e5, 50.0
     piston = gx.PointMass(mass, (0.0, 0.0, 0.0), comm=comm)
     gas = gx.Chamber(
@@ -160,7 +160,7 @@ def test_a_mass_on_a_gas_spring(comm):
 
 
 def test_a_drum_over_closed_air(comm):
-    """Modes that change the volume are stiffer by the gas; the others keep their frequencies."""
+    """Modes that change the volume are stiffer by the gas; those of the others do not change."""
     bag = airbag(comm, 1.0, 8)
     frequencies = {}
     for closed in (False, True):

@@ -65,7 +65,7 @@ def test_a_path_of_loads_has_a_state_for_each_time(comm, folder):
 
 @pytest.mark.mpi
 def test_a_mode_is_recorded_over_one_period(comm, folder):
-    equilibrium, film = drum(comm)
+    equilibrium, _ = drum(comm)
     equilibrium.find()
     before = equilibrium.system.q0.array_r.copy()
     folders = gx.outputs.record_modes(
