@@ -103,8 +103,10 @@ class LengthDamper:
 
 @dataclass(frozen=True)
 class RopeDamper:
-    """What a rope of length L loses by its own viscosity: f = c ṡ of the stretch s = max(l - L, 0), but no less than
-    minus the mean tension k s_mean of the step, so that the rope pulls or is slack.  S_mean = 2 f/(l0 + l1); its loss f Δl ≥ 0.
+    """Viscous force f = c ds/dt of a rope of length L, with its stretch s = max(l - L, 0).
+
+    f is not below minus the mean tension k s_mean of the step, so that the rope pulls or is slack.  With
+    S_mean = 2 f/(l0 + l1) the loss f Δl is never negative.
     """
 
     c: float

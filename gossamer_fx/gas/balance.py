@@ -135,7 +135,11 @@ class Balance:
 
     Attributes:
         h: length of the current step [s].
+        temperatures: of the chambers at its start (n,) [K].
     """
+
+    # Whether the work p̄ W is in the equations.
+    depends_on_swept_volume = True
 
     def __init__(
         self,
@@ -145,6 +149,7 @@ class Balance:
         n: int,
     ) -> None:
         self.h = 0.0
+        self.temperatures: Array = np.zeros(n)
         self._gas = gas
         self._passages = passages
         self._walls = walls
@@ -175,9 +180,10 @@ class Balance:
         self._p0 = p
         self._m0 = m
         self._U0 = U
+        self.temperatures = U / (m * self._gas.cv)
         for passage in self._passages:
             passage.area = passage.aperture(h, t)
-        self._choose_weights(p, U / (m * self._gas.cv), V)
+        self._choose_weights(p, self.temperatures, V)
 
     # ---- equations ----------------------------------------------------------------------------------
 
