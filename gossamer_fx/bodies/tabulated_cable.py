@@ -94,6 +94,7 @@ class TabulatedCable(BarLaw):
     line_density: float
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         self._check_line_density()
         strain = np.asarray(self.strain, dtype=float)
         force = np.asarray(self.force, dtype=float)
@@ -226,6 +227,7 @@ class TabulatedBars:
         return self.lengths * self.corners.energy(_stretch(e[:, 0]) - 1)
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        """Mean stress (n, 1) [N m] of a step between strains e0, e1 (n, 1), and its derivative (n, 1, 1) by e1."""
         λ0 = _stretch(e0[:, 0])
         λ1 = _stretch(e1[:, 0])
         mean_stretch = (λ0 + λ1) / 2

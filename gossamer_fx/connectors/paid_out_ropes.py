@@ -171,13 +171,13 @@ class PaidOutRopes(
     # ---- history variables -----------------------------------------------------------------------
 
     def lengths(self) -> Array:
-        """L [m] of all terms, the same on every rank."""
+        """Natural length L (n,) [m] of the rope of each term, the same on every rank."""
         found = np.zeros(len(self._terms))
         found[self._at.owner] = self.length
         return np.asarray(self._system.comm.allreduce(found))
 
     def tensions(self) -> Array:
-        """T [N] of all terms in the accepted state, the same on every rank."""
+        """Tension (n,) [N] of the rope of each term in the accepted state, the same on every rank."""
         found = np.zeros(len(self._terms))
         found[self._at.owner] = self._k * np.maximum(self._l - self.length, 0.0)
         return np.asarray(self._system.comm.allreduce(found))
@@ -205,13 +205,17 @@ class PaidOutRopes(
         return np.where(self._brakes, remaining, 0.0)
 
     def _slip(self, l1: Array) -> Array:
-        """ΔL (n,) [m] of the brakes when the ends come to the distance l1 (n,)."""
+        """Lengths ΔL (n,) [m] that brakes let out in a step that ends with the distances l1 (n,) [m]."""
         beyond = np.clip(l1 - self._next - self._yield, 0.0, self._room())
         slip: Array = np.where(self._brakes, beyond, 0.0)
         return slip
 
     def _pull(self, y: Array) -> Array:
-        """T(y) (n,) [N]: k y, but no more than B as long as rope remains on the reel."""
+        """Tensions (n,) [N] of ropes stretched by y (n,) [m] beyond their lengths at the start of the step.
+
+        They are k y, but no more than the brake force B as long as rope remains on the reel, and zero
+        for a slack rope.
+        """
         slip = np.clip(y - self._yield, 0.0, self._room())
         beyond = np.where(self._brakes, slip, 0.0)
         pull: Array = self._k * np.maximum(y - beyond, 0.0)

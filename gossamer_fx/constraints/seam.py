@@ -87,6 +87,7 @@ class Seam:
     name: str = ""
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         if not self.name:
             words = f"{self.a.name}/{self.edge_a} sewn to {self.b.name}/{self.edge_b}"
             object.__setattr__(self, "name", words)
@@ -149,6 +150,7 @@ class Seam:
         yield self.b
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The constraint that nodes of the finer line meet their points of the other one, during `closing`."""
         pairs = self._pairs(start)
         difference = np.hstack([np.eye(3), -np.eye(3)])
         measure = PointMeasure(pairs, np.zeros((3, 6, 6)), difference, np.zeros(3))

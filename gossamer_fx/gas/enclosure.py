@@ -277,6 +277,7 @@ class _CompiledFilm:
         return self._sign * float(self._surface.swept[self._index])
 
     def start(self) -> None:
+        """Choose the sign of the volume, so that a film with inward normals encloses a positive one."""
         # A flat film has a volume of either sign by round-off; it must not be turned by that.
         if self._surface.volume[self._index] < -ROUND_OFF * self.magnitude:
             self._sign = -1.0
@@ -384,6 +385,7 @@ class _CompiledPiston:
         return float(self._system.comm.allreduce(float(self._gradient @ q.array_r)))
 
     def follow(self) -> None:
+        """Compute volume, its magnitude for round-off, and swept volume [m³] of the present step."""
         end = self._height(self._system.q1)
         start = self._height(self._system.q0)
         self.volume = end - self._origin

@@ -36,7 +36,7 @@ class _OnVectors:
         X: Array,
         V: Array,
     ) -> None:
-        pass
+        """Nothing to prepare: the force depends on positions only."""
 
     def force(self, X: Array) -> Array:
         force: Array = self._K @ (X - self._c)

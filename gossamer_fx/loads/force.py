@@ -37,7 +37,7 @@ class ConstantForce:
         X: Array,
         V: Array,
     ) -> None:
-        pass
+        """Nothing to prepare: the force is constant."""
 
     def force(self, X: Array) -> Array:
         return self.value
@@ -64,6 +64,7 @@ class ForceInTime:
         X: Array,
         V: Array,
     ) -> None:
+        """Ask the user's function for the force of a step from t [s], which acts `lag` [s] later."""
         # Once a step: the user's function is asked on rank 0 only, which costs a broadcast.
         self._now = at_time(self._comm, self._name, self._value, t + lag)
 
@@ -106,7 +107,7 @@ class Couple:
         X: Array,
         V: Array,
     ) -> None:
-        pass
+        """Nothing to prepare: the torque is constant."""
 
     def _spread(self, r: Array) -> tuple[Array, Array]:
         """The matrix (tr S 1 - S)⁻¹ (3, 3) and F (3,) of vectors r (k, 3)."""
@@ -164,6 +165,7 @@ class TorqueInTime(Couple):
         X: Array,
         V: Array,
     ) -> None:
+        """Ask the user's function for the torque of a step from t [s], which acts `lag` [s] later."""
         self.torque = at_time(self._comm, self._name, self._value, t + lag)
 
 

@@ -143,6 +143,7 @@ class FormVariable(Variable):
         self._inertia: list[FormDerivative] | None = None
 
     def get(self) -> Array:
+        """Present values (k,) of the constant, of the function on this rank, or of the nodes of the mesh."""
         first = self.coefficients[0]
         if isinstance(first, MeshNodes):
             return first.get()
@@ -152,6 +153,7 @@ class FormVariable(Variable):
         return values
 
     def set(self, values: Array) -> None:
+        """Give the coefficients the values (k,), on this rank and on ghosts."""
         for one in self.coefficients:
             if isinstance(one, MeshNodes):
                 one.set(values)
@@ -178,6 +180,7 @@ class FormVariable(Variable):
         return found
 
     def function(self, values: Array) -> fem.Function | None:
+        """Values (k,) as a function on the mesh, for output; None for a constant."""
         first = self.coefficients[0]
         if isinstance(first, fem.Constant):
             return None
@@ -318,6 +321,7 @@ def _brought_by(system: System, kind: object) -> str:
 
 
 def _find(system: System, name: str, adjoint: AdjointFields, in_time: bool) -> Variable:
+    """The variable of a parameter that is named 'item.parameter'; refuses unknown items and parameters."""
     check(
         isinstance(name, str) and "." in name,
         f"gradient: by has {name!r}; give 'item.parameter', e.g. 'film.thickness'.",

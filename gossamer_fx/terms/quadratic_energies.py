@@ -67,7 +67,8 @@ class QuadraticEnergies(
 class QuadraticEnergy:
     """Stored energy ½ a(q, q) of a constant symmetric bilinear form a(q, w), which may hold interior facets.
 
-    The force at q_mid is linear, so energy is conserved; momenta are, if a(q, q) is the same for all rigid motions of q.
+    The force at q_mid is linear, so that energy is conserved.  Momenta are conserved if a(q, q) is the same
+    for all rigid motions of q.
     """
 
     name: str
