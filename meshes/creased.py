@@ -173,8 +173,8 @@ def _opened(points: Points, triangles: Numbers, on_rim: Any, lines: Segments) ->
 def _on_a_line(ends: Points, lines: Segments) -> bool:
     """Whether all points (n, 3) [m] are on the straight line through one of the segments."""
     for start, end in lines:
-        along = np.subtract(end, start)
-        offset = ends[:, :2] - start
+        along = np.asarray(end) - np.asarray(start)
+        offset = ends[:, :2] - np.asarray(start)
         moment = offset[:, 0] * along[1] - offset[:, 1] * along[0]
         distance = np.abs(moment) / np.hypot(*along)
         if (distance < ON).all():

@@ -57,6 +57,7 @@ class PaidOutRopes(
     """All `PaidOutRope` terms of a scene, as arrays over those of this rank."""
 
     def __init__(self, terms: Sequence[PaidOutRope], system: Assembly) -> None:
+        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
         self._system = system
         self._terms = terms
         self._at = PointMeasures(system.numbering, system.bodies, [term.measure for term in terms])

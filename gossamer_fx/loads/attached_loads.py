@@ -44,6 +44,7 @@ class AttachedLoads(
     """All `AttachedLoad` terms of a scene: forces M (a + A (X - c)) on the attached vectors X of masses M."""
 
     def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:
+        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
         self._system = system
         self._name = terms[0].name
         # P, offsets, M and A of one kinetic energy.

@@ -26,6 +26,7 @@ class Drags(Loads, Dissipation):
     """
 
     def __init__(self, terms: Sequence[FilmDrag], system: Assembly) -> None:
+        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
         coordinates = [system.fields[term.body] for term in terms]
         loads = []
         for term, at in zip(terms, coordinates, strict=True):

@@ -257,6 +257,7 @@ class PointEnergies(
     def __init__(
         self, terms: Sequence[PointStoredEnergy | PointDissipation], system: Assembly
     ) -> None:
+        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
         self._system = system
         self._names = [term.name for term in terms if isinstance(term, PointStoredEnergy)]
         # Terms of one kind become arrays: a thousand ropes cost little more than one.

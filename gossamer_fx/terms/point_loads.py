@@ -76,6 +76,7 @@ class PointLoads(
     """All `PointLoad` terms of a scene: force f(X_mid) on attached vectors X = P q + o, work f·(X1 - X0)."""
 
     def __init__(self, terms: Sequence[PointLoad], system: Assembly) -> None:
+        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
         self._system = system
         self._terms = terms
         self._laws = [term.law for term in terms]

@@ -23,6 +23,7 @@ class QuadraticEnergies(
     """All `QuadraticEnergy` terms of a scene: a constant matrix, and nothing in an iteration."""
 
     def __init__(self, terms: Sequence[QuadraticEnergy], system: Assembly) -> None:
+        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
         self._system = system
         self._terms = terms
         self._stiffness = []

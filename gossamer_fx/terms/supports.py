@@ -26,6 +26,7 @@ class Supports(CompiledTerms["Support"]):
     """
 
     def __init__(self, terms: Sequence[Support], system: Assembly) -> None:
+        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
         self._numbering = system.numbering
         found = [np.zeros(0, dtype=np.int64)]
         self._moved: list[tuple[npt.NDArray[np.int64], Motion]] = []
