@@ -33,7 +33,7 @@ Algorithm.  For each step, last first:
 At the first step `finish` adds what the initial pressures and temperatures of the chambers give.
 
 Cost: the balance of n chambers with some 10 n derivatives of each number, about a millisecond for three.
-Limits: the gas itself (γ, R) and areas that functions of time give are no parameters.
+Limits: there are no derivatives by the gas itself (γ, R), nor by areas that functions of time give.
 """
 
 from __future__ import annotations

@@ -141,7 +141,11 @@ class Balance:
         h: length of the current step [s].
         passages: the openings.
         walls: the walls, each with the number of its chamber.
+        temperatures: of the chambers at its start (n,) [K].
     """
+
+    # Whether the work p̄ W is in the equations.
+    depends_on_swept_volume = True
 
     def __init__(
         self,
@@ -151,6 +155,7 @@ class Balance:
         n: int,
     ) -> None:
         self.h = 0.0
+        self.temperatures: Array = np.zeros(n)
         self._gas = gas
         self.passages = passages
         self.walls = walls
@@ -181,9 +186,10 @@ class Balance:
         self._p0 = p
         self._m0 = m
         self._U0 = U
+        self.temperatures = U / (m * self._gas.cv)
         for passage in self.passages:
             passage.area = passage.aperture(h, t)
-        self._choose_weights(p, U / (m * self._gas.cv), V)
+        self._choose_weights(p, self.temperatures, V)
 
     # ---- equations ----------------------------------------------------------------------------------
 
