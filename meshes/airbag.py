@@ -24,7 +24,12 @@ def airbag(comm: MPI.Intracomm, edge: float, cells: int) -> Mesh:
     def build(model: Any) -> None:
         geo = model.geo
         a = edge / 2
-        corners = [geo.addPoint(x, y, 0) for x, y in ((-a, -a), (a, -a), (a, a), (-a, a))]
+        corners = [
+            geo.addPoint(-a, -a, 0),
+            geo.addPoint(a, -a, 0),
+            geo.addPoint(a, a, 0),
+            geo.addPoint(-a, a, 0),
+        ]
         lines = [geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
         loop = geo.addCurveLoop(lines)
         sheets = [geo.addPlaneSurface([loop]) for _ in range(2)]
@@ -39,6 +44,7 @@ def airbag(comm: MPI.Intracomm, edge: float, cells: int) -> Mesh:
         for name, point in zip(CORNERS, corners, strict=True):
             model.addPhysicalGroup(0, [point], name=name)
         model.mesh.generate(2)
+        # The lower sheet is seen from below: its normals point outwards, too.
         model.mesh.reverse([(2, sheets[1])])
 
     return gmsh_mesh(build, comm)

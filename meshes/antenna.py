@@ -71,7 +71,12 @@ def _square_grid(ticks: np.ndarray) -> np.ndarray:
     return np.column_stack([x.ravel(), y.ravel()])
 
 
-def boom(comm: MPI.Intracomm, elements: int, side: float, diagonal: tuple[float, float]) -> Mesh:
+def boom(
+    comm: MPI.Intracomm,
+    elements: int,
+    side: float,
+    diagonal: tuple[float, float],
+) -> Mesh:
     """A straight boom of `elements` from corner to corner of the film; groups: those of `meshes.line`."""
     x, y = (side / 2 * c for c in diagonal)
     return line(comm, [(-x, -y, 0), (x, y, 0)], elements)

@@ -52,6 +52,11 @@ def cell_corners(ids: Numbers) -> tuple[Numbers, Numbers, Numbers, Numbers]:
     return lower[:, :-1], lower[:, 1:], upper[:, 1:], upper[:, :-1]
 
 
+def triangles_of(a: Numbers, b: Numbers, c: Numbers) -> Numbers:
+    """Triangles (n, 3) of n first, second and third corners, arrays of any shape."""
+    return np.stack([a, b, c], axis=-1).reshape(-1, 3)
+
+
 def polyline(nodes: Numbers) -> Numbers:
     """Edges (n, 2) between consecutive nodes (n + 1,)."""
     return np.column_stack([nodes[:-1], nodes[1:]])

@@ -18,7 +18,10 @@ ON = 1e-7  # m: nodes that are nearer to a line are on it
 
 
 def creased_film(
-    comm: MPI.Intracomm, corners: Corners, lines: Segments, size: Sequence[float]
+    comm: MPI.Intracomm,
+    corners: Corners,
+    lines: Segments,
+    size: Sequence[float],
 ) -> Mesh:
     """A convex polygon in z = 0 with edges of triangles along `lines`, as of `Miura.segments`.
 
@@ -99,7 +102,10 @@ def creased_tube(
 
 
 def _triangulated(
-    model: Any, corners: Corners, lines: Segments, size: Sequence[float]
+    model: Any,
+    corners: Corners,
+    lines: Segments,
+    size: Sequence[float],
 ) -> tuple[Points, Numbers]:
     """Points (n, 3) and triangles (m, 3) of the polygon, with edges along the lines."""
     current = model.getCurrent()
@@ -139,13 +145,23 @@ def _triangulated(
     return points, triangles
 
 
-def _size_at(x: float, y: float, corners: Corners, size: Sequence[float]) -> float:
+def _size_at(
+    x: float,
+    y: float,
+    corners: Corners,
+    size: Sequence[float],
+) -> float:
     """Mean of the corners' sizes, weighted by the inverse of the squared distance."""
     weight = 1 / (((np.asarray(corners) - (x, y)) ** 2).sum(axis=1) + ON**2)
     return float(weight @ np.asarray(size) / weight.sum())
 
 
-def _opened(points: Points, triangles: Numbers, on_rim: Any, lines: Segments) -> Numbers:
+def _opened(
+    points: Points,
+    triangles: Numbers,
+    on_rim: Any,
+    lines: Segments,
+) -> Numbers:
     """The triangles, none with all its nodes on the rim: such a one gives its inner edge to the node beyond it."""
     triangles = triangles.copy()
     for t in np.flatnonzero(on_rim[triangles].all(axis=1)):
@@ -182,7 +198,12 @@ def _on_a_line(ends: Points, lines: Segments) -> bool:
     return False
 
 
-def _add(model: Any, entity: int, points: Points, triangles: Numbers) -> None:
+def _add(
+    model: Any,
+    entity: int,
+    points: Points,
+    triangles: Numbers,
+) -> None:
     """Add points, if any, and triangles, whose numbers count from 0, to an entity of gmsh."""
     if len(points):
         model.mesh.addNodes(2, entity, range(1, len(points) + 1), points.ravel())
@@ -196,7 +217,12 @@ def _add_lines(model: Any, name: str, edges: Numbers) -> None:
     model.addPhysicalGroup(1, [entity], name=name)
 
 
-def _name_rim(model: Any, points: Points, edges: Numbers, corners: Corners) -> None:
+def _name_rim(
+    model: Any,
+    points: Points,
+    edges: Numbers,
+    corners: Corners,
+) -> None:
     """Add the groups "side 1", "corner 1" and so on of a polygon, from its edges (n, 2) at the rim."""
     ends = list(corners)
     for k, (a, b) in enumerate(zip(ends, ends[1:] + ends[:1], strict=True)):

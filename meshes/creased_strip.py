@@ -9,10 +9,16 @@ from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
 
-from .arrays import cell_corners, polyline
+from .arrays import cell_corners, polyline, triangles_of
 
 
-def creased_strip(comm: MPI.Intracomm, nx: int, ny: int, length: float, width: float) -> Mesh:
+def creased_strip(
+    comm: MPI.Intracomm,
+    nx: int,
+    ny: int,
+    length: float,
+    width: float,
+) -> Mesh:
     """Two panels [-length, 0] and [0, length] by [0, width], each of nx × ny cells of two triangles.
 
     Groups: "film"; the edges "left", "right"; "crease", at x = 0.
@@ -28,9 +34,7 @@ def creased_strip(comm: MPI.Intracomm, nx: int, ny: int, length: float, width: f
         film = model.addDiscreteEntity(2)
         points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
         model.mesh.addNodes(2, film, range(1, x.size + 1), points.ravel())
-        lower = np.stack([a, b, c], axis=-1).reshape(-1, 3)
-        upper = np.stack([a, c, d], axis=-1).reshape(-1, 3)
-        triangles = np.concatenate([lower, upper])
+        triangles = np.concatenate([triangles_of(a, b, c), triangles_of(a, c, d)])
         model.mesh.addElementsByType(film, 2, [], triangles.ravel())
         model.addPhysicalGroup(2, [film], name="film")
         lines = {"left": ids[:, 0], "crease": ids[:, nx], "right": ids[:, -1]}

@@ -9,7 +9,12 @@ from mpi4py import MPI
 from gossamer_fx import Mesh, gmsh_mesh
 
 
-def quarter_disc(comm: MPI.Intracomm, cells: int, radius: float = 1.0, order: int = 1) -> Mesh:
+def quarter_disc(
+    comm: MPI.Intracomm,
+    cells: int,
+    radius: float = 1.0,
+    order: int = 1,
+) -> Mesh:
     """The part x, y ≥ 0 of a disc of `radius` [m] about the origin, with `cells` edges along a radius.
 
     `order` 2 gives curved triangles, for films of order 2.
@@ -62,7 +67,12 @@ def quarter_disc(comm: MPI.Intracomm, cells: int, radius: float = 1.0, order: in
 
 
 def ring(
-    comm: MPI.Intracomm, inner: float, outer: float, radial: int, around: int, order: int = 1
+    comm: MPI.Intracomm,
+    inner: float,
+    outer: float,
+    radial: int,
+    around: int,
+    order: int = 1,
 ) -> Mesh:
     """A flat ring about the origin between two radii [m], `radial` cells across and 4·round(around/4) around.
 

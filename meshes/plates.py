@@ -11,14 +11,19 @@ from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
 
-from .arrays import cell_corners, mesh_of_arrays, polyline
+from .arrays import cell_corners, mesh_of_arrays, polyline, triangles_of
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
 
 def irregular_sheet(
-    comm: MPI.Intracomm, nx: int, ny: int, width: float, height: float, seed: int = 1
+    comm: MPI.Intracomm,
+    nx: int,
+    ny: int,
+    width: float,
+    height: float,
+    seed: int = 1,
 ) -> Mesh:
     """[0, width] × [0, height] in about nx × ny cells of two triangles, with displaced nodes and random diagonals.
 
@@ -38,7 +43,12 @@ def irregular_sheet(
 
 
 def leaning_sheet(
-    comm: MPI.Intracomm, nx: int, ny: int, width: float, height: float, ramp: float
+    comm: MPI.Intracomm,
+    nx: int,
+    ny: int,
+    width: float,
+    height: float,
+    ramp: float,
 ) -> Mesh:
     """[0, width] × [0, height] in nx × ny cells whose long sides lie at 45°, along the wrinkles of a sheared film.
 
@@ -56,7 +66,13 @@ def leaning_sheet(
     return _mesh(comm, points.reshape(-1, 3), triangles, lines)
 
 
-def slit_ring(comm: MPI.Intracomm, radial: int, around: int, inner: float, outer: float) -> Mesh:
+def slit_ring(
+    comm: MPI.Intracomm,
+    radial: int,
+    around: int,
+    inner: float,
+    outer: float,
+) -> Mesh:
     """A flat ring about the origin, cut along the positive x axis, in radial × around cells of two triangles.
 
     Groups: "film"; "start" and "end", the two sides of the slit, at 0 and 2π.
@@ -71,7 +87,12 @@ def slit_ring(comm: MPI.Intracomm, radial: int, around: int, inner: float, outer
     return _mesh(comm, points.reshape(-1, 3), _triangles(ids, odd), lines)
 
 
-def free_slit_ring(comm: MPI.Intracomm, size: float, inner: float, outer: float) -> Mesh:
+def free_slit_ring(
+    comm: MPI.Intracomm,
+    size: float,
+    inner: float,
+    outer: float,
+) -> Mesh:
     """The same ring in triangles of edges about `size` [m] that follow no direction."""
 
     def build(model: Any) -> None:
@@ -150,18 +171,22 @@ def _triangles(ids: Integers, other: npt.NDArray[np.bool_]) -> Integers:
     """Two triangles of each cell, its diagonal the other one where asked for."""
     # The first index runs along x here: the other way round is counterclockwise.
     a, d, c, b = cell_corners(ids)
+    usual = ~other
     return np.concatenate(
         [
-            np.stack([a, b, c], axis=-1)[~other],
-            np.stack([a, c, d], axis=-1)[~other],
-            np.stack([a, b, d], axis=-1)[other],
-            np.stack([b, c, d], axis=-1)[other],
+            triangles_of(a[usual], b[usual], c[usual]),
+            triangles_of(a[usual], c[usual], d[usual]),
+            triangles_of(a[other], b[other], d[other]),
+            triangles_of(b[other], c[other], d[other]),
         ]
     )
 
 
 def _mesh(
-    comm: MPI.Intracomm, points: Floats, triangles: Integers, lines: dict[str, Integers]
+    comm: MPI.Intracomm,
+    points: Floats,
+    triangles: Integers,
+    lines: dict[str, Integers],
 ) -> Mesh:
     """The mesh of points, triangles and lines of nodes; numbers count from 1."""
     edges = {}

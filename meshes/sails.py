@@ -9,11 +9,27 @@ from mpi4py import MPI
 
 from gossamer_fx import Mesh
 
-from .arrays import Groups, Numbers, Points, cell_corners, joined, mesh_of_arrays, polyline, rim
+from .arrays import (
+    Groups,
+    Numbers,
+    Points,
+    cell_corners,
+    joined,
+    mesh_of_arrays,
+    polyline,
+    rim,
+    triangles_of,
+)
 
 
 def parallelograms(
-    comm: MPI.Intracomm, a: float, b: float, gamma: float, columns: int, rows: int, cells: int
+    comm: MPI.Intracomm,
+    a: float,
+    b: float,
+    gamma: float,
+    columns: int,
+    rows: int,
+    cells: int,
 ) -> Mesh:
     """The flat sheet of Miura's fold: columns × rows parallelograms with sides a and b [m], each of cells × cells.
 
@@ -37,10 +53,10 @@ def parallelograms(
         ids = np.arange(u.size).reshape(u.shape)
         p, q, r, s = cell_corners(ids)
         column = np.arange(columns * cells) // cells
-        rising = (column % 2 == 0)[None, :, None]
-        first = np.where(rising, np.stack([p, q, s], axis=-1), np.stack([p, q, r], axis=-1))
-        second = np.where(rising, np.stack([q, r, s], axis=-1), np.stack([p, r, s], axis=-1))
-        triangles = np.concatenate([first.reshape(-1, 3), second.reshape(-1, 3)])
+        rising = column % 2 == 0
+        first = triangles_of(p, q, np.where(rising, s, r))
+        second = triangles_of(np.where(rising, q, p), r, s)
+        triangles = np.concatenate([first, second])
         left = ids[:, 0]
         right = ids[:, -1]
         groups = {
@@ -55,7 +71,12 @@ def parallelograms(
 
 
 def trapezoids(
-    comm: MPI.Intracomm, n: int, inner: int, outer: int, pitch: float, refine: int = 1
+    comm: MPI.Intracomm,
+    n: int,
+    inner: int,
+    outer: int,
+    pitch: float,
+    refine: int = 1,
 ) -> Mesh:
     """n trapezoids between rows `inner` and `outer`, `pitch` [m] apart, joined along their seams; n = 4: a square.
 
@@ -82,7 +103,7 @@ def trapezoids(
                     # At the seams only one of the two triangles is inside.
                     if all(abs(u) <= w for u, w in triangle):
                         cells.append(triangle)
-        grid = np.array(cells).reshape(-1, 2) @ np.array([[slope * h, 0.0], [0.0, -h]])
+        grid = np.array(cells).reshape(-1, 2) * np.array([slope * h, -h])
         angles = [2 * math.pi * k / n for k in range(n)]
         points, triangles = _around(grid, angles, h)
 
@@ -101,7 +122,13 @@ def trapezoids(
     return mesh_of_arrays(comm, arrays)
 
 
-def pinwheel(comm: MPI.Intracomm, n: int, side: float, columns: int, reach: int) -> Mesh:
+def pinwheel(
+    comm: MPI.Intracomm,
+    n: int,
+    side: float,
+    columns: int,
+    reach: int,
+) -> Mesh:
     """The ring of `gx.fold.Star` outside a polygon of n sides [m]: `reach` columns of side/columns from each corner.
 
     Sectors begin at the corners of the polygon and have their columns at right angles to their bounds.  Triangles at
@@ -116,10 +143,15 @@ def pinwheel(comm: MPI.Intracomm, n: int, side: float, columns: int, reach: int)
         cells = []
         for j in range(reach):
             for i in range(j + 1):
-                cells.append(((j, i), (j + 1, i), (j + 1, i + 1)))
+                corner = (j, i)
+                right = (j + 1, i)
+                above = (j, i + 1)
+                opposite = (j + 1, i + 1)
+                cells.append((corner, right, opposite))
+                # On the bisector, i = j, a cell has one triangle.
                 if i < j:
-                    cells.append(((j, i), (j + 1, i + 1), (j, i + 1)))
-        half = np.array(cells).reshape(-1, 2) @ np.array([[h, 0.0], [0.0, h * slope]])
+                    cells.append((corner, opposite, above))
+        half = np.array(cells).reshape(-1, 2) * np.array([h, h * slope])
         c = math.cos(step)
         s = math.sin(step)
         # Mirrored about the bisector; the order of corners is turned to keep the normals.

@@ -56,7 +56,11 @@ def sheet(
 
 
 def crossed_sheet(
-    comm: MPI.Intracomm, nx: int, ny: int, width: float = 1.0, height: float = 1.0
+    comm: MPI.Intracomm,
+    nx: int,
+    ny: int,
+    width: float = 1.0,
+    height: float = 1.0,
 ) -> Mesh:
     """nx × ny cells, each of the four triangles between its corners and its centre; domain and groups as of `sheet`.
 

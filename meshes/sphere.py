@@ -10,7 +10,12 @@ from mpi4py import MPI
 from gossamer_fx import Mesh, gmsh_mesh
 
 
-def sphere(comm: MPI.Intracomm, radius: float, cells: int, order: int = 1) -> Mesh:
+def sphere(
+    comm: MPI.Intracomm,
+    radius: float,
+    cells: int,
+    order: int = 1,
+) -> Mesh:
     """A sphere about the origin with about `cells` edges of triangles on its equator; normals point outwards.
 
     order: of the geometry, 1 (plane triangles between points of the sphere) or 2 (curved ones).

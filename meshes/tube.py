@@ -12,7 +12,11 @@ from gossamer_fx import Mesh, gmsh_mesh
 
 
 def flat_tube(
-    comm: MPI.Intracomm, length: float, diameter: float, cells: int, compartments: int = 1
+    comm: MPI.Intracomm,
+    length: float,
+    diameter: float,
+    cells: int,
+    compartments: int = 1,
 ) -> Mesh:
     """A closed tube of `length` and `diameter` [m], pressed flat into z = 0, with `cells` edges of triangles across.
 

@@ -11,7 +11,12 @@ from gossamer_fx import Mesh, gmsh_mesh
 
 
 def capped_cylinder(
-    comm: MPI.Intracomm, radius: float, length: float, around: int, along: int, order: int = 1
+    comm: MPI.Intracomm,
+    radius: float,
+    length: float,
+    around: int,
+    along: int,
+    order: int = 1,
 ) -> Mesh:
     """`cylinder` with its caps, group "caps"."""
     return cylinder(comm, radius, length, around, along, order, capped=True)

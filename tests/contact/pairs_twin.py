@@ -62,7 +62,13 @@ def closest_parameters(e: np.ndarray, is_edges: bool) -> np.ndarray:
 class PairTwin:
     """One pair in one step: its distance as a function of e, r moved to the closest points of x0."""
 
-    def __init__(self, pairs: ActivePairs, row: int, x0: np.ndarray, law: ContactLaw) -> None:
+    def __init__(
+        self,
+        pairs: ActivePairs,
+        row: int,
+        x0: np.ndarray,
+        law: ContactLaw,
+    ) -> None:
         self.kind = PairKind(pairs.kind[row])
         self.law = law
         self.points = pairs.points[row]

@@ -9,7 +9,10 @@ from gossamer_fx.contact.pair_table import ActivePairs, PairKind, PairTable
 
 
 def near_pairs(
-    kind: int, n: int, seed: int = 0, d: float = 0.1
+    kind: int,
+    n: int,
+    seed: int = 0,
+    d: float = 0.1,
 ) -> tuple[ActivePairs, np.ndarray, np.ndarray]:
     """Return n pairs of unit size at distances about d, and two states of a step of about d.
 
@@ -61,7 +64,12 @@ def _place_across_edge(x: np.ndarray, d: float, rng: np.random.Generator) -> Non
     x[:, 2:] += (gap + height * normal)[:, None]
 
 
-def _place_at_wall(x: np.ndarray, kind: int, d: float, rng: np.random.Generator) -> None:
+def _place_at_wall(
+    x: np.ndarray,
+    kind: int,
+    d: float,
+    rng: np.random.Generator,
+) -> None:
     """Make the last two points of pairs (n, 4, 3) orthonormal, and put the first ones near the wall."""
     x[:, 2] = _unit(x[:, 2])
     x[:, 3] -= np.einsum("nc,nc->n", x[:, 2], x[:, 3])[:, None] * x[:, 2]
