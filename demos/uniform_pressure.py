@@ -30,6 +30,7 @@ Where the values come from:
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,9 @@ DIAMETER = 0.058  # of the round tube [m]
 SECTION = math.pi * DIAMETER**2 / 4
 TEMPERATURE = 293.0  # K
 PRESSURE = 1e4  # in the full tube, about [Pa]
-SOUND = LENGTH / math.sqrt(NITROGEN.gamma * NITROGEN.R * TEMPERATURE)  # its time through the tube [s]
+SOUND = LENGTH / math.sqrt(
+    NITROGEN.gamma * NITROGEN.R * TEMPERATURE
+)  # its time through the tube [s]
 SUPPLY = gx.gas.Reservoir(1.5e6, TEMPERATURE)
 
 
@@ -75,7 +78,7 @@ def spread_of_rigid_tube(T: float, parts: int = 8) -> tuple[float, float]:
     ]
     passages = [
         gx.Orifice(a, b, area=SECTION, name=f"passage {a.name}")
-        for a, b in zip(tanks, tanks[1:], strict=False)
+        for a, b in pairwise(tanks)
     ]
     inlet = gx.Orifice(SUPPLY, tanks[0], area=inlet_area(T), name="inlet")
     run = gx.Simulation(gx.Scene(*tanks, inlet, *passages), gx.Midpoint(dt=T / 200))
