@@ -77,8 +77,7 @@ def spread_of_rigid_tube(T: float, parts: int = 8) -> tuple[float, float]:
         for k in range(parts)
     ]
     passages = [
-        gx.Orifice(a, b, area=SECTION, name=f"passage {a.name}")
-        for a, b in pairwise(tanks)
+        gx.Orifice(a, b, area=SECTION, name=f"passage {a.name}") for a, b in pairwise(tanks)
     ]
     inlet = gx.Orifice(SUPPLY, tanks[0], area=inlet_area(T), name="inlet")
     run = gx.Simulation(gx.Scene(*tanks, inlet, *passages), gx.Midpoint(dt=T / 200))
