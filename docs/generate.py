@@ -369,21 +369,31 @@ def notebook(name: str, heading: str) -> None:
     import nbformat
     from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 
-    source = (ROOT / "demos" / f"{name}.py").read_text(encoding="utf-8")
-    tree = ast.parse(source)
-    text = ast.get_docstring(tree) or ""
-    lines = source.splitlines()
-    body = "\n".join(lines[tree.body[0].end_lineno :]).strip()
-    definitions, _, main = body.partition('if __name__ == "__main__":\n')
+    text = ast.get_docstring(ast.parse(_source(name))) or ""
+    definitions, main = code_of(name)
     note = "Start Jupyter in a clone of gossamer_fx: the demo takes parts from its folder `demos`."
     cells = [
         new_markdown_cell(f"# {heading}\n\n{plain_text(text)}\n\n{note}"),
-        new_code_cell(definitions.strip()),
-        new_code_cell(inspect.cleandoc("\n" + main)),
+        new_code_cell(definitions),
+        # a scene that only a command varies has no main program
+        *([new_code_cell(main)] if main else []),
     ]
     for i, cell in enumerate(cells):
         cell["id"] = f"cell-{i}"  # the same in every build
     nbformat.write(new_notebook(cells=cells), OUT / f"{name}.ipynb")
+
+
+def _source(name: str) -> str:
+    return (ROOT / "demos" / f"{name}.py").read_text(encoding="utf-8")
+
+
+def code_of(name: str) -> tuple[str, str]:
+    """The definitions of a demo, and what its file does as the main program."""
+    source = _source(name)
+    docstring = ast.parse(source).body[0]
+    body = "\n".join(source.splitlines()[docstring.end_lineno :])
+    definitions, _, main = body.partition('if __name__ == "__main__":\n')
+    return definitions.strip(), inspect.cleandoc("\n" + main)
 
 
 def plain_text(text: str) -> str:
