@@ -19,6 +19,7 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, bar_strain
 from gossamer_fx.forms.strain_path import Piece
 from gossamer_fx.materials.film import constants, parameters
+from gossamer_fx.materials.thermal import ThermalExpansion
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array
 from gossamer_fx.model.state import State
@@ -128,6 +129,7 @@ class Cable(Curve):
         mesh: line elements in space.
         law: `CableLaw`, `TensionOnly` or `TabulatedCable`.
         order: 1 (constant strain) or 2.
+        thermal: thermal expansion, with the temperature of the cable; default none.
         displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
         velocity: initial velocity [m/s], given in the same way.
         name: name in messages and output.
@@ -145,6 +147,7 @@ class Cable(Curve):
         law: BarLaw,
         *,
         order: int = 1,
+        thermal: ThermalExpansion | None = None,
         displacement: PointFunction | None = None,
         velocity: PointFunction | None = None,
         name: str = "cable",
@@ -153,6 +156,7 @@ class Cable(Curve):
         super().__init__("Cable", name, mesh, order, 3)
         self.law = law
         self.constants = law.constants(self.mesh.domain)
+        self._take_expansion("Cable", thermal)
         self._displacement = checked(displacement, f"Cable '{name}': its displacement", mesh.comm)
         self._velocity = checked(velocity, f"Cable '{name}': its velocity", mesh.comm)
 
@@ -164,6 +168,7 @@ class Cable(Curve):
             lambda v, w: self.constants.line_density * ufl.inner(v, w) * self.mass_dx,
             parameters=numbers,
         )
+        thermal = self._thermal_strain("Cable", components=1)
         yield StoredEnergy(
             self.name,
             self,
@@ -172,7 +177,8 @@ class Cable(Curve):
             self.dx,
             self.law.quadratic,
             lambda e0, e1: self.law.pieces(e0, e1, self.constants),
-            parameters=numbers,
+            thermal=thermal,
+            parameters=numbers if thermal is None else numbers + thermal.parameters,
         )
 
     def density(self, e: Expr) -> Expr:

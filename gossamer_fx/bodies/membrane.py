@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import ufl
 from dolfinx import fem
@@ -15,12 +16,16 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, frame, green_lagrange, surface_gradient, tension
 from gossamer_fx.forms.strain_path import Piece
 from gossamer_fx.materials.film import FilmLaw, constants, parameters
+from gossamer_fx.materials.thermal import ThermalExpansion
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array, Block
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy
+
+if TYPE_CHECKING:
+    from gossamer_fx.terms.thermal_strain import ThermalStrain
 
 
 @check_arguments
@@ -37,6 +42,7 @@ class Membrane(Meshed):
         properties: numbers of the law that differ from cell to cell, by "E", "nu", "density", "thickness": {group:
             value} for surfaces of the mesh (elsewhere the law's own), or a function of the cells' midpoints (3, n) that
             returns (n,).  E.g. devices on a sail: {"density": {"device": 2000.0}, "thickness": {"device": 25e-6}}.
+        thermal: thermal expansion, with the temperature of the film; default none.
         displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
         velocity: initial velocity [m/s], given in the same way.
         name: name in messages and output.
@@ -57,6 +63,7 @@ class Membrane(Meshed):
         *,
         order: int = 1,
         properties: Mapping[str, Property] | None = None,
+        thermal: ThermalExpansion | None = None,
         displacement: PointFunction | None = None,
         velocity: PointFunction | None = None,
         name: str = "film",
@@ -85,6 +92,9 @@ class Membrane(Meshed):
             vary(self.constants, law, self.mesh, properties, name)
         self._frame = frame(domain)
         self._orient()
+        self.thermal = thermal
+        if thermal is not None:
+            self._check_expansion(thermal)
         self._displacement = checked(
             displacement, f"Membrane '{name}': its displacement", mesh.comm
         )
@@ -101,6 +111,28 @@ class Membrane(Meshed):
 
             field = direction_field(self.mesh, direction, self.name)
             set_axes(self.constants, field, self._frame)
+
+    def _check_expansion(self, thermal: ThermalExpansion) -> None:
+        """Refuse a thermal expansion that does not belong to this film."""
+        # Imported here: a film without thermal expansion does not load it.
+        from gossamer_fx.bodies.thermal_expansion import check_expansion, check_no_gradient
+
+        what = f"{type(self).__name__} '{self.name}'"
+        check_expansion(thermal, what, has_axes=hasattr(self.constants, "cosine"))
+        if not self.bends:
+            check_no_gradient(thermal, what)
+
+    def _thermal_strain(self) -> ThermalStrain | None:
+        """The thermal strain for one compiled scene; None without thermal expansion."""
+        if self.thermal is None:
+            return None
+        from gossamer_fx.bodies.thermal_expansion import film_strain, thermal_strain
+
+        return thermal_strain(
+            self,
+            lambda alphas, ΔT: film_strain(alphas, ΔT, self.constants),
+            f"{type(self).__name__} '{self.name}'",
+        )
 
     def measure(self, x: Expr) -> Expr:
         """Green-Lagrange strain (E11, E22, 2 E12) of the positions x."""
@@ -133,6 +165,7 @@ class Membrane(Meshed):
         )
         # laws that wrinkle never push, so that only of the others a part pulls
         pulling = tension if self.law.quadratic else None
+        thermal = self._thermal_strain()
         yield StoredEnergy(
             self.name,
             self,
@@ -143,7 +176,8 @@ class Membrane(Meshed):
             self.pieces,
             pulling,
             c_law=self.law.c_law(self.constants, self.comm),
-            parameters=numbers,
+            thermal=thermal,
+            parameters=numbers if thermal is None else numbers + thermal.parameters,
         )
 
     @cached_property

@@ -138,6 +138,16 @@ class StepObserver(Protocol):
 
 
 @runtime_checkable
+class TimeDependence(Protocol):
+    """Has quantities at the end of a step that depend on time, or on history variables, and not on q1."""
+
+    @abstractmethod
+    def take_time(self, t: float) -> None:
+        """A state of time t [s] is about to be set, as the end of a step: take these quantities from it."""
+        ...
+
+
+@runtime_checkable
 class IterateObserver(Protocol):
     """Has to know when the Newton iteration changes q1."""
 
