@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass
 from numbers import Real
+from typing import Any
+
+import numpy as np
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
@@ -84,12 +87,12 @@ class ThermalExpansion:
     @property
     def alphas(self) -> tuple[float, ...]:
         """The coefficients of expansion [1/K], one or two."""
-        if isinstance(self.alpha, Real):
-            return (float(self.alpha),)
-        return tuple(float(alpha) for alpha in self.alpha)
+        return tuple(float(alpha) for alpha in np.ravel(self.alpha))
 
     def _numbers(self) -> list[float]:
         """Those temperatures that are given as numbers."""
         given = self.temperature
-        values = list(given.values()) if isinstance(given, Mapping) else [given]
+        values: list[Any] = [given]
+        if isinstance(given, Mapping):
+            values = list(given.values())
         return [float(value) for value in values if isinstance(value, Real)]

@@ -9,5 +9,6 @@ from .optics import Optics as Optics
 from .orbit import Orbit as Orbit
 from .solar_heating import HeatBalance as HeatBalance
 from .solar_heating import SolarHeating as SolarHeating
+from .solar_heating import ThermalProperties as ThermalProperties
 from .solar_pressure import SolarPressure as SolarPressure
 from .surface_forces import Surface as Surface

@@ -18,9 +18,8 @@ the errors of the mechanical one.  The heat that thermal expansion turns into wo
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from numbers import Real
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar
 from weakref import WeakKeyDictionary
 
@@ -51,7 +50,6 @@ from gossamer_fx.extend import (
     cell_nodes,
     check,
     check_arguments,
-    check_positive,
     compile_expression,
     compile_form,
     thermal_strain_of,
@@ -110,6 +108,60 @@ class HeatBalance:
 
 
 @check_arguments
+@dataclass(frozen=True)
+class ThermalProperties:
+    """What a film does with heat: capacity, absorptivity and emissivity.
+
+    Args:
+        heat_capacity: C, per area [J/(m² K)]: specific heat times density times thickness.
+        absorptivity: share of sunlight that is absorbed, 0 to 1: one number, or those of front and back.
+            It is 1 - reflectivity of `Optics`.
+        emissivity: in the infrared, 0 to 1: one number, or those of front and back.
+
+    Raises:
+        InputError: a value out of its range.
+
+    Example:
+        >>> aluminised = gx.orbit.ThermalProperties(11.0, absorptivity=0.1, emissivity=(0.03, 0.5))
+        >>> aluminised.emissivities
+        (0.03, 0.5)
+    """
+
+    heat_capacity: float
+    _: KW_ONLY
+    absorptivity: float | tuple[float, float]
+    emissivity: float | tuple[float, float]
+
+    def __post_init__(self) -> None:
+        check(
+            self.heat_capacity > 0,
+            f"ThermalProperties: heat_capacity is {self.heat_capacity!r} J/(m² K); give a positive number.",
+        )
+        for what, values in (
+            ("absorptivity", self.absorptivities),
+            ("emissivity", self.emissivities),
+        ):
+            check(
+                all(0 <= value <= 1 for value in values),
+                f"ThermalProperties: {what} is {getattr(self, what)!r}; give numbers between 0 and 1.",
+            )
+        check(
+            sum(self.emissivities) > 0 or sum(self.absorptivities) == 0,
+            "ThermalProperties: the film absorbs and does not radiate; give a positive emissivity.",
+        )
+
+    @property
+    def absorptivities(self) -> tuple[float, float]:
+        """Those of front and back."""
+        return _of_faces(self.absorptivity)
+
+    @property
+    def emissivities(self) -> tuple[float, float]:
+        """Those of front and back."""
+        return _of_faces(self.emissivity)
+
+
+@check_arguments
 class SolarHeating:
     """Temperature of the triangles of a film in orbit, heated by sunlight and cooled by radiation.
 
@@ -119,10 +171,8 @@ class SolarHeating:
     Args:
         film: a membrane or plate; a plate has one temperature across its thickness.
         orbit: the orbit of the scene, which tells sunlight and eclipse.
-        heat_capacity: C, per area [J/(m² K)]: specific heat times density times thickness.
-        absorptivity: share of sunlight that is absorbed, 0 to 1: one number, or those of front and back.
-            It is 1 - reflectivity of `Optics`.
-        emissivity: in the infrared, 0 to 1: one number, or those of front and back.
+        properties: of the film.
+        groups: other properties, by the names of groups of its triangles.
         initial_temperature: [K]; default that of the film's thermal expansion.
         space_temperature: of the sky [K].
         infrared: flux that the central body radiates [W/m²] at its surface; of the Earth 237.
@@ -135,26 +185,19 @@ class SolarHeating:
         InputError: a value out of its range; a temperature that the film has as a function of time.
 
     Example:
-        >>> heating = gx.orbit.SolarHeating(
-        ...     film,
-        ...     orbit,
-        ...     heat_capacity=15.0,
-        ...     absorptivity=0.1,
-        ...     emissivity=(0.05, 0.6),
-        ...     initial_temperature=250.0,
-        ... )
-        >>> heating.emissivities
-        (0.05, 0.6)
+        >>> aluminised = gx.orbit.ThermalProperties(11.0, absorptivity=0.1, emissivity=(0.03, 0.5))
+        >>> heating = gx.orbit.SolarHeating(film, orbit, aluminised, initial_temperature=250.0)
+        >>> heating.name
+        'heating of film'
     """
 
     def __init__(
         self,
         film: Membrane,
         orbit: Orbit,
+        properties: ThermalProperties,
         *,
-        heat_capacity: float,
-        absorptivity: float | tuple[float, float],
-        emissivity: float | tuple[float, float],
+        groups: Mapping[str, ThermalProperties] | None = None,
         initial_temperature: float | None = None,
         space_temperature: float = SPACE_TEMPERATURE,
         infrared: float = 0.0,
@@ -165,9 +208,8 @@ class SolarHeating:
         """Check the arguments, which the class describes."""
         self.film = film
         self.orbit = orbit
-        self.heat_capacity = heat_capacity
-        self.absorptivities = _of_faces(absorptivity)
-        self.emissivities = _of_faces(emissivity)
+        self.properties = properties
+        self.groups = dict(groups or {})
         self.initial_temperature = initial_temperature
         self.space_temperature = space_temperature
         self.infrared = infrared
@@ -185,17 +227,6 @@ class SolarHeating:
 
     def _check_numbers(self) -> None:
         """Refuse numbers out of their ranges, each in one sentence."""
-        check_positive(self, "heat_capacity", "J/(m² K)")
-        for what in ("absorptivities", "emissivities"):
-            for value in getattr(self, what):
-                check(
-                    0 <= value <= 1,
-                    f"'{self.name}': {what} are {getattr(self, what)!r}; give numbers between 0 and 1.",
-                )
-        check(
-            sum(self.emissivities) > 0 or sum(self.absorptivities) == 0,
-            f"'{self.name}': the film absorbs and does not radiate; give a positive emissivity.",
-        )
         check(0 <= self.albedo <= 1, f"'{self.name}': albedo is {self.albedo!r}; give 0 to 1.")
         check(
             self.infrared >= 0,
@@ -242,10 +273,8 @@ class SolarHeating:
 
 def _of_faces(value: float | tuple[float, float]) -> tuple[float, float]:
     """The values of front and back."""
-    if isinstance(value, Real):
-        return float(value), float(value)
-    front, back = value
-    return float(front), float(back)
+    values = np.broadcast_to(np.asarray(value, dtype=float), (2,))
+    return float(values[0]), float(values[1])
 
 
 class FilmTemperatures:
@@ -271,6 +300,7 @@ class FilmTemperatures:
         of_cells = cell_nodes(scalars)[: self._owned, 0]
         areas = fem.assemble_vector(compile_form(ufl.TestFunction(scalars) * ufl.dx))
         self._areas = areas.array[of_cells].copy()
+        self._take_properties()
         self._x = fem.Function(film.space)
         vectors = fem.functionspace(mesh, ("Discontinuous Lagrange", 0, (3,)))
         self._area_vectors = fem.Function(vectors)
@@ -291,6 +321,27 @@ class FilmTemperatures:
             self.take_time()
             self._strain.commit()
 
+    def _take_properties(self) -> None:
+        """Properties of each triangle: capacities (n,), absorptivities and emissivities (n, 2)."""
+        heating = self.heating
+        table = np.zeros((self._owned, 5))
+
+        def row(properties: ThermalProperties) -> list[float]:
+            faces = (*properties.absorptivities, *properties.emissivities)
+            return [properties.heat_capacity, *faces]
+
+        table[:] = row(heating.properties)
+        for group, properties in heating.groups.items():
+            dim, cells = self.film.mesh.group(group)
+            check(
+                dim == 2,
+                f"'{heating.name}': the group '{group}' has dimension {dim}; name triangles of the mesh.",
+            )
+            table[cells[cells < self._owned]] = row(properties)
+        self._C = table[:, 0]
+        self._absorptivities = table[:, 1:3]
+        self._emissivities = table[:, 3:5]
+
     def _initial(self) -> Array:
         """The temperatures (n,) at the start."""
         heating = self.heating
@@ -298,8 +349,8 @@ class FilmTemperatures:
         if strain is not None:
             check(
                 not strain.in_time,
-                f"'{heating.name}' computes the temperature of '{self.film.name}', whose thermal expansion has one that "
-                "is a function; give a number there, the temperature at the start.",
+                f"'{heating.name}' computes the temperature of '{self.film.name}', whose thermal expansion has a "
+                "function for it; give a number there, the temperature at the start.",
             )
         if heating.initial_temperature is not None:
             return np.full(self._owned, float(heating.initial_temperature))
@@ -316,7 +367,7 @@ class FilmTemperatures:
         flight = self.heating.orbit.flight(system)
         flight.prepare(system)
         A, B = self._fluxes(flight)
-        C = self.heating.heat_capacity
+        C = self._C
         h = system.h
         # The number of sub-steps must not depend on the partition of the mesh.
         count = system.comm.allreduce(substeps(self.T, h, C, A, B), op=MPI.MAX)
@@ -356,13 +407,13 @@ class FilmTemperatures:
         a = self._middle_area_vectors()
         stretch = np.linalg.norm(a, axis=1)
         towards_light = -(a @ u)
-        front, back = heating.absorptivities
+        front, back = self._absorptivities.T
         absorbing = np.where(towards_light > 0, front, back)
         sunlight = LIGHT_SPEED * pressure * np.abs(towards_light) * absorbing
         if self._shades is not None:
             self._shades.update(self._system, u)
             sunlight *= self._shades.lit.x.array[: self._owned]
-        B = STEFAN_BOLTZMANN * sum(heating.emissivities) * stretch
+        B = STEFAN_BOLTZMANN * self._emissivities.sum(axis=1) * stretch
         A: Array = sunlight + B * heating.space_temperature**4
         if heating.infrared > 0 or heating.albedo > 0:
             A += self._from_central_body(flight, a, stretch)
@@ -387,12 +438,9 @@ class FilmTemperatures:
             zenith_cosine = max(float(outward @ sun) / float(np.linalg.norm(sun)), 0.0)
             solar_flux = LIGHT_SPEED * around.pressure * (AU / way) ** 2
             reflected = heating.albedo * solar_flux * zenith_cosine
-        by_faces = []
-        for absorptivity, emissivity in zip(
-            heating.absorptivities, heating.emissivities, strict=True
-        ):
-            by_faces.append(absorptivity * reflected + emissivity * heating.infrared)
-        flux: Array = stretch * (by_faces[0] * of_front + by_faces[1] * of_back)
+        of_faces = np.column_stack([of_front, of_back])
+        absorbed = self._absorptivities * reflected + self._emissivities * heating.infrared
+        flux: Array = stretch * (absorbed * of_faces).sum(axis=1)
         return flux
 
     def _middle_area_vectors(self) -> Array:
@@ -408,7 +456,7 @@ class FilmTemperatures:
 
     def _stored(self) -> float:
         """∫ C T dA [J], this rank's share."""
-        return self.heating.heat_capacity * float(self.T @ self._areas)
+        return float((self._C * self.T) @ self._areas)
 
     def sums(self) -> Array:
         """Absorbed, emitted and first stored heat [J] (3,), of all ranks.  Collective."""
@@ -428,20 +476,20 @@ class FilmTemperatures:
     def balance(self) -> HeatBalance:
         """The heat balance of the accepted state.  Collective."""
         comm = self._system.comm
-        absorbed, emitted, first = self.sums().tolist()
-        own = np.array([self._stored(), float(self._areas.sum())])
-        stored, area = comm.allreduce(own).tolist()
+        sums = self.sums()
+        own = np.array([self._stored(), float(self._C @ self._areas)])
+        stored, capacity = comm.allreduce(own).tolist()
         extremes = np.array([self.T.max(initial=-np.inf), -self.T.min(initial=np.inf)])
         comm.Allreduce(MPI.IN_PLACE, extremes, op=MPI.MAX)
         return HeatBalance(
             time=self._system.time,
             stored=stored,
-            stored_first=first,
-            absorbed=absorbed,
-            emitted=emitted,
+            stored_first=float(sums[2]),
+            absorbed=float(sums[0]),
+            emitted=float(sums[1]),
             lowest=float(-extremes[1]),
             highest=float(extremes[0]),
-            mean=stored / (self.heating.heat_capacity * area),
+            mean=stored / capacity,
         )
 
 
