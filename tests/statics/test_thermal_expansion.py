@@ -56,9 +56,7 @@ def strip(comm, law, stretch: float, expansion, order: int = 1) -> tuple[gx.Scen
 def test_a_strip_between_clamps_goes_slack_when_heated_past_its_pretension(comm, order, ΔT) -> None:
     """S = E (ε0 - e_th) while it is tensile, the residual part of it beyond; force S λ0 t."""
     residual = 1e-3
-    law = gx.Miyazaki(
-        2e9, 0.0, density=1400.0, thickness=THICKNESS, residual_stiffness=residual
-    )
+    law = gx.Miyazaki(2e9, 0.0, density=1400.0, thickness=THICKNESS, residual_stiffness=residual)
     stretch = 1 + ALPHA * 50.0
     expansion = ThermalExpansion(ALPHA, lambda X, t: T0 + ΔT * t, reference=T0)
     scene, end = strip(comm, law, stretch, expansion, order)
@@ -183,9 +181,7 @@ def test_a_plate_that_is_hot_on_its_front_rolls_up(comm, cells: int, tolerance: 
     law = gx.LinearOrthotropic(
         2e9, 2e9, 0.0, 1e9, density=1400.0, thickness=1e-3, direction=(1.0, 0.0, 0.0)
     )
-    expansion = ThermalExpansion(
-        (1e-4, 0.0), reference=T0, gradient=lambda X, t: -10.0 * t
-    )
+    expansion = ThermalExpansion((1e-4, 0.0), reference=T0, gradient=lambda X, t: -10.0 * t)
     plate = gx.Plate(sheet(comm, cells, 2, LENGTH, WIDTH), law, thermal=expansion)
     equilibrium = gx.Equilibrium(gx.Scene(plate, gx.Fixed(plate, "left", rotation=True)))
     result = equilibrium.find(at=1.0)
@@ -233,7 +229,11 @@ def test_a_linear_temperature_needs_no_stress_in_a_free_plate(comm) -> None:
     expansion = ThermalExpansion(ALPHA, lambda X, t: T0 + 50.0 * X[0], reference=T0)
     film = gx.Membrane(crossed_sheet(comm, 3, 3), law, order=2, thermal=expansion)
     equilibrium = gx.Equilibrium(
-        gx.Scene(film, gx.Fixed(film, "bottom", components=(1, 2)), gx.Fixed(film, "top", components=(2,)))
+        gx.Scene(
+            film,
+            gx.Fixed(film, "bottom", components=(1, 2)),
+            gx.Fixed(film, "top", components=(2,)),
+        )
     )
     equilibrium.find()
     stress = gx.fields.field_values(equilibrium, film, field="stress1")[1]
@@ -292,7 +292,10 @@ def test_a_field_of_temperatures_is_a_variable(comm) -> None:
     [
         ({"alpha": 17.0}, "alpha is 17.0 1/K; give at most 0.01"),
         ({"alpha": 1e-5, "reference": -1.0}, "reference is -1.0 K; give an absolute temperature"),
-        ({"alpha": 1e-5, "temperature": -5.0}, "temperature is -5.0 K; give an absolute temperature"),
+        (
+            {"alpha": 1e-5, "temperature": -5.0},
+            "temperature is -5.0 K; give an absolute temperature",
+        ),
         ({"alpha": 1e-5, "temperature": {"film": -5.0}}, "temperature is -5.0 K"),
         ({"alpha": math.nan}, "alpha"),
     ],
