@@ -148,9 +148,9 @@ def test_a_group_that_is_hot_relieves_the_others(comm) -> None:
 def test_a_string_that_is_cooled_sounds_higher(comm) -> None:
     """f = √(N/μ)/(2 L), with the tension N of the cold string."""
     tones = []
+    stretch = 1 + 1e-3
     for ΔT in (0.0, -30.0):
         curve = line(comm, [(0.0, 0.0, 0.0), (LENGTH, 0.0, 0.0)], 40)
-        stretch = 1 + 1e-3
         string = gx.Cable(
             curve,
             gx.CableLaw(1e4, 0.01),
