@@ -149,6 +149,7 @@ class System:
         self._tangents = roles.playing(roles.Tangents, compiled)
         self._tangent_forms = roles.playing(roles.TangentForms, compiled)
         self._step_observers = roles.playing(roles.StepObserver, compiled)
+        self._time_dependent = roles.playing(roles.TimeDependence, compiled)
         self._iterate_observers = roles.playing(roles.IterateObserver, compiled)
         self._state_observers = roles.playing(roles.StateObserver, compiled)
         self._checks = roles.playing(roles.StepCheck, compiled)
@@ -209,6 +210,7 @@ class System:
 
         Both are needed: histories and extrapolations follow from the last step.
         """
+        self._take_time()
         for q in (self.previous, self.q0):
             self.set_end(q)
             self._commit()
@@ -248,6 +250,7 @@ class System:
         self.v0.array[:] = rates
         self.q0.array[:] = start
         self.h = -self.h
+        self._take_time()
         self.set_end(self.q0)
         for field in self.fields.values():
             field.q0.x.array[:] = field.q1.x.array
@@ -494,8 +497,14 @@ class System:
         self.v0.array[:] = v
         self.q0.array[:] = q
         self.q0.copy(self.previous)
+        self._take_time()
         self.set_end(self.q0)
         self._commit()
+
+    def _take_time(self) -> None:
+        """Terms that depend on time take that of the accepted state."""
+        for kind in self._time_dependent:
+            kind.take_time(self.time)
 
     def _commit(self) -> None:
         """q1 and its strains are the start of the next step."""
