@@ -107,6 +107,7 @@ class Beam(Curve):
         mean.scatter_forward()
         t = mean.array.reshape(-1, 9)[:, :3]
         t = t / np.linalg.norm(t, axis=1, keepdims=True)
+        # The part of the normal in the section; the user gives one vector for all of a bent beam.
         d2 = normal - (t @ normal)[:, None] * t
         length = np.linalg.norm(d2, axis=1, keepdims=True)
         check_on_all(
@@ -152,6 +153,7 @@ class Beam(Curve):
         initial = self.initial_strain
         if initial is None:
             return strains
+        # UFL wants components of one kind: a plain 0 would be of another.
         zero = 0 * initial
         return strains + ufl.as_vector([initial, zero, zero, zero, zero, zero])
 
@@ -185,6 +187,7 @@ class Beam(Curve):
             thermal=thermal,
             parameters=() if thermal is None else thermal.parameters,
         )
+        # One constraint for each owned node; its multipliers keep sections rigid in every iterate.
         first, end = self.block.index_map.local_range
         directors = [self._directors(node) for node in range(first, end)]
         H, L, c = orthonormality(2)

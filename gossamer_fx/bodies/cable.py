@@ -114,6 +114,7 @@ class TensionOnly(CableLaw):
         'cable'
     """
 
+    # Its stress has a kink at zero strain, where the path of a step is divided.
     quadratic = False
 
     def energy(self, e: Expr, c: Any) -> Expr:

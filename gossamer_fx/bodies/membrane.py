@@ -129,6 +129,7 @@ class Membrane(Meshed):
         """Add the axes of an orthotropic law to the constants."""
         direction = getattr(self.law, "direction", None)
         if direction is not None:
+            # Imported here: isotropic film has no axes.
             from gossamer_fx.bodies.directions import direction_field, set_axes
 
             field = direction_field(self.mesh, direction, self.name)
@@ -216,7 +217,8 @@ class Membrane(Meshed):
             lambda v, w: self.area_density * ufl.inner(v, w) * self.mass_dx,
             parameters=numbers,
         )
-        # laws that wrinkle never push, so that only of the others a part pulls
+        # A law that wrinkles has tensile stresses only.  Of another law the compressive part makes
+        # the geometric stiffness indefinite; the iteration may leave it out.
         pulling = tension if self.law.quadratic else None
         thermal = self._thermal_strain()
         yield StoredEnergy(

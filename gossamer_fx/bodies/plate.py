@@ -144,11 +144,15 @@ class Plate(Membrane):
         folds = [interior_edges(self, table, group, "hinge") for group in self.hinges]
         self._hinged = np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *folds]))
         self._check_flat(table)
-        self._bending = bending  # a restart compares it, see `outputs.arguments`
+        # A restart compares this argument, too.
+        self._bending = bending
         self.bending_stiffness = self.law.bending_stiffness(self.constants)
         if bending is not None:
             self.bending_stiffness = self._given_bending(bending)
-        rest = None if rest_curvature is None else self._rest(rest_curvature)
+        rest = None
+        if rest_curvature is not None:
+            rest = self._rest(rest_curvature)
+        # The penalty is a constant, so that another one needs no new kernel.
         self.bending = self._bending_about(rest)
 
     def _given_bending(self, bending: tuple[float, float, float, float]) -> OrthotropicBending:
@@ -258,6 +262,7 @@ class Plate(Membrane):
             return ufl.Measure("dS", domain, metadata=metadata)
         edges = domain.topology.index_map(1)
         domain.topology.create_connectivity(1, 2)
+        # A hinge transmits no moment: its edges have no bending form.
         others = np.setdiff1d(
             np.arange(edges.size_local + edges.num_ghosts, dtype=np.int32), self._hinged
         )
@@ -266,6 +271,7 @@ class Plate(Membrane):
 
     def _check_flat(self, table: EdgeTable) -> None:
         """Neighbours lie in one plane unless a hinge is between them."""
+        # The curvature of the forms is that of a plate flat in its stress-free shape.
         edges = np.setdiff1d(np.flatnonzero(table.is_inside & table.is_known), self._hinged)
         domain = self.mesh.domain
         corners = domain.geometry.x[domain.geometry.dofmap[:, :3]]

@@ -152,6 +152,7 @@ class TripleProductEnergies(
         """Add the forces [N] of all terms to r."""
         for compiled in self._compiled:
             force = compiled.force
+            # Assembly adds to what is there.
             force.array[:] = 0
             fem.assemble_vector(force.array, compiled.residual)
             force.scatter_reverse(la.InsertMode.add)
@@ -246,7 +247,10 @@ def _defect(mid: Vectors, Δ: Vectors, δ: Vectors) -> Expr:
     """The correction that closes the energy balance: ¼ (Δu×Δv)·Δs along the change of the
     invariants.
     """
+    # A cubic function changes by its gradient in the middle times the step, and a quarter of its
+    # value at the step: u·(v × s) of the three changes.
     missing = _triple(*Δ) / 4
+    # Along invariants of rotations only, so that the correction has no moment.
     coefficients = gonzalez_correction(missing, _invariants(mid, Δ), SMALLEST)
     along = _invariants(mid, δ)
     return sum(c * direction for c, direction in zip(coefficients, along, strict=True))

@@ -130,6 +130,7 @@ class EdgeRotation:
         edges = mesh.curve(self.edges, "Fixed")
         edges = edges[edges < mesh.edges.owned]
         x = fem.Function(self.plate.space)
+        # The initial state may be folded: what is along an edge there need not be so on the mesh.
         self.plate.reconstruct(x, start[self.plate].positions().ravel())
         positions = x.x.array.reshape(-1, 3)
         reference = self.plate.space.tabulate_dof_coordinates()
@@ -149,6 +150,7 @@ class EdgeRotation:
         if len(sines):
             k = int(sines.argmin())
             worst = (float(sines[k]), along[k].tolist(), midpoints[k].tolist())
+        # The worst edge of all ranks, so that all raise the same message.
         sine, direction, point = min(self.plate.comm.allgather(worst))
         check(
             sine >= MIN_SINE,
@@ -159,6 +161,7 @@ class EdgeRotation:
     def _measure(self) -> ufl.Measure:
         """The measure of the edge."""
         domain = self.plate.mesh.domain
+        # Integrals over edges need the triangles next to them.
         domain.topology.create_connectivity(1, 2)
         edges = self.plate.mesh.curve(self.edges, "Fixed")
         tags = meshtags(domain, 1, edges, np.ones(len(edges), dtype=np.int32))

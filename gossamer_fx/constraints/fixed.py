@@ -89,6 +89,7 @@ class Fixed:
         """Check the arguments, and name the item if it has no name."""
         object.__setattr__(self, "components", tuple(map(int, self.components)))
         check_support("Fixed", self.body, self.group, self.components)
+        # A direction or a twist is a rotation: it need not be asked for twice.
         turns = self.direction is not None or callable(self.twist) or self.twist != 0
         object.__setattr__(self, "rotation", self.rotation or turns)
         if not self.name:
@@ -187,6 +188,7 @@ class Fixed:
     def _plane(self, nodes: Indices, normal: Array, start: State) -> PointConstraint:
         """Nodes that stay in the planes with a unit normal through where they start."""
         index_map = self.body.block.index_map
+        # A multiplier holds the height of each node; a support could hold coordinates only.
         own = nodes[nodes < index_map.size_local]
         x = start[self.body].positions()[own]
         ports = [(Port(self.body, (int(node),)),) for node in index_map.local_to_global(own)]
@@ -198,6 +200,7 @@ class Fixed:
         self, nodes: Indices, motion: Callable[[Array, float], Array]
     ) -> Callable[[float], Array]:
         """Prescribed positions of the nodes, flattened, as a function of time [s]."""
+        # Displacements count from the mesh, which is the same wherever the scene starts.
         components = list(self.components)
         X = self.body.space.tabulate_dof_coordinates()[nodes].T
 

@@ -37,32 +37,39 @@ class MovingEnergies(
 ):
     """All `MovingEnergy` terms of a scene.
 
-    With the matrices K0, K1 of both ends of a step the force is ½ (K0 + K1) q̄; what changes the form supplies
+    With the matrices K0, K1 of both ends of a step the force is ½ (K0 + K1) q_mid; what changes the form supplies
     ¼ (q1·(K1 - K0) q1 + q0·(K1 - K0) q0), and both together change the energy exactly.
     """
 
     def __init__(self, terms: Sequence[MovingEnergy], system: Assembly) -> None:
-        self._system, self._compiled = system, []
+        """Compile force, tangent, supplied work and energy of each term.  Collective."""
+        self._system = system
+        self._compiled = []
+        # Statics have the matrix of the end only; a time step has the mean of both ends.
+        is_static = system.rule.alpha == 1.0
         for term in terms:
             at = system.fields[term.body]
-            d0 = fem.Function(term.space)
-            d1 = fem.Function(term.space)
-            # the matrices of both ends count alike; in statics only that of the end does
-            share = constant(term.body.space.mesh, 1.0 if system.rule.alpha == 1.0 else 0.5)
-            ends = (d1,) if system.rule.alpha == 1.0 else (d0, d1)
-            changed = [term.form(q, q, d) for q in (at.q0, at.q1) for d in (d0, d1)]
-            self._compiled.append(
-                _Compiled(
-                    term,
-                    d0,
-                    d1,
-                    la.vector(term.body.block.index_map, term.body.block.size),
-                    compile_form(sum(share * term.form(at.mid, at.w, d) for d in ends)),
-                    compile_form(sum(at.α * share * term.form(at.dq, at.w, d) for d in ends)),
-                    compile_form(changed[1] - changed[0] + changed[3] - changed[2]),
-                    compile_form(changed[0]),
-                )
+            before = fem.Function(term.space)
+            after = fem.Function(term.space)
+            share = constant(term.body.space.mesh, 1.0 if is_static else 0.5)
+            ends = (after,) if is_static else (before, after)
+            residual = sum(share * term.form(at.mid, at.w, d) for d in ends)
+            tangent = sum(at.α * share * term.form(at.dq, at.w, d) for d in ends)
+            # (K1 - K0) at both ends of the step: four times the supplied work.
+            energy = term.form(at.q0, at.q0, before)
+            change_at_start = term.form(at.q0, at.q0, after) - energy
+            change_at_end = term.form(at.q1, at.q1, after) - term.form(at.q1, at.q1, before)
+            compiled = _Compiled(
+                term=term,
+                before=before,
+                after=after,
+                force=la.vector(term.body.block.index_map, term.body.block.size),
+                residual=compile_form(residual),
+                tangent=compile_form(tangent),
+                work=compile_form(change_at_start + change_at_end),
+                energy=compile_form(energy),
             )
+            self._compiled.append(compiled)
 
     def begin_step(self, t: float) -> None:
         self.take_time(self._system.time + self._system.h)
@@ -72,6 +79,7 @@ class MovingEnergies(
             c.term.set(c.after, t)
 
     def commit(self) -> None:
+        # Copied, not evaluated again: a user's function may be expensive.
         for c in self._compiled:
             c.before.x.array[:] = c.after.x.array
 
@@ -93,11 +101,11 @@ class MovingEnergies(
 
     def energies(self) -> dict[str, float]:
         """This rank's share of the stored energy [J] at the start of the step, by name."""
+        # The clamps of a plate have one name, and that of its bending.
         found: dict[str, float] = {}
         for c in self._compiled:
-            found[c.term.name] = (
-                found.get(c.term.name, 0.0) + float(fem.assemble_scalar(c.energy)) / 2
-            )
+            energy = float(fem.assemble_scalar(c.energy)) / 2
+            found[c.term.name] = found.get(c.term.name, 0.0) + energy
         return found
 
 
