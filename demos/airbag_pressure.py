@@ -37,7 +37,13 @@ ATMOSPHERE = 101325.0  # Pa
 TEMPERATURE = 293.0  # of gas, wall and surroundings [K]
 STROKE = 0.12  # of the plate [m]
 DURATION = 0.1  # of the stroke [s]
-FABRIC = gx.Miyazaki(E=4e8, nu=0.3, density=1000.0, thickness=3e-4, residual_stiffness=1e-3)
+FABRIC = gx.Miyazaki(
+    E=4e8,
+    nu=0.3,
+    density=1000.0,
+    thickness=3e-4,
+    residual_stiffness=1e-3,
+)
 # Conductance [W/K] of the wall: m c_v is 14 J/K.
 WALLS = {"no heat passes": 0.0, "τ = 0.03 s": 480.0, "perfect wall": 1e6}
 
@@ -49,7 +55,11 @@ def build(
     film = gx.Membrane(sphere(comm, RADIUS, cells), FABRIC)
     outside = gx.gas.Ambient(ATMOSPHERE, TEMPERATURE)
     bag = gx.Chamber(
-        film, gas=AIR, pressure=ATMOSPHERE + 2e4, temperature=TEMPERATURE, outside=outside
+        film,
+        gas=AIR,
+        pressure=ATMOSPHERE + 2e4,
+        temperature=TEMPERATURE,
+        outside=outside,
     )
     wall = gx.gas.WallHeat(bag, conductance, temperature=TEMPERATURE)
 
@@ -61,13 +71,21 @@ def build(
     gap = 3e-3
     floor = gx.contact.Plane(point=(0, 0, -RADIUS - gap), normal=(0, 0, 1), name="floor")
     plate = gx.contact.Plane(
-        point=(0, 0, RADIUS + gap), normal=(0, 0, -1), motion=plate_motion, name="plate"
+        point=(0, 0, RADIUS + gap),
+        normal=(0, 0, -1),
+        motion=plate_motion,
+        name="plate",
     )
     contact = gx.Contact(film, floor, plate, distance=gap)
     # The air around the bag and the fabric itself damp its vibrations.
     damping = gx.Damping(film, mass_factor=100.0, stiffness_factor=1e-5)
     scene = gx.Scene(film, bag, wall, contact, damping)
-    return film, gx.Case(scene, gx.Midpoint(dt=1e-3), until=until, title="A squeezed airbag")
+    return film, gx.Case(
+        scene,
+        gx.Midpoint(dt=1e-3),
+        until=until,
+        title="A squeezed airbag",
+    )
 
 
 def exponent(volume: Array, pressure: Array) -> float:
@@ -88,12 +106,25 @@ def draw(histories: dict[str, gx.Series], shapes: list[Array], path: Path) -> No
     for (name, history), colour in zip(histories.items(), (RED, GREEN, BLUE), strict=True):
         V = np.array(history["volume"])
         p = np.array(history["pressure"])
-        plot.plot(1e3 * V[::5], 1e-3 * p[::5], "o", color=colour, markersize=4, label=name)
+        plot.plot(
+            1e3 * V[::5],
+            1e-3 * p[::5],
+            "o",
+            color=colour,
+            markersize=4,
+            label=name,
+        )
     for name, n, colour in (("no heat passes", AIR.gamma, RED), ("perfect wall", 1.0, BLUE)):
         V = np.array(histories[name]["volume"])
         closed_form = histories[name]["pressure"][0] * (V[0] / V) ** n
         label = f"p V$^{{{n:g}}}$ = constant"
-        plot.plot(1e3 * V, 1e-3 * closed_form, color=colour, linewidth=1, label=label)
+        plot.plot(
+            1e3 * V,
+            1e-3 * closed_form,
+            color=colour,
+            linewidth=1,
+            label=label,
+        )
     plot.set(xlabel="volume [l]", ylabel="absolute pressure [kPa]")
     plot.grid(alpha=0.3)
     plot.legend(frameon=False)

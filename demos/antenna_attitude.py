@@ -32,7 +32,13 @@ from gossamer_fx.meshes import antenna as meshes
 from gossamer_fx.outputs.output import Output, Probe
 
 SIDE = 2.1  # m
-FILM = gx.Miyazaki(E=2.3e9, nu=0.3, density=1400.0, thickness=2e-5, residual_stiffness=1e-8 / 35)
+FILM = gx.Miyazaki(
+    E=2.3e9,
+    nu=0.3,
+    density=1400.0,
+    thickness=2e-5,
+    residual_stiffness=1e-8 / 35,
+)
 BOOM = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
 TARGETS = {1: (0.0, 0.0, 8.0), 2: (8.0, 0.0, 0.0)}  # degrees
 # Of the controlled motion: natural frequency Ω [rad/s] and damping ratio ζ.
@@ -83,7 +89,8 @@ class Attitude:
     """One of the three controlled angles [deg], a probe."""
 
     def __init__(self, control: gx.control.AttitudeControl, axis: int) -> None:
-        self._control, self._axis = control, axis
+        self._control = control
+        self._axis = axis
 
     def __call__(self, run: gx.Simulation) -> float:
         vectors = run.system.state.vectors(self._control.frame.directors)
@@ -95,7 +102,8 @@ class ControlTorque:
     """The torque about the axis of one of the angles [N m], a probe."""
 
     def __init__(self, control: gx.control.AttitudeControl, axis: int) -> None:
-        self._control, self._axis = control, axis
+        self._control = control
+        self._axis = axis
 
     def __call__(self, run: gx.Simulation) -> float:
         return float(self._control.torques[self._axis])
@@ -115,11 +123,15 @@ def build(
     It tells angles, torques and the displacement of the corner A.
     """
     model = antenna(comm, cells, elements, order)
-    centre, corner = model.film.port_at((0, 0, 0)), model.film.port_at(model.points[0])
+    centre = model.film.port_at((0, 0, 0))
+    corner = model.film.port_at(model.points[0])
     ring = gx.control.patch(centre, [model.film.port_at(point) for point in model.points[4:]])
     I = inertia()  # noqa: E741 (as in the formula)
     control = gx.control.AttitudeControl(
-        ring, np.radians(TARGETS[case]), stiffness=I * RATE**2, damping=2 * DAMPING * I * RATE
+        ring,
+        np.radians(TARGETS[case]),
+        stiffness=I * RATE**2,
+        damping=2 * DAMPING * I * RATE,
     )
     scene = gx.Scene(
         *model.items, gx.constraints.BallJoint(centre, gx.Ground((0, 0, 0)), name="centre"), control
@@ -150,10 +162,8 @@ def main(
     series = gx.Series(turn.probes)
     outputs: list[Output] = [gx.outputs.Progress(), series]
     if output is not None:
-        out, looks = (
-            Path(output),
-            (np.array([2.0, 4.0, 8.0, 16.0, 40.0]) * turn.until / 40).tolist(),
-        )
+        out = Path(output)
+        looks = (np.array([2.0, 4.0, 8.0, 16.0, 40.0]) * turn.until / 40).tolist()
         outputs += [
             turn.recording(out),
             gx.plot.Picture(out / "antenna.png", times=looks, title=turn.title),

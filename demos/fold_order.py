@@ -94,14 +94,29 @@ def folded_twice(first: str, openings: tuple[float, float]) -> Callable[[Array],
 def build(comm: MPI.Intracomm, first: str, openings: tuple[float, float]) -> gx.Membrane:
     """The square film, folded twice."""
     return gx.Membrane(
-        sheet(comm, 16, 16, EDGE, EDGE), FILM, displacement=folded_twice(first, openings)
+        sheet(comm, 16, 16, EDGE, EDGE),
+        FILM,
+        displacement=folded_twice(first, openings),
     )
 
 
 def miura(comm: MPI.Intracomm, theta: float) -> tuple[gx.Membrane, gx.fold.Miura]:
     """A sheet of 4 × 4 parallelograms, and its fold map with the angle θ [rad]."""
-    folds = gx.fold.Miura(EDGE / 4, EDGE / 4, gamma=math.radians(60.0), theta=theta)
-    flat = parallelograms(comm, EDGE / 4, EDGE / 4, math.radians(60.0), 4, 4, 2)
+    folds = gx.fold.Miura(
+        EDGE / 4,
+        EDGE / 4,
+        gamma=math.radians(60.0),
+        theta=theta,
+    )
+    flat = parallelograms(
+        comm,
+        EDGE / 4,
+        EDGE / 4,
+        math.radians(60.0),
+        4,
+        4,
+        2,
+    )
     return gx.Membrane(flat, FILM), folds
 
 
@@ -158,7 +173,12 @@ def draw(shapes: dict[str, Array], path: Path) -> None:
     """Starts side by side, with their energies."""
     figure = new_figure(10.5, 3.2)
     for place, (title, corners) in enumerate(shapes.items(), start=1):
-        axes = figure.add_subplot(1, len(shapes), place, projection="3d")
+        axes = figure.add_subplot(
+            1,
+            len(shapes),
+            place,
+            projection="3d",
+        )
         draw_film(axes, corners, view=(20.0, 35.0))
         axes.set_title(title, fontsize=10)
     save(figure, path)

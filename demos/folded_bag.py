@@ -45,7 +45,11 @@ FILM = KAPTON_HN.law(25e-6, residual_stiffness=1e-4)
 def accordion(opening: float = 1e-4) -> gx.fold.Zigzag:
     """Four panels that rise and fall by 70°, whose two sheets are apart by up to twice the opening [m]."""
     return gx.fold.Zigzag(
-        LENGTH, PANELS, angle=math.radians(70.0), width=math.pi * DIAMETER / 2, opening=opening
+        LENGTH,
+        PANELS,
+        angle=math.radians(70.0),
+        width=math.pi * DIAMETER / 2,
+        opening=opening,
     )
 
 
@@ -71,7 +75,16 @@ def volume(corners: Array) -> float:
 
 def start_energies(openings: Array, cells: int = 6) -> Array:
     """Strain energy [J] of the folded start for several openings [m]."""
-    film = gx.Membrane(flat_tube(MPI.COMM_SELF, LENGTH, DIAMETER, cells, PANELS), FILM)
+    film = gx.Membrane(
+        flat_tube(
+            MPI.COMM_SELF,
+            LENGTH,
+            DIAMETER,
+            cells,
+            PANELS,
+        ),
+        FILM,
+    )
     return np.array([accordion(opening).start(film).strain_energy() for opening in openings])
 
 
@@ -84,9 +97,20 @@ def draw(shapes: dict[str, Array], openings: Array, energies: Array, path: Path)
         draw_film(axes, corners, view=(22.0, -65.0))
         axes.set_title(title)
     plot = figure.add_subplot(layout[2])
-    plot.loglog(1e3 * openings, energies, "o", color=BLUE, label="strain energy of the start")
+    plot.loglog(
+        1e3 * openings,
+        energies,
+        "o",
+        color=BLUE,
+        label="strain energy of the start",
+    )
     fourth = energies[-1] * (openings / openings[-1]) ** 4
-    plot.loglog(1e3 * openings, fourth, color=GREY, label="opening$^4$")
+    plot.loglog(
+        1e3 * openings,
+        fourth,
+        color=GREY,
+        label="opening$^4$",
+    )
     plot.set(xlabel="opening [mm]", ylabel="energy [J]")
     plot.grid(alpha=0.3, which="both")
     plot.legend(frameon=False)

@@ -116,7 +116,11 @@ def build(
     radius = HUB_RADIUS * math.cos(step / 2) - ARM_RADIUS - 1.05 * CONTACT_DISTANCE
     half = HUB_HEIGHT / 4
     drum = gx.contact.Cylinder(
-        start=(0.0, 0.0, -half), end=(0.0, 0.0, half), radius=radius, body=hub, name="drum"
+        start=(0.0, 0.0, -half),
+        end=(0.0, 0.0, half),
+        radius=radius,
+        body=hub,
+        name="drum",
     )
     # The axis of a rod is next to the free part of its arm, and outside of its roll.
     clearance = ROD + ARM_RADIUS + 1.1 * CONTACT_DISTANCE
@@ -186,7 +190,13 @@ def build(
     control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=1.1)
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     return gx.Case(
-        scene, stepper, until=until, title=TITLE, probes=probes, control=control, frames=60
+        scene,
+        stepper,
+        until=until,
+        title=TITLE,
+        probes=probes,
+        control=control,
+        frames=60,
     )
 
 
@@ -216,7 +226,8 @@ def main(
             run.run(until=float(t))
         looks.append((run.time, [gx.fields.positions(run, arm) for arm in arms]))
     radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
-    first, now = run.first.angular_momentum, run.totals.angular_momentum
+    first = run.first.angular_momentum
+    now = run.totals.angular_momentum
     budget = closed_form(radius, float(first[2]), cells) / RPM
     spin = series["spin of the hub [rpm]"]
     if output is not None and comm.rank == 0:
@@ -243,23 +254,60 @@ def draw(
     """The arms from above, and the spin over time and radius."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(12, 6), dpi=100, facecolor="white", layout="constrained")
+    figure = Figure(
+        figsize=(12, 6),
+        dpi=100,
+        facecolor="white",
+        layout="constrained",
+    )
     above, below = figure.subfigures(2, 1, height_ratios=(1.0, 1.3))
     for axes, (t, arms) in zip(above.subplots(1, len(looks)), looks, strict=True):
         for arm in arms:
-            axes.plot(arm[:, 0], arm[:, 1], color=(0.1, 0.35, 0.7), linewidth=1)
-            axes.plot(*arm[-1, :2], "o", color="black", markersize=3)
+            axes.plot(
+                arm[:, 0],
+                arm[:, 1],
+                color=(0.1, 0.35, 0.7),
+                linewidth=1,
+            )
+            axes.plot(
+                *arm[-1, :2],
+                "o",
+                color="black",
+                markersize=3,
+            )
         axes.set(
-            xlim=(-8, 8), ylim=(-8, 8), aspect="equal", title=f"t = {t:.1f} s", xticks=[], yticks=[]
+            xlim=(-8, 8),
+            ylim=(-8, 8),
+            aspect="equal",
+            title=f"t = {t:.1f} s",
+            xticks=[],
+            yticks=[],
         )
     left, right = below.subplots(1, 2)
     spin = series["spin of the hub [rpm]"]
     for axes, x in ((left, series.time), (right, radius - HUB_RADIUS)):
-        axes.plot(x, spin, color=(0.8, 0.2, 0.1), label="hub, computed")
-        axes.plot(x, budget, "--", color=(0.1, 0.35, 0.7), label="if all turned as one")
+        axes.plot(
+            x,
+            spin,
+            color=(0.8, 0.2, 0.1),
+            label="hub, computed",
+        )
+        axes.plot(
+            x,
+            budget,
+            "--",
+            color=(0.1, 0.35, 0.7),
+            label="if all turned as one",
+        )
         axes.grid(alpha=0.3)
     for out, rpm in FLIGHT:
-        right.plot(out, rpm, "o", color="black", label="flight" if out else None)
+        right.plot(
+            out,
+            rpm,
+            "o",
+            color="black",
+            label="flight" if out else None,
+        )
     left.set(xlabel="t [s]", ylabel="spin [rpm]")
     right.set(xlabel="length of the arms that is out [m]", ylabel="spin [rpm]")
     right.legend(frameon=False)

@@ -49,7 +49,13 @@ SIDE = 20.0  # m
 CENTRE = (SIDE / 2, SIDE / 2, 0.0)
 SLACK = 0.01  # share by which the corners are too near
 # Light cannot stretch the film: it only takes out its slack.  See the top for the modulus.
-FILM = gx.Miyazaki(E=1e6, nu=0.34, density=1420.0, thickness=2.5e-6, residual_stiffness=1e-4)
+FILM = gx.Miyazaki(
+    E=1e6,
+    nu=0.34,
+    density=1420.0,
+    thickness=2.5e-6,
+    residual_stiffness=1e-4,
+)
 COLUMNS = (
     "cone [deg]",
     "clock [deg]",
@@ -95,13 +101,25 @@ class Sunlight:
         P = constant(mesh, PRESSURE)
 
         def work(x: object, w: object) -> ufl.Form:
-            force = light_force(area_vector(film.deformation(x)), u, front, back, Symbolic)
+            force = light_force(
+                area_vector(film.deformation(x)),
+                u,
+                front,
+                back,
+                Symbolic,
+            )
             return P * ufl.dot(force, w) * film.dx
 
         def at(k: float) -> None:
             u.value = self.directions[round(k)]
 
-        yield Load(self.name, film, work, follows=True, at=at)
+        yield Load(
+            self.name,
+            film,
+            work,
+            follows=True,
+            at=at,
+        )
 
 
 def build(comm: MPI.Intracomm, directions: Array, cells: int = 10) -> gx.Equilibrium:
@@ -213,9 +231,21 @@ def draw(table: Table, path: Path) -> None:
     for number, (label, curves) in enumerate(panels.items(), start=2):
         axes = figure.add_subplot(1, 3, number)
         for column, name, colour in curves:
-            axes.plot(cone, 1e3 * table.deformed[in_plane, column], "o-", color=colour, label=name)
+            axes.plot(
+                cone,
+                1e3 * table.deformed[in_plane, column],
+                "o-",
+                color=colour,
+                label=name,
+            )
             flat = 1e3 * table.flat[in_plane, column]
-            axes.plot(cone, flat, "--", color=colour, label=f"{name}, flat sail")
+            axes.plot(
+                cone,
+                flat,
+                "--",
+                color=colour,
+                label=f"{name}, flat sail",
+            )
         axes.set(xlabel="cone angle [°]", ylabel=label)
         axes.grid(alpha=0.3)
         axes.legend(frameon=False)

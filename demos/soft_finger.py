@@ -177,11 +177,28 @@ def build(comm: MPI.Intracomm, dt: float = 0.015, until: float = 2.0) -> tuple[C
     vent = gx.Orifice(chambers[0], outside, area=controller.vent_area, name="vent")
     # Silicone and air damp the swing of the finger.
     damping = [
-        gx.Damping(film, mass_factor=10.0, stiffness_factor=1e-3, name=f"damping of {film.name}")
+        gx.Damping(
+            film,
+            mass_factor=10.0,
+            stiffness_factor=1e-3,
+            name=f"damping of {film.name}",
+        )
         for film in finger.films
     ]
-    scene = gx.Scene(*finger.parts, *chambers, inlet, vent, *damping, gx.StartFrom(straight.system))
-    case = gx.Case(scene, gx.Midpoint(dt=dt), until=until, title="A finger under control")
+    scene = gx.Scene(
+        *finger.parts,
+        *chambers,
+        inlet,
+        vent,
+        *damping,
+        gx.StartFrom(straight.system),
+    )
+    case = gx.Case(
+        scene,
+        gx.Midpoint(dt=dt),
+        until=until,
+        title="A finger under control",
+    )
     return controller, case
 
 
@@ -200,11 +217,27 @@ def draw(
     draw_film(finger, both, view=(60.0, -80.0))
     statics = figure.add_subplot(1, 3, 2)
     dynamics = figure.add_subplot(1, 3, 3)
-    statics.plot(1e-3 * differences, np.degrees(closed_form(differences)), color=GREY, label="beam")
-    statics.plot(1e-3 * differences, np.degrees(angles), "o", color=RED, label="film")
+    statics.plot(
+        1e-3 * differences,
+        np.degrees(closed_form(differences)),
+        color=GREY,
+        label="beam",
+    )
+    statics.plot(
+        1e-3 * differences,
+        np.degrees(angles),
+        "o",
+        color=RED,
+        label="film",
+    )
     statics.set(xlabel="Δ [kPa]", ylabel="angle of the tip [°]")
     time, angle = control
-    dynamics.axhline(math.degrees(TARGET), color=GREY, linestyle="--", label="wanted")
+    dynamics.axhline(
+        math.degrees(TARGET),
+        color=GREY,
+        linestyle="--",
+        label="wanted",
+    )
     dynamics.plot(time, np.degrees(angle), color=BLUE, label="under control")
     dynamics.set(xlabel="time [s]", ylabel="angle of the tip [°]", ylim=(0, None))
     for axes in (statics, dynamics):

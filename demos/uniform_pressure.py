@@ -77,9 +77,20 @@ def spread_of_rigid_tube(T: float, parts: int = 8) -> tuple[float, float]:
         for k in range(parts)
     ]
     passages = [
-        gx.Orifice(a, b, area=SECTION, name=f"passage {a.name}") for a, b in pairwise(tanks)
+        gx.Orifice(
+            a,
+            b,
+            area=SECTION,
+            name=f"passage {a.name}",
+        )
+        for a, b in pairwise(tanks)
     ]
-    inlet = gx.Orifice(SUPPLY, tanks[0], area=inlet_area(T), name="inlet")
+    inlet = gx.Orifice(
+        SUPPLY,
+        tanks[0],
+        area=inlet_area(T),
+        name="inlet",
+    )
     run = gx.Simulation(gx.Scene(*tanks, inlet, *passages), gx.Midpoint(dt=T / 200))
     run.run(until=T)
     states = list(run.chambers.values())
@@ -111,12 +122,31 @@ def build(
             name=f"compartment {k + 1}",
         )
         chambers.append(chamber)
-    openings = [gx.Orifice(SUPPLY, chambers[0], area=inlet_area(T), name="inlet")]
+    openings = [
+        gx.Orifice(
+            SUPPLY,
+            chambers[0],
+            area=inlet_area(T),
+            name="inlet",
+        )
+    ]
     for k, ring in enumerate(rings):
-        openings.append(gx.Orifice(chambers[k], chambers[k + 1], area=ring, name=f"passage {k}"))
+        openings.append(
+            gx.Orifice(
+                chambers[k],
+                chambers[k + 1],
+                area=ring,
+                name=f"passage {k}",
+            )
+        )
     damping = gx.Damping(film, mass_factor=20.0, stiffness_factor=1e-6)
     scene = gx.Scene(film, *chambers, *openings, damping)
-    return chambers, gx.Case(scene, gx.Midpoint(dt=T / 200), until=T, title="A flat tube")
+    return chambers, gx.Case(
+        scene,
+        gx.Midpoint(dt=T / 200),
+        until=T,
+        title="A flat tube",
+    )
 
 
 def history(comm: MPI.Intracomm, T: float, parts: int, cells: int) -> dict[str, Array]:
@@ -161,9 +191,25 @@ def draw(
     left.grid(alpha=0.3, which="both")
     for axes, (ratio, by_parts) in zip(others, films.items(), strict=True):
         one, many = by_parts.values()
-        axes.plot(many["time"], 1e-3 * many["inlet"], color=BLUE, label="compartments: inlet")
-        axes.plot(many["time"], 1e-3 * many["tip"], "--", color=BLUE, label="compartments: tip")
-        axes.plot(one["time"], 1e-3 * one["inlet"], color=RED, label="one chamber")
+        axes.plot(
+            many["time"],
+            1e-3 * many["inlet"],
+            color=BLUE,
+            label="compartments: inlet",
+        )
+        axes.plot(
+            many["time"],
+            1e-3 * many["tip"],
+            "--",
+            color=BLUE,
+            label="compartments: tip",
+        )
+        axes.plot(
+            one["time"],
+            1e-3 * one["inlet"],
+            color=RED,
+            label="one chamber",
+        )
         axes.set(title=f"T = {ratio:g} L/c", xlabel="time over T", ylabel="pressure [kPa]")
         axes.set(ylim=(0, 14))
         axes.grid(alpha=0.3)

@@ -82,7 +82,11 @@ def build(
     I = inertia(cells)  # noqa: E741 (as in the formula)
     hub = gx.RigidBody(2 * I / RADIUS**2, (I / 2, I / 2, I), name="hub")
     drum = gx.contact.Cylinder(
-        start=(0.0, 0.0, -0.02), end=(0.0, 0.0, 0.02), radius=RADIUS, body=hub, name="drum"
+        start=(0.0, 0.0, -0.02),
+        end=(0.0, 0.0, 0.02),
+        radius=RADIUS,
+        body=hub,
+        name="drum",
     )
     cords: list[gx.Cable] = []
     items: list[object] = [hub]
@@ -94,7 +98,12 @@ def build(
 
         mesh = line(comm, [(0.0, 0.0, 0.0), (length, 0.0, 0.0)], cells)
         law = gx.TensionOnly(EA=EA, line_density=LINE_DENSITY)
-        cord = gx.Cable(mesh, law, name=f"cord {k + 1}", displacement=wind)
+        cord = gx.Cable(
+            mesh,
+            law,
+            name=f"cord {k + 1}",
+            displacement=wind,
+        )
         end = math.pi * k - cells * step
         tip = gx.PointMass(MASS, (R * math.cos(end), R * math.sin(end), 0.0), name=f"mass {k + 1}")
         root = hub.port((R * math.cos(math.pi * k), R * math.sin(math.pi * k), 0.0))
@@ -151,11 +160,13 @@ def main(
         outputs.append(case.recording(out))
     run = case.simulation(outputs)
     run.run(until=case.until)
-    t, spin = series.time, series["spin of the hub [rad/s]"]
+    t = series.time
+    spin = series["spin of the hub [rad/s]"]
     error = np.abs(spin - spin_of(t, cells)) / SPIN
     if output is not None and comm.rank == 0:
         draw(t, spin, cells, Path(output) / "yo_yo.png")
-    first, now = run.first.angular_momentum, run.totals.angular_momentum
+    first = run.first.angular_momentum
+    now = run.totals.angular_momentum
     return {
         "error_half": float(error[t <= case.until / 2].max()),
         "error_whole": float(error.max()),
@@ -174,11 +185,27 @@ def draw(t: Array, spin: Array, cells: int, path: Path) -> None:
     """The spin of the hub over the time, computed and of the closed form, and their difference."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9, 3.8), dpi=100, facecolor="white", layout="constrained")
+    figure = Figure(
+        figsize=(9, 3.8),
+        dpi=100,
+        facecolor="white",
+        layout="constrained",
+    )
     left, right = figure.subplots(1, 2)
     exact = spin_of(t, cells)
-    left.plot(1e3 * t, spin, color=(0.8, 0.2, 0.1), label="computed")
-    left.plot(1e3 * t, exact, "--", color=(0.1, 0.35, 0.7), label="closed form")
+    left.plot(
+        1e3 * t,
+        spin,
+        color=(0.8, 0.2, 0.1),
+        label="computed",
+    )
+    left.plot(
+        1e3 * t,
+        exact,
+        "--",
+        color=(0.1, 0.35, 0.7),
+        label="closed form",
+    )
     left.set(xlabel="t [ms]", ylabel="spin of the hub [rad/s]")
     left.legend(frameon=False)
     right.plot(1e3 * t, 100 * (spin - exact) / SPIN, color="black")

@@ -59,7 +59,13 @@ def colliding(n: int) -> tuple[gx.Scene, float]:
 
 def blown_up(n: int) -> tuple[gx.Scene, float]:
     """A quarter of an airbag, free in space, with a tank, and its time step [s]."""
-    law = gx.Miyazaki(1e8, 0.3, density=1400.0, thickness=THICKNESS, residual_stiffness=1e-2)
+    law = gx.Miyazaki(
+        1e8,
+        0.3,
+        density=1400.0,
+        thickness=THICKNESS,
+        residual_stiffness=1e-2,
+    )
     film = gx.Membrane(
         airbag(COMM, edge=0.2, cells=n),
         law,

@@ -88,7 +88,11 @@ def stress(run: gx.Simulation, sail: Any) -> Array:
 
 def frequencies(sail: gx.Membrane) -> Array:
     """The lowest of the spinning sail [Hz]."""
-    found = gx.analysis.modes(steady(sail, SPIN), LOWEST, spin=(0.0, 0.0, SPIN))
+    found = gx.analysis.modes(
+        steady(sail, SPIN),
+        LOWEST,
+        spin=(0.0, 0.0, SPIN),
+    )
     return np.array([mode.frequency for mode in found])
 
 
@@ -109,7 +113,12 @@ def predicted(comm: MPI.Intracomm, modes: int, share: float) -> dict[str, float]
     cells = None
     if share < 1:
         cells = max(round(share * all_cells), 1)
-    sail = gx.reduction.reduce(known.film, known.recordings, modes=modes, cells=cells)
+    sail = gx.reduction.reduce(
+        known.film,
+        known.recordings,
+        modes=modes,
+        cells=cells,
+    )
     trained = time.process_time() - started
     run = flight(sail, FASTER * SPIN, DT)
     shape = BodyShape(run.system, sail)

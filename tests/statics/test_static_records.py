@@ -15,11 +15,21 @@ from gossamer_fx.analysis.search_progress import SearchProgress, SearchState
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import EDGES, sheet
 
-LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
+LAW = gx.Miyazaki(
+    E=1e9,
+    nu=0.3,
+    density=1400.0,
+    thickness=1e-4,
+)
 
 
 def drum(comm, *others, **options):
-    film = gx.Membrane(sheet(comm, 4, 4), LAW, initial_stress=1e6, name="drum")
+    film = gx.Membrane(
+        sheet(comm, 4, 4),
+        LAW,
+        initial_stress=1e6,
+        name="drum",
+    )
     load = gx.Pressure(film, lambda t: 10.0 + 10.0 * t)
     supports = [gx.Fixed(film, edge) for edge in EDGES]
     return gx.Equilibrium(gx.Scene(film, load, *supports, *others), **options), film
@@ -43,7 +53,12 @@ def test_an_equilibrium_is_recorded_as_a_run_is(comm, folder):
     lifted = [corners[..., 2].max() for corners in reader.film_corners(0)]
     assert max(lifted) == pytest.approx(height, rel=1e-12)
     if comm.rank == 0:
-        gx.plot.field(reader, "stress1", times=[0.0], path=folder / "drum.png")
+        gx.plot.field(
+            reader,
+            "stress1",
+            times=[0.0],
+            path=folder / "drum.png",
+        )
         gx.write_report(reader, folder / "drum.html")
         assert "residual" in (folder / "drum.html").read_text()
     comm.barrier()
@@ -54,7 +69,11 @@ def test_a_path_of_loads_has_a_state_for_each_time(comm, folder):
     equilibrium, film = drum(comm)
     height = gx.probes.Position(film.port_at((0.5, 0.5, 0.0)), "z")
     recording = gx.Recording(folder / "path", probes={"height": height})
-    gx.outputs.record(equilibrium, [recording], at=[0.0, 1.0, 2.0])
+    gx.outputs.record(
+        equilibrium,
+        [recording],
+        at=[0.0, 1.0, 2.0],
+    )
     comm.barrier()
     reader = gx.plot.RunReader(folder / "path")
     assert reader.times.tolist() == [0.0, 1.0, 2.0]
@@ -69,7 +88,11 @@ def test_a_mode_is_recorded_over_one_period(comm, folder):
     equilibrium.find()
     before = equilibrium.system.q0.array_r.copy()
     folders = gx.outputs.record_modes(
-        equilibrium, modes(equilibrium, 2), folder / "modes", amplitude=0.03, frames=4
+        equilibrium,
+        modes(equilibrium, 2),
+        folder / "modes",
+        amplitude=0.03,
+        frames=4,
     )
     assert (equilibrium.system.q0.array_r == before).all()
     comm.barrier()
@@ -79,12 +102,19 @@ def test_a_mode_is_recorded_over_one_period(comm, folder):
     largest = []
     for frame in range(4):
         largest.append(max(values.max() for values in reader.values("mode_amplitude", frame)))
-    assert largest == pytest.approx([0.03, 0.0, 0.03, 0.0], abs=1e-12)
+    expected = [0.03, 0.0, 0.03, 0.0]
+    assert largest == pytest.approx(expected, abs=1e-12)
     ledger = reader.table("ledger.csv")
-    assert ledger["kinetic"] + ledger["stored mode"] == pytest.approx(ledger["kinetic"].max())
+    measured = ledger["kinetic"] + ledger["stored mode"]
+    assert measured == pytest.approx(ledger["kinetic"].max())
     if comm.rank == 0:
         gx.plot.modes(folders, folder / "modes.png")
-        gx.plot.animate(reader, "mode_amplitude", path=folder / "mode.gif", seconds=0.2)
+        gx.plot.animate(
+            reader,
+            "mode_amplitude",
+            path=folder / "mode.gif",
+            seconds=0.2,
+        )
     comm.barrier()
 
 
@@ -95,9 +125,19 @@ def test_what_cannot_be_recorded(comm, folder):
     equilibrium.find()
     found = modes(equilibrium, 1)
     with pytest.raises(gx.InputError, match="frames is 1"):
-        gx.outputs.record_modes(equilibrium, found, folder / "modes", frames=1)
+        gx.outputs.record_modes(
+            equilibrium,
+            found,
+            folder / "modes",
+            frames=1,
+        )
     with pytest.raises(gx.InputError, match="amplitude is -1"):
-        gx.outputs.record_modes(equilibrium, found, folder / "modes", amplitude=-1.0)
+        gx.outputs.record_modes(
+            equilibrium,
+            found,
+            folder / "modes",
+            amplitude=-1.0,
+        )
     with pytest.raises(gx.InputError, match="holds no record of a mode"):
         gx.outputs.record(equilibrium, [gx.Recording(folder / "run")])
         gx.plot.modes([folder / "run"], folder / "modes.png")
@@ -194,7 +234,8 @@ def test_isothermal_gas_in_air(comm):
     assert gas.pressure * gas.volume == pytest.approx((OUTSIDE + 200) * 0.2, rel=1e-9)
     assert gas.pressure > OUTSIDE
     # Heat keeps the gas warm: the energy is that of the start.
-    assert gas.internal_energy == pytest.approx((OUTSIDE + 200) * 0.2 / 0.4, rel=1e-9)
+    expected = (OUTSIDE + 200) * 0.2 / 0.4
+    assert gas.internal_energy == pytest.approx(expected, rel=1e-9)
 
 
 def test_held_pressure_is_that_of_a_load(comm):
@@ -214,8 +255,10 @@ def test_held_pressure_is_that_of_a_load(comm):
     blown.find()
     held = blown.chamber("chamber")
     assert held.pressure == pytest.approx(OUTSIDE + 200.0, rel=1e-12)
-    assert held.mass == pytest.approx(held.pressure * held.volume / AIR.R / 300.0, rel=1e-9)
-    assert blown.totals.stored["film"] == pytest.approx(loaded.totals.stored["film"], rel=1e-5)
+    expected = held.pressure * held.volume / AIR.R / 300.0
+    assert held.mass == pytest.approx(expected, rel=1e-9)
+    measured = blown.totals.stored["film"]
+    assert measured == pytest.approx(loaded.totals.stored["film"], rel=1e-5)
     assert blown.totals.mass_supplied > 0
 
 
@@ -224,7 +267,12 @@ def test_remedies_by_cause(comm):
     cooled = bag_in_air(comm, 8, 0.15, search=short)
     with pytest.raises(gx.NoEquilibrium, match="expands adiabatically and has cooled from 300 K"):
         cooled.find()
-    film = gx.Membrane(airbag(comm, 1.0, 4), LAW, order=2, displacement=_pillow)
+    film = gx.Membrane(
+        airbag(comm, 1.0, 4),
+        LAW,
+        order=2,
+        displacement=_pillow,
+    )
     inwards = gx.Equilibrium(
         gx.Scene(film, gx.Pressure(film, 100.0)), gx.analysis.Continuation(total_iterations=3)
     )
@@ -263,7 +311,12 @@ def test_the_size_of_the_shown_motion_is_a_share_of_the_scene(comm, folder):
     equilibrium, _ = drum(comm)
     equilibrium.find()
     found = modes(equilibrium, 1)
-    folders = gx.outputs.record_modes(equilibrium, found, folder / "modes", frames=2)
+    folders = gx.outputs.record_modes(
+        equilibrium,
+        found,
+        folder / "modes",
+        frames=2,
+    )
     values = gx.plot.RunReader(folders[0]).values("mode_amplitude", 0)
     largest = comm.allreduce(max(float(part.max()) for part in values), MPI.MAX)
     assert largest == pytest.approx(0.05, rel=1e-9)
