@@ -100,9 +100,7 @@ def build(
     model = antenna(comm, cells, elements, order)
     corners = [model.film.port_at(point) for point in model.points[:4]]
     hinge = gx.constraints.BallJoint(
-        corners[2],
-        gx.Ground(tuple(model.points[2].tolist())),
-        name="hinge",
+        corners[2], gx.Ground(tuple(model.points[2].tolist())), name="hinge"
     )
     weights = [gx.Gravity(body, (0, 0, -G)) for body in (model.film, *model.booms)]
     probes = {
@@ -134,11 +132,7 @@ def main(
     outputs: list[Output] = [gx.outputs.Progress(), series]
     if output is not None:
         outputs.append(case.recording(output))
-    run = gx.Simulation(
-        case.scene,
-        stepper or case.stepper,
-        outputs=outputs,
-    )
+    run = gx.Simulation(case.scene, stepper or case.stepper, outputs=outputs)
     run.run(until=case.until)
 
     time = series.time
@@ -179,21 +173,14 @@ def plot(results: dict[tuple[int, int, int], dict], path: Path) -> None:
     import matplotlib.pyplot as plt
 
     figure, ((tip, by_size), (film, by_seconds)) = plt.subplots(
-        2,
-        2,
-        figsize=(11, 8),
-        layout="constrained",
+        2, 2, figsize=(11, 8), layout="constrained"
     )
     for (order, cells, elements), r in results.items():
         style = {
             "label": f"{cells}×{cells}-{elements}, P{order}",
             "ls": "--" if order == 1 else "-",
         }
-        tip.plot(
-            r["time"],
-            1e3 * (r["tip"] - r["rigid_tip"]),
-            **style,
-        )
+        tip.plot(r["time"], 1e3 * (r["tip"] - r["rigid_tip"]), **style)
         film.plot(r["time"], 1e3 * r["film"], **style)
     found = errors(results)
     for order in sorted({key[0] for key in found}):
@@ -201,18 +188,8 @@ def plot(results: dict[tuple[int, int, int], dict], path: Path) -> None:
         for what, mark in ((0, "o-"), (1, "s--")):
             values = [1e3 * found[key][what] for key in keys]
             label = f"{('tip', 'film')[what]}, P{order}"
-            by_size.loglog(
-                [results[key]["dofs"] for key in keys],
-                values,
-                mark,
-                label=label,
-            )
-            by_seconds.loglog(
-                [results[key]["seconds"] for key in keys],
-                values,
-                mark,
-                label=label,
-            )
+            by_size.loglog([results[key]["dofs"] for key in keys], values, mark, label=label)
+            by_seconds.loglog([results[key]["seconds"] for key in keys], values, mark, label=label)
     tip.set(xlabel="time [s]", ylabel="tip above the rigid limit [mm]")
     film.set(xlabel="time [s]", ylabel="film from its corners' surface [mm]")
     tip.legend(fontsize="x-small")
@@ -226,12 +203,7 @@ def plot(results: dict[tuple[int, int, int], dict], path: Path) -> None:
 if __name__ == "__main__":
     folder = Path("out/antenna_pendulum")
     results = {
-        (p, n, m): main(
-            cells=n,
-            elements=m,
-            order=p,
-            output=folder / f"P{p} {n}x{n}-{m}",
-        )
+        (p, n, m): main(cells=n, elements=m, order=p, output=folder / f"P{p} {n}x{n}-{m}")
         for p, n, m in RESOLUTIONS
     }
     if MPI.COMM_WORLD.rank == 0:

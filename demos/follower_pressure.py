@@ -41,12 +41,7 @@ from gossamer_fx.model.body import Array
 
 RADIUS = 0.1  # m
 PRESSURE = 1e3  # Pa
-FILM = gx.Linear(
-    E=2.5e9,
-    nu=0.3,
-    density=1420.0,
-    thickness=25e-6,
-)
+FILM = gx.Linear(E=2.5e9, nu=0.3, density=1420.0, thickness=25e-6)
 WAVES = (2, 3, 4, 5)
 
 
@@ -73,11 +68,7 @@ class DeadPressure:
 def build(comm: MPI.Intracomm, dead: bool = False, around: int = 48) -> gx.Equilibrium:
     """A free ring of `around` edges, whose points stay in their planes x = constant."""
     width = 2 * np.pi * RADIUS / around
-    film = gx.Membrane(
-        cylinder(comm, RADIUS, width, around, 1, order=2),
-        FILM,
-        order=2,
-    )
+    film = gx.Membrane(cylinder(comm, RADIUS, width, around, 1, order=2), FILM, order=2)
     load = DeadPressure(film, PRESSURE) if dead else gx.Pressure(film, PRESSURE)
     plane = gx.Fixed(film, "wall", components=(0,))
     return gx.Equilibrium(gx.Scene(film, load, plane))
@@ -134,24 +125,9 @@ def draw(found: dict[str, Array], path: Path) -> None:
     ring.legend(frameon=False, loc="center")
     n = np.linspace(1, WAVES[-1], 100)
     for (name, values), colour in zip(found.items(), (BLUE, RED), strict=True):
-        plot.plot(
-            n,
-            closed_form(n, name == "dead"),
-            color=colour,
-            label=f"{name}: closed form",
-        )
-        plot.plot(
-            WAVES,
-            values,
-            "o",
-            color=colour,
-            label=f"{name}: film",
-        )
-    plot.set(
-        xlabel="waves around, n",
-        ylabel="frequency [Hz]",
-        ylim=(0, None),
-    )
+        plot.plot(n, closed_form(n, name == "dead"), color=colour, label=f"{name}: closed form")
+        plot.plot(WAVES, values, "o", color=colour, label=f"{name}: film")
+    plot.set(xlabel="waves around, n", ylabel="frequency [Hz]", ylim=(0, None))
     plot.grid(alpha=0.3)
     plot.legend(frameon=False)
     save(figure, path)
