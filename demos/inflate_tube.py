@@ -140,7 +140,7 @@ def main(
         out = Path(output)
         looks = (np.array([0.04, 0.1, 0.2, 0.4, 0.7, 1.0]) * until).tolist()
         outputs += [
-            case.recording(out),
+            case.recording(out, overwrite=True),
             gx.plot.Picture(out / "tube.png", times=looks, title=TITLE),
         ]
     run = case.simulation(outputs)

@@ -283,7 +283,9 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         _show(case, comm)
         return
     log_to(comm, wanted.log, quiet=wanted.quiet)
-    outputs: list[Output] = [case.recording(folder)] + ([] if wanted.quiet else [Progress()])
+    outputs: list[Output] = [case.recording(folder, overwrite=wanted.overwrite)]
+    if not wanted.quiet:
+        outputs.append(Progress())
     saves = folder / "checkpoints"
     checkpoints = Checkpoints(saves, every=wanted.checkpoint, overwrite=wanted.overwrite)
     restart: Path | None = None

@@ -16,6 +16,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -33,7 +34,7 @@ from gossamer_fx.outputs.arguments import arguments_of
 from gossamer_fx.outputs.description import describe, versions
 from gossamer_fx.outputs.file_names import file_name
 from gossamer_fx.outputs.ledger import Ledger
-from gossamer_fx.outputs.output import Probe, make_parent, replace_file
+from gossamer_fx.outputs.output import RUN_FILES, Probe, make_parent, replace_file
 from gossamer_fx.outputs.run_file import FORMAT
 from gossamer_fx.outputs.schedule import Schedule
 from gossamer_fx.outputs.solid_frames import FramePart, as_data, moves, solids_of
@@ -44,17 +45,6 @@ from gossamer_fx.probes.run import Run
 # The third state of a film is slack; its area is the remainder.
 RECORDED_STATES = ("taut", "wrinkled")
 
-# Files and folders of a run, which are locked together.
-FILES = (
-    "run.json",
-    "ledger.csv",
-    "gas.csv",
-    "states.csv",
-    "points.csv",
-    "solids.csv",
-    "probes.csv",
-    "fields",
-)
 # Default fields of a film: enough to see its shape, its wrinkles, and where it may tear.
 FILM_FIELDS = ("displacement", "state", "stress1", "strain2")
 
@@ -67,7 +57,7 @@ class Recording:
     """Writes the folder of a run; see the module for its files.
 
     Args:
-        folder: of the run; files of the same names are replaced.
+        folder: of the run.  A folder that holds another run is refused.
         fields: names of fields by the names of films, see `gx.fields`.  Default: displacement, state, the
             larger stress, the smaller strain, and the pressure if the film bounds a chamber.  Of other
             bodies the displacement is recorded.
@@ -76,9 +66,12 @@ class Recording:
         times: at which fields are recorded instead [s].
         title: a line for pictures and reports.
         states_every: steps between two rows of states.csv; default: as often as the fields.
+        overwrite: whether another run in the folder is replaced.  Its files are removed when the first
+            state is recorded, so that a run that is refused destroys nothing.
 
     Raises:
-        InputError: when the run is made: an unknown field or film, or a folder that cannot be written.
+        InputError: when the run is made: an unknown field or film, or a folder that cannot be written or
+            holds another run.
 
     Example:
         >>> ball = gx.PointMass(2.0, comm=comm, name="ball")
@@ -99,9 +92,11 @@ class Recording:
         times: Sequence[float] = (),
         title: str = "",
         states_every: int | None = None,
+        overwrite: bool = False,
     ) -> None:
         self.folder = Path(folder)
         self.title = title
+        self.overwrite = overwrite
         self.fields = dict(fields or {})
         self.probes = dict(probes or {})
         self.schedule = Schedule(every, tuple(times))
@@ -109,6 +104,7 @@ class Recording:
         if states_every is not None:
             self.states_schedule = Schedule(states_every)
         self.has_begun = False  # whether a state was recorded
+        self._clears_folder = False  # whether the first record removes the files of another run
         self._fields: dict[str, VTX] = {}
         self._tables: dict[str, Probes | Ledger] = {}
 
@@ -120,7 +116,7 @@ class Recording:
     @property
     def writes(self) -> Sequence[Path]:
         """Files and folders that no other run may write."""
-        return [self.folder / name for name in FILES]
+        return [self.folder / name for name in RUN_FILES]
 
     # ---- the protocol of outputs -------------------------------------------------------------------------------
 
@@ -131,6 +127,7 @@ class Recording:
             InputError: an unknown field or film, or a folder that cannot be written.
         """
         self._prepare(run)
+        self._clears_folder = self.overwrite
         for _, output in self._outputs():
             output.open(run)
 
@@ -147,11 +144,27 @@ class Recording:
     def record(self, run: Run, last: bool) -> None:
         """Record the state wherever it is due; `last`: in all files."""
         self.has_begun = True
+        if self._clears_folder:
+            # Also tables that this run does not write, e.g. of a gas that it does not have.
+            on_rank_zero(run.comm, self._clear_folder)
+            self._clears_folder = False
         for _, output in self._outputs():
             output.record(run, last)
         # Pictures may be drawn while the run goes on: they need run.json from the start.
         if run.step == 0:
             self._write(run, "running")
+
+    def _clear_folder(self) -> None:
+        """Remove the files of another run; the folder of the fields stays."""
+        for path in self.writes:
+            if path.is_dir():
+                for inner in path.iterdir():
+                    if inner.is_dir():
+                        shutil.rmtree(inner)
+                    else:
+                        inner.unlink()
+            else:
+                path.unlink(missing_ok=True)
 
     def record_fields(self, run: Run) -> None:
         """Record the fields of the present state, unless they were just recorded."""
