@@ -1,4 +1,4 @@
-"""The commands run, sweep, plot, report, demo and doctor.
+"""The commands run, sweep, plot, report, export, demo and doctor.
 
 What is wrong is told in one sentence, with code 2 for input and 1 for the rest.
 
@@ -144,7 +144,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(
         required=True,
         dest="name",
-        metavar="run|sweep|plot|report|demo|doctor",
+        metavar="run|sweep|plot|report|export|demo|doctor",
         parser_class=_Parser,
     )
 
@@ -238,8 +238,16 @@ def _parser() -> argparse.ArgumentParser:
         "-o", "--output", type=Path, help="file; default report.html in the folder of the run"
     )
     report.set_defaults(command=_report)
+    export = commands.add_parser(
+        "export", help="fields of a run as VTU and PVD files, for ParaView, VisIt and pyvista"
+    )
+    export.add_argument("run", type=Path, help="folder of a run")
+    export.add_argument(
+        "-o", "--output", type=Path, help="folder; default vtu in the folder of the run"
+    )
+    export.set_defaults(command=_export)
     # These execute files of users or read runs, whose errors may need a traceback.
-    for command in (run, sweep, plot, report):
+    for command in (run, sweep, plot, report, export):
         command.add_argument("--debug", action="store_true", help="show where an error comes from")
 
     demo = commands.add_parser("demo", help="run demos/NAME.py of a clone, folded_tube by default")
@@ -459,6 +467,16 @@ def _report(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     _write_and_print(
         wanted.output or wanted.run / "report.html", lambda path: write_report(run, path)
     )
+
+
+def _export(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
+    """Write a run as VTU and PVD files, and print the paths of the lists."""
+    from gossamer_fx.plot.vtk_export import export
+    from gossamer_fx.plot.run_reader import RunReader
+
+    run = RunReader(wanted.run)
+    for path in export(run, wanted.output or wanted.run / "vtu"):
+        print(path)
 
 
 def _write_and_print(path: Path, write: Callable[[Path], None]) -> None:

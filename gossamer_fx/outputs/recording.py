@@ -7,7 +7,8 @@
     points.csv         positions of the bodies without a mesh, if there are any
     solids.csv         origin and axes of the solids that move, if there are any; their shapes are in run.json
     probes.csv         the probes that were asked for
-    fields/NAME.bp     fields of each body on a mesh: `VTX`
+    fields/NAME.bp     fields of each body on a mesh: `VTX`, or instead, with the format "vtu",
+    fields/NAME.pvd    and the folder fields/NAME_files: `VTU`
 
 `RunReader` reads the folder.  All files are written by other outputs; `Recording` makes these, and
 `run.json` in addition.
@@ -38,6 +39,7 @@ from gossamer_fx.outputs.output import RUN_FILES, Probe, make_parent, replace_fi
 from gossamer_fx.outputs.run_file import FORMAT
 from gossamer_fx.outputs.schedule import Schedule
 from gossamer_fx.outputs.solid_frames import FramePart, as_data, moves, solids_of
+from gossamer_fx.outputs.vtu import VTU
 from gossamer_fx.outputs.vtx import VTX, Probes
 from gossamer_fx.probes.points import GAS, AreaFraction, GasState
 from gossamer_fx.probes.run import Run
@@ -45,6 +47,8 @@ from gossamer_fx.probes.run import Run
 # The third state of a film is slack; its area is the remainder.
 RECORDED_STATES = ("taut", "wrinkled")
 
+# Formats of fields, and the endings of their files.
+FORMATS = {"vtx": ".bp", "vtu": ".pvd"}
 # Default fields of a film: enough to see its shape, its wrinkles, and where it may tear.
 FILM_FIELDS = ("displacement", "state", "stress1", "strain2")
 
@@ -68,9 +72,11 @@ class Recording:
         states_every: steps between two rows of states.csv; default: as often as the fields.
         overwrite: whether another run in the folder is replaced.  Its files are removed when the first
             state is recorded, so that a run that is refused destroys nothing.
+        format: of the fields: "vtx" (ADIOS2), or "vtu" (VTU and PVD, which need no ADIOS2, and are read
+            by pyvista as well as ParaView).
 
     Raises:
-        InputError: when the run is made: an unknown field or film, or a folder that cannot be written or
+        InputError: an unknown format; when the run is made: an unknown field or film, or a folder that cannot be written or
             holds another run.
 
     Example:
@@ -93,10 +99,16 @@ class Recording:
         title: str = "",
         states_every: int | None = None,
         overwrite: bool = False,
+        format: str = "vtx",
     ) -> None:
+        check(
+            format in FORMATS,
+            f"Recording '{folder}': format is {format!r}; give \"vtx\" or \"vtu\".",
+        )
         self.folder = Path(folder)
         self.title = title
         self.overwrite = overwrite
+        self.format = format
         self.fields = dict(fields or {})
         self.probes = dict(probes or {})
         self.schedule = Schedule(every, tuple(times))
@@ -105,7 +117,7 @@ class Recording:
             self.states_schedule = Schedule(states_every)
         self.has_begun = False  # whether a state was recorded
         self._clears_folder = False  # whether the first record removes the files of another run
-        self._fields: dict[str, VTX] = {}
+        self._fields: dict[str, VTX | VTU] = {}
         self._tables: dict[str, Probes | Ledger] = {}
 
     @property
@@ -187,7 +199,7 @@ class Recording:
 
     # ---- outputs for the files ---------------------------------------------------------------------------------
 
-    def _outputs(self) -> Iterator[tuple[str, VTX | Probes | Ledger]]:
+    def _outputs(self) -> Iterator[tuple[str, VTX | VTU | Probes | Ledger]]:
         """The outputs for the files, by the names under which checkpoints store their cursors."""
         for name, output in self._fields.items():
             yield f"fields of {name}", output
@@ -225,14 +237,17 @@ class Recording:
         if any("group" in output.fields for output in self._fields.values()):
             self._about["groups"] = groups_of(films)[0]
 
-    def _make_fields(self, run: Run) -> dict[str, VTX]:
+    def _make_fields(self, run: Run) -> dict[str, VTX | VTU]:
         """The outputs of fields by the names of bodies."""
-        outputs = {}
+        outputs: dict[str, VTX | VTU] = {}
+        kind: type[VTX] | type[VTU] = VTX
+        if self.format == "vtu":
+            kind = VTU
         for body in run.system.bodies:
             if not is_on_mesh(body):
                 continue
-            outputs[body.name] = VTX(
-                self.folder / "fields" / f"{file_name(body.name)}.bp",
+            outputs[body.name] = kind(
+                self.folder / "fields" / f"{file_name(body.name)}{FORMATS[self.format]}",
                 body,
                 fields=self.fields.get(body.name) or _default_fields(body, run),
                 every=self.schedule.every,

@@ -1,3 +1,4 @@
+from .vtk_export import export as export
 from .flight_picture import FlightPicture as FlightPicture
 from .picture import Picture as Picture
 from .plot import animate as animate

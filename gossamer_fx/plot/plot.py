@@ -121,23 +121,11 @@ def strip(
         True
     """
     check(count >= 1, f"The number of pictures is {count!r}; give one or more.")
-    _require_fields(run)
+    run.require_fields()
     evenly = np.rint(np.linspace(0, len(run.times) - 1, count))
     # A run may have fewer records than pictures were asked for.
     frames = np.unique(evenly.astype(int)).tolist()
     _write_frames(run, field, frames, path, view)
-
-
-def _require_fields(run: RunReader) -> None:
-    """Refuse a run without fields.
-
-    Raises:
-        InputError: the run has no recorded state.
-    """
-    first_time = 0.0
-    if len(run.times):
-        first_time = run.times[0]
-    run.frame(first_time)
 
 
 @check_arguments
@@ -262,7 +250,7 @@ def animate(
         f"'{path}' needs ffmpeg, which is not on the PATH; install it, or write a .gif.",
     )
     check(seconds > 0, f"An animation of {seconds!r} s cannot be made; give its length in seconds.")
-    _require_fields(run)
+    run.require_fields()
     # No more frames than there are records, but the first and the last one in any case.
     count = min(len(run.times), max(round(seconds * _FRAMES_PER_SECOND), 2))
     times = np.linspace(run.times[0], run.times[-1], count)

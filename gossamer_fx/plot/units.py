@@ -2,20 +2,8 @@
 
 from __future__ import annotations
 
-UNITS = {
-    "displacement": "m",
-    "velocity": "m/s",
-    "curvature1": "1/m",
-    "curvature2": "1/m",
-    "moment1": "N m/m",
-    "moment2": "N m/m",
-    "fold_angle": "rad",
-    "strain1": "",
-    "strain2": "",
-    "stress1": "Pa",
-    "stress2": "Pa",
-    "pressure": "Pa",
-}
+from gossamer_fx.fields.units import UNITS as UNITS
+
 NAMES = {
     "displacement": "Displacement",
     "velocity": "Speed",
@@ -29,6 +17,7 @@ NAMES = {
     "stress1": "Larger principal stress",
     "stress2": "Smaller principal stress",
     "pressure": "Pressure inside over outside",
+    "contact_pressure": "Contact pressure",
     "state": "State of the film",
     "group": "Parts of the films",
 }

@@ -21,6 +21,7 @@ COMMANDS = (
     "sweep",
     "plot",
     "report",
+    "export",
     "study",
     "bench",
     "test",

@@ -140,7 +140,7 @@ def test_commands_on_pages_are_understood(path: Path) -> None:
             assert f'"{rest[0]}"' in (ROOT / "demos" / "benchmarks" / "problems.py").read_text(), (
                 told
             )
-        elif command in {"run", "plot", "report"}:
+        elif command in {"run", "plot", "report", "export"}:
             parsed = _parser().parse_args(words)
             if command == "run" and parsed.scene.parts[0] == "demos":
                 assert (ROOT / parsed.scene).is_file(), told
