@@ -315,6 +315,8 @@ class Recording:
             "seconds of compilation": run.compile_seconds,
             "at rest": run.at_rest,
             "energy error": run.energy_error,
+            "energy defect": run.energy_defect,
+            "largest energy": run.largest_energy,
             "mass error": run.mass_error,
         }
         about = self._about | {"status": status, "statistics": statistics}

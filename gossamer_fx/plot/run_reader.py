@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, check
+from gossamer_fx.drawing.html import table
 from gossamer_fx.fields.units import without_unit
 from gossamer_fx.mesh.linear_pieces import from_vtk, linear_pieces, middles
 from gossamer_fx.mesh.quality import ALIKE
@@ -78,6 +80,20 @@ class RunReader:
             # a run that was killed may have written fewer steps of one body
             self.times = min((body.times for body in self.bodies.values()), key=len)
         self.groups: list[str] = self.about.get("groups", [])
+
+    def __repr__(self) -> str:
+        """Title, how the run ended, and what there is to draw."""
+        names = ", ".join(f"'{name}'" for name in self.bodies) or "no bodies on a mesh"
+        return (
+            f"<RunReader of '{self.folder}', {self.title!r}: {self.about['status']}; "
+            f"{len(self.times)} states of {names}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """The bodies and their fields as a table, for notebooks; see `InlineReport` for pictures."""
+        rows = [(name, ", ".join(fields)) for name, fields in self.fields.items()]
+        caption = escape(f"{self.title}: {self.about['status']}, {len(self.times)} states")
+        return f"<p>{caption}</p>{table(('body', 'fields'), rows)}"
 
     @property
     def films(self) -> list[str]:

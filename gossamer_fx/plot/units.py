@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from gossamer_fx.fields.units import UNITS as UNITS
+from gossamer_fx.fields.units import scaled as scaled
 
 NAMES = {
     "displacement": "Displacement",
@@ -21,21 +22,6 @@ NAMES = {
     "state": "State of the film",
     "group": "Parts of the films",
 }
-_PREFIXES = {1e-9: "n", 1e-6: "µ", 1e-3: "m", 1.0: "", 1e3: "k", 1e6: "M", 1e9: "G"}
-_ROUND_OFF = 1e-9  # of a factor: 0.9999999999 is written as 1, not as 1000 of the smaller unit
-
-
-def scaled(largest: float) -> tuple[float, str]:
-    """Factor and prefix of the unit in which a number lies between 1 and 1000.
-
-    Example:
-        `scaled(0.02)` is `(1e-3, "m")`: 0.02 s are 20 ms.
-    """
-    fitting = [factor for factor in _PREFIXES if factor <= largest * (1 + _ROUND_OFF)]
-    factor = max(fitting, default=1.0)
-    return factor, _PREFIXES[factor]
-
-
 def plain_text(text: str) -> str:
     """A name for matplotlib: its dollar signs begin no formula, and characters that have no picture are replaced."""
     shown = "".join(c if c.isprintable() else "\ufffd" for c in text)
