@@ -471,8 +471,8 @@ def _report(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
 
 def _export(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     """Write a run as VTU and PVD files, and print the paths of the lists."""
-    from gossamer_fx.plot.vtk_export import export
     from gossamer_fx.plot.run_reader import RunReader
+    from gossamer_fx.plot.vtk_export import export
 
     run = RunReader(wanted.run)
     for path in export(run, wanted.output or wanted.run / "vtu"):

@@ -26,6 +26,7 @@ RUN_FILES = (
     "states.csv",
     "points.csv",
     "solids.csv",
+    "lines.csv",
     "probes.csv",
     "fields",
 )

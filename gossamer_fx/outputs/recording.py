@@ -6,6 +6,7 @@
     states.csv         fractions of area of the films that are taut and wrinkled
     points.csv         positions of the bodies without a mesh, if there are any
     solids.csv         origin and axes of the solids that move, if there are any; their shapes are in run.json
+    lines.csv          ends of ropes, springs and bars of tapes, at the times of the fields, if there are any
     probes.csv         the probes that were asked for
     fields/NAME.bp     fields of each body on a mesh: `VTX`, or instead, with the format "vtu",
     fields/NAME.pvd    and the folder fields/NAME_files: `VTU`
@@ -32,6 +33,7 @@ from gossamer_fx.checks.errors import check, on_rank_zero
 from gossamer_fx.fields.groups import groups_of
 from gossamer_fx.model.body import Body, is_on_mesh
 from gossamer_fx.outputs.arguments import arguments_of
+from gossamer_fx.outputs.connector_lines import ConnectorLines
 from gossamer_fx.outputs.description import describe, versions
 from gossamer_fx.outputs.file_names import file_name
 from gossamer_fx.outputs.ledger import Ledger
@@ -43,6 +45,9 @@ from gossamer_fx.outputs.vtu import VTU
 from gossamer_fx.outputs.vtx import VTX, Probes
 from gossamer_fx.probes.points import GAS, AreaFraction, GasState
 from gossamer_fx.probes.run import Run
+
+# What writes one of the files.
+RecordedPart = VTX | VTU | Probes | ConnectorLines | Ledger
 
 # The third state of a film is slack; its area is the remainder.
 RECORDED_STATES = ("taut", "wrinkled")
@@ -76,8 +81,8 @@ class Recording:
             by pyvista as well as ParaView).
 
     Raises:
-        InputError: an unknown format; when the run is made: an unknown field or film, or a folder that cannot be written or
-            holds another run.
+        InputError: an unknown format; when the run is made: an unknown field or film, or a folder that
+            cannot be written or holds another run.
 
     Example:
         >>> ball = gx.PointMass(2.0, comm=comm, name="ball")
@@ -103,7 +108,7 @@ class Recording:
     ) -> None:
         check(
             format in FORMATS,
-            f"Recording '{folder}': format is {format!r}; give \"vtx\" or \"vtu\".",
+            f'Recording \'{folder}\': format is {format!r}; give "vtx" or "vtu".',
         )
         self.folder = Path(folder)
         self.title = title
@@ -118,7 +123,7 @@ class Recording:
         self.has_begun = False  # whether a state was recorded
         self._clears_folder = False  # whether the first record removes the files of another run
         self._fields: dict[str, VTX | VTU] = {}
-        self._tables: dict[str, Probes | Ledger] = {}
+        self._tables: dict[str, Probes | ConnectorLines | Ledger] = {}
 
     @property
     def times(self) -> Sequence[float]:
@@ -180,9 +185,13 @@ class Recording:
 
     def record_fields(self, run: Run) -> None:
         """Record the fields of the present state, unless they were just recorded."""
+        is_new = any(output.last_time != run.time for output in self._fields.values())
         for output in self._fields.values():
             if output.last_time != run.time:
                 output.record(run, last=True)
+        lines = self._tables.get("lines.csv")
+        if is_new and lines is not None:
+            lines.record(run, last=True)
 
     def close(self, run: Run) -> None:
         """Close all files, and write how the run ended."""
@@ -199,7 +208,7 @@ class Recording:
 
     # ---- outputs for the files ---------------------------------------------------------------------------------
 
-    def _outputs(self) -> Iterator[tuple[str, VTX | VTU | Probes | Ledger]]:
+    def _outputs(self) -> Iterator[tuple[str, RecordedPart]]:
         """The outputs for the files, by the names under which checkpoints store their cursors."""
         for name, output in self._fields.items():
             yield f"fields of {name}", output
@@ -259,7 +268,7 @@ class Recording:
         self,
         run: Run,
         films: Sequence[Membrane],
-    ) -> Iterator[tuple[str, Probes | Ledger]]:
+    ) -> Iterator[tuple[str, Probes | ConnectorLines | Ledger]]:
         """The tables by their file names; those without columns are left out."""
         gas: dict[str, Probe] = {}
         for name, state in run.chambers.items():
@@ -289,6 +298,13 @@ class Recording:
             if probes:
                 path = self.folder / name
                 yield name, Probes(path, probes, every=schedule.every, times=schedule.times)
+        # Without fields, pictures show the state after any step.
+        schedule = Schedule()
+        if self._fields:
+            schedule = self.schedule
+        ends = ConnectorLines(self.folder / "lines.csv", run.scene.items, schedule)
+        if ends:
+            yield "lines.csv", ends
         yield "ledger.csv", Ledger(self.folder / "ledger.csv")
 
     def _frame_columns(self) -> dict[str, Probe]:

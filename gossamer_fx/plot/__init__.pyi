@@ -1,4 +1,3 @@
-from .vtk_export import export as export
 from .flight_picture import FlightPicture as FlightPicture
 from .picture import Picture as Picture
 from .plot import animate as animate
@@ -9,3 +8,4 @@ from .report import InlineReport as InlineReport
 from .report import write_report as write_report
 from .run_reader import RunReader as RunReader
 from .viewpoint import View as View
+from .vtk_export import export as export

@@ -35,9 +35,10 @@ _REQUIRED = {
     "ledger.csv": ("step", "iterations", "kinetic", "supplied", "dissipated", "energy_error")
 }
 # Triangles of a film up to which values that vary in them are drawn on triangles of a quarter of the size.
-_FINE = 4000
+_FINE = 12000
 _VTK_TRIANGLES = (5, 22, 69)  # VTK's numbers of triangles: linear, quadratic, Lagrange
 _TIME_SLACK = 1e-6  # of the run's length, by which a time may lie outside it
+_LINE_PARTS = 6  # numbers of a line in lines.csv: its two ends
 _VECTOR_PARTS = 12  # numbers of a frame in solids.csv: origin and three axes
 
 
@@ -75,6 +76,7 @@ class RunReader:
         self.solids = [RecordedSolid(solid) for solid in self.about.get("solids", [])]
         self._points = self._vectors("points.csv", 3)
         self._frames = self._vectors("solids.csv", _VECTOR_PARTS)
+        self._connectors = self._vectors("lines.csv", _LINE_PARTS)
         self.times: Array = self._points[0]
         if self.bodies:
             # a run that was killed may have written fewer steps of one body
@@ -248,6 +250,7 @@ class RunReader:
             of_triangles.append(np.full(len(surface), SOLID, dtype=np.int64))
             if not len(solid.triangles):
                 lines.append(X[solid.lines])
+        lines.append(self.connector_lines(time))
         return Shape(
             time=time,
             corners=np.concatenate(corners),
@@ -256,6 +259,10 @@ class RunReader:
             lines=np.concatenate(lines),
             dots=self.dots(time),
         )
+
+    def connector_lines(self, time: float) -> Array:
+        """Ends (n, 2, 3) of ropes, springs and bars of tapes at a time [m]."""
+        return _at_time(self._connectors, time).reshape(-1, 2, 3)
 
     def dots(self, time: float) -> Array:
         """Positions (n, 3) of the bodies without a mesh at a time [m]."""

@@ -22,6 +22,8 @@ NAMES = {
     "state": "State of the film",
     "group": "Parts of the films",
 }
+
+
 def plain_text(text: str) -> str:
     """A name for matplotlib: its dollar signs begin no formula, and characters that have no picture are replaced."""
     shown = "".join(c if c.isprintable() else "\ufffd" for c in text)

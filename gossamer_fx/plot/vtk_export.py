@@ -24,9 +24,10 @@ _SCENE = "run.pvd"
 def export(run: RunReader, folder: str | Path) -> list[Path]:
     """Write all recorded states of a run as VTU files, and PVD files that list them.
 
-    `run.pvd` has the whole scene: films, cables and beams with their fields, solids, and bodies without a
-    mesh as points.  `NAME.pvd` has one of these parts.  Points are at their present positions, arrays have
-    their units in their names, e.g. "stress1 [Pa]", and cells of order 2 are cut into straight pieces.
+    `run.pvd` has the whole scene: films, cables and beams with their fields, solids, ropes, springs and
+    tapes as lines, and bodies without a mesh as points.  `NAME.pvd` has one of these parts.  Points are at
+    their present positions, arrays have their units in their names, e.g. "stress1 [Pa]", and cells of
+    order 2 are cut into straight pieces.
 
     Args:
         run: a recorded run.
@@ -82,9 +83,7 @@ def _grids(run: RunReader, frame: int) -> Iterator[tuple[str, Grid]]:
     """The parts of the scene in a recorded state, by names of files."""
     for name, body in run.bodies.items():
         segment, step = body.at(frame)
-        arrays = {
-            with_unit(field): segment.components(field, step) for field in run.fields[name]
-        }
+        arrays = {with_unit(field): segment.components(field, step) for field in run.fields[name]}
         yield file_name(name), Grid(segment.positions(step), segment.pieces, arrays)
     time = float(run.times[frame])
     points = run.solid_points(time)
@@ -97,6 +96,9 @@ def _grids(run: RunReader, frame: int) -> Iterator[tuple[str, Grid]]:
         joined = np.concatenate(cells)
         if len(joined):
             yield f"solids ({kind})", Grid(np.concatenate(points), joined, {})
+    ends = run.connector_lines(time).reshape(-1, 3)
+    if len(ends):
+        yield "ropes and springs", Grid(ends, np.arange(len(ends)).reshape(-1, 2), {})
     dots = run.dots(time)
     if len(dots):
         yield "bodies without a mesh", Grid(dots, np.arange(len(dots))[:, None], {})

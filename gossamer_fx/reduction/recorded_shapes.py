@@ -100,7 +100,7 @@ class RecordedShapes:
             name in recorded and bool(paths),
             f"RecordedShapes: the run in '{self.folder}' has no fields of '{name}' in ADIOS2 files, but fields of: "
             f"{', '.join(recorded) or 'none'}; give the film the name that it had there, and record "
-            "with the format \"vtx\".",
+            'with the format "vtx".',
         )
         return list(paths)
 

@@ -94,7 +94,9 @@ def test_programs_on_pages_run(path: Path, tmp_path: Path, monkeypatch: pytest.M
     # Every program is marked in the one way that this test finds; files that are shown are run elsewhere.
     others = re.findall(r"^```(?!python\n).*?py.*\n", text, re.MULTILINE | re.IGNORECASE)
     assert [line for line in others if "literalinclude" not in line] == []
-    assert not re.findall(r"^ *(?:import gossamer_fx|from gossamer_fx)", _not_in(text, programs), re.M)
+    assert not re.findall(
+        r"^ *(?:import gossamer_fx|from gossamer_fx)", _not_in(text, programs), re.M
+    )
     if path == ROOT / "README.md" or programs:
         assert programs
     monkeypatch.chdir(tmp_path)

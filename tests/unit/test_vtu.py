@@ -38,9 +38,7 @@ def recorded(
     cable = gx.Cable(curve, gx.CableLaw(1e5, 0.1), velocity=drifting, name="cable")
     fields = {"the film": ("stress1", "displacement", "state", "direction")}
     recording = gx.Recording(folder, fields, every=2, format=format)
-    return gx.Simulation(
-        gx.Scene(film, cable), gx.Midpoint(dt=DT), outputs=[recording], **options
-    )
+    return gx.Simulation(gx.Scene(film, cable), gx.Midpoint(dt=DT), outputs=[recording], **options)
 
 
 def test_a_grid_is_read_back_to_the_last_bit(tmp_path: Path) -> None:
@@ -176,7 +174,7 @@ def test_an_export_has_all_parts_of_the_scene(tmp_path: Path, format: str) -> No
     assert last[0].arrays["displacement [m]"][:, 2] == pytest.approx(SPEED * 4 * DT)
     dots = last[-1]
     assert dots.cells.shape[1] == 1
-    assert 1.0 + SPEED * 4 * DT == pytest.approx(dots.points[:, 2].max())
+    assert pytest.approx(dots.points[:, 2].max()) == 1.0 + SPEED * 4 * DT
     # A second export replaces the first one, but nothing else is replaced.
     gx.plot.export(run, tmp_path / "out")
     with pytest.raises(gx.InputError, match="holds other files than those of an export"):
