@@ -288,7 +288,7 @@ def label_ends(axes: Axes, ends: Mapping[str, tuple[float, str]]) -> None:
 
 
 def wrapped(name: str, width: int, most_lines: int) -> str:
-    """A name in lines of at most `width` letters; one that is too long loses letters in its middle.
+    """A name in one or two lines of at most `width` letters; one that is too long loses its middle.
 
     The ends of names tell them apart, e.g. "damping of the film (mass)" and "(stiffness)".
     """
@@ -296,10 +296,10 @@ def wrapped(name: str, width: int, most_lines: int) -> str:
     found = textwrap.wrap(name, width)
     if len(found) <= most_lines:
         return "\n".join(found)
-    kept = width * most_lines - 1
-    front = kept // 2
-    shortened = f"{name[:front].rstrip()}…{name[len(name) - (kept - front) :].lstrip()}"
-    return "\n".join(textwrap.wrap(shortened, width)[:most_lines])
+    if most_lines == 1:
+        half = (width - 1) // 2
+        return f"{name[:half].rstrip()}…{name[-half:].lstrip()}"
+    return f"{name[: width - 1].rstrip()}…\n{name[-width:].lstrip()}"
 
 
 def _last_finite(values: Array) -> float:

@@ -118,7 +118,9 @@ def _chosen_frames(
 ) -> list[int]:
     """Numbers of recorded states that are evenly spread over the run and do not need too many bytes."""
     sizes = [
-        sum(surfaces[file].frame_bytes + colour_bytes * len(surfaces[file].pieces) for file in files)
+        sum(
+            surfaces[file].frame_bytes + colour_bytes * len(surfaces[file].pieces) for file in files
+        )
         for files in files_of_frame
     ]
     affordable = int(_MAX_BYTES / max(float(np.mean(sizes)), 1.0))
