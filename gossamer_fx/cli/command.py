@@ -185,9 +185,23 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.set_defaults(command=_run)
 
-    sweep = commands.add_parser("sweep", help="make the runs of a design that a folder lacks")
+    sweep = commands.add_parser("sweep", help="many runs of a scene, or those of a design")
     sweep.add_argument(
-        "design", type=Path, help="Python file with a gx.sweep.RobustDesign named SWEEP"
+        "design",
+        type=Path,
+        metavar="FILE",
+        help="a scene file, with --over; or a file with a RobustDesign or Factorial named SWEEP",
+    )
+    sweep.add_argument(
+        "--over",
+        nargs="+",
+        metavar="NAME=VALUE,VALUE",
+        help="arguments of build and their values; all combinations are run",
+    )
+    sweep.add_argument(
+        "--list",
+        action="store_true",
+        help="with --over: the first values belong together, the second ones, and so on",
     )
     sweep.add_argument(
         "-o", "--output", type=Path, help="folder of the runs; default out/NAME of the file"
@@ -385,27 +399,64 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
 
 
 def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
-    """Compute the runs of a design that the folder lacks, and print what follows from all."""
+    """Compute the runs of a sweep that the folder lacks, and print what follows from all."""
     from gossamer_fx.checks.errors import check
     from gossamer_fx.cli.user_files import guarded, load
+    from gossamer_fx.sweep.factorial import Factorial, run_factorial
     from gossamer_fx.sweep.robust_design import RobustDesign
     from gossamer_fx.sweep.sweep_report import run_design
 
     path: Path = wanted.design
     check(
         path.is_file(),
-        f"There is no file '{path}'; give a Python file with a gx.sweep.RobustDesign named SWEEP.",
+        f"There is no file '{path}'; give a scene file with --over, or a file with a SWEEP.",
     )
-    design = getattr(guarded(comm, path, wanted.debug, lambda: load(path)), "SWEEP", None)
     check(
-        isinstance(design, RobustDesign),
-        f"'{path}' has no SWEEP; let it be a gx.sweep.RobustDesign.",
+        not wanted.list or bool(wanted.over),
+        "--list says how the values of --over belong together; give --over NAME=VALUE,VALUE.",
     )
-    assert isinstance(design, RobustDesign)
     folder: Path = wanted.output or Path("out") / path.stem
-    text = guarded(comm, path, wanted.debug, lambda: run_design(design, comm, folder))
+    module = guarded(comm, path, wanted.debug, lambda: load(path))
+    if wanted.over:
+        from gossamer_fx.cli.scene_sweep import check_same_scene
+
+        design: object = _scene_sweep(wanted, module)
+        folder = wanted.output or Path("out") / f"{path.stem}_sweep"
+        check_same_scene(comm, path, folder)
+    else:
+        design = getattr(module, "SWEEP", None)
+    check(
+        isinstance(design, RobustDesign | Factorial),
+        f"'{path}' has no SWEEP; let it be a gx.sweep.RobustDesign or gx.sweep.Factorial, or vary the "
+        "arguments of a scene file with --over.",
+    )
+    if isinstance(design, Factorial):
+        sweep = design
+        text = guarded(comm, path, wanted.debug, lambda: run_factorial(sweep, comm, folder))
+    else:
+        assert isinstance(design, RobustDesign)
+        robust = design
+        text = guarded(comm, path, wanted.debug, lambda: run_design(robust, comm, folder))
     if comm.rank == 0:
         print(f"{text}\nwritten to {folder}")
+
+
+def _scene_sweep(wanted: argparse.Namespace, module: object) -> object:
+    """The sweep over the arguments of a scene file."""
+    from gossamer_fx.checks.errors import check
+    from gossamer_fx.cli.scene_sweep import scene_sweep
+
+    build = getattr(module, "build", None)
+    check(
+        callable(build),
+        f"'{wanted.design}' has no function build(comm); write one that returns a gossamer_fx.Case.",
+    )
+    assert build is not None
+
+    def progress(line: str) -> None:
+        print(f"gossamer: {line}", file=sys.stderr, flush=True)
+
+    return scene_sweep(build, wanted.design, wanted.over, wanted.list, progress)
 
 
 # ---- plot and report -----------------------------------------------------------------------------------------------

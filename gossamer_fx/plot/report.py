@@ -196,7 +196,7 @@ def _status(about: Mapping[str, Any]) -> str:
     # Recordings of earlier versions do not say it.
     if not numbers.get("at rest", False):
         closes = f"energy closes to {abs(numbers['energy error']):.1e}"
-        if "energy defect" in numbers:
+        if "energy defect" in numbers and "largest energy" in numbers:
             largest = energy_words(numbers["largest energy"])
             closes += f" of {largest}, {abs(numbers['energy defect']):.1e} J"
     words = (
