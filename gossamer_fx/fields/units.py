@@ -16,6 +16,7 @@ UNITS = {
     "stress1": "Pa",
     "stress2": "Pa",
     "pressure": "Pa",
+    "mode_amplitude": "m",
     "contact_pressure": "Pa",
 }
 

@@ -20,6 +20,7 @@ NAMES = {
     "pressure": "Pressure inside over outside",
     "contact_pressure": "Contact pressure",
     "state": "State of the film",
+    "mode_amplitude": "Amplitude of the mode",
     "group": "Parts of the films",
 }
 
