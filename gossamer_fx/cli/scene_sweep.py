@@ -100,7 +100,8 @@ def check_same_scene(comm: MPI.Intracomm, path: Path, folder: Path) -> None:
 class SceneOutcome:
     """Makes one run of a scene file; its numbers are those of the probes, and how the run went.
 
-    For each probe it returns the value at the end, the smallest and the largest one.  The run is recorded
+    For each probe it returns the value at the end, the smallest and the largest one, and for each chamber the
+    last pressure.  The run is recorded
     in its folder with checkpoints, from which it continues if it was killed.
 
     Args:
@@ -140,15 +141,19 @@ class SceneOutcome:
 
 
 def _probe_numbers(folder: Path) -> dict[str, float]:
-    """Last, smallest and largest value of each probe of a run."""
+    """Last, smallest and largest value of each probe of a run, and the last pressure of each chamber."""
     from gossamer_fx.plot.run_reader import RunReader
 
+    run = RunReader(folder)
     numbers: dict[str, float] = {}
-    for name, values in RunReader(folder).table("probes.csv").items():
+    for name, values in run.table("probes.csv").items():
         if name not in ("time", "step"):
             numbers[f"{name} at the end"] = float(values[-1])
             numbers[f"{name} smallest"] = float(np.min(values))
             numbers[f"{name} largest"] = float(np.max(values))
+    for name, values in run.table("gas.csv").items():
+        if name.endswith(" pressure"):
+            numbers[f"{name} [Pa] at the end"] = float(values[-1])
     return numbers
 
 

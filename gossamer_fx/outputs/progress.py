@@ -104,7 +104,7 @@ class Progress:
         steps = max(run.step, 1)
         closes = "at rest"
         if not run.at_rest:
-            # The relative error alone would hide what is lost of a film beside the energy of its gas.
+            # The relative error alone would hide a large error of the energy of a film next to the energy of its gas.
             closes = (
                 f"energy closes to {run.energy_error:.1e} of {energy_words(run.largest_energy)}, "
                 f"{run.energy_defect:.1e} J"

@@ -436,7 +436,7 @@ class VtuFiles(FieldFile):
             cells.append(grid.cells + count)
             count += len(grid.points)
         self.is_film = max(grid.cells.shape[1] for grid in self._reference) == 3
-        # An empty part, of a rank without cells, does not tell how many nodes a cell has.
+        # An empty part, of a rank without cells, has no cell whose number of nodes could be read.
         pieces = [part for part in cells if len(part)]
         self.X = self.positions(0) - self.components("displacement", 0)
         self._join(np.concatenate(pieces))

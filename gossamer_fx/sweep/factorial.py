@@ -225,7 +225,7 @@ def _draw_panel(
     for result in results:
         label = ", ".join(f"{name} {value_text(result.values[name])}" for name in others)
         level = result.values[first]
-        # Words have places in their order, numbers on their scale.
+        # Words are drawn at equal distances, numbers on their scale.
         x = float(levels.index(level)) if _has_words(levels) else float(level)
         y = result.numbers.get(number, np.nan)
         curves.setdefault(label, []).append((x, y))

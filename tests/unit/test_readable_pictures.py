@@ -44,7 +44,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> gx.plot.RunReader:
 
 
 def test_ropes_springs_and_tapes_are_drawn(recorded: gx.plot.RunReader) -> None:
-    """Four bars of the tape, the rope and the spring, at their places in each state."""
+    """Four bars of the tape, the rope and the spring, at their positions in each state."""
     for frame in range(len(recorded.times)):
         shape = recorded.shape(frame, "state", lambda values: np.zeros(len(values), dtype=int))
         assert shape.lines.shape == (6, 2, 3)

@@ -317,5 +317,5 @@ def test_a_single_output_is_not_mixed_into_a_recorded_run(folder: Path, name: st
         other = gx.Ledger(path)
     with pytest.raises(gx.InputError, match="holds a run already"):
         gx.Simulation(case.scene, gx.Midpoint(dt=DT), outputs=[other])
-    # beside the files of the run is room for others
+    # other files may be next to those of the run
     gx.Simulation(case.scene, gx.Midpoint(dt=DT), outputs=[gx.Ledger(folder / "run" / "mine.csv")])
