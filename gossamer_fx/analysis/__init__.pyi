@@ -7,6 +7,8 @@ from .equilibrium import EquilibriumResult as EquilibriumResult
 from .form_finding import EdgeCable as EdgeCable
 from .form_finding import Prestress as Prestress
 from .form_finding import find_form as find_form
+from .mesh_convergence import Convergence as Convergence
+from .mesh_convergence import convergence as convergence
 from .mode_sensitivity import Frequency as Frequency
 from .mode_shapes import ModeShapes as ModeShapes
 from .natural_modes import Mode as Mode

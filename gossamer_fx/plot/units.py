@@ -16,6 +16,7 @@ UNITS = {
     "stress2": "Pa",
     "pressure": "Pa",
     "mode_amplitude": "m",
+    "wrinkle_amplitude": "m",
 }
 NAMES = {
     "displacement": "Displacement",
@@ -32,6 +33,9 @@ NAMES = {
     "pressure": "Pressure inside over outside",
     "state": "State of the film",
     "mode_amplitude": "Amplitude of the mode",
+    "wrinkle_slope": "Slope of the wrinkles",
+    "wrinkle_amplitude": "Amplitude of the wrinkles",
+    "wrinkle_direction": "Direction of the wrinkles",
     "group": "Parts of the films",
 }
 _PREFIXES = {1e-9: "n", 1e-6: "µ", 1e-3: "m", 1.0: "", 1e3: "k", 1e6: "M", 1e9: "G"}
