@@ -29,6 +29,7 @@ from gossamer_fx.sensitivity.form_derivative import (
     size_of,
 )
 from gossamer_fx.system.system import System
+from gossamer_fx.terms.scalar_unknowns import ScalarsAdjoint
 
 # Names of variables that are not parameters of terms.
 SHAPE = "shape"
@@ -259,6 +260,30 @@ class InitialVariable(Variable):
         return None
 
 
+class ScalarVariable(Variable):
+    """A number of scalar unknowns: of a chamber, an orifice, a wall or a reservoir of gas."""
+
+    def __init__(self, name: str, adjoint: ScalarsAdjoint, item: Any, system: System) -> None:
+        self._what = name.rpartition(".")[2]
+        self._item = item
+        self._adjoint = adjoint
+        self._is_first = system.comm.rank == 0
+        super().__init__(name, adjoint.units[id(item), self._what], False, 1)
+
+    def get(self) -> Array:
+        return np.array([self._adjoint.value(self._item, self._what)])
+
+    def set(self, values: Array) -> None:
+        raise InputError(
+            f"'{self.name}' belongs to the gas of a run; make a scene with another one."
+        )
+
+    def add_start(self, by_position: PETSc.Vec, by_velocity: PETSc.Vec) -> None:
+        # Every rank has the whole sum; the sums of the ranks are added up.
+        if self._is_first:
+            self.sum[0] += self._adjoint.sums[id(self._item), self._what]
+
+
 def _function(space: fem.FunctionSpace, values: Array) -> fem.Function:
     function = fem.Function(space)
     function.x.array[: len(values)] = values
@@ -270,9 +295,14 @@ def _function(space: fem.FunctionSpace, values: Array) -> fem.Function:
 
 
 def find_variables(
-    system: System, names: Sequence[str], adjoint: AdjointFields, *, in_time: bool
+    system: System,
+    names: Sequence[str],
+    adjoint: AdjointFields,
+    *,
+    in_time: bool,
+    scalars: Sequence[ScalarsAdjoint] = (),
 ) -> list[Variable]:
-    """The variables of a scene with these names.
+    """The variables of a scene with these names; `scalars` are the adjoints of its scalar unknowns.
 
     Raises:
         InputError: a name that the scene has not, with those that it has; a part of the scene without a
@@ -283,7 +313,7 @@ def find_variables(
         f"gradient: by is {names!r}; give a list of names, e.g. by=['film.thickness'].",
     )
     refuse_unknown_kinds(system)
-    return [_find(system, name, adjoint, in_time) for name in names]
+    return [_find(system, name, adjoint, in_time, scalars) for name in names]
 
 
 def refuse_unknown_kinds(system: System) -> None:
@@ -317,7 +347,13 @@ def _brought_by(system: System, kind: object) -> str:
     return type(kind).__name__
 
 
-def _find(system: System, name: str, adjoint: AdjointFields, in_time: bool) -> Variable:
+def _find(
+    system: System,
+    name: str,
+    adjoint: AdjointFields,
+    in_time: bool,
+    scalars: Sequence[ScalarsAdjoint],
+) -> Variable:
     check(
         isinstance(name, str) and "." in name,
         f"gradient: by has {name!r}; give 'item.parameter', e.g. 'film.thickness'.",
@@ -335,6 +371,9 @@ def _find(system: System, name: str, adjoint: AdjointFields, in_time: bool) -> V
         return _shape(system, name, item, adjoint)
     if in_time and item in system.bodies and what in (INITIAL_VELOCITY, INITIAL_POSITION):
         return InitialVariable(name, item, system, what == INITIAL_VELOCITY)
+    for part in scalars:
+        if what in part.names_of(item):
+            return ScalarVariable(name, part, item, system)
     found = [
         (term, parameter)
         for term in system.terms_of(item)
@@ -344,7 +383,7 @@ def _find(system: System, name: str, adjoint: AdjointFields, in_time: bool) -> V
     check(
         bool(found),
         f"gradient: '{item_name}' has no parameter '{what}' that results can be derived by; it has: "
-        f"{', '.join(_names_of(system, item, in_time)) or 'none'}.",
+        f"{', '.join(_names_of(system, item, in_time, scalars)) or 'none'}.",
     )
     unit = found[0][1].unit
     coefficients = {id(p.source): p.source for _, p in found if not isinstance(p.source, str)}
@@ -357,13 +396,17 @@ def _find(system: System, name: str, adjoint: AdjointFields, in_time: bool) -> V
     return PointVariable(name, unit, places)
 
 
-def _names_of(system: System, item: Any, in_time: bool) -> list[str]:
+def _names_of(
+    system: System, item: Any, in_time: bool, scalars: Sequence[ScalarsAdjoint]
+) -> list[str]:
     """Names of the variables of an item."""
     names = {
         parameter.name
         for term in system.terms_of(item)
         for parameter in getattr(term, "parameters", ())
     }
+    for part in scalars:
+        names.update(part.names_of(item))
     if _has_shape(item):
         names.add(SHAPE)
     if in_time and item in system.bodies:

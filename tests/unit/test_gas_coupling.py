@@ -93,7 +93,7 @@ def test_the_gas_follows_the_volume_as_its_coupling_says(scene) -> None:
         system.set_end(z)
         s = system.residual(y0, r)
         assert abs(s).max() < 1e-12  # it was solved at these volumes
-        return border._y.copy()
+        return border.y.copy()
 
     ε = 1e-5
     difference = (gas(ε) - gas(-ε)) / (2 * ε)
