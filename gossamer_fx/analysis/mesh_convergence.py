@@ -87,7 +87,7 @@ class Convergence:
         return found
 
     def table(self) -> str:
-        """A table in Markdown: size, cells if they are known, value, relative error, order and CPU time of each mesh."""
+        """A table in Markdown: size, number of cells, value, relative error, order and CPU time of each mesh."""
         return "\n".join(self._lines())
 
     def _lines(self) -> Iterator[str]:
