@@ -214,7 +214,7 @@ class BorderedPreconditioner:
         is_new_step = step != self._step
         self._set_up_sparse(is_new_step)
         # Only the two-level preconditioner costs so much that it pays to use an earlier Z.
-        may_reuse = self._sparse.getType() == "python"
+        may_reuse = not factorisation.is_exact(self._sparse)
         if not may_reuse or is_new_step or self._has_aged():
             self._solve_columns()
             self._step = step
@@ -232,7 +232,7 @@ class BorderedPreconditioner:
         tangent = self._operator.A
         was_slow = self._applications > MAX_APPLICATIONS_WITHOUT_COUPLINGS
         self._needs_couplings = not is_new_step and (self._needs_couplings or was_slow)
-        if self._sparse.getType() in factorisation.TYPES:
+        if factorisation.is_exact(self._sparse):
             factorisation.replace(self._sparse, tangent.whole())
         elif self._needs_couplings:
             self._sparse.setOperators(tangent.for_preconditioner())
@@ -303,7 +303,11 @@ def configure(
     is_small = system.numbering.size <= largest_direct
     if direct or system.constraints is not None or is_small:
         ksp.setType("preonly")
-        factorisation.choose(pc, system.A)
+        # Multipliers have zeros on the diagonal, and statics singular matrices, which need pivots.
+        if direct or system.constraints is not None:
+            factorisation.choose(pc, system.A)
+        else:
+            factorisation.choose_for_steps(pc, system.A)
         return
     ksp.setType("gmres")
     ksp.setGMRESRestart(MAX_KSP_ITERATIONS)
