@@ -15,7 +15,7 @@ import tempfile
 
 FLAGS = "-fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer -g"
 # Tests of the rooms that have C kernels of the package.
-DEFAULT_TESTS = ["tests/contact", "tests/reduction"]
+DEFAULT_TESTS = ["tests/contact", "tests/reduction", "tests/conservation/test_compartments.py"]
 
 
 def main() -> int:
