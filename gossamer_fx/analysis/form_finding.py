@@ -37,7 +37,7 @@ from gossamer_fx.checks.errors import NoEquilibrium, check
 from gossamer_fx.connectors.tape import Tape
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.spaces import cell_nodes
-from gossamer_fx.materials.film import IsotropicFilm
+from gossamer_fx.materials.film import FilmLaw, IsotropicFilm
 from gossamer_fx.model.body import Array
 from gossamer_fx.model.ports import combine
 from gossamer_fx.model.state import State
@@ -76,6 +76,9 @@ class Prestress(IsotropicFilm):
             math.isfinite(self.tension) and self.tension > 0,
             f"Prestress: tension is {self.tension!r} N/m; give a positive number.",
         )
+
+    # Its stress is the same at every strain.
+    taut_strain = FilmLaw.taut_strain
 
     def energy(self, e: Expr, c: Any) -> Expr:
         """W [J/m²] of the strains e = (E_xx, E_yy, ...), with the constants c of the law."""

@@ -9,6 +9,14 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
 
+from gossamer_fx.bodies.initial_strain import (
+    Tensors,
+    check_one_given,
+    check_stress,
+    film_tensors,
+    strain_in_frame,
+    strain_of_stress,
+)
 from gossamer_fx.bodies.meshed import Meshed, PointFunction, Property, checked, positions
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
@@ -25,10 +33,10 @@ from gossamer_fx.terms.masses import KineticEnergy
 
 @check_arguments
 class Membrane(Meshed):
-    """A film whose stress-free shape is the mesh.
+    """A film whose stress-free shape is the mesh, unless it is prestressed.
 
-    Kinetic energy ½∫ρt |v|² dA, stored energy ∫W(E) dA with the Green-Lagrange strain of the surface; dA is the
-    reference area.
+    Kinetic energy ½∫ρt |v|² dA, stored energy ∫W(E + E0) dA with the Green-Lagrange strain E of the surface from the
+    mesh and the initial strain E0; dA is the reference area.
 
     Args:
         mesh: triangles in space, flat or curved.
@@ -37,9 +45,17 @@ class Membrane(Meshed):
         properties: numbers of the law that differ from cell to cell, by "E", "nu", "density", "thickness": {group:
             value} for surfaces of the mesh (elsewhere the law's own), or a function of the cells' midpoints (3, n) that
             returns (n,).  E.g. devices on a sail: {"density": {"device": 2000.0}, "thickness": {"device": 25e-6}}.
+        initial_stress: stress [Pa] of the film in the shape of the mesh: a number (the same in all directions) or a
+            tensor (3, 3), whose part in the film counts; {group: number or tensor} of surfaces of the mesh, elsewhere
+            none; or a function of points (3, n) that returns (n,) or (3, 3, n).  Tensile for laws that wrinkle.
+        initial_strain: E0 in place of a stress, given in the same way.
         displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
         velocity: initial velocity [m/s], given in the same way.
         name: name in messages and output.
+
+    Raises:
+        InputError: a mesh or order that does not fit, both initial stress and strain, a compressive initial stress
+            of film that wrinkles.
 
     Example:
         >>> law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6)
@@ -57,6 +73,8 @@ class Membrane(Meshed):
         *,
         order: int = 1,
         properties: Mapping[str, Property] | None = None,
+        initial_stress: Tensors = None,
+        initial_strain: Tensors = None,
         displacement: PointFunction | None = None,
         velocity: PointFunction | None = None,
         name: str = "film",
@@ -85,6 +103,10 @@ class Membrane(Meshed):
             vary(self.constants, law, self.mesh, properties, name)
         self._frame = frame(domain)
         self._orient()
+        # A restart compares these arguments, see `outputs.arguments`.
+        self._initial_stress = initial_stress
+        self._initial_strain = initial_strain
+        self._prestress()
         self._displacement = checked(
             displacement, f"Membrane '{name}': its displacement", mesh.comm
         )
@@ -102,8 +124,39 @@ class Membrane(Meshed):
             field = direction_field(self.mesh, direction, self.name)
             set_axes(self.constants, field, self._frame)
 
+    def _prestress(self) -> None:
+        """Add the initial stress or strain to the constants, as tensors (3, 3) in each cell."""
+        check_one_given(self.name, self._initial_strain, self._initial_stress, "initial_stress")
+        if self._initial_strain is not None:
+            what = f"'{self.name}': its initial_strain"
+            self.constants.initial_strain = film_tensors(self.mesh, self._initial_strain, what)
+        if self._initial_stress is not None:
+            what = f"'{self.name}': its initial_stress"
+            stresses = film_tensors(self.mesh, self._initial_stress, what)
+            check_stress(self.mesh, stresses, self.law, what)
+            self.constants.initial_stress = stresses
+
+    @property
+    def initial_strain(self) -> Expr | None:
+        """E0 (E11, E22, 2 E12) in the frame of the film; None without prestress."""
+        strains = getattr(self.constants, "initial_strain", None)
+        if strains is not None:
+            return strain_in_frame(strains, self._frame)
+        stresses = getattr(self.constants, "initial_stress", None)
+        if stresses is not None:
+            return strain_of_stress(stresses, self._frame, self.law, self.constants)
+        return None
+
     def measure(self, x: Expr) -> Expr:
-        """Green-Lagrange strain (E11, E22, 2 E12) of the positions x."""
+        """Strain (E11, E22, 2 E12) of the law at the positions x: from the mesh, and the initial one."""
+        strain = self.strain_from_mesh(x)
+        initial = self.initial_strain
+        if initial is not None:
+            strain = strain + initial
+        return strain
+
+    def strain_from_mesh(self, x: Expr) -> Expr:
+        """Green-Lagrange strain (E11, E22, 2 E12) from the mesh to the positions x."""
         return green_lagrange(self.deformation(x))
 
     def deformation(self, x: Expr) -> Expr:

@@ -10,6 +10,7 @@ import ufl
 from dolfinx.mesh import Mesh as DolfinxMesh
 from dolfinx.mesh import meshtags
 
+from gossamer_fx.bodies.initial_strain import Tensors
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.bodies.meshed import PointFunction, Property
 from gossamer_fx.bodies.properties import cellwise
@@ -73,7 +74,7 @@ class Plate(Membrane):
         rest_curvature: H0 [1/m], a symmetric tensor (3, 3) in the plane of the mesh; or {group: tensor} of surfaces
             of the mesh; or a function of points (3, n) that returns (3, 3, n).  H0 is positive where the plate without
             moments bends towards the normal of the mesh.
-        properties, displacement, velocity: as of `Membrane`.
+        properties, initial_stress, initial_strain, displacement, velocity: as of `Membrane`.
         name: name in messages and output.
 
     Raises:
@@ -99,6 +100,8 @@ class Plate(Membrane):
         bending: tuple[float, float, float, float] | None = None,
         rest_curvature: Tensor | Mapping[str, Tensor] | Callable[[Array], Array] | None = None,
         properties: Mapping[str, Property] | None = None,
+        initial_stress: Tensors = None,
+        initial_strain: Tensors = None,
         displacement: PointFunction | None = None,
         velocity: PointFunction | None = None,
         name: str = "plate",
@@ -113,6 +116,8 @@ class Plate(Membrane):
             law,
             order=2,
             properties=properties,
+            initial_stress=initial_stress,
+            initial_strain=initial_strain,
             displacement=displacement,
             velocity=velocity,
             name=name,
@@ -167,8 +172,8 @@ class Plate(Membrane):
             sine=c.sine,
         )
 
-    def measure(self, x: Expr) -> Expr:
-        """Tied Green-Lagrange strain (E11, E22, 2 E12) of the positions x."""
+    def strain_from_mesh(self, x: Expr) -> Expr:
+        """Tied Green-Lagrange strain (E11, E22, 2 E12) from the mesh to the positions x."""
         return tied_strain(self.mesh.domain, x, self._frame)
 
     def curvature(self, x: Expr) -> Expr:

@@ -82,13 +82,13 @@ def cellwise(
         given: {group: value}, the others have `base`; or a function of points (3, n) that returns (*shape, n).
     """
     function = fem.Function(fem.functionspace(mesh.domain, ("Discontinuous Lagrange", 0, shape)))
-    cells = np.arange(
-        mesh.domain.topology.index_map(2).size_local + mesh.domain.topology.index_map(2).num_ghosts
-    )
+    dim = mesh.domain.topology.dim
+    index_map = mesh.domain.topology.index_map(dim)
+    cells = np.arange(index_map.size_local + index_map.num_ghosts)
     size = int(np.prod(shape, dtype=int))
     values = np.tile(np.asarray(base, dtype=float).ravel(), (len(cells), 1))
     if callable(given):
-        points = compute_midpoints(mesh.domain, 2, cells.astype(np.int32)).T
+        points = compute_midpoints(mesh.domain, dim, cells.astype(np.int32)).T
         wanted = (*shape, points.shape[1])
         found = ask_points(mesh.comm, f"{what} function", lambda: given(points), wanted)
         values[:] = found.reshape(size, -1).T
@@ -107,8 +107,14 @@ def cellwise(
 
 
 def _cells(mesh: Mesh, group: str, what: str) -> Indices:
-    """Local triangles (n,) of a named group; `what` begins the message about another group."""
+    """Local cells (n,) of a named group; `what` begins the message about another group."""
     dim, cells = mesh.group(group)
+    if mesh.domain.topology.dim == 1:
+        check(
+            dim == 1,
+            f"{what}: the group '{group}' is not a group of line elements; name a curve of the mesh.",
+        )
+        return cells
     check(
         dim == 2,
         f"{what}: the group '{group}' is not a group of triangles; name a surface of the mesh.",

@@ -1,4 +1,4 @@
-"""The commands run, sweep, plot, report, demo and doctor.
+"""The commands run, sweep, plot, report, demo, validate and doctor.
 
 What is wrong is told in one sentence, with code 2 for input and 1 for the rest.
 
@@ -40,6 +40,10 @@ def main(words: Sequence[str]) -> int:
         from gossamer_fx.cli.demo import main as run_demo
 
         return run_demo(words[1:])
+    if words[:1] == ["validate"]:  # so are its options
+        from gossamer_fx.cli.demo import validate
+
+        return validate(words[1:])
     wanted = _parser().parse_args(_with_values(words))
     if wanted.name == "doctor":  # it tells of missing packages, and imports none of them here
         from gossamer_fx.cli.doctor import main as examine
@@ -144,7 +148,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(
         required=True,
         dest="name",
-        metavar="run|sweep|plot|report|demo|doctor",
+        metavar="run|sweep|plot|report|demo|validate|doctor",
         parser_class=_Parser,
     )
 
@@ -245,6 +249,11 @@ def _parser() -> argparse.ArgumentParser:
     demo = commands.add_parser("demo", help="run demos/NAME.py of a clone, folded_tube by default")
     demo.add_argument("demo", nargs="?", metavar="NAME", help="file in demos, without .py")
     demo.add_argument("arguments", nargs="*", help="what that demo takes")
+    validate = commands.add_parser(
+        "validate", help="compare predictions with measurements of a case of a clone, or of a file"
+    )
+    validate.add_argument("case", metavar="NAME", help="case, TOML file, or all")
+    validate.add_argument("arguments", nargs="*", help="see gossamer validate --help")
     commands.add_parser("doctor", help="show the versions of everything, and check that it works")
     return parser
 

@@ -1,4 +1,4 @@
-"""Run a demo: gossamer demo [NAME] [ARGUMENTS]."""
+"""Run a program of the folder `demos`: gossamer demo [NAME] [ARGUMENTS], gossamer validate NAME [ARGUMENTS]."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NoReturn
 
 # the picture of the README
 DEFAULT = "folded_tube"
@@ -35,16 +36,38 @@ def main(words: Sequence[str]) -> int:
         name = rest.pop(0).removesuffix(".py")
     folder = find_demos()
     if folder is None:
-        sys.stderr.write(
-            "gossamer: there is no folder 'demos' here, and an installed package has none; "
-            "start gossamer demo in a clone of the project.\n"
-        )
-        return 2
+        return _tell_where_demos_are("demo")
     names = sorted(path.stem for path in folder.glob("*.py"))
     if name not in names:
         sys.stderr.write(f"gossamer: there is no demo '{name}'; give one of {', '.join(names)}.\n")
         return 2
+    _replace_process(folder, f"{name}.py", rest)
+
+
+def validate(words: Sequence[str]) -> int:
+    """Replace this process by the comparison with measurements; returns an exit code if there is none.
+
+    Args:
+        words: a case or a case file, then the options of `demos/validation`.
+    """
+    folder = find_demos()
+    if folder is None:
+        return _tell_where_demos_are("validate")
+    _replace_process(folder, "validation", list(words))
+
+
+def _tell_where_demos_are(command: str) -> int:
+    """Report that there are no demos; returns the exit code."""
+    sys.stderr.write(
+        "gossamer: there is no folder 'demos' here, and an installed package has none; "
+        f"start gossamer {command} in a clone of the project.\n"
+    )
+    return 2
+
+
+def _replace_process(folder: Path, program: str, words: list[str]) -> NoReturn:
+    """Replace this process by a program of the folder of the demos."""
     # demos import each other and the folder demos/common by their path in the clone
     paths = [str(folder.parent), os.environ.get("PYTHONPATH", "")]
     os.environ["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
-    os.execv(sys.executable, [sys.executable, str(folder / f"{name}.py"), *rest])
+    os.execv(sys.executable, [sys.executable, str(folder / program), *words])

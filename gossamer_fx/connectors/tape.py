@@ -108,9 +108,17 @@ class Tape:
         *,
         points: Sequence[Sequence[float]],
         bars_per_segment: int,
+        length_factor: float = 1.0,
         name: str = "tape",
     ) -> Tape:
-        """Through `points` [m] of the film's mesh, `bars_per_segment` bars of equal length from each to the next."""
+        """Through `points` [m] of the film's mesh, `bars_per_segment` bars of equal length from each to the next.
+
+        `length_factor` is the natural length over that of the line.
+        """
+        check(
+            0 < length_factor < math.inf,
+            f"Tape '{name}': length_factor is {length_factor!r}; give a positive number.",
+        )
         check(
             len(points) >= 2 and bars_per_segment >= 1,
             f"Tape '{name}' needs two points and one bar at least; give more.",
@@ -121,7 +129,7 @@ class Tape:
             [np.interp(steps, np.arange(len(corners)), corner) for corner in corners.T]
         ).T
         ports = [body.port_at(place) for place in places]
-        lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        lengths = length_factor * np.linalg.norm(np.diff(places, axis=0), axis=1)
         return Tape(body, law, bars=list(pairwise(ports)), lengths=lengths, name=name)
 
     def __post_init__(self) -> None:

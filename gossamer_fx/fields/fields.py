@@ -13,6 +13,7 @@
     group                   number of the cell's part among those of all films, see `fields.groups`
 
     fold_angle              angle of the creases at a cell [rad], zero in other cells
+    mode_amplitude          distance from the equilibrium in the record of a mode [m], else zero
     contact_pressure        at the nodes [N/m²], both sides of a film added, by the area of the
                             stress-free shape
 
@@ -189,6 +190,7 @@ FIELDS = {
     "pressure": Field((), of_films=True),
     "fold_angle": Field((), of_films=True),
     "contact_pressure": Field(()),
+    "mode_amplitude": Field(()),
 }
 
 
@@ -354,6 +356,7 @@ _COLLECTORS: dict[str, Collector] = {
     "group": _collect_group,
     "fold_angle": _collect_cell_values,
     "contact_pressure": _collect_node_values,
+    "mode_amplitude": _collect_node_values,
 }
 
 

@@ -138,7 +138,11 @@ class Balance:
 
     Attributes:
         h: length of the current step [s].
+        temperatures: of the chambers at its start (n,) [K].
     """
+
+    # Whether the work p̄ W is in the equations.
+    depends_on_swept_volume = True
 
     def __init__(
         self,
@@ -148,6 +152,7 @@ class Balance:
         n: int,
     ) -> None:
         self.h = 0.0
+        self.temperatures: Array = np.zeros(n)
         self._gas = gas
         # Properties of the gas that are asked for each flow
         self._cv = gas.cv
@@ -181,9 +186,10 @@ class Balance:
         self._p0 = p
         self._m0 = m
         self._U0 = U
+        self.temperatures = U / (m * self._cv)
         for passage in self._passages:
             passage.area = passage.aperture(h, t)
-        self._choose_weights(p, U / (m * self._cv), V)
+        self._choose_weights(p, self.temperatures, V)
 
     # ---- equations ----------------------------------------------------------------------------------
 

@@ -43,6 +43,12 @@ from gossamer_fx.model.body import Array, Body
 from gossamer_fx.terms.assembly import Assembly
 from gossamer_fx.terms.scalar_unknowns import ScalarTotals
 
+# What stays constant in the chambers of an equilibrium; see `static_processes`.
+ADIABATIC = "adiabatic"
+ISOTHERMAL = "isothermal"
+HELD_PRESSURE = "held pressure"
+PROCESSES = (ADIABATIC, ISOTHERMAL, HELD_PRESSURE)
+
 # A guess of y falls at most to this share of the last solution: pressures and masses stay positive.
 MIN_REMAINING_SHARE = 0.1
 
@@ -75,12 +81,12 @@ class GasNetwork:
         n = len(chambers)
         # Two chambers may have equal values; they are told apart by identity.
         numbers = {id(chamber): k for k, chamber in enumerate(chambers)}
-        self._balance = Balance(
-            gas=self._gas,
-            passages=_passages(items, numbers, self._geometry),
-            walls=[(item, numbers[id(item.chamber)]) for item in items if isinstance(item, Wall)],
-            n=n,
-        )
+        self._passages = _passages(items, numbers, self._geometry)
+        self._walls = [
+            (item, numbers[id(item.chamber)]) for item in items if isinstance(item, Wall)
+        ]
+        self._process = ADIABATIC
+        self._balance = self._make_balance(Balance)
         self.size = 2 * n
         # Of the last iterate: volumes, sizes of the terms that add up to them, and swept volumes [m³]
         self._V: Array = np.zeros(n)
@@ -95,6 +101,50 @@ class GasNetwork:
         # Energy [J] and mass [kg] from boundaries and walls since the start
         self._supplied = 0.0
         self._mass_supplied = 0.0
+
+    def _make_balance(self, kind: type[Balance]) -> Balance:
+        """The equations of all chambers."""
+        return kind(
+            gas=self._gas,
+            passages=self._passages,
+            walls=self._walls,
+            n=len(self._chambers),
+        )
+
+    def set_static_process(self, process: str) -> None:
+        """Choose what stays constant while an equilibrium is looked for: one of `PROCESSES`."""
+        # Imported here, as runs do not need it.
+        from gossamer_fx.gas.static_processes import HeldPressureBalance, IsothermalBalance
+
+        kinds = {
+            ADIABATIC: Balance,
+            ISOTHERMAL: IsothermalBalance,
+            HELD_PRESSURE: HeldPressureBalance,
+        }
+        self._process = process
+        self._balance = self._make_balance(kinds[process])
+
+    def vibration_stiffness(self) -> list[tuple[Array, float]]:
+        """Gradients of volumes g [m²] and stiffnesses κ = γ p/V [Pa/m³] of the closed films.
+
+        In a fast vibration no gas flows and no heat is exchanged, so that the pressure changes by -κ ΔV
+        and the forces by the stiffness κ g⊗g.  Gradients are this rank's part; collective.
+        """
+        return self._stiffness(self._gas.gamma)
+
+    def static_stiffness(self) -> list[tuple[Array, float]]:
+        """The same for slow changes by the process of an equilibrium: κ = γ p/V, p/V or none."""
+        exponents = {ADIABATIC: self._gas.gamma, ISOTHERMAL: 1.0, HELD_PRESSURE: 0.0}
+        return self._stiffness(exponents[self._process])
+
+    def _stiffness(self, exponent: float) -> list[tuple[Array, float]]:
+        """Gradients of volumes and κ = exponent p/V of each enclosure, if the exponent is not zero."""
+        found = []
+        for state in self._chambers:
+            if state.enclosure is not None and exponent:
+                _, of_volume, _ = state.enclosure.gradients()
+                found.append((of_volume, exponent * state.pressure / state.volume))
+        return found
 
     # ---- scalar unknowns: a step --------------------------------------------------------------------
 
@@ -212,9 +262,10 @@ class GasNetwork:
         for i, (k, enclosure) in enumerate(enclosures.items()):
             at_middle, of_volume, of_swept = enclosure.gradients()
             G[k] = -self._alpha * at_middle
-            # ∂/∂W of p̄ W in the energy balance
-            total_pressure = self._chambers[k].pressure + float(self._y[k])
-            by_W[k, i] = total_pressure / (2 * self._scale[k])
+            if self._balance.depends_on_swept_volume:
+                # ∂/∂W of p̄ W in the energy balance
+                total_pressure = self._chambers[k].pressure + float(self._y[k])
+                by_W[k, i] = total_pressure / (2 * self._scale[k])
             volume_gradients.append(of_volume)
             swept_gradients.append(of_swept)
         rows = by_V @ np.array(volume_gradients) + by_W @ np.array(swept_gradients)
@@ -240,11 +291,23 @@ class GasNetwork:
             state.mass += h * float(rates.mass[k])
             work = (state.pressure + float(self._y[k])) / 2 * _swept(state)
             state.internal_energy += h * float(rates.energy[k]) - work
+            if self._process != ADIABATIC:
+                self._supply_at_rest(state, float(self._balance.temperatures[k]))
             state.pressure = (self._gas.gamma - 1) * state.internal_energy / state.volume
         self._geometry.accept()
         self._accepted_magnitude = self._magnitude
         self._supplied += h * rates.energy_supplied
         self._mass_supplied += h * rates.mass_supplied
+
+    def _supply_at_rest(self, state: ChamberState, temperature: float) -> None:
+        """Add the gas that holds the pressure of a chamber, and the heat that holds its temperature [K]."""
+        if self._process == HELD_PRESSURE:
+            mass = state.pressure * state.volume / (self._gas.R * temperature)
+            self._mass_supplied += mass - state.mass
+            state.mass = mass
+        energy = self._gas.cv * state.mass * temperature
+        self._supplied += energy - state.internal_energy
+        state.internal_energy = energy
 
     # ---- scalar unknowns: checks --------------------------------------------------------------------
 

@@ -14,7 +14,7 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
-from gossamer_fx.forms.kinematics import Expr, bar_strain
+from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.element_energies import ViscousDissipation
@@ -112,9 +112,9 @@ def _inertia(body: Body) -> list[Expr]:
     if isinstance(body, Membrane):
         return [body.area_density] * 3
     c = body.constants
-    return [c.line_density] * 3 + (
-        [c.rotary2] * 3 + [c.rotary3] * 3 if isinstance(body, Beam) else []
-    )
+    if isinstance(body, Cable):
+        return [body.per_mesh_length(c.line_density)] * 3
+    return [c.line_density] * 3 + [c.rotary2] * 3 + [c.rotary3] * 3
 
 
 def _unwrinkled(body: Body) -> tuple[Callable[[Expr], Expr], Callable[[Expr], Expr]]:
@@ -123,5 +123,6 @@ def _unwrinkled(body: Body) -> tuple[Callable[[Expr], Expr], Callable[[Expr], Ex
         linear = body.law.unwrinkled()
         return body.measure, lambda e: linear.energy(e, body.constants)
     if isinstance(body, Cable):
-        return bar_strain, lambda e: body.constants.EA / 2 * e[0] ** 2
+        stiffness = body.per_mesh_length(body.constants.EA)
+        return body.measure, lambda e: stiffness / 2 * e[0] ** 2
     return body.measure, body.density

@@ -290,6 +290,8 @@ class Recording:
             "mass error": run.mass_error,
         }
         about = self._about | {"status": status, "statistics": statistics}
+        # Records of equilibria and modes have more to tell, see `static_records`.
+        about |= getattr(run, "about", {})
         text = json.dumps(about, indent=1, ensure_ascii=False)
         on_rank_zero(run.comm, lambda: replace_file(self.folder / "run.json", text))
 

@@ -93,6 +93,9 @@ _RUN = {
     "groups?": Several(str),
     "solids?": Several(_SOLID),
     "versions": Each(str),
+    "kind?": str,
+    "captions?": Several(str),
+    "result?": Each(_ANYTHING),
     "statistics": {
         "time": NUMBER,
         "until": NUMBER,

@@ -25,6 +25,9 @@ from gossamer_fx.plot.viewpoint import View
 
 Image = np.ndarray  # (height, width, 3) of bytes
 
+# The field by which modes are coloured.
+MODE_FIELD = "mode_amplitude"
+
 # A picture that is enlarged by less than this factor counts as of the scale of the others.
 _SAME_SCALE = 1.05
 
@@ -216,8 +219,57 @@ def captions(run: RunReader, frames: Sequence[int], zooms: Sequence[float]) -> l
         enlarged = ""
         if zoom > _SAME_SCALE:
             enlarged = f", {zoom:.2g} times larger"
-        found.append(f"t = {run.times[frame] / factor:.4g} {prefix}s{enlarged}")
+        words = run.caption(frame, f"t = {run.times[frame] / factor:.4g} {prefix}s")
+        found.append(f"{words}{enlarged}")
     return found
+
+
+@check_arguments
+def modes(
+    folders: Sequence[str | Path],
+    path: str | Path,
+    *,
+    view: View | None = None,
+) -> None:
+    """Write a PNG of vibration modes side by side, each at its largest displacement.
+
+    Args:
+        folders: of the modes, as `outputs.record_modes` returns them.
+        path: of the file, ending in `.png`.
+        view: camera and transparency; default: chosen for all modes.
+
+    Raises:
+        InputError: no folder, or one that holds no record of a mode.
+        OutputFailure: the file cannot be written.
+
+    Example:
+        >>> edges = [gx.Fixed(film, edge) for edge in ("left", "right", "bottom", "top")]
+        >>> equilibrium = gx.Equilibrium(gx.Scene(film, *edges))
+        >>> result = equilibrium.find()
+        >>> found = gx.analysis.modes(equilibrium, 2)
+        >>> folders = gx.outputs.record_modes(equilibrium, found, folder / "vibrations", frames=4)
+        >>> gx.plot.modes(folders, folder / "vibrations.png")
+        >>> (folder / "vibrations.png").is_file()
+        True
+    """
+    check(len(folders) > 0, "There are no modes to draw; give the folders of one or more.")
+    runs = [RunReader(one) for one in folders]
+    for run in runs:
+        check(
+            run.kind == "mode",
+            f"'{run.folder}' holds no record of a mode; give folders that outputs.record_modes made.",
+        )
+    # All modes have the same largest displacement, and so the colours of the first one.
+    colours = colouring(runs[0], MODE_FIELD)
+    shapes = [run.shape(0, MODE_FIELD, colours.kinds) for run in runs]
+    camera = aim(shapes, replace(view or View(), zoom=False))
+    views = Views(
+        captions=[run.title for run in runs],
+        size=camera.size,
+        draw=lambda scale: render(camera, shapes, scale, colours.table),
+        key=colours.key,
+    )
+    write_page(file_to_write(path), "", views)
 
 
 # ---- animations -----------------------------------------------------------------------------------------------------
@@ -336,7 +388,7 @@ def _images(
         for image in render(camera, [shape], place.scale, colours.table):
             bytes_of_image = np.rint(255 * image).astype(np.uint8)
             whole.paste(Image.fromarray(bytes_of_image), (place.left, place.top))
-        words = f"t = {shape.time / factor:.{digits}f} {prefix}s"
+        words = run.caption(int(frame), f"t = {shape.time / factor:.{digits}f} {prefix}s")
         ImageDraw.Draw(whole).text(caption, words, fill=_INK, font=font)
         yield np.asarray(whole)
 

@@ -99,7 +99,8 @@ def _page(run: RunReader) -> Iterable[str]:
     if shows_scene:
         field = default_field(run)
         yield _VIEW
-        yield "<h2>Over the time</h2>"
+        if len(run.times) > 1:
+            yield "<h2>Over the time</h2>"
         yield _image(lambda file: pictures.strip(run, field, path=file), f"{field} at six times")
     if len(ledger["time"]) > 1:
         yield _image(
@@ -135,6 +136,10 @@ def _status(about: Mapping[str, Any]) -> str:
     """How the run ended."""
     status = about["status"]
     numbers = about["statistics"]
+    if "result" in about:
+        pairs = _pairs(about["result"])
+        words = ", ".join(f"{name} {value}" for name, value in pairs)
+        return f'<p class="status">{escape(words)}</p>'
     kind = "status" if status in ("finished", "running") else "status bad"
     closes = "at rest"
     # Recordings of earlier versions do not say it.

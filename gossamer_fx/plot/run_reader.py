@@ -76,6 +76,7 @@ class RunReader:
             # a run that was killed may have written fewer steps of one body
             self.times = min((body.times for body in self.bodies.values()), key=len)
         self.groups: list[str] = self.about.get("groups", [])
+        self._captions: list[str] = self.about.get("captions", [])
 
     @property
     def films(self) -> list[str]:
@@ -86,6 +87,17 @@ class RunReader:
     def title(self) -> str:
         """Title of the run, or the name of its folder."""
         return self.about["title"] or self.folder.name
+
+    @property
+    def kind(self) -> str:
+        """What was recorded: "run", "equilibrium" or "mode"."""
+        return str(self.about.get("kind", "run"))
+
+    def caption(self, frame: int, of_time: str) -> str:
+        """Words below a recorded state: those of an equilibrium or a mode, or else the given ones of its time."""
+        if len(self._captions) == len(self.times):
+            return self._captions[frame]
+        return of_time
 
     # ---- numbers -----------------------------------------------------------------------------------------------
 

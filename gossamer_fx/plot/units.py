@@ -15,6 +15,7 @@ UNITS = {
     "stress1": "Pa",
     "stress2": "Pa",
     "pressure": "Pa",
+    "mode_amplitude": "m",
 }
 NAMES = {
     "displacement": "Displacement",
@@ -30,6 +31,7 @@ NAMES = {
     "stress2": "Smaller principal stress",
     "pressure": "Pressure inside over outside",
     "state": "State of the film",
+    "mode_amplitude": "Amplitude of the mode",
     "group": "Parts of the films",
 }
 _PREFIXES = {1e-9: "n", 1e-6: "µ", 1e-3: "m", 1.0: "", 1e3: "k", 1e6: "M", 1e9: "G"}

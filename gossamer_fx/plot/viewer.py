@@ -93,7 +93,9 @@ def view_data(run: RunReader) -> dict[str, Any]:
     return {
         "low": box.low.tolist(),
         "span": box.span.tolist(),
-        "labels": [f"t = {run.times[frame] / second:.4g} {prefix}s" for frame in frames],
+        "labels": [
+            run.caption(frame, f"t = {run.times[frame] / second:.4g} {prefix}s") for frame in frames
+        ],
         "fields": [_legend(name, colours) for name, colours in fields],
         "parts": parts,
     }

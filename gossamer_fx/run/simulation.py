@@ -30,9 +30,9 @@ from petsc4py import PETSc
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, OutputFailure, check
 from gossamer_fx.checks.failures import NotConverged
+from gossamer_fx.checks.interruption import Interrupted, Listener
 from gossamer_fx.checks.lone_errors import abort_on_lone_error, agree_on_error
 from gossamer_fx.outputs.output import Output, Writing, begin, cursors_of
-from gossamer_fx.run.interruption import Interrupted, Listener
 from gossamer_fx.run.log import LOGGER
 from gossamer_fx.scene.scene import Scene
 from gossamer_fx.steppers.history import History

@@ -159,6 +159,11 @@ class System:
         self._frames = roles.playing(roles.FrameMomenta, compiled)
 
     @property
+    def position_marks(self) -> Array:
+        """1 for each position and 0 for each director among the vectors of this rank's nodes, (n,)."""
+        return self._is_position
+
+    @property
     def initial(self) -> State:
         """The state in which the scene starts."""
         return self._initial

@@ -103,6 +103,23 @@ class ScalarUnknowns(Protocol):
         ...
 
 
+@runtime_checkable
+class ChangesWithVolume(Protocol):
+    """Scalar unknowns that are gas: at rest a process is chosen, and vibrations have its stiffness."""
+
+    def set_static_process(self, process: str) -> None:
+        """Choose what stays constant while an equilibrium is looked for: "adiabatic", ..."""
+        ...
+
+    def vibration_stiffness(self) -> list[tuple[Array, float]]:
+        """Pairs (g, κ) of the stiffness Σ κ g⊗g in a fast vibration; this rank's part of g."""
+        ...
+
+    def static_stiffness(self) -> list[tuple[Array, float]]:
+        """The same for slow changes, by the process that was chosen."""
+        ...
+
+
 class ScalarUnknownsMaker(Protocol):
     """Compiles all items of one kind to one block of scalar unknowns."""
 

@@ -1,4 +1,4 @@
-"""The quick form of every study ends as it declares, and every demo is run: ./gossamer test -m slow tests/docs.
+"""The quick forms of studies and validations end well, and every demo is run: ./gossamer test -m slow tests/docs.
 
 Demos are run by the tests of what they show, with coarse meshes and short times.
 """
@@ -18,6 +18,7 @@ from demos import robust_tube
 
 ROOT = Path(gx.__file__).parent.parent
 STUDIES = sorted(path.stem for path in (ROOT / "demos/studies").glob("*.py") if path.stem[0] != "_")
+CASES = sorted(path.stem for path in (ROOT / "demos/validation/cases").glob("*.toml"))
 DEMOS = sorted(path.stem for path in (ROOT / "demos").glob("*.py"))
 # Those that no test imports; their tests run the program itself.
 RUN_AS_PROGRAMS = {"pillow"}
@@ -36,6 +37,15 @@ def test_a_quick_study_ends_as_it_declares(tmp_path: Path, name: str) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.endswith("Everything is as the studies declare.\n")
     assert (tmp_path / f"{name}.md").read_text(encoding="utf-8").count("|") > 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_a_quick_validation_predicts(tmp_path: Path, name: str) -> None:
+    done = run("demos/validation", name, "--quick", "--out", str(tmp_path))
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.endswith("All errors are within what the cases ask.\n")
+    assert (tmp_path / f"{name}-quick.png").exists()
 
 
 @pytest.mark.slow

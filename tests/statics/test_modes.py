@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mpi4py import MPI
+from scipy.optimize import brentq
 
 import gossamer_fx as gx
 from gossamer_fx import Equilibrium
 from gossamer_fx.analysis import modes
 from gossamer_fx.loads import Centrifugal
+from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.disc import quarter_disc, ring
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import EDGES, sheet
@@ -124,15 +127,115 @@ def test_coriolis_matrix_of_a_film(comm):
     assert y.dot(out) == pytest.approx(2 * 0.028 * SPIN)
 
 
-def test_modes_of_a_scene_with_gas_are_refused(comm):
-    from gossamer_fx.meshes.airbag import airbag
-
-    film = gx.Membrane(airbag(comm, 1.0, 2), TENSIONED)
+@pytest.mark.mpi
+def test_a_mass_on_a_gas_spring(comm):
+    """ω² = γ p A²/(m V) of a piston with gas, and the frequencies of springs across are those without gas."""
+    mass, area, volume, pressure, k = 2.0, 0.01, 2e-3, 1e5, 50.0
+    piston = gx.PointMass(mass, (0.0, 0.0, 0.0), comm=comm)
     gas = gx.Chamber(
-        film, gas=gx.IdealGas(1.4, 287.0), pressure=1.0, temperature=300.0, dead_volume=1.0
+        gx.gas.Piston(piston.port(), area, direction=(0.0, 0.0, 1.0)),
+        gas=gx.IdealGas(1.4, 287.0),
+        pressure=pressure,
+        temperature=300.0,
+        dead_volume=volume,
+        outside=gx.gas.Ambient(pressure),
     )
-    with pytest.raises(gx.InputError, match="gas"):
-        modes(Equilibrium(gx.Scene(film, gas)), 1)
+    across = [
+        gx.connectors.AxialSpring(piston.port(), k, direction=axis, name=f"spring {axis}")
+        for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    ]
+    scene = gx.Scene(piston, gas, *across)
+    equilibrium = Equilibrium(scene)
+    equilibrium.find()
+    found = modes(equilibrium, 3)
+    exact = [
+        (k / mass) ** 0.5,
+        (k / mass) ** 0.5,
+        (1.4 * pressure * area**2 / mass / volume) ** 0.5,
+    ]
+    assert [2 * np.pi * mode.frequency for mode in found] == pytest.approx(exact, rel=1e-9)
+    assert found[2].effective_mass == pytest.approx([0.0, 0.0, mass], abs=1e-9)
+    with pytest.raises(gx.InputError, match="in a turning frame"):
+        modes(equilibrium, 1, spin=(0.0, 0.0, 1.0))
+
+
+def test_a_drum_over_closed_air(comm):
+    """Modes that change the volume are stiffer by the gas; those of the others do not change."""
+    bag = airbag(comm, 1.0, 8)
+    frequencies = {}
+    for closed in (False, True):
+        film = gx.Membrane(bag, TENSIONED, order=2, initial_stress=N0 / THICKNESS)
+        items = [film, gx.Fixed(film, "seam"), gx.Fixed(film, "bottom")]
+        if closed:
+            items.append(
+                gx.Chamber(
+                    film,
+                    gas=gx.IdealGas(1.4, 287.0),
+                    pressure=1e3,
+                    temperature=300.0,
+                    dead_volume=0.5,
+                    outside=gx.gas.Ambient(1e3),
+                )
+            )
+        equilibrium = Equilibrium(gx.Scene(*items))
+        equilibrium.find()
+        frequencies[closed] = [mode.frequency for mode in modes(equilibrium, 4)]
+    drum = frequencies[False]
+    with_gas = frequencies[True]
+    # The gas adds κ g⊗g: 1 + κ Σ (g·φ)²/(ω_mn² - ω²) = 0 over the modes of odd m and n, whose g·φ is
+    # 8/(π² m n √(ρt)) with unit modal mass.
+    κ = 1.4 * 1e3 / 0.5
+    m, n = np.meshgrid(np.arange(1, 40, 2), np.arange(1, 40, 2))
+    squares = np.pi**2 * N0 / 0.028 * (m**2 + n**2)
+    volumes = 8 / (np.pi**2 * m * n) / 0.028**0.5
+    ω = brentq(
+        lambda ω: 1 + κ * np.sum(volumes**2 / (squares - ω**2)),
+        1.001 * squares[0, 0] ** 0.5,
+        0.999 * squares[0, 1] ** 0.5,
+    )
+    # The modes (1, 2), (2, 1) and (2, 2) do not change the volume.
+    exact = sorted([*drum[1:4], ω / 2 / np.pi])
+    assert with_gas == pytest.approx(exact, rel=2e-3)
+
+
+@pytest.mark.mpi
+def test_effective_masses(comm):
+    """The mode (1, 1) of a square drum moves 64/π⁴ of its mass; without supports all is in rigid motions."""
+    film = gx.Membrane(
+        sheet(comm, 8, 8), TENSIONED, order=2, initial_stress=N0 / THICKNESS, name="drum"
+    )
+    equilibrium = Equilibrium(gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES)))
+    equilibrium.find()
+    first = modes(equilibrium, 1)[0]
+    assert first.effective_mass == pytest.approx([0, 0, 64 / np.pi**4 * 0.028], rel=1e-3, abs=1e-9)
+    φ = first.displacements["drum"]
+    assert φ.shape == (film.block.index_map.size_local, 3)
+    largest = comm.allreduce(float(φ.real.max(initial=0.0)), MPI.MAX)
+    # φ = 2/√(ρt) sin(πx) sin(πy) with unit modal mass
+    assert largest == pytest.approx(2 / 0.028**0.5, rel=1e-3)
+
+
+def test_slack_film_has_no_frequencies_that_can_be_trusted(comm, caplog):
+    film = gx.Membrane(sheet(comm, 3, 3), TENSIONED, displacement=lambda X: -1e-3 * X)
+    equilibrium = Equilibrium(gx.Scene(film, gx.Fixed(film, "left")))
+    found = equilibrium.find()
+    assert not found.regular
+    caplog.clear()
+    modes(equilibrium, 2)
+    assert "2 of 2 frequencies are zero within round-off" in caplog.text
+
+
+def test_film_in_contact(comm):
+    """A sheet that lies on the ground vibrates across it by the stiffness of contact alone."""
+    law = gx.Linear(E, NU, density=1400.0, thickness=THICKNESS)
+    film = gx.Membrane(sheet(comm, 3, 3), law, initial_stress=N0 / THICKNESS)
+    items = [film, gx.Gravity(film), *(gx.Fixed(film, edge, components=(0, 1)) for edge in EDGES)]
+    floor = gx.contact.Plane(point=(0.0, 0.0, -2e-3), normal=(0.0, 0.0, 1.0))
+    equilibrium = Equilibrium(gx.Scene(*items, gx.Contact(film, floor, distance=1e-3)))
+    assert equilibrium.find().free == ()
+    lowest = modes(equilibrium, 1)[0]
+    assert lowest.frequency > 1.0
+    assert lowest.effective_mass[2] == pytest.approx(1400 * THICKNESS, rel=0.05)
 
 
 @pytest.mark.mpi

@@ -17,6 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 GOSSAMER = str(ROOT / "gossamer")
 COMMANDS = (
     "demo",
+    "validate",
     "run",
     "sweep",
     "plot",
@@ -66,6 +67,7 @@ def test_help(words):
         (("inflate",), "inflate"),
         (("--verbose",), "--verbose"),
         (("demo", "no_such_demo"), "no_such_demo"),
+        (("validate", "no_such_case"), "no_such_case"),
         (("study", "no_such_study"), "no_such_study"),
         (("mpi",), "number of ranks"),
         (("mpi", "two", "script.py"), "number of ranks"),

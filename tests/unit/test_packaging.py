@@ -183,6 +183,14 @@ def test_the_installed_command_has_doctor_and_tells_where_demos_are(
         text=True,
     )
     assert done.returncode == 2 and "start gossamer demo in a clone" in done.stderr
+    done = subprocess.run(
+        [programs / "gossamer", "validate", "all"],
+        cwd=tmp_path,
+        env={"PATH": "/usr/bin"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2 and "start gossamer validate in a clone" in done.stderr
 
 
 @pytest.mark.slow

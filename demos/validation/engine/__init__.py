@@ -1,0 +1,1 @@
+"""The engine of validation: cases as data files, comparison with measurements, results, report."""

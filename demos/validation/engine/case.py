@@ -1,0 +1,441 @@
+"""Cases: an experiment as a data file, with inputs, measured values and what is asked of a prediction.
+
+A case file is TOML and holds data only: it names one of the models of `demos/validation/models`, and
+nothing in it is executed.  `docs/measured.md` explains its format, so that other programs can read it.
+
+    format = 1
+    name = "hiad_71"                  of its results; letters, digits and underscores
+    title, source, licence            one line each
+    peer                              what the errors `peer_error` belong to (optional)
+    model = "braided_tube"
+    quick_tests = ["1 up, 69 kPa"]    those of the quick form
+    [inputs]                          of all tests
+    length = {value = 3.2, unit = "m"}
+    [[tests]]
+    name = "1 up, 69 kPa"
+    [tests.inputs]                    of this test; they replace those of all tests
+    pressure = {value = 68.9, unit = "kPa"}
+    [[tests.measured]]
+    quantity = "load"                 what the model predicts under this name
+    y = {value = [...], unit = "N"}   measured values, or one number
+    x = {value = [...], unit = "mm"}  of a curve
+    range = [25, 125]                 of x, in its unit, in which a curve is compared
+    labels = ["La", "Lb"]             of values that are not a curve (optional)
+    tolerance = 0.05                  asked of the mean relative error, or
+    accepted = [0.05, 0.25]           asked of the mean of predicted/measured - 1
+    peer_error = 0.032                mean relative error of the peer (optional)
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from demos.validation.engine.units import UNITS, conversion_factor
+from gossamer_fx.checks.errors import InputError, check
+
+FORMAT = 1
+
+# Largest case file [bytes].  The parser is slow, so that a file of any size would stop the program.
+MAX_FILE_SIZE = 4_000_000
+
+# Words of a file that are printed, drawn or part of a file name.
+NAME = re.compile(r"[a-z0-9_]{1,60}")
+TEST_NAME = re.compile(r"[A-Za-z0-9_°.,+/ -]{1,80}")
+MAX_LINE_LENGTH = 400
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Measured values of one quantity, and what is asked of a prediction.
+
+    Attributes:
+        quantity: name of what is predicted.
+        y: measured values (n,), in `unit`.
+        unit: of `y`.
+        x: abscissae (n,) of a curve, in `x_unit`; None for values that are not a curve.
+        x_unit: of `x`.
+        x_range: part of the abscissa in which curves are compared.
+        labels: names of the values.
+        accepted: smallest and largest relative error that is accepted.
+        is_mean_of_sizes: whether `accepted` is of the mean size of the errors, or else of their mean.
+        peer_error: mean size of the relative errors of the peer; not a number if it is not known.
+    """
+
+    quantity: str
+    y: Array
+    unit: str
+    x: Array | None
+    x_unit: str
+    x_range: tuple[float, float]
+    labels: tuple[str, ...]
+    accepted: tuple[float, float]
+    is_mean_of_sizes: bool
+    peer_error: float
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """The inputs of one test, which a model asks for by name and unit.
+
+    Attributes:
+        where: case and test, for messages.
+        values: the tables {value, unit} of the file, by name.
+    """
+
+    where: str
+    values: Mapping[str, Any]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.values
+
+    def number(self, name: str, unit: str, *, above: float = -math.inf) -> float:
+        """One finite number in a unit, larger than `above`.
+
+        Raises:
+            InputError: it is missing, or is not such a number, or has a unit of another dimension.
+        """
+        found = self._array(name, unit, dimensions=0)
+        value = float(found)
+        check(
+            value > above, f"{self.where}: {name} is {value:g} {unit}; give a number > {above:g}."
+        )
+        return value
+
+    def whole(self, name: str, *, least: int = 1) -> int:
+        """A whole number of at least `least`, without a unit."""
+        value = self.number(name, "1")
+        check(
+            value == round(value) and value >= least,
+            f"{self.where}: {name} is {value:g}; give a whole number of at least {least}.",
+        )
+        return round(value)
+
+    def numbers(self, name: str, unit: str) -> Array:
+        """Finite numbers (n,) in a unit."""
+        return self._array(name, unit, dimensions=1)
+
+    def table(self, name: str, unit: str, columns: int) -> Array:
+        """Finite numbers (n, columns) in a unit."""
+        found = self._array(name, unit, dimensions=2)
+        check(
+            found.shape[1] == columns,
+            f"{self.where}: {name} has {found.shape[1]} columns; give {columns}.",
+        )
+        return found
+
+    def word(self, name: str, choices: tuple[str, ...]) -> str:
+        """One of some words."""
+        value = self._entry(name)
+        check(
+            value in choices,
+            f"{self.where}: {name} is {_short(value)}; give one of {', '.join(choices)}.",
+        )
+        return str(value)
+
+    def _entry(self, name: str) -> Any:
+        check(name in self.values, f"{self.where}: the input '{name}' is missing; add it.")
+        return self.values[name]
+
+    def _array(self, name: str, unit: str, dimensions: int) -> Array:
+        where = f"{self.where}: {name}"
+        value, own_unit = _quantity(where, self._entry(name))
+        found = _finite(where, value, dimensions)
+        return found * conversion_factor(own_unit, unit, where)
+
+
+@dataclass(frozen=True)
+class Test:
+    """One test of an experiment.
+
+    Attributes:
+        name: within its case.
+        inputs: what the model may know.
+        measured: what was measured; the model does not see it.
+        digest: of inputs and model; a stored result of other inputs is not used.
+    """
+
+    # pytest would take the class for tests
+    __test__ = False
+
+    name: str
+    inputs: Inputs
+    measured: tuple[Measured, ...]
+    digest: str
+
+
+@dataclass(frozen=True)
+class Case:
+    """An experiment: see the module for the file.
+
+    Attributes:
+        name, title, source, licence, peer: words of the file.
+        model: name of the model.
+        tests: in the order of the file.
+        quick_tests: names of those of the quick form.
+    """
+
+    name: str
+    title: str
+    source: str
+    licence: str
+    peer: str
+    model: str
+    tests: tuple[Test, ...]
+    quick_tests: tuple[str, ...]
+
+    def chosen(self, quick: bool) -> list[Test]:
+        """The tests of the quick or the full form."""
+        return [test for test in self.tests if not quick or test.name in self.quick_tests]
+
+
+def read_case(path: Path, models: list[str]) -> Case:
+    """Read a case file.
+
+    Args:
+        path: of the file.
+        models: names of the models that a case may have.
+
+    Raises:
+        InputError: there is no such file, it is not TOML, an entry is missing, unknown or of another kind.
+    """
+    where = f"'{path}'"
+    data = _parsed(path, where)
+    known = {"format", "name", "title", "source", "licence", "model", "peer", "quick_tests"}
+    _check_keys(where, data, known | {"inputs", "tests"})
+    version = data.get("format")
+    check(version == FORMAT, f"{where}: format is {_short(version)}; this program reads {FORMAT}.")
+    name = _line(where, data, "name")
+    check(
+        NAME.fullmatch(name) is not None,
+        f"{where}: name is '{name}'; give up to 60 small letters, digits and underscores.",
+    )
+    model = _line(where, data, "model")
+    check(model in models, f"{where}: model is '{model}'; give one of {', '.join(models)}.")
+    shared = _mapping(where, data.get("inputs", {}), "inputs")
+    tests = data.get("tests")
+    check(
+        isinstance(tests, list) and len(tests) > 0,
+        f"{where}: there are no tests; add one as [[tests]].",
+    )
+    found = tuple(_test(where, model, shared, test) for test in tests)
+    names = [test.name for test in found]
+    repeated = {one for one in names if names.count(one) > 1}
+    check(not repeated, f"{where}: several tests have the name '{min(repeated, default='')}'.")
+    quick_tests = data.get("quick_tests", names[:1])
+    check(
+        isinstance(quick_tests, list) and all(one in names for one in quick_tests),
+        f"{where}: quick_tests is {_short(quick_tests)}; give names of its tests.",
+    )
+    return Case(
+        name=name,
+        title=_line(where, data, "title"),
+        source=_line(where, data, "source"),
+        licence=_line(where, data, "licence"),
+        peer=_line(where, data, "peer", default=""),
+        model=model,
+        tests=found,
+        quick_tests=tuple(quick_tests),
+    )
+
+
+def _parsed(path: Path, where: str) -> dict[str, Any]:
+    """The data of a TOML file."""
+    check(
+        path.is_file(), f"There is no case file {where}; give a name, or the path of a TOML file."
+    )
+    size = path.stat().st_size
+    check(
+        size <= MAX_FILE_SIZE,
+        f"{where} has {size} bytes; a case file has at most {MAX_FILE_SIZE}.",
+    )
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        words = str(error).splitlines()[0]
+        raise InputError(f"{where} is not a TOML file ({words}); correct it.") from error
+    except RecursionError as error:
+        raise InputError(f"{where} is nested too deeply; a case file has three levels.") from error
+
+
+def _test(where: str, model: str, shared: Mapping[str, Any], data: Any) -> Test:
+    """One entry of `tests`."""
+    entry = _mapping(where, data, "each of tests")
+    _check_keys(f"{where}, tests", entry, {"name", "inputs", "measured"})
+    name = _line(f"{where}, tests", entry, "name")
+    check(
+        TEST_NAME.fullmatch(name) is not None,
+        f"{where}: a test has the name '{name}'; give letters, digits, spaces and ._,+/- only.",
+    )
+    here = f"{where}, test '{name}'"
+    values = {**shared, **_mapping(here, entry.get("inputs", {}), "inputs")}
+    text = json.dumps([model, values], sort_keys=True, default=str)
+    digest = hashlib.sha256(text.encode()).hexdigest()[:16]
+    measured = entry.get("measured")
+    check(
+        isinstance(measured, list) and len(measured) > 0,
+        f"{here}: nothing is measured; add [[tests.measured]].",
+    )
+    found = tuple(_measured(here, item) for item in measured)
+    quantities = [item.quantity for item in found]
+    check(
+        len(set(quantities)) == len(quantities),
+        f"{here}: a quantity is measured twice; give each its name.",
+    )
+    return Test(name, Inputs(here, values), found, digest)
+
+
+def _measured(where: str, data: Any) -> Measured:
+    """One entry of `tests.measured`."""
+    entry = _mapping(where, data, "each of measured")
+    known = {"quantity", "y", "x", "range", "labels", "tolerance", "accepted", "peer_error"}
+    _check_keys(where, entry, known)
+    quantity = _line(where, entry, "quantity")
+    here = f"{where}, measured '{quantity}'"
+    check("y" in entry, f"{here}: y is missing; add the measured values.")
+    y_value, unit = _quantity(f"{here}: y", entry["y"])
+    y = np.atleast_1d(_finite(f"{here}: y", y_value, dimensions=int(isinstance(y_value, list))))
+    check(
+        len(y) > 0 and bool((y != 0).all()),
+        f"{here}: y has zeros or no values; relative errors need values that are not zero.",
+    )
+    x: Array | None = None
+    x_unit = ""
+    x_range = (-math.inf, math.inf)
+    if "x" in entry:
+        x_value, x_unit = _quantity(f"{here}: x", entry["x"])
+        x = _finite(f"{here}: x", x_value, dimensions=1)
+        rises = x.shape == y.shape and len(x) > 1 and bool((np.diff(x) > 0).all())
+        check(rises, f"{here}: x does not rise, or has another length than y; give rising values.")
+        x_range = _pair(here, entry, "range", default=(float(x[0]), float(x[-1])))
+        check(
+            x[0] <= x_range[0] < x_range[1] <= x[-1],
+            f"{here}: range is {list(x_range)}; let it be within x, from {x[0]:g} to {x[-1]:g}.",
+        )
+    labels = entry.get("labels", [])
+    check(
+        isinstance(labels, list) and len(labels) in (0, len(y)),
+        f"{here}: labels is {_short(labels)}; give as many words as values.",
+    )
+    tolerance = entry.get("tolerance")
+    check(
+        tolerance is None or "accepted" not in entry,
+        f"{here}: both tolerance and accepted are given; give one of them.",
+    )
+    if tolerance is not None:
+        accepted = (0.0, _number(f"{here}: tolerance", tolerance))
+    else:
+        accepted = _pair(here, entry, "accepted", default=(-math.inf, math.inf))
+    return Measured(
+        quantity=quantity,
+        y=y,
+        unit=unit,
+        x=x,
+        x_unit=x_unit,
+        x_range=x_range,
+        labels=tuple(_words(f"{here}: labels", label) for label in labels),
+        accepted=accepted,
+        is_mean_of_sizes="accepted" not in entry,
+        peer_error=_number(f"{here}: peer_error", entry.get("peer_error", math.nan), finite=False),
+    )
+
+
+# ---- parts of a file ------------------------------------------------------------------------------
+
+
+def _check_keys(where: str, data: Mapping[str, Any], known: set[str]) -> None:
+    """A key with a typing error would otherwise have no effect."""
+    unknown = sorted(set(data) - known)
+    listed = ", ".join(sorted(known))
+    check(not unknown, f"{where}: '{_short(unknown[:1])}' is unknown; the keys are {listed}.")
+
+
+def _mapping(where: str, data: Any, name: str) -> Mapping[str, Any]:
+    check(isinstance(data, dict), f"{where}: {name} is {_short(data)}; give a table of TOML.")
+    return data
+
+
+def _line(where: str, data: Mapping[str, Any], name: str, default: str | None = None) -> str:
+    """One line of printable text."""
+    if name not in data and default is not None:
+        return default
+    check(name in data, f"{where}: '{name}' is missing; add it.")
+    return _words(f"{where}: {name}", data[name])
+
+
+def _words(where: str, text: Any) -> str:
+    """Printable text: control characters would act on a terminal."""
+    is_line = isinstance(text, str) and text.isprintable() and 0 < len(text) <= MAX_LINE_LENGTH
+    check(
+        is_line,
+        f"{where} is {_short(text)}; give one line of at most {MAX_LINE_LENGTH} letters.",
+    )
+    return str(text)
+
+
+def _quantity(where: str, data: Any) -> tuple[Any, str]:
+    """Value and unit of a table {value, unit}."""
+    entry = _mapping(where, data, "it")
+    _check_keys(where, entry, {"value", "unit"})
+    check(
+        {"value", "unit"} <= set(entry),
+        f"{where} has no value or no unit; write {{value = ..., unit = ...}}.",
+    )
+    unit = _words(f"{where}: unit", entry["unit"])
+    check(unit in UNITS, f"{where}: unit is '{unit}'; give one of {', '.join(UNITS)}.")
+    return entry["value"], unit
+
+
+def _finite(where: str, value: Any, dimensions: int) -> Array:
+    """Finite numbers in an array of so many dimensions."""
+    shape = ("one number", "a list of numbers", "a list of rows")[dimensions]
+    try:
+        found = np.array(value)
+        is_right = found.dtype.kind in "if" and found.ndim == dimensions
+        is_right = is_right and bool(np.isfinite(found).all())
+    except ValueError:
+        is_right = False
+    check(is_right, f"{where} is {_short(value)}; give {shape}, all finite.")
+    return found.astype(float)
+
+
+def _number(where: str, value: Any, *, finite: bool = True) -> float:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    check(
+        is_number and (not finite or math.isfinite(value)),
+        f"{where} is {_short(value)}; give a number.",
+    )
+    return float(value)
+
+
+def _pair(
+    where: str, data: Mapping[str, Any], name: str, default: tuple[float, float]
+) -> tuple[float, float]:
+    """Two rising numbers."""
+    if name not in data:
+        return default
+    found = _finite(f"{where}: {name}", data[name], dimensions=1)
+    check(
+        found.shape == (2,) and found[0] < found[1],
+        f"{where}: {name} is {_short(data[name])}; give two rising numbers.",
+    )
+    return float(found[0]), float(found[1])
+
+
+def _short(value: Any) -> str:
+    """A value as a few printable letters."""
+    text = repr(value)
+    if len(text) > 60:
+        text = text[:57] + "..."
+    return text

@@ -1,0 +1,192 @@
+"""What a validation found: a table, a figure with the measured points over the curves, and what is missed."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from demos.validation.engine.case import Case, Measured, Test
+from demos.validation.engine.comparison import Comparison
+from demos.validation.engine.results import Stored, comparisons
+from demos.validation.engine.units import UNITS
+
+HEAD = (
+    "case",
+    "test",
+    "quantity",
+    "predicted",
+    "measured",
+    "our error",
+    "asked",
+    "peer's error",
+    "time [s]",
+)
+PANELS_IN_A_ROW = 4
+# Of the title of a figure.
+LETTERS_PER_INCH = 12
+
+
+def table(cases: Iterable[tuple[Case, Stored]], quick: bool = False) -> str:
+    """All results as a Markdown table; of a curve it shows the middle of the range and the mean error."""
+    lines = ["| " + " | ".join(HEAD) + " |", "|---" * len(HEAD) + "|"]
+    for case, stored in cases:
+        for test in case.chosen(quick):
+            result = stored["tests"].get(test.name)
+            if result is None:
+                continue
+            seconds = f"{result['seconds']:.3g}"
+            for comparison in comparisons(stored, test):
+                cells = [case.name, test.name, *_cells(comparison), seconds]
+                if result["failed"]:
+                    cells[5] = "failed"
+                lines.append("| " + " | ".join(cells) + " |")
+                # The time is that of the whole test.
+                seconds = ""
+    return "\n".join(lines) + "\n"
+
+
+def _cells(comparison: Comparison) -> list[str]:
+    """Quantity, predicted, measured, our error, asked, peer's error."""
+    measured = comparison.measured
+    k = comparison.middle
+    name = measured.quantity
+    if comparison.x is not None:
+        name += f" at {comparison.x[k]:.4g} {measured.x_unit}"
+    elif len(measured.y) > 1:
+        label = measured.labels[k] if measured.labels else f"value {k + 1}"
+        name += f", {label} of {len(measured.y)}"
+    unit = "" if measured.unit == "1" else f" {measured.unit}"
+    error = comparison.mean_error if measured.is_mean_of_sizes else comparison.bias
+    return [
+        name,
+        f"{comparison.y_predicted[k]:.4g}{unit}",
+        f"{comparison.y_measured[k]:.4g}{unit}",
+        _percent(error, signed=not measured.is_mean_of_sizes),
+        _asked(measured),
+        _percent(measured.peer_error),
+    ]
+
+
+def _percent(value: float, signed: bool = False) -> str:
+    if not math.isfinite(value):
+        return ""
+    return f"{100 * value:+.1f} %" if signed else f"{100 * value:.1f} %"
+
+
+def _asked(measured: Measured) -> str:
+    low, high = measured.accepted
+    if not math.isfinite(high):
+        return ""
+    if measured.is_mean_of_sizes:
+        return f"{100 * high:g} %"
+    return f"{100 * low:+g} to {100 * high:+g} %"
+
+
+def misses(case: Case, stored: Stored, quick: bool = False) -> list[str]:
+    """What is not as the case asks, in sentences; in the quick form only tests that failed."""
+    found = []
+    for test in case.chosen(quick):
+        result = stored["tests"].get(test.name)
+        where = f"{case.name}, {test.name}"
+        if result is None:
+            continue
+        if result["failed"]:
+            found.append(f"{where}: {result['failed']}")
+            continue
+        for comparison in comparisons(stored, test):
+            measured = comparison.measured
+            if not (quick or comparison.is_accepted):
+                error = comparison.mean_error if measured.is_mean_of_sizes else comparison.bias
+                words = f"error {100 * error:.1f} %, asked {_asked(measured)}"
+                found.append(f"{where}, {measured.quantity}: {words}")
+    return found
+
+
+# ---- figure -----------------------------------------------------------------------------------------
+
+
+def figure(case: Case, stored: Stored, path: Path, quick: bool = False) -> None:
+    """Draw a panel for each measured quantity: measured points over predicted curves or values."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    # A curve has a panel; values of one quantity share one over all tests.
+    panels: dict[tuple[str, str], list[tuple[Test, Comparison]]] = {}
+    for test in case.chosen(quick):
+        if test.name not in stored["tests"]:
+            continue
+        for comparison in comparisons(stored, test):
+            quantity = comparison.measured.quantity
+            is_curve = comparison.x is not None
+            key = (quantity, test.name if is_curve else "")
+            panels.setdefault(key, []).append((test, comparison))
+    if not panels:
+        return
+    columns = min(PANELS_IN_A_ROW, len(panels))
+    rows = math.ceil(len(panels) / columns)
+    size = (max(3.2 * columns, 5.0), 2.7 * rows + 0.7)
+    drawing, axes = pyplot.subplots(
+        rows, columns, figsize=size, squeeze=False, layout="constrained"
+    )
+    for axis in axes.ravel()[len(panels) :]:
+        axis.set_visible(False)
+    for axis, ((quantity, test_name), entries) in zip(axes.ravel(), panels.items(), strict=False):
+        if test_name:
+            _draw_curve(axis, entries[0][1], stored["tests"][test_name])
+        else:
+            _draw_values(axis, entries)
+        # Words of a case file are text, not formulas.
+        axis.set_title(test_name or quantity, fontsize=9, parse_math=False)
+        axis.grid(alpha=0.25)
+        axis.tick_params(labelsize=8)
+    axes.ravel()[0].legend(fontsize=8)
+    title = textwrap.fill(case.title, int(LETTERS_PER_INCH * size[0]))
+    drawing.suptitle(title, fontsize=11, parse_math=False)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    drawing.savefig(path, dpi=100)
+    pyplot.close(drawing)
+
+
+def _draw_curve(axis, comparison: Comparison, result: Stored) -> None:
+    """Measured points, the predicted curve, and the range in which they are compared."""
+    measured = comparison.measured
+    axis.plot(measured.x, measured.y, "o", markersize=3, color="0.45", label="measured")
+    predicted = result["predicted"].get(measured.quantity)
+    if predicted is not None:
+        x = np.array(predicted["x"]) / UNITS[measured.x_unit][1]
+        y = np.array(predicted["y"]) / UNITS[measured.unit][1]
+        axis.plot(x, y, "-", color="tab:red", linewidth=1.6, label="predicted")
+        words = f"mean error {_percent(comparison.mean_error)}"
+        axis.text(0.97, 0.05, words, transform=axis.transAxes, ha="right", fontsize=8)
+    axis.axvspan(*measured.x_range, color="0.95", zorder=0)
+    axis.set_xlabel(f"[{measured.x_unit}]", fontsize=8, parse_math=False)
+    axis.set_ylabel(f"{measured.quantity} [{measured.unit}]", fontsize=8, parse_math=False)
+    axis.set_ylim(bottom=min(0.0, *axis.get_ylim()))
+
+
+def _draw_values(axis, entries: list[tuple[Test, Comparison]]) -> None:
+    """Measured and predicted values next to each other, one after another over all tests."""
+    names = []
+    y_measured = []
+    y_predicted = []
+    for test, comparison in entries:
+        count = len(comparison.y_measured)
+        labels = comparison.measured.labels or [str(k + 1) for k in range(count)]
+        if count == 1 and not comparison.measured.labels:
+            labels = [""]
+        names += [f"{test.name} {label}".strip() for label in labels]
+        y_measured += list(comparison.y_measured)
+        y_predicted += list(comparison.y_predicted)
+    places = np.arange(len(names))
+    axis.plot(places, y_measured, "o", color="0.45", label="measured")
+    axis.plot(places, y_predicted, "_", color="tab:red", markersize=14, markeredgewidth=2.5)
+    axis.plot([], [], "_", color="tab:red", markeredgewidth=2.5, label="predicted")
+    axis.set_xticks(places, names, rotation=60, ha="right", fontsize=6, parse_math=False)
+    unit = entries[0][1].measured.unit
+    axis.set_ylabel("" if unit == "1" else f"[{unit}]", fontsize=8, parse_math=False)

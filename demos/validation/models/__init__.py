@@ -1,0 +1,1 @@
+"""Models of validation: each predicts the quantities of one kind of experiment from its inputs."""

@@ -1,0 +1,174 @@
+"""The engine of validation: case files, errors, results, and the page made from them."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from demos.validation.__main__ import CASES, MODELS, NAMES, PAGE, main, page_table
+from demos.validation.engine.case import read_case
+from demos.validation.engine.comparison import compare
+from demos.validation.engine.report import misses, table
+from demos.validation.engine.results import comparisons, run
+from gossamer_fx import InputError
+
+GOOD = """
+format = 1
+name = "tube"
+title = "A tube"
+source = "nobody"
+licence = "none"
+model = "cord_plateau"
+[inputs]
+arm = {value = 1000, unit = "mm"}
+diameter = {value = 2, unit = "m"}
+cords_up = "2"
+[[tests]]
+name = "one"
+[tests.inputs]
+cord_force = {value = 1, unit = "kN"}
+[[tests.measured]]
+quantity = "plateau load"
+y = {value = 5, unit = "kN"}
+tolerance = 0.1
+peer_error = 0.3
+"""
+
+
+def case_of(folder: Path, text: str):
+    path = folder / "case.toml"
+    path.write_text(text, encoding="utf-8")
+    return read_case(path, MODELS)
+
+
+@pytest.mark.mpi
+def test_units_are_converted_and_the_error_is_relative(comm, folder):
+    case = case_of(folder, GOOD) if comm.rank == 0 else None
+    case = comm.bcast(case)
+    stored = run(case, folder, comm, quick=False)
+    (comparison,) = comparisons(stored, case.tests[0])
+    # 2 · 3 F r/a = 2 · 3 kN · 1 m/1 m, compared with 5 kN
+    assert comparison.y_predicted[0] == pytest.approx(6.0)
+    assert comparison.mean_error == pytest.approx(0.2)
+    assert not comparison.is_accepted
+    assert misses(case, stored) == ["tube, one, plateau load: error 20.0 %, asked 10 %"]
+    assert "| 6 kN | 5 kN | 20.0 % | 10 % | 30.0 % |" in table([(case, stored)])
+
+
+def test_what_is_stored_is_not_computed_again_unless_inputs_change(comm, folder, monkeypatch):
+    from demos.validation.models import cord_plateau
+
+    calls = []
+    predict = cord_plateau.predict
+    monkeypatch.setattr(cord_plateau, "predict", lambda *given: calls.append(1) or predict(*given))
+    for _ in range(2):
+        run(case_of(folder, GOOD), folder, comm, quick=False)
+    assert len(calls) == 1
+    # Measured values are not inputs.
+    run(case_of(folder, GOOD.replace("value = 5", "value = 6")), folder, comm, quick=False)
+    assert len(calls) == 1
+    run(case_of(folder, GOOD.replace("value = 2,", "value = 3,")), folder, comm, quick=False)
+    assert len(calls) == 2
+
+
+def test_a_curve_is_compared_over_its_range(folder):
+    x = list(range(11))
+    curve = f'y = {{value = {[10 + k for k in x]}, unit = "N"}}\nx = {{value = {x}, unit = "mm"}}'
+    text = GOOD.replace('y = {value = 5, unit = "kN"}', f"{curve}\nrange = [2, 8]")
+    (measured,) = case_of(folder, text).tests[0].measured
+    metres = np.linspace(0, 0.01, 7)
+    good = compare(measured, {"x": list(metres), "y": list(1.1 * (10 + 1e3 * metres))})
+    assert good.mean_error == pytest.approx(0.1)
+    assert good.x[0] == 2 and good.x[-1] == 8
+    short = compare(measured, {"x": [0.0, 7e-3], "y": [10.0, 17.0]})
+    assert short.mean_error == math.inf and not short.is_accepted
+    assert compare(measured, None).mean_error == math.inf
+
+
+def test_a_band_is_of_the_signed_error(folder):
+    text = GOOD.replace("tolerance = 0.1", "accepted = [0.05, 0.25]")
+    (measured,) = case_of(folder, text).tests[0].measured
+    assert compare(measured, {"x": None, "y": [6000.0]}).is_accepted
+    assert not compare(measured, {"x": None, "y": [4000.0]}).is_accepted
+
+
+BAD = {
+    "no TOML": ("format = 1", "format = = 1", "not a TOML file"),
+    "another format": ("format = 1", "format = 2", "format is 2"),
+    "a path as a name": ('"tube"', '"../../tube"', "name is '../../tube'"),
+    "a model elsewhere": ('"cord_plateau"', '"os.system"', "model is 'os.system'"),
+    "a model by path": ('"cord_plateau"', '"../engine/case"', "model is '../engine/case'"),
+    "control characters": ('"A tube"', '"\\u001b[2J"', "give one line"),
+    "an unknown key": ("title =", "titel = 1\ntitle =", "'titel'"),
+    "an unknown unit": ('"mm"', '"parsec"', "unit is 'parsec'"),
+    "another dimension": ('"mm"', '"kPa"', "dimension of 'm'"),
+    "a word for a number": ("value = 1000", 'value = "1000"', "arm is '1000'"),
+    "code for a number": ("value = 1000", "value = '__import__(\"os\")'", "give one number"),
+    "infinity": ("value = 1000", "value = inf", "arm is inf"),
+    "a negative length": ("value = 1000", "value = -1000", "arm is -1 m"),
+    "a missing input": ('cords_up = "2"', "", "'cords_up' is missing"),
+    "another word": ('cords_up = "2"', 'cords_up = "7"', "cords_up is '7'"),
+    "nothing measured": (
+        '[[tests.measured]]\nquantity = "plateau load"',
+        "",
+        "nothing is measured",
+    ),
+    "zero measured": ("value = 5", "value = 0", "zeros"),
+    "both demands": ("tolerance = 0.1", "tolerance = 0.1\naccepted = [0, 1]", "one of them"),
+    "a name twice": ("[[tests]]", '[[tests]]\nname = "one"\n[[tests]]', "nothing is measured"),
+    "no tests": ("[[tests]]", "[[test]]", "unknown"),
+    "an unknown quick test": ('name = "tube"', 'name = "tube"\nquick_tests = ["x"]', "quick_tests"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_case_file_is_refused_in_one_sentence(comm, folder, name):
+    old, new, words = BAD[name]
+    assert old in GOOD
+    with pytest.raises(InputError) as refused:
+        run(case_of(folder, GOOD.replace(old, new)), folder, comm, quick=False)
+    message = str(refused.value)
+    assert words in message
+    assert "\n" not in message and "\x1b" not in message and len(message) < 900
+    assert not list(folder.glob("*.json"))
+
+
+def test_deep_and_large_files_are_refused(folder):
+    with pytest.raises(InputError, match="deep"):
+        case_of(folder, "format = " + "[" * 100000)
+    with pytest.raises(InputError, match="bytes"):
+        case_of(folder, "#" * 5_000_000)
+    with pytest.raises(InputError, match="There is no case file"):
+        read_case(folder / "missing.toml", MODELS)
+
+
+def test_results_of_something_else_are_not_used(comm, folder):
+    (folder / "tube.json").write_text('{"format": 1, "case": "kite", "tests": {}}')
+    with pytest.raises(InputError, match="does not hold results of 'tube'"):
+        run(case_of(folder, GOOD), folder, comm, quick=False)
+
+
+def test_the_command_writes_table_results_and_picture(folder, capsys):
+    assert main(["hiad_plateau", "--out", str(folder)]) == 0
+    assert "All errors are within what the cases ask." in capsys.readouterr().out
+    stored = json.loads((folder / "hiad_plateau.json").read_text(encoding="utf-8"))
+    loads = stored["tests"]["2 up, 138 kPa"]["predicted"]["plateau load"]["y"]
+    # 6 F_c r/a of the specimen
+    assert loads == [pytest.approx(6 * 3114 * 0.339 / 2 / 1.1176, rel=1e-6)]
+    assert (folder / "hiad_plateau.png").read_bytes()[1:4] == b"PNG"
+    assert (folder / "hiad_plateau.md").read_text(encoding="utf-8").count("kPa") == 6
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_cases_are_complete_and_have_results(name):
+    case = read_case(CASES / f"{name}.toml", MODELS)
+    assert case.name == name
+    assert case.quick_tests
+
+
+def test_the_page_shows_the_stored_results():
+    assert page_table() in PAGE.read_text(encoding="utf-8")
