@@ -91,7 +91,7 @@ def _parser() -> argparse.ArgumentParser:
         help="another number as an input, in the unit of the case; may be repeated",
     )
     parser.add_argument(
-        "--sensitivity", action="store_true", help="the error with each input 5 %% larger"
+        "--sensitivity", action="store_true", help="the error with each input 1 %% larger"
     )
     parser.add_argument("--fresh", action="store_true", help="compute everything again")
     parser.add_argument(
