@@ -19,7 +19,9 @@ CHANGE = 0.01
 # A change of the mean prediction below this one is that of the mesh and of the solver.
 NO_INFLUENCE = 1e-4
 
-HEAD = "| test | quantity | input | mean error | mean error with +1 % | change that would remove it |"
+HEAD = (
+    "| test | quantity | input | mean error | mean error with +1 % | change that would remove it |"
+)
 
 
 def sensitivities(case: Case, comm: MPI.Intracomm, *, quick: bool, only: str = "") -> Iterator[str]:
@@ -60,7 +62,7 @@ def sensitivities(case: Case, comm: MPI.Intracomm, *, quick: bool, only: str = "
                     quantity,
                     name,
                     f"{100 * bias:+.1f} %",
-                    f"{100 * (bias + influence):+.1f} %",
+                    "" if math.isnan(influence) else f"{100 * (bias + influence):+.1f} %",
                     needed,
                 ]
                 yield "| " + " | ".join(cells) + " |"

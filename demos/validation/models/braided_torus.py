@@ -1,8 +1,12 @@
 """An inflated braided torus with cords that is pulled in by radial cables, started from its measured shape.
 
 At each of N stations two cables pull from the top and the bottom of the section to pulleys further in.
-Their forces are prescribed, those that were measured; they act along the line from the section to the
-pulley.  Vertical supports carry the section at some angles.
+All are shortened by the same amount until their forces add up to the measured load.  Vertical supports
+carry the section at some angles.
+
+Prescribed forces would not do.  A ring of this bending stiffness buckles under forces that stay the same at
+a small part of the measured load; the cables hold it.  In the measured shapes the components n and
+8 - n grow so that their sum at the eight stations stays: the cables are stiff compared with the torus.
 
 Wall: an orthotropic film that bears no compression.  Fibres at ±β with the shear stiffness G and a
 small further stiffness E_L along the tube give, per width,
@@ -13,10 +17,10 @@ Two axial cords are bonded to the wall; after inflation each has F_c.  The stret
 of a straight tube, see `braided_tube`.
 
 The shape of the torus under the first, small cable forces was measured.  The stress-free shape is
-corrected until the computed shape under these forces is the measured one: with c the centre line from
-which the stress-free film is made, x(c) that of the equilibrium, x_m the measured one,
+corrected until the computed shape under these forces is the measured one: with c the radius of the
+centre line from which the stress-free film is made, r(c) that of the equilibrium, r_m the measured one,
 
-    c ← c + x_m - x(c)                                                                            (2)
+    c ← c + r_m - r(c)                                                                            (2)
 
 The rest is prediction: the mean radius and the Fourier amplitudes of the centre line under larger
 forces, or under another pressure.
@@ -50,19 +54,23 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_constraints import PointConstraint
 from gossamer_fx.terms.point_loads import PointLoad
 
-# Cells along the torus and around its section, of order 2.
-CELLS_ALONG = 64
-CELLS_AROUND = 12
-QUICK_CELLS_ALONG = 32
-QUICK_CELLS_AROUND = 6
+# Cells along the torus and around its section, of order 2, unless the inputs "cells_along" and
+# "cells_around" are given.
+CELLS = (48, 6)
+QUICK_CELLS = (16, 6)
 
 # Corrections (2) of the stress-free shape.
-CORRECTIONS = 3
+CORRECTIONS = 2
 QUICK_CORRECTIONS = 1
 
-# Increments of the cable forces, or of the pressure.
-INCREMENTS = 8
-QUICK_INCREMENTS = 4
+# Increments of the shortening of the cables [m], the largest shortening, and increments of the pressure.
+INCREMENT = 2e-3
+QUICK_INCREMENT = 3e-3
+LARGEST_SHORTENING = 0.2
+PRESSURE_INCREMENTS = 6
+
+# Parts of the largest load at which the mean radius is compared.
+LOAD_FRACTIONS = (0.25, 0.5, 0.75, 1.0)
 
 # Fourier components of the centre line that are compared.
 WAVES = (3, 4, 5)
@@ -80,7 +88,10 @@ class Torus:
         shape_radius, shape_height: of these points [m].
         station_angles, support_angles: [rad].
         pulleys: radius and height of the pulleys (2, 2) of the lower and the upper cables [m].
-        cable_forces: (m, 2 N) [N] in the course of the test: lower cables by station, then upper ones.
+        first_forces: (2 N,) [N] with which the shape was measured: lower cables by station, then upper ones.
+        cable_stiffness: of each cable [N/m].
+        largest_load: sum of the forces of all cables [N].
+        cells: along the torus and around its section; None: as the form has them.
     """
 
     tube: Tube
@@ -90,7 +101,10 @@ class Torus:
     station_angles: Array
     support_angles: Array
     pulleys: Array
-    cable_forces: Array
+    first_forces: Array
+    cable_stiffness: float
+    largest_load: float
+    cells: tuple[int, int] | None
 
     @staticmethod
     def read(inputs: Inputs) -> Torus:
@@ -118,17 +132,25 @@ class Torus:
         shape = inputs.table("shape", "m", 2)
         count = len(shape)
         stations = inputs.numbers("station_angles", "rad")
-        forces = inputs.table("cable_forces", "N", 2 * len(stations))
+        forces = inputs.numbers("first_forces", "N")
         between = (tube.cord_angles - tube.cord_angles[0]) / (math.pi / 3)
         check(
             bool(np.allclose(between, np.rint(between), atol=1e-9)),
             f"{inputs.where}: cord_angles differ by other angles than multiples of 60 degrees; give those.",
         )
         check(
-            count >= 16 and len(forces) >= 2,
-            f"{inputs.where}: shape has {count} points and cable_forces {len(forces)} rows; give 16 points, "
-            "evenly spaced from the angle 0, and two rows at least.",
+            count >= 16 and len(forces) == 2 * len(stations),
+            f"{inputs.where}: shape has {count} points and first_forces {len(forces)} numbers; give 16 points "
+            f"at least, evenly spaced from the angle 0, and {2 * len(stations)} forces.",
         )
+        cells = None
+        if "cells_along" in inputs or "cells_around" in inputs:
+            cells = inputs.whole("cells_along"), inputs.whole("cells_around")
+            check(
+                cells[0] % 16 == 0 and cells[1] % 6 == 0,
+                f"{inputs.where}: cells_along is {cells[0]} and cells_around {cells[1]}; give a multiple of 16 "
+                "and one of 6, so that stations and cords are on lines of the mesh.",
+            )
         return Torus(
             tube=tube,
             shape_angle=np.arange(count) * 2 * math.pi / count,
@@ -137,7 +159,10 @@ class Torus:
             station_angles=stations,
             support_angles=inputs.numbers("support_angles", "rad"),
             pulleys=inputs.table("pulleys", "m", 2),
-            cable_forces=forces,
+            first_forces=forces,
+            cable_stiffness=inputs.number("cable_stiffness", "N/m", above=0),
+            largest_load=inputs.number("largest_load", "N", above=0),
+            cells=cells,
         )
 
     def measured_line(self, angle: Array) -> Array:
@@ -207,60 +232,76 @@ def torus_mesh(comm: MPI.Intracomm, points: Array, cord_columns: list[int]) -> g
 # ---- parts of the scene ----------------------------------------------------------------------------
 
 
-class Tension:
-    """A force of given size on a point, towards a fixed pulley, in the course of the loading.
+class Cable:
+    """A cable from a point of the torus over a fixed pulley to an end that is drawn in by t [m].
 
-    It plays `terms.point_loads.PointForce`: F = T n with n the unit vector from the point X to the pulley,
-    and dF/dX = -T/ℓ (1 - n nᵀ), ℓ their distance.
+    It plays `terms.point_loads.PointForce`.  With the length ℓ from the point X to the pulley, and n the
+    direction there, the force on the point is F = T n,
+
+        T = T_0 + k (t + ℓ - ℓ_0),    dF/dX = -T/ℓ (1 - n nᵀ) - k n nᵀ                            (3)
+
+    Until `hold` is called it is T_0 whatever the length.
     """
 
     depends_on_position_only = True
 
-    def __init__(self, pulley: Array, size: Callable[[float], float]) -> None:
+    def __init__(self, end: Port, pulley: Array, first_force: float, stiffness: float) -> None:
+        self.end = end
         self._pulley = pulley
-        self._size = size
-        self._now = 0.0
+        self._first_force = first_force
+        self._stiffness = stiffness
+        self._first_length: float | None = None
+        self._drawn = 0.0
+
+    def hold(self, X: Array) -> None:
+        """From now on the cable has its stiffness; its force is T_0 where the point is now."""
+        self._first_length = float(np.linalg.norm(self._pulley - X))
 
     def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
-        """Take the size of the time at which forces act."""
-        self._now = self._size(t + lag)
+        """Take the shortening of the time at which forces act."""
+        self._drawn = t + lag
+
+    def tension(self, X: Array) -> float:
+        """T [N]; a cable does not push."""
+        if self._first_length is None:
+            return self._first_force
+        length = float(np.linalg.norm(self._pulley - X))
+        shortening = self._drawn + length - self._first_length
+        return max(self._first_force + self._stiffness * shortening, 0.0)
 
     def force(self, X: Array) -> Array:
         """The force (3,) [N]."""
         arm = self._pulley - X
-        return self._now * arm / np.linalg.norm(arm)
+        return self.tension(X) * arm / np.linalg.norm(arm)
 
     def tangent(self, X: Array) -> Array:
         """Its derivative (3, 3) [N/m]."""
         arm = self._pulley - X
         length = np.linalg.norm(arm)
         n = arm / length
-        return -self._now / length * (np.eye(3) - np.outer(n, n))
+        along = np.outer(n, n)
+        tension = self.tension(X)
+        derivative = -tension / length * (np.eye(3) - along)
+        if self._first_length is not None and tension > 0:
+            derivative -= self._stiffness * along
+        return derivative
 
 
 class Cables:
-    """All cables; the time is the row of the table of their forces."""
+    """All cables as loads; the time is the shortening [m]."""
 
-    def __init__(self, torus: Torus, ends: list[Port], pulleys: list[Array]) -> None:
+    def __init__(self, cables: list[Cable]) -> None:
         self.name = "cables"
-        self._ends = ends
-        self._pulleys = pulleys
-        self._forces = torus.cable_forces
+        self._cables = cables
 
     def requires(self) -> Iterable[Any]:
         """The film."""
-        yield self._ends[0].body
+        yield self._cables[0].end.body
 
     def terms(self, start: State) -> Iterable[Term]:
         """A load for each cable."""
-        rows = np.arange(len(self._forces))
-        for i, (end, pulley) in enumerate(zip(self._ends, self._pulleys, strict=True)):
-            column = self._forces[:, i]
-
-            def size(t: float, column: Array = column) -> float:
-                return float(np.interp(t, rows, column))
-
-            yield PointLoad(f"cable {i + 1}", (end,), Tension(pulley, size))
+        for i, cable in enumerate(self._cables):
+            yield PointLoad(f"cable {i + 1}", (cable.end,), cable)
 
 
 class Supports:
@@ -298,16 +339,28 @@ def combined(parts: list[tuple[float, Port]]) -> Port:
 
 @dataclass(frozen=True)
 class Model:
-    """A scene, and the means (2 n,) of its sections."""
+    """The search for equilibria, the means (2 n,) of the sections, and the cables."""
 
     search: gx.Equilibrium
     sections: tuple[Port, ...]
+    cables: list[Cable]
 
     def line(self) -> Array:
         """Radius and height (2 n, 2) [m] of the centre line."""
         state = self.search.system.state
         centres = np.array([state.vector(section) for section in self.sections])
         return np.column_stack([np.hypot(centres[:, 0], centres[:, 1]), centres[:, 2]])
+
+    def load(self) -> float:
+        """Sum of the forces of all cables [N]."""
+        state = self.search.system.state
+        return sum(cable.tension(state.vector(cable.end)) for cable in self.cables)
+
+    def hold_cables(self) -> None:
+        """Give the cables their stiffness at the present state."""
+        state = self.search.system.state
+        for cable in self.cables:
+            cable.hold(state.vector(cable.end))
 
 
 def build(
@@ -362,16 +415,16 @@ def build(
     ]
     nodes = numbering.global_nodes(film)
     means = tuple(_mean(film, row, np.ones(len(row))) for row in nodes)
-    ends, pulleys = _cable_ends(torus, film, nodes, np.cos(φ))
+    cables = _cables(torus, film, nodes, np.cos(φ))
     supports = [means[_row(angle, len(means))] for angle in torus.support_angles]
     scene = gx.Scene(
         film,
         gx.Pressure(film, pressure),
         *cords,
-        Cables(torus, ends, pulleys),
+        Cables(cables),
         Supports(supports),
     )
-    return Model(gx.Equilibrium(scene), means)
+    return Model(gx.Equilibrium(scene), means, cables)
 
 
 class Numbering:
@@ -412,48 +465,62 @@ def _row(angle: float, count: int) -> int:
     return round(angle * count / (2 * math.pi)) % count
 
 
-def _cable_ends(
-    torus: Torus, film: gx.Membrane, nodes: Array, cosine: Array
-) -> tuple[list[Port], list[Array]]:
-    """Points at which cables pull, and their pulleys: lower cables by station, then upper ones.
+def _cables(torus: Torus, film: gx.Membrane, nodes: Array, cosine: Array) -> list[Cable]:
+    """Lower cables by station, then upper ones.
 
     A strap around the section takes the force of a cable to the film.  It is spread over the section
     with the weights 1 ± 2 cos φ, whose resultant acts at the bottom or the top, and along the torus over
-    the rows next to the station with the weights 1/4, 1/2, 1/4.
+    a minor radius to each side, falling linearly to zero: a force on a line would dent film of any mesh
+    the deeper, the finer it is.
     """
     count = len(nodes)
-    ends: list[Port] = []
-    pulleys: list[Array] = []
+    spacing = 2 * math.pi / count * torus.shape_radius.mean()
+    reach = math.ceil(torus.tube.radius / spacing)
+    offsets = np.arange(-reach, reach + 1)
+    shares = np.maximum(1 - np.abs(offsets) * spacing / torus.tube.radius, 0.0)
+    shares = shares / shares.sum()
+    cables: list[Cable] = []
     for side, (radius, height) in zip((-1.0, 1.0), torus.pulleys, strict=True):
         weights = 1 + 2 * side * cosine
         for angle in torus.station_angles:
             row = _row(angle, count)
-            neighbours = ((0.25, row - 1), (0.5, row), (0.25, row + 1))
-            parts = [(f, _mean(film, nodes[i % count], weights)) for f, i in neighbours]
-            ends.append(combined(parts))
-            pulleys.append(
-                np.array([radius * math.cos(angle), radius * math.sin(angle), height])
-            )
-    return ends, pulleys
+            parts = []
+            for share, offset in zip(shares, offsets, strict=True):
+                if share > 0:
+                    ring = nodes[(row + offset) % count]
+                    parts.append((float(share), _mean(film, ring, weights)))
+            pulley = np.array([radius * math.cos(angle), radius * math.sin(angle), height])
+            first_force = float(torus.first_forces[len(cables)])
+            cables.append(Cable(combined(parts), pulley, first_force, torus.cable_stiffness))
+    return cables
 
 
-def corrected(torus: Torus, comm: MPI.Intracomm, quick: bool) -> tuple[Array, float]:
-    """The centre line of the inflated film for which (2) holds, and the largest remaining difference [m]."""
-    along = QUICK_CELLS_ALONG if quick else CELLS_ALONG
-    around = QUICK_CELLS_AROUND if quick else CELLS_AROUND
+def corrected(
+    torus: Torus, comm: MPI.Intracomm, cells: tuple[int, int], corrections: int
+) -> tuple[Array, float]:
+    """The centre line of the inflated film after some corrections (2).
+
+    Returns:
+        The line, and the largest difference [m] before the last correction.
+    """
+    along, around = cells
     angle = np.arange(2 * along) * math.pi / along
     target = torus.measured_line(angle)
     line = target.copy()
-    for _ in range(QUICK_CORRECTIONS if quick else CORRECTIONS):
+    remaining = math.inf
+    for _ in range(corrections):
         model = build(torus, comm, line, around, torus.tube.pressure)
         model.search.find(at=0.0)
-        line = line + target - model.line()
-    return line, float(np.abs(target - model.line()).max())
+        difference = (target - model.line())[:, 0]
+        remaining = float(np.abs(difference).max())
+        # Heights are those of the measurement: the supports hold them.
+        line[:, 0] += difference
+    return line, remaining
 
 
-def amplitudes(line: Array) -> Array:
-    """Fourier amplitudes [m] of the radius of a centre line."""
-    spectrum = 2 * np.abs(np.fft.rfft(line[:, 0])) / len(line)
+def amplitudes(radius: Array) -> Array:
+    """Fourier amplitudes [m] of the radius (n,) of a centre line."""
+    spectrum = 2 * np.abs(np.fft.rfft(radius)) / len(radius)
     return spectrum[list(WAVES)]
 
 
@@ -463,54 +530,56 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     With the input "second_pressure" the pressure goes to that, under the first forces of the cables.
     """
     torus = Torus.read(inputs)
-    around = QUICK_CELLS_AROUND if quick else CELLS_AROUND
-    increments = QUICK_INCREMENTS if quick else INCREMENTS
-    line, remaining = corrected(torus, comm, quick)
+    cells = torus.cells or (QUICK_CELLS if quick else CELLS)
+    line, remaining = corrected(torus, comm, cells, QUICK_CORRECTIONS if quick else CORRECTIONS)
     if "second_pressure" in inputs:
-        return _inflate_further(torus, inputs, comm, line, around, increments)
-    model = build(torus, comm, line, around, torus.tube.pressure)
-    totals = torus.cable_forces.sum(axis=1)
-    wanted = np.array([0.25, 0.5, 0.75, 1.0]) * totals.max()
-    path = np.union1d(np.linspace(totals[0], totals.max(), increments + 1), wanted)
-    radii = []
-    iterations = 0
-    seconds = 0.0
-    for total in path:
-        found = model.search.find(at=float(np.interp(total, totals, np.arange(len(totals)))))
+        return _inflate_further(torus, inputs, comm, line, cells[1])
+    model = build(torus, comm, line, cells[1], torus.tube.pressure)
+    search = model.search
+    first = search.find(at=0.0)
+    iterations = first.iterations
+    seconds = first.seconds
+    model.hold_cables()
+    loads = [model.load()]
+    radii = [model.line()[:, 0]]
+    shortening = 0.0
+    while loads[-1] < torus.largest_load and shortening < LARGEST_SHORTENING:
+        shortening += QUICK_INCREMENT if quick else INCREMENT
+        found = search.find(at=shortening)
         iterations += found.iterations
         seconds += found.seconds
-        radii.append(model.line()[:, 0].mean())
-    changes = np.interp(wanted, path, radii) - radii[0]
+        loads.append(model.load())
+        radii.append(model.line()[:, 0])
+    wanted = torus.largest_load * np.array(LOAD_FRACTIONS)
+    means = [radius.mean() for radius in radii]
+    changes = np.interp(wanted, loads, means, right=math.nan) - means[0]
+    # The shape at the largest load lies between the last two states.
+    part = (torus.largest_load - loads[-2]) / (loads[-1] - loads[-2])
+    last = radii[-2] + part * (radii[-1] - radii[-2])
     quantities = {
         "change of mean radius": Predicted(changes),
-        "waves at the largest load": Predicted(amplitudes(model.line())),
+        "waves at the largest load": Predicted(amplitudes(last)),
     }
     details = {
-        "unknowns": float(model.search.system.numbering.size),
+        "unknowns": float(search.system.numbering.size),
         "iterations": float(iterations),
         "seconds": seconds,
-        "shape_difference": remaining,
+        "shortening": shortening,
+        "difference_before_the_last_correction": remaining,
     }
     return Prediction(quantities, details)
 
 
 def _inflate_further(
-    torus: Torus,
-    inputs: Inputs,
-    comm: MPI.Intracomm,
-    line: Array,
-    around: int,
-    increments: int,
+    torus: Torus, inputs: Inputs, comm: MPI.Intracomm, line: Array, around: int
 ) -> Prediction:
-    """The growth of the mean radius from one pressure to another."""
+    """The growth of the mean radius from one pressure to another, under the first forces of the cables."""
     first = torus.tube.pressure
     second = inputs.number("second_pressure", "Pa", above=first)
-    # Its time is the fraction of the way; the cables stay at their first row.
-    model = build(torus, comm, line, around, lambda t: first - t * (second - first))
+    model = build(torus, comm, line, around, lambda t: first + t * (second - first))
     model.search.find(at=0.0)
     before = model.line()[:, 0].mean()
-    for k in range(1, increments + 1):
-        # Negative times: the rows of the cables begin at zero.
-        model.search.find(at=-k / increments)
+    for k in range(1, PRESSURE_INCREMENTS + 1):
+        model.search.find(at=k / PRESSURE_INCREMENTS)
     growth = model.line()[:, 0].mean() - before
     return Prediction({"growth of the mean radius": Predicted(growth)})

@@ -24,6 +24,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -188,7 +189,7 @@ def stations(tube: Tube, size: float) -> tuple[Array, tuple[int, int]]:
     parts = []
     count = 0
     edges = []
-    for begin, end in zip(corners, corners[1:], strict=False):
+    for begin, end in pairwise(corners):
         cells = max(round((end - begin) / size), 1)
         parts.append(np.linspace(begin, end, cells + 1)[:-1])
         count += cells
@@ -227,9 +228,7 @@ def half_tube_mesh(
         model.mesh.addNodes(2, surface, range(1, len(coordinates) + 1), coordinates.ravel())
         wall = _wall_triangles(number, 0, band[0]) + _wall_triangles(number, band[1], rings - 1)
         _add_triangles(model, surface, wall, "wall")
-        _add_triangles(
-            model, model.addDiscreteEntity(2), _wall_triangles(number, *band), "band"
-        )
+        _add_triangles(model, model.addDiscreteEntity(2), _wall_triangles(number, *band), "band")
         last = number[-1]
         cap = [(centre, last[k + 1], last[k]) for k in range(around)]
         _add_triangles(model, model.addDiscreteEntity(2), cap, "cap")
@@ -265,7 +264,7 @@ def _add_line(model: Any, chains: list, name: str) -> None:
     entity = model.addDiscreteEntity(1)
     ends = []
     for chain in chains:
-        for a, b in zip(chain, chain[1:], strict=False):
+        for a, b in pairwise(chain):
             ends += [int(a) + 1, int(b) + 1]
     model.mesh.addElementsByType(entity, 1, [], ends)
     model.addPhysicalGroup(1, [entity], name=name)
@@ -448,9 +447,7 @@ def build(tube: Tube, comm: MPI.Intracomm, around: int) -> Model:
     return Model(scene, film, load, mean_of(film, own, np.ones(len(own))))
 
 
-def _cords(
-    tube: Tube, film: gx.Membrane, around: int, λ_L: float
-) -> Iterable[gx.connectors.Tape]:
+def _cords(tube: Tube, film: gx.Membrane, around: int, λ_L: float) -> Iterable[gx.connectors.Tape]:
     """The cords of the half tube, as bars along lines of the mesh."""
     factor = λ_L / (1 + tube.cord_strain_after_inflation())
     for angle in tube.cord_angles:
