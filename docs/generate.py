@@ -9,6 +9,8 @@ import ast
 import inspect
 import re
 import shutil
+import tomllib
+from collections.abc import Sequence
 from operator import attrgetter
 from pathlib import Path
 from types import FunctionType
@@ -194,21 +196,26 @@ def entry(name: str) -> str:
     """Reference of one public name."""
     it = thing(name)
     text = inspect.getdoc(it) or ""
+    namespace, _, short = f"gossamer_fx.{name}".rpartition(".")
+    # by the name of its module Sphinx finds the code of an entry
+    module = f":module: {namespace}\n\n"
     if not inspect.isclass(it):
-        return _directive("py:function", f"gossamer_fx.{name}{signature(it)}", markdown(text))
+        return _directive("py:function", short + signature(it), module + markdown(text))
     exception = issubclass(it, BaseException)
-    head = f"gossamer_fx.{name}" + ("" if exception else signature(it))
+    head = short + ("" if exception else signature(it))
     body = [markdown(text)]
     for kind, member, plain in members(it):
         doc = inspect.getdoc(plain)
         if doc:
             words = member + (signature(plain, bound=True) if kind == "method" else "")
             body.append(_directive(f"py:{kind}", words, markdown(doc), fence=":::"))
+    body[0] = module + body[0]
     return _directive("py:exception" if exception else "py:class", head, "\n\n".join(body))
 
 
 def _directive(kind: str, head: str, body: str, fence: str = "::::") -> str:
-    return f"{fence}{{{kind}}} {head}\n\n{body}\n{fence}\n"
+    options = "" if body.startswith(":module:") else "\n"
+    return f"{fence}{{{kind}}} {head}\n{options}{body}\n{fence}\n"
 
 
 def undocumented() -> list[str]:
@@ -266,18 +273,135 @@ def demos() -> list[tuple[str, str, str]]:
     return found
 
 
-def gallery() -> str:
-    """Each demo: what it shows, its picture, its commands."""
+LEVELS = {1: "a first scene", 2: "one subject", 3: "many parts"}
+
+
+def subjects() -> list[dict[str, Any]]:
+    """The demos by subject, with level and run time, as `gallery.toml` lists them.
+
+    Raises:
+        ValueError: a demo is not in the list, or in it without being there.
+    """
+    found = tomllib.loads((HERE / "gallery.toml").read_text(encoding="utf-8"))["subject"]
+    listed = {demo["name"] for subject in found for demo in subject["demos"]}
+    there = {name for name, _, _ in demos()}
+    if listed != there:
+        raise ValueError(
+            f"docs/gallery.toml and demos differ by {sorted(listed ^ there)}: list every demo once"
+        )
+    return list(found)
+
+
+def gallery() -> dict[str, str]:
+    """A page of cards by subject, and one page a demo: what it shows, its picture, commands, notebook."""
+    texts = {name: (title, text) for name, title, text in demos()}
     parts = [
-        "# Gallery\n\nMade from the files in `demos`; the commands at the end of each run it.\n"
+        "# Gallery\n\nEach card opens the page of a demo, with its commands, its sources and a notebook. "
+        "The times are of one core.\n"
     ]
-    for name, title, text in demos():
-        parts.append(f"## {name.replace('_', ' ').capitalize()}\n\n{prose(title)}\n")
-        if (ROOT / "demos" / f"{name}.png").exists():
-            shutil.copy(ROOT / "demos" / f"{name}.png", OUT / f"{name}.png")
-            parts.append(f"![{title}]({name}.png)\n")
-        parts.append(markdown(text) + "\n")
+    pages = {}
+    for subject in subjects():
+        parts.append(f"## {subject['title']}\n\n:::::{{grid}} 1 2 3 3\n:gutter: 3\n")
+        for demo in subject["demos"]:
+            name = demo["name"]
+            title, text = texts[name]
+            parts.append(_card(demo, title))
+            pages[f"demo_{name}"] = _demo_page(name, demo["title"], title, text)
+        parts.append(":::::\n")
+    toc = "\n".join(pages)
+    parts.append(f"```{{toctree}}\n:hidden:\n\n{toc}\n```\n")
+    return {"gallery": "\n".join(parts), **pages}
+
+
+def _card(demo: dict[str, Any], title: str) -> str:
+    name = demo["name"]
+    picture = [f":img-top: {_thumbnail(name, demo.get('crop', WHOLE))}"] if _picture(name) else []
+    options = "\n".join([*picture, f":link: demo_{name}", ":link-type: doc"])
+    foot = f"{demo['time']} · {LEVELS[demo['level']]}"
+    head = f"::::{{grid-item-card}} {demo['title']}\n{options}\n"
+    return f"{head}\n{prose(title)}\n\n:::{{card-footer}}\n{foot}\n:::\n::::"
+
+
+def _demo_page(name: str, heading: str, title: str, text: str) -> str:
+    parts = [f"# {heading}\n\n{prose(title)}\n"]
+    if _picture(name):
+        shutil.copy(ROOT / "demos" / f"{name}.png", OUT / f"{name}.png")
+        parts.append(f"![{title}]({name}.png)\n")
+    parts.append(markdown(text) + "\n")
+    notebook(name, heading)
+    parts.append(
+        f"{{download}}`notebook <{name}.ipynb>` · {{download}}`Python <../../demos/{name}.py>`\n"
+    )
     return "\n".join(parts)
+
+
+def _picture(name: str) -> Path | None:
+    path = ROOT / "demos" / f"{name}.png"
+    return path if path.exists() else None
+
+
+# of a card on a large screen [pixels]; all cards are alike, so that their texts are in line
+THUMBNAIL = (480, 320)
+WHOLE = (0.0, 0.0, 1.0, 1.0)
+
+
+def _thumbnail(name: str, crop: Sequence[float]) -> str:
+    """A small copy of a part of a demo's picture, on white; its name relative to the page."""
+    from PIL import Image
+
+    with Image.open(ROOT / "demos" / f"{name}.png") as whole:
+        width, height = whole.size
+        left, top, right, bottom = crop
+        box = (int(left * width), int(top * height), int(right * width), int(bottom * height))
+        part = whole.convert("RGB").crop(box)
+    part.thumbnail(THUMBNAIL)
+    card = Image.new("RGB", THUMBNAIL, "white")
+    card.paste(part, ((THUMBNAIL[0] - part.width) // 2, (THUMBNAIL[1] - part.height) // 2))
+    card.save(OUT / f"{name}_small.png")
+    return f"{name}_small.png"
+
+
+def notebook(name: str, heading: str) -> None:
+    """A demo as a notebook: its text, its code, and a cell that runs it.
+
+    The code of a demo runs when its file is the main program; in a notebook the last cell does the same.
+    """
+    import nbformat
+    from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
+
+    text = ast.get_docstring(ast.parse(_source(name))) or ""
+    definitions, main = code_of(name)
+    note = "Start Jupyter in a clone of gossamer_fx: the demo takes parts from its folder `demos`."
+    cells = [
+        new_markdown_cell(f"# {heading}\n\n{plain_text(text)}\n\n{note}"),
+        new_code_cell(definitions),
+        # a scene that only a command varies has no main program
+        *([new_code_cell(main)] if main else []),
+    ]
+    for i, cell in enumerate(cells):
+        cell["id"] = f"cell-{i}"  # the same in every build
+    nbformat.write(new_notebook(cells=cells), OUT / f"{name}.ipynb")
+
+
+def _source(name: str) -> str:
+    return (ROOT / "demos" / f"{name}.py").read_text(encoding="utf-8")
+
+
+def code_of(name: str) -> tuple[str, str]:
+    """The definitions of a demo, and what its file does as the main program."""
+    source = _source(name)
+    docstring = ast.parse(source).body[0]
+    body = "\n".join(source.splitlines()[docstring.end_lineno :])
+    definitions, _, main = body.partition('if __name__ == "__main__":\n')
+    return definitions.strip(), inspect.cleandoc("\n" + main)
+
+
+def plain_text(text: str) -> str:
+    """A docstring for a notebook, whose Markdown has no roles of Sphinx: indented lines stay as they are."""
+    return "\n".join(
+        line if line.startswith("    ") else re.sub(r"([*_])", r"\\\1", line)
+        for line in text.splitlines()
+    )
 
 
 def options() -> str:
@@ -300,10 +424,10 @@ def options() -> str:
 
 
 def presets() -> str:
-    """Films, gases and surfaces with their figures and sources."""
+    """Films, fibres, layers, gases and surfaces with their figures and sources."""
     from gossamer_fx.gas.ideal_gas import IdealGas
     from gossamer_fx.orbit import optics
-    from gossamer_fx.presets import films, gases
+    from gossamer_fx.presets import fibres, films, gases, laminae
 
     parts = ["# Presets\n\n## Films\n\n" + markdown(inspect.getdoc(films) or "")]
     parts.append("\n| name | E [GPa] | ν | density [kg/m³] | source |\n|---|---|---|---|---|")
@@ -311,6 +435,24 @@ def presets() -> str:
         if isinstance(film, films.FilmMaterial):
             parts.append(
                 f"| `films.{name}` | {film.E / 1e9:g} | {film.nu:g} | {film.density:g} | {prose(film.source)} |"
+            )
+    parts.append("\n## Fibres\n\n" + markdown(inspect.getdoc(fibres) or ""))
+    parts.append("\n| name | E [GPa] | density [kg/m³] | source |\n|---|---|---|---|")
+    for name, fibre in vars(fibres).items():
+        if isinstance(fibre, fibres.Fibre):
+            figures = f"{fibre.E / 1e9:.4g} | {fibre.density:g}"
+            parts.append(f"| `fibres.{name}` | {figures} | {prose(fibre.source)} |")
+    parts.append("\n## Layers of composites\n\n" + markdown(inspect.getdoc(laminae) or ""))
+    parts.append(
+        "\n| name | E1 [GPa] | E2 [GPa] | ν12 | G12 [GPa] | density [kg/m³] | source |\n|---|---|---|---|---|---|---|"
+    )
+    for name, layer in vars(laminae).items():
+        if isinstance(layer, laminae.Lamina):
+            moduli = (
+                f"{layer.E1 / 1e9:g} | {layer.E2 / 1e9:g} | {layer.nu12:g} | {layer.G12 / 1e9:g}"
+            )
+            parts.append(
+                f"| `laminae.{name}` | {moduli} | {layer.density:g} | {prose(layer.source)} |"
             )
     parts.append(
         "\n## Gases\n\n"
@@ -336,7 +478,7 @@ def presets() -> str:
 
 def pages() -> dict[str, str]:
     """All pages by name."""
-    return {**reference(), "gallery": gallery(), "options": options(), "presets": presets()}
+    return {**reference(), **gallery(), "options": options(), "presets": presets()}
 
 
 def write(app: Any = None) -> None:
@@ -347,6 +489,34 @@ def write(app: Any = None) -> None:
             path.write_text(text, encoding="utf-8")
 
 
+DOI = re.compile(r"(?<![\w/\[])doi:(10\.\d{4,9}/[^\s,;|`\]]*[^\s,;|`\].])")
+FENCE = re.compile(r"^(```|~~~).*?^\1", re.DOTALL | re.MULTILINE)
+
+
+def link_dois(app: Any, page: str, source: list[str]) -> None:
+    """Make a link of each `doi:10...` of a page, but not in blocks of code."""
+    text = source[0]
+    parts, end = [], 0
+    for block in FENCE.finditer(text):
+        parts += [_with_links(text[end : block.start()]), block[0]]
+        end = block.end()
+    source[0] = "".join([*parts, _with_links(text[end:])])
+
+
+def _with_links(text: str) -> str:
+    return DOI.sub(_doi_link, text)
+
+
+def _doi_link(found: re.Match[str]) -> str:
+    doi = found[1]
+    tail = ""
+    # a closing bracket belongs to the sentence unless the DOI opened it, as in 10.1016/S0020-7683(98)00123-4
+    while doi.endswith(")") and doi.count(")") > doi.count("("):
+        doi, tail = doi[:-1], ")" + tail
+    return f"[doi:{doi}](<https://doi.org/{doi}>){tail}"
+
+
 def setup(app: Any) -> dict[str, bool]:
     app.connect("builder-inited", write)
+    app.connect("source-read", link_dois)
     return {"parallel_read_safe": True}

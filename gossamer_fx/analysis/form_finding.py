@@ -37,7 +37,7 @@ from gossamer_fx.checks.errors import NoEquilibrium, check
 from gossamer_fx.connectors.tape import Tape
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.spaces import cell_nodes
-from gossamer_fx.materials.film import IsotropicFilm
+from gossamer_fx.materials.film import FilmLaw, IsotropicFilm
 from gossamer_fx.model.body import Array
 from gossamer_fx.model.ports import combine
 from gossamer_fx.model.state import State
@@ -71,11 +71,15 @@ class Prestress(IsotropicFilm):
     quadratic = True
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         super().__post_init__()
         check(
             math.isfinite(self.tension) and self.tension > 0,
             f"Prestress: tension is {self.tension!r} N/m; give a positive number.",
         )
+
+    # Its stress is the same at every strain.
+    taut_strain = FilmLaw.taut_strain
 
     def energy(self, e: Expr, c: Any) -> Expr:
         """W [J/m²] of the strains e = (E_xx, E_yy, ...), with the constants c of the law."""
@@ -124,6 +128,7 @@ class EdgeCable:
     name: str = ""
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         check(
             math.isfinite(self.force) and self.force > 0,
             f"EdgeCable: force is {self.force!r} N; give a positive number.",

@@ -13,6 +13,7 @@ from dolfinx.mesh import Mesh as DolfinxMesh
 from gossamer_fx.algebra.point_measures import PointMeasure
 from gossamer_fx.bodies.curve import Curve
 from gossamer_fx.bodies.frames import Frame
+from gossamer_fx.bodies.initial_strain import Numbers, check_one_given, line_numbers
 from gossamer_fx.bodies.meshed import PointFunction, checked
 from gossamer_fx.bodies.ports import global_node
 from gossamer_fx.bodies.rigid_body import orthonormality
@@ -21,6 +22,7 @@ from gossamer_fx.checks.errors import check_on_all
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr, beam_strain
 from gossamer_fx.materials.film import constants
+from gossamer_fx.materials.thermal import ThermalExpansion
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array, Indices, Port, Vector
 from gossamer_fx.model.state import State
@@ -43,7 +45,8 @@ class Beam(Curve):
 
         ε = ½(x'·x' - 1)   γ_i = x'·d_i   κ_i = x'·d_i'   τ = ½(d2'·d3 - d3'·d2)
 
-    less those of the stress-free shape; W = ½(EA ε² + GA_i γ_i² + EI_i κ_i² + GJ τ²) per length; kinetic energy
+    less those of the mesh, to which an initial axial strain may be added; W = ½(EA ε² + GA_i γ_i² + EI_i κ_i² + GJ τ²)
+    per length; kinetic energy
     ½∫(μ|ẋ|² + ρI_i |ḋ_i|²) dS.  The directors stay orthonormal at the nodes, by multipliers: imposed between nodes it
     would lock.  See Simo, CMAME 49 (1985) 55, and Betsch & Steinmann, IJNME 54 (2002) 1775, for
     beams in directors.
@@ -52,6 +55,10 @@ class Beam(Curve):
         mesh: line elements in space, straight or curved: the stress-free shape.
         section: stiffness and inertia, e.g. `tube(...)`.
         normal: direction of d2, made normal to the beam; it must not be along the beam.
+        thermal: thermal expansion along the beam, with its temperature; default none.
+        initial_tension: axial force N0 [N] of the beam in the shape of its mesh, negative for compression: a number;
+            {group: number} of curves of the mesh, elsewhere none; or a function of points (3, n) that returns (n,).
+        initial_strain: axial strain in place of a force, given in the same way.
         velocity: initial velocity [m/s], a function of the points (3, n) that returns (3, n); directors move with
             the difference that it makes over their length, which is exact for rigid motions.  Default: at rest.
         name: name in messages and output.
@@ -69,16 +76,23 @@ class Beam(Curve):
         section: Section,
         *,
         normal: Vector = (0.0, 0.0, 1.0),
+        thermal: ThermalExpansion | None = None,
+        initial_tension: Numbers | None = None,
+        initial_strain: Numbers | None = None,
         velocity: PointFunction | None = None,
         name: str = "beam",
     ) -> None:
         super().__init__("Beam", name, mesh, 2, 9)
         self.section = section
+        self._take_expansion("Beam", thermal)
         self._velocity = checked(velocity, f"Beam '{name}': its velocity", mesh.comm)
         self.constants = constants(section, self.mesh.domain)
         self._frames: dict[int, Frame] = {}
         # A restart compares this argument, see `outputs.arguments`.
         self._normal = tuple(normal)
+        self._initial_tension = initial_tension
+        self._initial_strain = initial_strain
+        self._prestress()
         self._reference = self._stress_free(np.asarray(normal, dtype=float))
 
     def _stress_free(self, normal: Array) -> fem.Function:
@@ -111,9 +125,35 @@ class Beam(Curve):
         q: Array = self._reference.x.array.reshape(-1, 3, 3)[nodes]
         return q
 
+    def _prestress(self) -> None:
+        """Add the initial strain to the constants, from the strain or the force that was given."""
+        check_one_given(self.name, self._initial_strain, self._initial_tension, "initial_tension")
+        if self._initial_strain is not None:
+            what = f"'{self.name}': its initial_strain"
+            self.constants.initial_strain = line_numbers(self.mesh, self._initial_strain, what)
+        if self._initial_tension is not None:
+            what = f"'{self.name}': its initial_tension"
+            self.constants.initial_tension = line_numbers(self.mesh, self._initial_tension, what)
+
+    @property
+    def initial_strain(self) -> Expr | None:
+        """Initial axial strain as a UFL expression; None without prestress."""
+        strain = getattr(self.constants, "initial_strain", None)
+        if strain is not None:
+            return strain
+        force = getattr(self.constants, "initial_tension", None)
+        if force is not None:
+            return force / self.constants.EA
+        return None
+
     def measure(self, q: Expr) -> Expr:
         """Strains (ε, γ2, γ3, κ2, κ3, τ)."""
-        return beam_strain(q) - beam_strain(self._reference)
+        strains = beam_strain(q) - beam_strain(self._reference)
+        initial = self.initial_strain
+        if initial is None:
+            return strains
+        zero = 0 * initial
+        return strains + ufl.as_vector([initial, zero, zero, zero, zero, zero])
 
     def density(self, e: Expr) -> Expr:
         """Stored energy per unit reference length [J/m] of the strains e (6,)."""
@@ -134,7 +174,17 @@ class Beam(Curve):
         orthonormal.
         """
         yield KineticEnergy(self, self.mass)
-        yield StoredEnergy(self.name, self, self.measure, self.density, self.dx, quadratic=True)
+        thermal = self._thermal_strain("Beam", components=6)
+        yield StoredEnergy(
+            self.name,
+            self,
+            self.measure,
+            self.density,
+            self.dx,
+            quadratic=True,
+            thermal=thermal,
+            parameters=() if thermal is None else thermal.parameters,
+        )
         first, end = self.block.index_map.local_range
         directors = [self._directors(node) for node in range(first, end)]
         H, L, c = orthonormality(2)

@@ -13,12 +13,15 @@ import ufl
 from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.bodies.curve import Curve
+from gossamer_fx.bodies.initial_strain import Numbers, check_one_given, line_numbers
 from gossamer_fx.bodies.meshed import PointFunction, checked, positions
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, bar_strain
 from gossamer_fx.forms.strain_path import Piece
 from gossamer_fx.materials.film import constants, parameters
+from gossamer_fx.materials.thermal import ThermalExpansion
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array
 from gossamer_fx.model.state import State
@@ -119,18 +122,28 @@ class TensionOnly(CableLaw):
 
 @check_arguments
 class Cable(Curve):
-    """A cable whose stress-free shape is the mesh.
+    """A cable whose stress-free shape is the mesh, unless it is prestressed or shortened.
 
-    Kinetic energy ½∫μ|v|² dS, stored energy ∫W(ε) dS with the Green-Lagrange strain ε = ½(x'·x' - 1); dS is the
-    reference length.
+    Kinetic energy ½∫μ|v|² dS, stored energy ∫W(ε + ε0) dS with the Green-Lagrange strain ε = ½(x'·x' - 1) and the
+    initial strain ε0; dS is the natural length and x' the derivative with respect to it.
 
     Args:
         mesh: line elements in space.
         law: `CableLaw`, `TensionOnly` or `TabulatedCable`.
         order: 1 (constant strain) or 2.
+        thermal: thermal expansion, with the temperature of the cable; default none.
+        length_factor: natural length over that of the mesh; below 1 for a cable that is cut shorter than the line on
+            which it is mounted, e.g. a foreshortened tendon.
+        initial_tension: tension N0 [N] of the cable at its natural length, of a `CableLaw` or `TensionOnly`: a number;
+            {group: number} of curves of the mesh, elsewhere none; or a function of points (3, n) that returns (n,).
+        initial_strain: ε0 in place of a tension, given in the same way.
         displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
         velocity: initial velocity [m/s], given in the same way.
         name: name in messages and output.
+
+    Raises:
+        InputError: a mesh, order or length_factor out of range, both initial tension and strain, an initial tension
+            with a law that does not say which strain has it.
 
     Example:
         >>> law = gx.CableLaw(1e4, 0.01)
@@ -145,6 +158,10 @@ class Cable(Curve):
         law: BarLaw,
         *,
         order: int = 1,
+        thermal: ThermalExpansion | None = None,
+        length_factor: float = 1.0,
+        initial_tension: Numbers | None = None,
+        initial_strain: Numbers | None = None,
         displacement: PointFunction | None = None,
         velocity: PointFunction | None = None,
         name: str = "cable",
@@ -152,32 +169,93 @@ class Cable(Curve):
         check(order in (1, 2), f"Cable '{name}': order is {order!r}; use 1 or 2.")
         super().__init__("Cable", name, mesh, order, 3)
         self.law = law
+        check(
+            0 < length_factor < math.inf,
+            f"Cable '{name}': length_factor is {length_factor!r}; give a positive number.",
+        )
         self.constants = law.constants(self.mesh.domain)
+        self._take_expansion("Cable", thermal)
+        self.length_factor = length_factor
+        # A restart compares these arguments, see `outputs.arguments`.
+        self._initial_tension = initial_tension
+        self._initial_strain = initial_strain
+        self._length_ratio: Expr | None = None
+        if length_factor != 1:
+            self._length_ratio = constant(self.mesh.domain, length_factor)
+        self._prestress()
         self._displacement = checked(displacement, f"Cable '{name}': its displacement", mesh.comm)
         self._velocity = checked(velocity, f"Cable '{name}': its velocity", mesh.comm)
+
+    def _prestress(self) -> None:
+        """Add the initial strain to the constants, from the strain or the tension that was given."""
+        check_one_given(self.name, self._initial_strain, self._initial_tension, "initial_tension")
+        if self._initial_strain is not None:
+            what = f"'{self.name}': its initial_strain"
+            self.constants.initial_strain = line_numbers(self.mesh, self._initial_strain, what)
+        if self._initial_tension is not None:
+            what = f"'{self.name}': its initial_tension"
+            check(
+                isinstance(self.law, CableLaw),
+                f"{what} is given, but {type(self.law).__name__} does not say which strain has it; give "
+                "initial_strain.",
+            )
+            self.constants.initial_tension = line_numbers(self.mesh, self._initial_tension, what)
+
+    @property
+    def initial_strain(self) -> Expr | None:
+        """ε0 as a UFL expression; None without prestress."""
+        strain = getattr(self.constants, "initial_strain", None)
+        if strain is not None:
+            return strain
+        tension = getattr(self.constants, "initial_tension", None)
+        if tension is not None:
+            # At the natural length the tension of the law is EA ε0.
+            return tension / self.constants.EA
+        return None
+
+    def measure(self, x: Expr) -> Expr:
+        """Strain (ε,) of the law at the positions x: from the natural length, and the initial one."""
+        strain = bar_strain(x)[0]
+        if self._length_ratio is not None:
+            # x' with respect to the natural length is that of the mesh over the ratio of both.
+            strain = strain / self._length_ratio**2 + (1 / self._length_ratio**2 - 1) / 2
+        initial = self.initial_strain
+        if initial is not None:
+            strain = strain + initial
+        return ufl.as_vector([strain])
+
+    def per_mesh_length(self, value: Expr) -> Expr:
+        """A quantity per length of the mesh, of one per natural length."""
+        if self._length_ratio is None:
+            return value
+        return value * self._length_ratio
 
     def terms(self, start: State) -> Iterable[Term]:
         """Kinetic and stored energy of the cable."""
         numbers = parameters(self.law, self.constants)
         yield KineticEnergy(
             self,
-            lambda v, w: self.constants.line_density * ufl.inner(v, w) * self.mass_dx,
+            lambda v, w: (
+                self.per_mesh_length(self.constants.line_density) * ufl.inner(v, w) * self.mass_dx
+            ),
             parameters=numbers,
         )
+        thermal = self._thermal_strain("Cable", components=1)
         yield StoredEnergy(
             self.name,
             self,
-            bar_strain,
+            self.measure,
             self.density,
             self.dx,
             self.law.quadratic,
             lambda e0, e1: self.law.pieces(e0, e1, self.constants),
-            parameters=numbers,
+            thermal=thermal,
+            parameters=numbers if thermal is None else numbers + thermal.parameters,
         )
 
     def density(self, e: Expr) -> Expr:
-        """Stored energy per unit reference length."""
-        return self.law.energy(e, self.constants)
+        """Stored energy per unit length of the mesh."""
+        return self.per_mesh_length(self.law.energy(e, self.constants))
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:

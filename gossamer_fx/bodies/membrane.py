@@ -4,17 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
 
-from gossamer_fx.bodies.meshed import Meshed, PointFunction, Property, checked, positions
+from gossamer_fx.bodies.initial_strain import (
+    Tensors,
+    check_one_given,
+    check_stress,
+    film_tensors,
+    strain_in_frame,
+    strain_of_stress,
+)
+from gossamer_fx.bodies.meshed import (
+    Meshed,
+    PointFunction,
+    Property,
+    checked,
+    checked_function,
+    positions,
+)
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, frame, green_lagrange, surface_gradient, tension
 from gossamer_fx.forms.strain_path import Piece
 from gossamer_fx.materials.film import FilmLaw, constants, parameters
+from gossamer_fx.materials.thermal import ThermalExpansion
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array, Block
 from gossamer_fx.model.state import State
@@ -22,13 +39,16 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy
 
+if TYPE_CHECKING:
+    from gossamer_fx.terms.thermal_strain import ThermalStrain
+
 
 @check_arguments
 class Membrane(Meshed):
-    """A film whose stress-free shape is the mesh.
+    """A film whose stress-free shape is the mesh, unless it is prestressed.
 
-    Kinetic energy ½∫ρt |v|² dA, stored energy ∫W(E) dA with the Green-Lagrange strain of the surface; dA is the
-    reference area.
+    Kinetic energy ½∫ρt |v|² dA, stored energy ∫W(E + E0) dA with the Green-Lagrange strain E of the surface from the
+    mesh and the initial strain E0; dA is the reference area.
 
     Args:
         mesh: triangles in space, flat or curved.
@@ -37,9 +57,19 @@ class Membrane(Meshed):
         properties: numbers of the law that differ from cell to cell, by "E", "nu", "density", "thickness": {group:
             value} for surfaces of the mesh (elsewhere the law's own), or a function of the cells' midpoints (3, n) that
             returns (n,).  E.g. devices on a sail: {"density": {"device": 2000.0}, "thickness": {"device": 25e-6}}.
-        displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
+        thermal: thermal expansion, with the temperature of the film; default none.
+        initial_stress: stress [Pa] of the film in the shape of the mesh: a number (the same in all directions) or a
+            tensor (3, 3), whose part in the film counts; {group: number or tensor} of surfaces of the mesh, elsewhere
+            none; or a function of points (3, n) that returns (n,) or (3, 3, n).  Tensile for laws that wrinkle.
+        initial_strain: E0 in place of a stress, given in the same way.
+        displacement: initial displacement [m], a function of the points (3, n) that returns (3, n), or {group:
+            function} of surfaces or lines of the mesh, elsewhere none, e.g. to open layers that coincide; default none.
         velocity: initial velocity [m/s], given in the same way.
         name: name in messages and output.
+
+    Raises:
+        InputError: a mesh or order that does not fit, both initial stress and strain, a compressive initial stress
+            of film that wrinkles.
 
     Example:
         >>> law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6)
@@ -57,7 +87,10 @@ class Membrane(Meshed):
         *,
         order: int = 1,
         properties: Mapping[str, Property] | None = None,
-        displacement: PointFunction | None = None,
+        thermal: ThermalExpansion | None = None,
+        initial_stress: Tensors = None,
+        initial_strain: Tensors = None,
+        displacement: PointFunction | Mapping[str, PointFunction] | None = None,
         velocity: PointFunction | None = None,
         name: str = "film",
     ) -> None:
@@ -85,9 +118,22 @@ class Membrane(Meshed):
             vary(self.constants, law, self.mesh, properties, name)
         self._frame = frame(domain)
         self._orient()
-        self._displacement = checked(
-            displacement, f"Membrane '{name}': its displacement", mesh.comm
-        )
+        self.thermal = thermal
+        if thermal is not None:
+            self._check_expansion(thermal)
+        # A restart compares these arguments, see `outputs.arguments`.
+        self._initial_stress = initial_stress
+        self._initial_strain = initial_strain
+        self._prestress()
+        what = f"Membrane '{name}': its displacement"
+        self._displacement: PointFunction | Mapping[str, PointFunction] | None
+        if isinstance(displacement, Mapping):
+            self._displacement = {
+                group: checked_function(function, f"{what} of '{group}'", mesh.comm)
+                for group, function in displacement.items()
+            }
+        else:
+            self._displacement = checked(displacement, what, mesh.comm)
         self._velocity = checked(velocity, f"Membrane '{name}': its velocity", mesh.comm)
         degree = max(2 * (order - 1), 1)
         self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": degree})
@@ -102,8 +148,61 @@ class Membrane(Meshed):
             field = direction_field(self.mesh, direction, self.name)
             set_axes(self.constants, field, self._frame)
 
+    def _check_expansion(self, thermal: ThermalExpansion) -> None:
+        """Refuse a thermal expansion that does not belong to this film."""
+        # Imported here: a film without thermal expansion does not load it.
+        from gossamer_fx.bodies.thermal_expansion import check_expansion, check_no_gradient
+
+        what = f"{type(self).__name__} '{self.name}'"
+        check_expansion(thermal, what, has_axes=hasattr(self.constants, "cosine"))
+        if not self.bends:
+            check_no_gradient(thermal, what)
+
+    def _thermal_strain(self) -> ThermalStrain | None:
+        """The thermal strain for one compiled scene; None without thermal expansion."""
+        if self.thermal is None:
+            return None
+        from gossamer_fx.bodies.thermal_expansion import film_strain, thermal_strain
+
+        return thermal_strain(
+            self,
+            lambda alphas, ΔT: film_strain(alphas, ΔT, self.constants),
+            f"{type(self).__name__} '{self.name}'",
+        )
+
+    def _prestress(self) -> None:
+        """Add the initial stress or strain to the constants, as tensors (3, 3) in each cell."""
+        check_one_given(self.name, self._initial_strain, self._initial_stress, "initial_stress")
+        if self._initial_strain is not None:
+            what = f"'{self.name}': its initial_strain"
+            self.constants.initial_strain = film_tensors(self.mesh, self._initial_strain, what)
+        if self._initial_stress is not None:
+            what = f"'{self.name}': its initial_stress"
+            stresses = film_tensors(self.mesh, self._initial_stress, what)
+            check_stress(self.mesh, stresses, self.law, what)
+            self.constants.initial_stress = stresses
+
+    @property
+    def initial_strain(self) -> Expr | None:
+        """E0 (E11, E22, 2 E12) in the frame of the film; None without prestress."""
+        strains = getattr(self.constants, "initial_strain", None)
+        if strains is not None:
+            return strain_in_frame(strains, self._frame)
+        stresses = getattr(self.constants, "initial_stress", None)
+        if stresses is not None:
+            return strain_of_stress(stresses, self._frame, self.law, self.constants)
+        return None
+
     def measure(self, x: Expr) -> Expr:
-        """Green-Lagrange strain (E11, E22, 2 E12) of the positions x."""
+        """Strain (E11, E22, 2 E12) of the law at the positions x: from the mesh, and the initial one."""
+        strain = self.strain_from_mesh(x)
+        initial = self.initial_strain
+        if initial is not None:
+            strain = strain + initial
+        return strain
+
+    def strain_from_mesh(self, x: Expr) -> Expr:
+        """Green-Lagrange strain (E11, E22, 2 E12) from the mesh to the positions x."""
         return green_lagrange(self.deformation(x))
 
     def deformation(self, x: Expr) -> Expr:
@@ -133,6 +232,7 @@ class Membrane(Meshed):
         )
         # laws that wrinkle never push, so that only of the others a part pulls
         pulling = tension if self.law.quadratic else None
+        thermal = self._thermal_strain()
         yield StoredEnergy(
             self.name,
             self,
@@ -143,9 +243,20 @@ class Membrane(Meshed):
             self.pieces,
             pulling,
             c_law=self.law.c_law(self.constants, self.comm),
-            parameters=numbers,
+            thermal=thermal,
+            parameters=numbers if thermal is None else numbers + thermal.parameters,
         )
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:
-        return positions(self.space, self._displacement, self._velocity)
+        if not isinstance(self._displacement, Mapping):
+            return positions(self.space, self._displacement, self._velocity)
+        x, v = positions(self.space, None, self._velocity)
+        points = x.reshape(-1, 3)
+        moved = points.copy()
+        for group, function in self._displacement.items():
+            nodes = self.nodes(group)
+            # Ghosts belong to another rank, which moves them.
+            owned = nodes[nodes < len(points)]
+            moved[owned] = points[owned] + function(points[owned].T).T
+        return moved.ravel(), v

@@ -43,6 +43,7 @@ def vary(
     Raises:
         InputError: a number that the law has not, or that would change derived ones; values out of their limits.
     """
+    # Numbers that a law computes from its arguments would stay those of the constant ones.
     derived = [f.name for f in fields(law) if not f.init]
     may_vary = [what for what in LIMITS if hasattr(law, what)]
     for what, given in properties.items():
@@ -58,13 +59,15 @@ def vary(
         function = cellwise(mesh, given, getattr(law, what), (), f"Membrane '{name}': its {what}")
         low, high = LIMITS[what]
         values = function.x.array
+        limits = f"above {low:g}"
+        if np.isfinite(high):
+            limits += f" and up to {high:g}"
+        # `cellwise` has refused infinite values.
+        is_within = bool(((values > low) & (values <= high)).all())
         check_on_all(
             mesh.comm,
-            bool(((values > low) & (values <= high)).all())
-            if np.isfinite(high)
-            else bool((values > low).all()),
-            f"Membrane '{name}': its {what} is not above {low:g}{f' and up to {high:g}' * bool(np.isfinite(high))} "
-            "everywhere; correct its values.",
+            is_within,
+            f"Membrane '{name}': its {what} is not {limits} everywhere; correct its values.",
         )
         setattr(constants, what, function)
 
@@ -82,21 +85,21 @@ def cellwise(
         given: {group: value}, the others have `base`; or a function of points (3, n) that returns (*shape, n).
     """
     function = fem.Function(fem.functionspace(mesh.domain, ("Discontinuous Lagrange", 0, shape)))
-    cells = np.arange(
-        mesh.domain.topology.index_map(2).size_local + mesh.domain.topology.index_map(2).num_ghosts
-    )
+    dim = mesh.domain.topology.dim
+    index_map = mesh.domain.topology.index_map(dim)
+    # Ghost cells are computed, not sent: each rank has the groups and midpoints of all its cells.
+    cells = np.arange(index_map.size_local + index_map.num_ghosts)
     size = int(np.prod(shape, dtype=int))
     values = np.tile(np.asarray(base, dtype=float).ravel(), (len(cells), 1))
     if callable(given):
-        points = compute_midpoints(mesh.domain, 2, cells.astype(np.int32)).T
+        points = compute_midpoints(mesh.domain, dim, cells.astype(np.int32)).T
         wanted = (*shape, points.shape[1])
         found = ask_points(mesh.comm, f"{what} function", lambda: given(points), wanted)
         values[:] = found.reshape(size, -1).T
     else:
         for group, value in given.items():
-            values[_cells(mesh, group, what)] = _numbers(
-                value, shape, f"{what} in '{group}'"
-            ).ravel()
+            numbers = _numbers(value, shape, f"{what} in '{group}'")
+            values[_cells(mesh, group, what)] = numbers.ravel()
     check_on_all(
         mesh.comm,
         bool(np.isfinite(values).all()),
@@ -107,8 +110,14 @@ def cellwise(
 
 
 def _cells(mesh: Mesh, group: str, what: str) -> Indices:
-    """Local triangles (n,) of a named group; `what` begins the message about another group."""
+    """Local cells (n,) of a named group; `what` begins the message about another group."""
     dim, cells = mesh.group(group)
+    if mesh.domain.topology.dim == 1:
+        check(
+            dim == 1,
+            f"{what}: the group '{group}' is not a group of line elements; name a curve of the mesh.",
+        )
+        return cells
     check(
         dim == 2,
         f"{what}: the group '{group}' is not a group of triangles; name a surface of the mesh.",
@@ -120,7 +129,6 @@ def _numbers(value: Any, shape: tuple[int, ...], what: str) -> Array:
     """The value as an array of this shape; `what` begins the message about another value."""
     numbers = real_numbers(value)
     if numbers is None or numbers.shape != shape:
-        raise InputError(
-            f"{what} is {value!r}; give {'a number' if not shape else f'numbers of shape {shape}'}."
-        )
+        wanted = f"numbers of shape {shape}" if shape else "a number"
+        raise InputError(f"{what} is {value!r}; give {wanted}.")
     return numbers

@@ -97,6 +97,7 @@ class FilmLaw:
     quadratic = False
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         law = type(self).__name__
         for name in ("density", "thickness"):
             value = getattr(self, name)
@@ -134,6 +135,10 @@ class FilmLaw:
         """The law of this film without wrinkles, for energies that are quadratic in the strain."""
         raise TypeError(f"{type(self).__name__} has no law without wrinkles")
 
+    def taut_strain(self, S: Expr, c: Any) -> Expr:
+        """The strain (E11, E22, 2 E12) at which taut film has the stress S = (S11, S22, S12) [N/m]."""
+        raise TypeError(f"{type(self).__name__} has no strain of a given stress")
+
     def bending_stiffness(self, c: Any) -> BendingStiffness:
         """The bending stiffness of a plate of this material, uniform across its thickness."""
         raise TypeError(f"{type(self).__name__} has no bending stiffness")
@@ -152,6 +157,7 @@ class IsotropicFilm(FilmLaw):
     nu: float
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         law = type(self).__name__
         check(
             math.isfinite(self.E) and self.E > 0,
@@ -159,6 +165,17 @@ class IsotropicFilm(FilmLaw):
         )
         super().__post_init__()
         check(-1 < self.nu <= 0.5, f"{law}: nu is {self.nu!r}; Poisson's ratio lies in (-1, 0.5].")
+
+    def taut_strain(self, S: Expr, c: Any) -> Expr:
+        """Strain (E11, E22, 2 E12) of a stress resultant S (3,) [N/m]: plane stress, Hooke's law inverted."""
+        stiffness = c.E * c.thickness
+        return ufl.as_vector(
+            [
+                (S[0] - c.nu * S[1]) / stiffness,
+                (S[1] - c.nu * S[0]) / stiffness,
+                2 * (1 + c.nu) * S[2] / stiffness,
+            ]
+        )
 
     def bending_stiffness(self, c: Any) -> BendingStiffness:
         return IsotropicBending(c.E * c.thickness**3 / (12 * (1 - c.nu**2)), c.nu)
@@ -235,6 +252,7 @@ class Miyazaki(IsotropicFilm):
     residual_stiffness: float = 1e-6
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         super().__post_init__()
         check(
             0 <= self.residual_stiffness <= 1,
@@ -366,6 +384,7 @@ class TensionField(Miyazaki):
     residual_stiffness: float = 0.0
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         super().__post_init__()
         check(
             self.residual_stiffness == 0,

@@ -36,6 +36,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
+from types import SimpleNamespace
 from typing import Any, Self
 
 import numpy as np
@@ -138,6 +139,7 @@ class LinearOrthotropic(FilmLaw):
     quadratic = True
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         super().__post_init__()
         law = type(self).__name__
         for name in ("E1", "E2", "G12"):
@@ -232,6 +234,23 @@ class LinearOrthotropic(FilmLaw):
         e = in_axes(e, c)
         return ufl.dot(_taut_stress(e, c), e) / 2
 
+    def taut_strain(self, S: Expr, c: Any) -> Expr:
+        """Strain (E11, E22, 2 E12) of a stress resultant S (3,) [N/m], by the compliance in the axes of the law."""
+        # `in_axes` takes twice the shear, as strains have it.
+        stress = in_axes(ufl.as_vector([S[0], S[1], 2 * S[2]]), c)
+        F11 = 1 / (c.E1 * c.thickness)
+        F22 = 1 / (c.E2 * c.thickness)
+        F12 = -c.nu12 * F11
+        F66 = 1 / (c.G12 * c.thickness)
+        strain = ufl.as_vector(
+            [
+                F11 * stress[0] + F12 * stress[1],
+                F12 * stress[0] + F22 * stress[1],
+                F66 * stress[2] / 2,
+            ]
+        )
+        return _out_of_axes(strain, c)
+
     def bending_stiffness(self, c: Any) -> BendingStiffness:
         D11, D12, D22, D66 = (stiffness * c.thickness**2 / 12 for stiffness in _stiffnesses(c))
         return OrthotropicBending(D11, D12, D22, D66, c.cosine, c.sine)
@@ -273,6 +292,7 @@ class Orthotropic(LinearOrthotropic):
     quadratic = False
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         super().__post_init__()
         check(
             0 <= self.residual_stiffness <= 1,
@@ -318,6 +338,7 @@ class Orthotropic(LinearOrthotropic):
         )
 
     def unwrinkled(self) -> FilmLaw:
+        """The law without wrinkles: the same stiffness in compression as in tension."""
         return LinearOrthotropic(
             self.E1,
             self.E2,
@@ -346,6 +367,12 @@ def in_axes(e: Expr, c: Any) -> Expr:
             2 * cs * (e[1] - e[0]) + (c2 - s2) * e[2],
         ]
     )
+
+
+def _out_of_axes(e: Expr, c: Any) -> Expr:
+    """A strain (E11, E22, 2 E12) in the axes of an orthotropic law in the film's frame."""
+    backwards = SimpleNamespace(cosine=c.cosine, sine=-c.sine)
+    return in_axes(e, backwards)
 
 
 def _stiffnesses(c: Any) -> tuple[Expr, Expr, Expr, Expr]:
