@@ -225,9 +225,7 @@ def half_tube_mesh(
         model.mesh.addNodes(2, surface, range(1, len(coordinates) + 1), coordinates.ravel())
         wall = _wall_triangles(number, 0, band[0]) + _wall_triangles(number, band[1], rings - 1)
         _add_triangles(model, surface, wall, "wall")
-        _add_triangles(
-            model, model.addDiscreteEntity(2), _wall_triangles(number, *band), "band"
-        )
+        _add_triangles(model, model.addDiscreteEntity(2), _wall_triangles(number, *band), "band")
         last = number[-1]
         cap = [(centre, last[k + 1], last[k]) for k in range(around)]
         _add_triangles(model, model.addDiscreteEntity(2), cap, "cap")
@@ -450,9 +448,7 @@ def build(tube: Tube, comm: MPI.Intracomm, around: int, aspect: float) -> Model:
     return Model(scene, film, load, mean_of(film, own, np.ones(len(own))))
 
 
-def _cords(
-    tube: Tube, film: gx.Membrane, around: int, λ_L: float
-) -> Iterable[gx.connectors.Tape]:
+def _cords(tube: Tube, film: gx.Membrane, around: int, λ_L: float) -> Iterable[gx.connectors.Tape]:
     """The cords of the half tube, as bars along lines of the mesh."""
     factor = λ_L / (1 + tube.cord_strain_after_inflation())
     for angle in tube.cord_angles:

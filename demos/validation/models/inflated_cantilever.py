@@ -1,7 +1,7 @@
 """An inflated tube, clamped at one end, whose other end is closed and bears a transverse load.
 
 Half of the tube is modelled, on one side of the plane of bending: an isotropic film of order 2 that bears
-no compression, under constant pressure.  The clamped end keeps its section; the other end is a rigid
+no compression, under constant pressure.  The section at the clamped end does not change; the other end is a rigid
 plate whose centre is lowered step by step, and the load is its reaction.
 
 The diameter of the input is that of the inflated tube.  The stretches of the stress-free tube follow from
@@ -49,7 +49,7 @@ BISECTIONS = 5
 
 # Distance from the ends, over the radius, up to which wrinkles do not count: the rigid plate and the
 # clamp disturb the stress there.
-END_ZONE = 0.25
+END_ZONE = 1.0
 
 # Mass per area [kg/m²]: it only paces the pseudo-time of the equilibria.
 AREAL_MASS = 0.2
@@ -87,9 +87,10 @@ class Cantilever:
             E_H = (λ_H**2 - 1) / 2
             S_L = plane * (E_L + ν * E_H)
             S_H = plane * (E_H + ν * E_L)
-            return np.array(
-                [λ_L / λ_H * S_L - hoop_force / 2, λ_H / λ_L * S_H - hoop_force]
-            ) / hoop_force
+            return (
+                np.array([λ_L / λ_H * S_L - hoop_force / 2, λ_H / λ_L * S_H - hoop_force])
+                / hoop_force
+            )
 
         λ_L, λ_H = fsolve(excess, [1.0, 1.0], xtol=1e-13)
         return float(λ_L), float(λ_H)
@@ -108,7 +109,7 @@ class Bending:
         apothem = tube.radius / λ_H * side_angle / 2 / math.tan(side_angle / 2)
 
         def inflate(X: Array) -> Array:
-            """From the prism to the inflated circular tube; the sections keep their proportions."""
+            """From the prism to the inflated circular tube, by a scale around and one along."""
             angle = np.arctan2(X[1], X[2])
             from_middle = np.mod(angle, side_angle) - side_angle / 2
             prism_radius = apothem / np.cos(from_middle)
