@@ -26,6 +26,9 @@ energy.  If it helps, the following pseudo-steps use it from the start (`_Tensio
 Cost.  A spinning film takes 5 pseudo-steps of one iteration each, a clamped plate under pressure 15
 with 36 iterations in all; plates that wrinkle take many more.
 
+Progress.  A search of more than three seconds writes lines on the standard error (`search_progress`).
+SIGINT (Ctrl-C) and SIGTERM end it after the present pseudo-step, whose state is then that of the system.
+
 Limits.  The path passes through states that are not in equilibrium, so that of several equilibria the
 one that is found depends on the first guess and on the pseudo-steps.
 """
@@ -37,15 +40,18 @@ import math
 import time
 from dataclasses import KW_ONLY, dataclass, replace
 from numbers import Real
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.analysis.remedies import remedies
 from gossamer_fx.analysis.rigid_motions import free_motions
+from gossamer_fx.analysis.search_progress import SearchProgress, SearchState
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import NoEquilibrium, check
 from gossamer_fx.checks.failures import NotConverged
+from gossamer_fx.checks.interruption import Interrupted, Listener
 from gossamer_fx.model.body import Array
 from gossamer_fx.scene.scene import Scene
 from gossamer_fx.solvers import factorisation
@@ -56,6 +62,10 @@ from gossamer_fx.system.system import System
 from gossamer_fx.system.totals import Totals
 from gossamer_fx.terms.discrete_gradient import EndPoint
 from gossamer_fx.terms.element_energies import StoredEnergy
+from gossamer_fx.terms.scalar_unknowns import ChangesWithVolume
+
+# What stays constant in the chambers, see `gas.static_processes`.
+GasProcess = Literal["adiabatic", "isothermal", "held pressure"]
 
 # Displacement of a body over the size of the scene beyond which it is not held: without supports it
 # moves farther with every pseudo-step.
@@ -138,6 +148,7 @@ class Continuation:
     total_iterations: int = 1000
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         for name in ("tolerance", "first_step", "inner_tolerance"):
             value = getattr(self, name)
             check(
@@ -178,6 +189,10 @@ class EquilibriumResult:
         regular: whether Newton's iteration converges without inertia and the tangent is not singular.
         free: rigid motions that no support or load resists, of each part that moves independently; the
             equilibrium is unique at most up to these.
+        within_tolerance: whether the residual reached the tolerance of the search.  Otherwise round-off of
+            the inner forces has ended it earlier.
+
+    An equilibrium that is not regular, or not within its tolerance, is also reported by a warning in the log.
 
     Example:
         >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
@@ -198,6 +213,7 @@ class EquilibriumResult:
     totals: Totals
     regular: bool
     free: tuple[str, ...]
+    within_tolerance: bool = True
 
 
 @check_arguments
@@ -205,11 +221,14 @@ class Equilibrium:
     """Finds the static equilibrium of a scene; its state is then in `system`, for `fields` and `modes`.
 
     Openings between chambers flow and damping resists in the pseudo-time of the continuation; at
-    equilibrium both have ceased.
+    equilibrium both have ceased.  The gas of a closed chamber changes from its initial state by the process
+    `gas`: "adiabatic" as in a run, so that it cools while a film unfolds; "isothermal", its
+    temperature is constant; "held pressure", a blower holds its pressure.
 
     Args:
         scene: its initial state is the first guess; its initial velocities are ignored.
         search: how to look for the equilibrium.
+        gas: process of the gas in all chambers.
 
     Attributes:
         result: of the last `find`; None if it failed or was not called.
@@ -227,7 +246,13 @@ class Equilibrium:
         True
     """
 
-    def __init__(self, scene: Scene, search: Continuation = Continuation()) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        search: Continuation = Continuation(),
+        *,
+        gas: GasProcess = "adiabatic",
+    ) -> None:
         check(
             bool(scene.bodies),
             "Equilibrium: the scene has no body to move; add a film, cable, beam or mass.",
@@ -237,6 +262,9 @@ class Equilibrium:
         self.search = search
         self.comm = scene.comm
         self.system: System = scene.compile(EndPoint())
+        for scalars in self.system.scalar_unknowns:
+            if isinstance(scalars, ChangesWithVolume):
+                scalars.set_static_process(gas)
         self.newton = Newton(self.system, Tolerances(), direct=True)
         numbering = self.system.numbering
         self._zero = numbering.vector()  # increment predicted, and velocity after a step
@@ -249,17 +277,20 @@ class Equilibrium:
         self.result: EquilibriumResult | None = None
         self.compile_seconds = time.perf_counter() - started
 
-    def find(self, at: float = 0.0) -> EquilibriumResult:
+    def find(self, at: float = 0.0, *, progress: bool = True) -> EquilibriumResult:
         """Find the equilibrium under the loads and prescribed positions of a time, from the present state.
 
         For increments of load call it several times, with loads that are functions of time.
 
         Args:
             at: time of loads and prescribed positions [s].
+            progress: whether a search of more than three seconds writes lines on the standard error.
 
         Raises:
             InputError: `at` is not a finite number.
-            NoEquilibrium: with the residual that was reached, the reason, and where it is largest.
+            NoEquilibrium: with the residual that was reached, the reason, where it is largest, and what may
+                help.
+            Interrupted: a signal came; the system has the state of the last pseudo-step.
         """
         started = time.process_time()
         check(
@@ -273,10 +304,16 @@ class Equilibrium:
         self.system.q0.copy(self._start)
         if self.system.active_sets:
             self._announce_load(at)
-        self._continue(at)
+        self._progress = SearchProgress(self.comm, self.system.numbering.size, progress)
+        try:
+            with Listener() as signals:
+                self._continue(at, signals)
+        finally:
+            self._progress.close()
         self._warn_of_lost_loads()
         free, is_regular = self._assess(at)
         residual, _ = self._unbalanced()
+        is_within_tolerance = bool(residual <= self.search.tolerance)
         self.result = EquilibriumResult(
             residual=residual,
             iterations=self._iterations,
@@ -286,7 +323,9 @@ class Equilibrium:
             totals=self.system.totals(),
             regular=is_regular,
             free=free,
+            within_tolerance=is_within_tolerance,
         )
+        self._warn_of_quality(self.result)
         return self.result
 
     # ---- the result ------------------------------------------------------------------------------------
@@ -362,11 +401,12 @@ class Equilibrium:
 
     # ---- the search ------------------------------------------------------------------------------------
 
-    def _continue(self, at: float) -> None:
+    def _continue(self, at: float, signals: Listener) -> None:
         """Make pseudo-steps until the residual without inertia is small.
 
         Raises:
             NoEquilibrium: too many iterations, or too short a pseudo-step.
+            Interrupted: a signal came.
         """
         search = self.search
         tolerances = Tolerances(
@@ -379,7 +419,8 @@ class Equilibrium:
         ceiling = math.inf
         residual = math.inf
         round_off = 0.0
-        reason = "no step succeeded"
+        pseudo_time = 0.0
+        reason = "none"
         tension_only = _TensionOnly(self._resists_compression)
         while residual > max(search.tolerance, min(round_off, MAX_ROUND_OFF)):
             self.newton.geometric_stiffness_delay = 0
@@ -395,6 +436,7 @@ class Equilibrium:
                     h = h * search.cut_factor
             else:
                 tension_only.note_success()
+                pseudo_time += h
                 self._check_displacement()
                 residual, load = self._unbalanced()
                 round_off = self.newton.round_off / load
@@ -408,13 +450,71 @@ class Equilibrium:
                 ceiling *= search.cap_growth**exponent
                 if used <= search.fast_iterations:
                     h = min(h * search.growth_factor, ceiling, MAX_STEP_RATIO * search.first_step)
+            self._progress.update(
+                SearchState(
+                    iterations=self._iterations,
+                    limit=search.total_iterations,
+                    steps=self._steps,
+                    step=h,
+                    pseudo_time=pseudo_time,
+                    residual=residual,
+                    tolerance=search.tolerance,
+                )
+            )
+            self._leave_on_signal(signals, residual)
             is_exhausted = max(self._iterations, self._steps) > search.total_iterations
             if is_exhausted or h < MIN_STEP_RATIO * search.first_step:
                 raise NoEquilibrium(
                     f"No equilibrium after {self._iterations} Newton iterations in {self._steps} pseudo-steps: the "
                     f"unbalanced force is {residual:.1e} of the load, pseudo-step {h:.1e} s, largest in "
                     f"{self.system.locate(self._residual)}; last failure: {reason}."
+                    f"{remedies(self.system, self.chambers)}"
                 )
+
+    def _leave_on_signal(self, signals: Listener, residual: float) -> None:
+        """End the search if a signal has come.
+
+        Raises:
+            Interrupted: with the state of the last pseudo-step in the system.
+        """
+        number = signals.heard(self.comm)
+        if not number:
+            return
+        self._progress.close()
+        interrupted = Interrupted(number)
+        if self.comm.rank == 0:
+            LOG.warning(
+                "The search for an equilibrium was stopped by %s after %d Newton iterations in %d pseudo-steps, with "
+                "%.1e of the load unbalanced; the system has the state of the last pseudo-step.",
+                interrupted.signal.name,
+                self._iterations,
+                self._steps,
+                residual,
+            )
+        raise interrupted
+
+    def _warn_of_quality(self, result: EquilibriumResult) -> None:
+        """Warn of an equilibrium that is above the tolerance, not unique or not regular."""
+        if self.comm.rank > 0:
+            return
+        if not result.within_tolerance:
+            LOG.warning(
+                "The equilibrium was found to %.1e of the load, not to the tolerance %.1e: the inner forces have a "
+                "round-off of %.1e N.",
+                result.residual,
+                self.search.tolerance,
+                self.newton.round_off,
+            )
+        if result.free:
+            LOG.warning(
+                "The equilibrium is not unique: nothing resists %s; hold it by gx.Fixed if it must not move.",
+                ", ".join(result.free),
+            )
+        elif not result.regular:
+            LOG.warning(
+                "The equilibrium is not regular: its tangent is singular or Newton's iteration without inertia does "
+                "not converge, as in slack film or at a limit load; shape and modes of such parts are not unique."
+            )
 
     def _announce_load(self, at: float) -> None:
         """Tell contact the norm of the loads of time `at` [s], which it may have to carry."""
@@ -528,12 +628,23 @@ class Equilibrium:
     # ---- uniqueness ------------------------------------------------------------------------------------
 
     def _assess(self, at: float) -> tuple[tuple[str, ...], bool]:
-        """Rigid motions that nothing resists, in words, and whether the tangent without inertia is regular."""
+        """Whether the equilibrium that was found is unique, with the loads of the time `at` [s].
+
+        Newton's method is started once more without inertia, from the solution.
+
+        Returns:
+            rigid motions that nothing resists, in words, e.g. "translation z"; and whether the tangent
+            without inertia is regular.
+        """
         converges = self._solve_without_inertia(at)
         system = self.system
         unbalanced, load = self._unbalanced()
         K = system.tangent()
-        free = free_motions(system, K, unbalanced * (load or 1.0))
+        stiffnesses = []
+        for scalars in system.scalar_unknowns:
+            if isinstance(scalars, ChangesWithVolume):
+                stiffnesses += scalars.static_stiffness()
+        free = free_motions(system, K, unbalanced * (load or 1.0), stiffnesses)
         if free or not converges:
             return free, False
         # With scalar unknowns K is only a block of the matrix, and may be singular in a regular one.

@@ -73,6 +73,10 @@ class Frequency:
 
     def _mode(self) -> Mode:
         """The mode, which is to be the only one of its frequency.  Collective."""
+        check(
+            not self._equilibrium.system.scalar_unknowns,
+            "Frequency: the scene has gas chambers, by whose state it is not derived; give their pressure as Pressure.",
+        )
         found = modes(self._equilibrium, self.number + 2)
         mode = found[self.number]
         check(

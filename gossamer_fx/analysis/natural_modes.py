@@ -8,6 +8,15 @@ K contains the geometric stiffness of stresses and the stiffness of loads that f
 centrifugal force is a load of the equilibrium.  Lagrange multipliers of joints, rigid bodies and beams
 remain unknowns: they have no mass, so that their eigenvalues are infinite.
 
+Gas in closed films vibrates with them.  A vibration is fast, so that no gas flows and no heat is
+exchanged: a change ΔV of the volume changes the pressure by -κ ΔV, κ = γ p/V, which adds the stiffness
+κ g⊗g with the gradient g of the volume.  It couples all nodes of the film and is therefore not in K; the
+formula of Sherman, Morrison and Woodbury adds it to the inverse:
+
+    (A + U κ Uᵀ)⁻¹ = A⁻¹ - A⁻¹ U (κ⁻¹ + Uᵀ A⁻¹ U)⁻¹ Uᵀ A⁻¹,    U = (g of each chamber)         (3)
+
+Contact keeps the pairs of the equilibrium, with the stiffness of their potential.
+
 Modes near a frequency are found by inversion there (shift and invert) with SLEPc's Krylov-Schur method:
 
     G = 0:   K φ = ω² M φ,   the largest eigenvalues θ = 1/(ω² - σ) of (K - σ M)⁻¹ M          (2)
@@ -20,9 +29,10 @@ solution with it for each Krylov vector.
 from __future__ import annotations
 
 import cmath
+import logging
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -31,7 +41,10 @@ from petsc4py import PETSc
 from gossamer_fx.analysis.equilibrium import Equilibrium
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import NoEquilibrium, check
+from gossamer_fx.model.body import Array
 from gossamer_fx.solvers import factorisation
+from gossamer_fx.system.system import System
+from gossamer_fx.terms.scalar_unknowns import ChangesWithVolume
 
 Shape = npt.NDArray[np.complex128]
 
@@ -45,28 +58,61 @@ SHIFT_RATIO = 1e-12
 EIGENVALUE_TOLERANCE = 1e-9
 MAX_RESTARTS = 500
 
+# Shift over the square of a frequency of gas and film: (3) loses about as many digits as this has.
+GAS_SHIFT_RATIO = 1e-4
+
+# Squares of frequencies up to this multiple of the shift count as zero.
+ZERO_FREQUENCY_FACTOR = 100.0
+
+LOG = logging.getLogger("gossamer_fx")
+
 DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
 
 
 @check_arguments
 @dataclass(frozen=True)
 class Mode:
-    """A vibration.
+    """A vibration q(t) = q0 + Re(φ e^(λt)) about an equilibrium q0.
+
+    φ is scaled to the modal mass φᴴMφ = 1 kg; of a mode at rest it is real, with its largest component
+    positive.  With the rigid motions r of the scene, translations along x, y, z and rotations about the
+    axes through the centre of mass,
+
+        participation     Γ = rᵀ M φ/(φᴴ M φ)
+        effective mass    |rᵀ M φ|²/(φᴴ M φ)
+
+    Over all modes at rest effective masses add up to the mass that the supports leave free.
 
     Attributes:
         frequency: [Hz], zero or positive.
         growth: [1/s]; positive for an equilibrium that is not stable.
-        shape: this rank's part of φ, (unknowns of this rank,); complex in a turning frame.
+        shape: this rank's part of φ, (unknowns of this rank,), a NumPy array of complex numbers; in the
+            order of `system.state`, with multipliers of constraints behind the coordinates.
+        displacements: the parts of φ at the nodes that this rank owns, (n, 3), by the names of the
+            bodies; of beams and rigid bodies without the directors.
+        participation: factors of translations and rotations about x, y, z, (2, 3); in the units that
+            belong to φ.
+        effective_mass: of translations along x, y, z, (3,) [kg].
+        effective_inertia: of rotations about x, y, z through the centre of mass, (3,) [kg m²].
 
     Example:
-        >>> mode = gx.analysis.Mode(frequency=2.0, growth=0.0, shape=np.ones(3, dtype=complex))
-        >>> mode.frequency
-        2.0
+        >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=1.0)
+        >>> equilibrium = gx.Equilibrium(gx.Scene(weight, spring))
+        >>> result = equilibrium.find()
+        >>> bounce = gx.analysis.modes(equilibrium, 3)[2]
+        >>> bounce.effective_mass.round(6), bounce.displacements["mass"].real.round(6)
+        (array([0., 0., 1.]), array([[-0., -0.,  1.]]))
     """
 
     frequency: float
     growth: float
     shape: Shape
+    displacements: Mapping[str, Shape] = field(default_factory=dict)
+    participation: Shape = field(default_factory=lambda: np.zeros((2, 3), dtype=complex))
+    effective_mass: Array = field(default_factory=lambda: np.zeros(3))
+    effective_inertia: Array = field(default_factory=lambda: np.zeros(3))
 
 
 @check_arguments
@@ -86,7 +132,8 @@ def modes(
         above: frequency [Hz]; the default finds the lowest modes.
 
     Raises:
-        InputError: a value is out of its range, the scene has gas chambers, or no equilibrium was found.
+        InputError: a value is out of its range, the scene has gas in a turning frame or scalar unknowns other
+            than gas, or no equilibrium was found.
         NoEquilibrium: the stiffness is singular, or the eigenvalue solver found fewer modes.
 
     Example:
@@ -101,10 +148,6 @@ def modes(
     system = equilibrium.system
     check(above >= 0, f"modes: above is {above!r} Hz; give zero or a positive frequency.")
     check(count > 0, f"modes: count is {count!r}; ask for one or more.")
-    check(
-        not system.scalar_unknowns,
-        "modes: the scene has gas chambers, whose stiffness is not known here; give their pressure as Pressure.",
-    )
     equilibrium.need("modes")
     system.set_inertia(0.0)
     K = system.tangent()
@@ -115,8 +158,12 @@ def modes(
     if equilibrium.result is not None and not equilibrium.result.regular:
         away_from_zero = SHIFT_RATIO * K.norm() / M.norm()
     ω = 2 * math.pi * above
+    stiffnesses = _gas_stiffnesses(system, is_turning=any(spin))
+    if stiffnesses:
+        # Without the gas K may be singular, so that (3) needs a shift that the gas does not hide.
+        away_from_zero = max(away_from_zero, GAS_SHIFT_RATIO * _least_gas_square(M, stiffnesses))
     if not any(spin):
-        found = _modes_at_rest(K, M, count, ω**2 or -away_from_zero)
+        found = _modes_at_rest(K, M, count, ω**2 or -away_from_zero, stiffnesses)
     else:
         G = system.gyroscopic(spin)
         system.supports.clear(G, 0.0)
@@ -134,13 +181,156 @@ def modes(
         return math.hypot(mode.growth, 2 * math.pi * (mode.frequency - above))
 
     nearest = sorted(found, key=distance)[:count]
-    return sorted(nearest, key=lambda mode: (mode.frequency, -mode.growth))
+    _warn_of_zeros(equilibrium, nearest, SHIFT_RATIO * K.norm() / M.norm())
+    masses = ModalMasses(system, M)
+    complete = [masses.complete(mode, is_turning=any(spin)) for mode in nearest]
+    return sorted(complete, key=lambda mode: (mode.frequency, -mode.growth))
+
+
+def _gas_stiffnesses(system: System, is_turning: bool) -> list[tuple[Array, float]]:
+    """Pairs (g, κ) of the stiffness κ g⊗g of each closed film; this rank's part of g, 0 at fixed coordinates."""
+    found = []
+    for scalars in system.scalar_unknowns:
+        check(
+            isinstance(scalars, ChangesWithVolume),
+            "modes: the scene has scalar unknowns whose stiffness is not known here; leave them out.",
+        )
+        assert isinstance(scalars, ChangesWithVolume)
+        for gradient, stiffness in scalars.vibration_stiffness():
+            values = gradient.copy()
+            values[system.supports.held] = 0.0
+            found.append((values, stiffness))
+    check(
+        not (found and is_turning),
+        "modes: the scene has gas chambers, whose stiffness is not known in a turning frame; give their pressure as "
+        "Pressure, or leave spin out.",
+    )
+    return found
+
+
+def _least_gas_square(M: PETSc.Mat, stiffnesses: Sequence[tuple[Array, float]]) -> float:
+    """Smallest κ (g·g)²/(g·M g) of the closed films [1/s²]: the square of a frequency of gas and film."""
+    comm = M.comm.tompi4py()
+    squares = []
+    for gradient, stiffness in stiffnesses:
+        vector = M.createVecRight()
+        vector.array[:] = gradient
+        product = M.createVecLeft()
+        M.mult(vector, product)
+        length_squared = comm.allreduce(float(gradient @ gradient))
+        mass = comm.allreduce(float(gradient @ product.array_r))
+        if mass > 0:
+            squares.append(stiffness * length_squared**2 / mass)
+    return min(squares, default=0.0)
+
+
+def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
+    """Warn of frequencies that are zero within round-off [rad²/s²]: slack film and free motions have them."""
+    result = equilibrium.result
+    assert result is not None
+    limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least) / (2 * math.pi)
+    zeros = sum(mode.frequency <= limit for mode in found)
+    if zeros and not result.regular and equilibrium.comm.rank == 0:
+        reason = "film is slack"
+        if result.free:
+            reason = f"nothing resists {', '.join(result.free)}, or film is slack"
+        LOG.warning(
+            "modes: %d of %d frequencies are zero within round-off (below %.1e Hz), as %s; prestress the film, give it "
+            "a residual stiffness, hold what is free, or ask for modes above a frequency.",
+            zeros,
+            len(found),
+            limit,
+            reason,
+        )
+
+
+class ModalMasses:
+    """Scales modes to unit modal mass, and finds participation factors and effective masses.
+
+    Args:
+        system: in the state of the equilibrium.
+        M: mass matrix, with fixed coordinates taken out.
+    """
+
+    def __init__(self, system: System, M: PETSc.Mat) -> None:
+        self._system = system
+        self._M = M
+        self._size = system.block(system.bodies[-1]).owned.stop
+        self._momenta = self._rigid_momenta()
+
+    def _rigid_momenta(self) -> Array:
+        """M r of the six rigid motions, this rank's part (6, unknowns of this rank)."""
+        system = self._system
+        is_position = system.position_marks
+        q = system.q0.array_r[: self._size].reshape(-1, 3)
+        translations = [np.multiply.outer(is_position, axis) for axis in np.eye(3)]
+        masses = np.array([self._times_mass(r).reshape(-1, 3) for r in translations])
+        # Mass and first moments: rows of M times translations, by the positions.
+        mass = self._sum(masses[0][:, 0] * is_position)
+        moments = [self._sum(masses[0][:, 0] * is_position * q[:, i]) for i in range(3)]
+        centre: Array = np.zeros(3)
+        if mass > 0:
+            centre = np.array(moments) / mass
+        arms = q - np.multiply.outer(is_position, centre)
+        rotations = [self._times_mass(np.cross(axis, arms)).reshape(-1, 3) for axis in np.eye(3)]
+        return np.concatenate([masses, np.array(rotations)]).reshape(6, -1)
+
+    def _times_mass(self, values: Array) -> Array:
+        """M times a vector of coordinates, flattened."""
+        vector = self._system.numbering.vector()
+        vector.array[: self._size] = values.ravel()
+        product = self._M.createVecLeft()
+        self._M.mult(vector, product)
+        return np.array(product.array_r[: self._size])
+
+    def _sum(self, values: Array) -> float:
+        return float(self._system.comm.allreduce(values.sum()))
+
+    def complete(self, mode: Mode, is_turning: bool) -> Mode:
+        """The mode with its shape scaled, and with what follows from it.  Collective."""
+        comm = self._system.comm
+        shape = mode.shape.copy()
+        if not is_turning:
+            shape = shape * np.conj(self._phase(shape))
+        coordinates = shape[: self._size]
+        momentum = self._times_mass(coordinates.real) + 1j * self._times_mass(coordinates.imag)
+        modal_mass = float(comm.allreduce(np.vdot(coordinates, momentum).real))
+        if modal_mass > 0:
+            shape /= math.sqrt(modal_mass)
+        participation = comm.allreduce(self._momenta @ shape[: self._size]).reshape(2, 3)
+        effective = np.abs(participation) ** 2
+        displacements = {}
+        for body in self._system.bodies:
+            of_nodes = shape[self._system.block(body).owned].reshape(-1, body.block.size // 3, 3)
+            displacements[body.name] = of_nodes[:, 0]
+        return replace(
+            mode,
+            shape=shape,
+            displacements=displacements,
+            participation=participation,
+            effective_mass=effective[0],
+            effective_inertia=effective[1],
+        )
+
+    def _phase(self, shape: Shape) -> complex:
+        """The factor of size one by which the largest component of a shape differs from a positive number."""
+        coordinates = shape[: self._size]
+        own = complex(0.0)
+        if len(coordinates):
+            own = complex(coordinates[np.abs(coordinates).argmax()])
+        # Of components that are equal up to round-off the first rank's counts.
+        largest = max(self._system.comm.allgather(own), key=abs)
+        if largest == 0:
+            return 1.0
+        return largest / abs(largest)
 
 
 class _ShiftedInverse:
-    """The operator (K - σ M)⁻¹ M of (2), as PETSc's Python matrix."""
+    """The operator (K + Σ κ g⊗g - σ M)⁻¹ M of (2) and (3), as PETSc's Python matrix."""
 
-    def __init__(self, K: PETSc.Mat, M: PETSc.Mat, σ: float) -> None:
+    def __init__(
+        self, K: PETSc.Mat, M: PETSc.Mat, σ: float, stiffnesses: Sequence[tuple[Array, float]]
+    ) -> None:
         shifted = K.copy()
         shifted.axpy(-σ, M, DIFFERENT_PATTERN)
         self._M = M
@@ -149,11 +339,37 @@ class _ShiftedInverse:
         self._pc.setOperators(shifted)
         factorisation.choose(self._pc, shifted)
         _check_inverse(factorisation.set_up(self._pc))
+        self._border: tuple[Array, Array, Array] | None = None
+        if stiffnesses:
+            self._border = self._solve_border(stiffnesses)
+
+    def _solve_border(
+        self, stiffnesses: Sequence[tuple[Array, float]]
+    ) -> tuple[Array, Array, Array]:
+        """U, A⁻¹ U and (κ⁻¹ + Uᵀ A⁻¹ U)⁻¹ of (3); this rank's rows of the first two."""
+        right = self._M.createVecRight()
+        solution = self._M.createVecRight()
+        columns = []
+        solutions = []
+        for gradient, _ in stiffnesses:
+            right.array[:] = gradient
+            self._pc.apply(right, solution)
+            columns.append(gradient)
+            solutions.append(solution.array_r.copy())
+        U = np.array(columns).T
+        solved = np.array(solutions).T
+        inner = self._M.comm.tompi4py().allreduce(U.T @ solved)
+        inner += np.diag([1 / stiffness for _, stiffness in stiffnesses])
+        return U, solved, np.linalg.inv(inner)
 
     def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set y = (K - σ M)⁻¹ M x; called by SLEPc."""
         self._M.mult(x, self._Mx)
         self._pc.apply(self._Mx, y)
+        if self._border is not None:
+            U, solved, inverse = self._border
+            of_chambers = self._M.comm.tompi4py().allreduce(U.T @ y.array_r)
+            y.array[:] -= solved @ (inverse @ of_chambers)
 
 
 def _check_inverse(problem: str) -> None:
@@ -164,9 +380,15 @@ def _check_inverse(problem: str) -> None:
         )
 
 
-def _modes_at_rest(K: PETSc.Mat, M: PETSc.Mat, count: int, shift: float) -> list[Mode]:
+def _modes_at_rest(
+    K: PETSc.Mat,
+    M: PETSc.Mat,
+    count: int,
+    shift: float,
+    stiffnesses: Sequence[tuple[Array, float]],
+) -> list[Mode]:
     """Modes of (2) near ω² = shift [1/s²]; loads that follow the body may make K unsymmetric."""
-    inverse = _ShiftedInverse(K, M, shift)
+    inverse = _ShiftedInverse(K, M, shift, stiffnesses)
     operator = PETSc.Mat().createPython((K.getSizes()), inverse, K.comm)
     operator.setUp()
     found = []

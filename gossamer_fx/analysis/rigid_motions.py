@@ -95,20 +95,26 @@ class _Nodes:
         return arms
 
 
-def free_motions(system: System, K: PETSc.Mat, unbalanced: float) -> tuple[str, ...]:
+def free_motions(
+    system: System,
+    K: PETSc.Mat,
+    unbalanced: float,
+    stiffnesses: Sequence[tuple[Array, float]] = (),
+) -> tuple[str, ...]:
     """Rigid motions that nothing resists, in words.
 
     Args:
         system: compiled scene in equilibrium.
         K: tangent without inertia, with fixed coordinates taken out.
         unbalanced: norm of the residual [N], which K R c cannot be distinguished from.
+        stiffnesses: pairs (g, κ) of a stiffness κ g⊗g in addition to K, as of gas; this rank's part of g.
 
     Returns:
         Descriptions such as "translation z of 'film'"; the same on every rank.
     """
     part, count = parts(system, K)
     found: list[str] = []
-    for bodies, centre, motions in _motions(system, K, part, count, unbalanced):
+    for bodies, centre, motions in _motions(system, K, part, count, unbalanced, stiffnesses):
         if not motions.size:
             continue
         # In a scene of one part there is nothing to distinguish.
@@ -235,6 +241,7 @@ def _motions(
     part: Labels,
     count: int,
     unbalanced: float,
+    stiffnesses: Sequence[tuple[Array, float]],
 ) -> Iterator[tuple[list[str], Array, Array]]:
     """The free motions of each part.
 
@@ -255,13 +262,20 @@ def _motions(
     # largest error.
     error = unbalanced / radius.min(initial=1.0)
     D = _round_off(system, K, error)
+    for gradient, stiffness in stiffnesses:
+        size_of_gradient = comm.allreduce(float(np.abs(gradient).sum()))
+        D += ROW_ROUND_OFF * stiffness * size_of_gradient * np.abs(gradient)
     Y = np.zeros_like(R)  # D⁻¹ K R
     vector = system.numbering.vector()
     product = system.numbering.vector()
     for i in range(6):
         vector.array[:] = R[i]
         K.mult(vector, product)
-        Y[i] = np.where(is_free, product.array_r / D, 0.0)
+        force = product.array_r.copy()
+        for gradient, stiffness in stiffnesses:
+            volume_change = comm.allreduce(float(gradient @ R[i]))
+            force += stiffness * volume_change * gradient
+        Y[i] = np.where(is_free, force / D, 0.0)
     for c in range(min(count, MAX_PARTS)):
         in_part = part == c
         size = comm.allreduce(int(in_part.sum()))
@@ -287,7 +301,7 @@ def _nodes_of(system: System, k: int, part: Labels) -> _Nodes:
 
 
 def _names(system: System, nodes: Sequence[_Nodes], count: int) -> list[list[str]]:
-    """Names of the bodies, in quotes, that have nodes in each part."""
+    """Names of the bodies, in quotes, that have free nodes in each of the `count` connected parts of a scene."""
     has_nodes = np.zeros((len(nodes), count), dtype=bool)
     for k, one in enumerate(nodes):
         has_nodes[k, one.part[one.is_free]] = True

@@ -91,11 +91,14 @@ def positions(
     space: fem.FunctionSpace, displacement: PointFunction | None, velocity: PointFunction | None
 ) -> tuple[Array, Array]:
     """Owned positions [m] and velocities [m/s] at the start, flattened, node by node."""
-    x, v = fem.Function(space), fem.Function(space)
+    x = fem.Function(space)
+    v = fem.Function(space)
+    # The mesh itself, at the nodes of the space: between its vertices where the order is 2.
     x.interpolate(lambda X: X)
     if displacement is not None:
         u = fem.Function(space)
         u.interpolate(displacement)
+        # Added as vectors: the user's function is asked for displacements at the nodes only.
         x.x.array[:] += u.x.array
     if velocity is not None:
         v.interpolate(velocity)

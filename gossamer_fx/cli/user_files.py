@@ -11,7 +11,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from gossamer_fx.checks.errors import InputError, check
-from gossamer_fx.run.interruption import Interrupted
+from gossamer_fx.checks.interruption import Interrupted
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -35,6 +35,9 @@ Algorithm.  In every step:
 3. `derivatives` gives the Jacobian with respect to y and V, by which the bodies see the gas.
 4. `rates` gives the sums of (1) and (2) from which the accepted state is summed.
 
+The equations are written for any numbers that add, multiply and compare: for dual numbers in arrays
+of objects `residual` gives its derivatives with respect to the start of the step, too (`gas.adjoint`).
+
 Cost: one dense solve of 2n equations in an iteration for n chambers, which is negligible next to the
 bodies.  Arrays over chambers have the shape (n,) and SI units.
 """
@@ -45,12 +48,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gossamer_fx.algebra.dual_numbers import Dual, Number
 from gossamer_fx.gas.contract import Aperture, Holder, Opening, Wall
 from gossamer_fx.gas.ideal_gas import IdealGas
 from gossamer_fx.model.body import Array
 
 # Values at the first and the second end of an opening; complex for derivatives by complex steps.
-Pair = tuple[complex, complex]
+Pair = tuple[Number, Number]
 
 # An end of an opening: the number of a chamber, or a boundary of constant state.
 End = int | Holder
@@ -104,7 +108,7 @@ class Passage:
     opening: Opening
     ends: tuple[End, End]
     aperture: Aperture
-    area: float = 0.0
+    area: Number = 0.0
 
 
 @dataclass
@@ -135,7 +139,13 @@ class Balance:
 
     Attributes:
         h: length of the current step [s].
+        passages: the openings.
+        walls: the walls, each with the number of its chamber.
+        temperatures: of the chambers at its start (n,) [K].
     """
+
+    # Whether the work p̄ W is in the equations.
+    depends_on_swept_volume = True
 
     def __init__(
         self,
@@ -145,9 +155,10 @@ class Balance:
         n: int,
     ) -> None:
         self.h = 0.0
+        self.temperatures: Array = np.zeros(n)
         self._gas = gas
-        self._passages = passages
-        self._walls = walls
+        self.passages = passages
+        self.walls = walls
         self._n = n
         # ½ is the midpoint rule; `begin` replaces it.
         self._weights: Array = np.full(n, 0.5)
@@ -175,9 +186,10 @@ class Balance:
         self._p0 = p
         self._m0 = m
         self._U0 = U
-        for passage in self._passages:
+        self.temperatures = U / (m * self._gas.cv)
+        for passage in self.passages:
             passage.area = passage.aperture(h, t)
-        self._choose_weights(p, U / (m * self._gas.cv), V)
+        self._choose_weights(p, self.temperatures, V)
 
     # ---- equations ----------------------------------------------------------------------------------
 
@@ -214,10 +226,9 @@ class Balance:
         What one end of an opening loses the other gains in the same sum, so the network conserves
         mass and energy to round-off.
         """
-        n = self._n
         p, T = self._flow_state(y, V)
-        rates = Rates(np.zeros(n), np.zeros(n))
-        for passage in self._passages:
+        rates = Rates(np.zeros_like(p), np.zeros_like(p))
+        for passage in self.passages:
             at_ends = self._at_ends(passage, p, T)
             mass_flow, energy_flow = self._flows(passage, *at_ends)
             for end, sign in zip(passage.ends, (-1, 1), strict=True):
@@ -227,8 +238,8 @@ class Balance:
                 else:
                     rates.mass_supplied -= sign * mass_flow.real
                     rates.energy_supplied -= sign * energy_flow.real
-        for (wall, k), weight in zip(self._walls, self._wall_weights, strict=True):
-            heat = self._heat(wall, k, float(weight), y, V)
+        for (wall, k), weight in zip(self.walls, self._wall_weights, strict=True):
+            heat = self._heat(wall, k, weight, y, V)
             rates.energy[k] += heat
             rates.energy_supplied += heat
         return rates
@@ -290,7 +301,7 @@ class Balance:
         n = self._n
         p, T = self._flow_state(y, V)
         total_mass = self._m0 + y[n:]
-        for passage in self._passages:
+        for passage in self.passages:
             at_ends = self._at_ends(passage, p, T)
             for side, k in enumerate(passage.ends):
                 if not isinstance(k, int):
@@ -321,7 +332,7 @@ class Balance:
         """Subtract h times the derivatives of the heat of the walls."""
         n = self._n
         heat_factor = self._gas.gamma - 1
-        for (wall, k), weight in zip(self._walls, self._wall_weights, strict=True):
+        for (wall, k), weight in zip(self.walls, self._wall_weights, strict=True):
             p1 = y[k]
             m1 = y[n + k]
             # -h ∂Q/∂U1
@@ -336,7 +347,7 @@ class Balance:
         at_ends: tuple[Pair, Pair],
         side: int,
         quantity: str,
-    ) -> tuple[float, float]:
+    ) -> Pair:
         """Derivatives of mass flow and energy flow with respect to a state at one end.
 
         Args:
@@ -430,7 +441,7 @@ class Balance:
         T: Pair,
     ) -> Pair:
         """Mass flow [kg/s] and enthalpy flow [W] from the first to the second end."""
-        mass_flow = complex(passage.opening.flow(self._gas, passage.area, p, T))
+        mass_flow = passage.opening.flow(self._gas, passage.area, p, T)
         # The gas has the temperature of the end it comes from.
         upstream_temperature = T[0]
         if p[0].real < p[1].real:
@@ -441,17 +452,17 @@ class Balance:
         self,
         wall: Wall,
         k: int,
-        weight: float,
+        weight: Number,
         y: Array,
         V: Array,
-    ) -> float:
+    ) -> Number:
         """Heat flow [W] from a wall into chamber k."""
         cv = self._gas.cv
         end_energy = y[k] * V[k] / (self._gas.gamma - 1)
         start_temperature = self._U0[k] / (self._m0[k] * cv)
         end_temperature = end_energy / (y[self._n + k] * cv)
         temperature = (1 - weight) * start_temperature + weight * end_temperature
-        return float(wall.conductance * (wall.temperature - temperature))
+        return wall.conductance * (wall.temperature - temperature)
 
     # ---- weights ------------------------------------------------------------------------------------
 
@@ -465,17 +476,20 @@ class Balance:
 
         The conductances at rest are summed too: they amplify the round-off of pressures, see `scales`.
         """
-        relaxation = np.zeros(self._n)  # ζ of (4)
-        equalisation = np.zeros(self._n)  # z of (5)
-        at_rest = np.zeros(self._n)
-        for passage in self._passages:
+        relaxation = np.zeros_like(p)  # ζ of (4)
+        equalisation = np.zeros_like(p)  # z of (5)
+        at_rest = np.zeros_like(p)
+        for passage in self.passages:
             pressures, temperatures = self._at_ends(passage, p, T)
-            p_low = min(pressures[0].real, pressures[1].real)
-            p_high, T_high = max(
-                (pressures[0].real, temperatures[0].real),
-                (pressures[1].real, temperatures[1].real),
-            )
-            if p_high == 0:
+            # Of equal pressures the hotter end counts as upstream.
+            is_first = pressures[0] >= pressures[1]
+            if is_first and pressures[0] <= pressures[1]:
+                is_first = temperatures[0] >= temperatures[1]
+            upstream = 0 if is_first else 1
+            p_high = pressures[upstream]
+            p_low = pressures[1 - upstream]
+            T_high = temperatures[upstream]
+            if p_high <= 0:
                 # Two vacuums exchange nothing.
                 continue
             # z of (5) has Δp in its denominator: it is taken at no smaller difference than this one.
@@ -497,7 +511,7 @@ class Balance:
         self._weights = 1 - 1 / (1 / (1 - fitted) + damping)
         self._amplification = at_rest
         wall_weights = []
-        for wall, k in self._walls:
+        for wall, k in self.walls:
             heat_capacity = self._m0[k] * self._gas.cv
             cooling_rate = wall.conductance / heat_capacity
             wall_weights.append(_fitted_weight(self.h * cooling_rate))
@@ -506,29 +520,30 @@ class Balance:
     def _conductance(
         self,
         passage: Passage,
-        pu: float,
-        Tu: float,
-        pd: float,
-    ) -> float:
+        pu: Number,
+        Tu: Number,
+        pd: Number,
+    ) -> Number:
         """Mass flow over pressure difference [kg/(s Pa)] from pressure pu, temperature Tu to pd."""
         mass_flow = passage.opening.flow(self._gas, passage.area, (pu, pd), (Tu, Tu))
-        return float(mass_flow.real) / (pu - pd)
+        return mass_flow.real / (pu - pd)
 
 
 def _state_at(
     end: End,
     p: Array,
     T: Array,
-) -> tuple[complex, complex]:
+) -> Pair:
     """Pressure [Pa] and temperature [K] of one end of an opening, for those of all chambers."""
     if isinstance(end, int):
-        return complex(p[end]), complex(T[end])
-    return complex(end.pressure), complex(end.temperature)
+        return p[end], T[end]
+    return end.pressure, end.temperature
 
 
-def _fitted_weight(rate: float) -> float:
+def _fitted_weight(rate: Number) -> Number:
     """The weight θ_e of (4) for relaxation by `rate` time constants a step: ½ at 0, 1 at infinity."""
     # Both terms of (4) grow as 1/rate; below 1e-3 the series is exact to 1e-12 and does not cancel.
     if rate < 1e-3:
         return 0.5 + rate / 12
-    return float(1 / -np.expm1(-rate) - 1 / rate)
+    decay = (-rate).expm1() if isinstance(rate, Dual) else np.expm1(-rate)
+    return -1 / decay - 1 / rate

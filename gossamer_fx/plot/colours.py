@@ -161,4 +161,7 @@ def default_field(run: RunReader) -> str:
 
     known = run.known_fields()
     check(bool(known), f"The run in '{run.folder}' has no bodies on a mesh; plot its curves.")
-    return "state" if "state" in known else known[0]
+    for field in ("mode_amplitude", "state"):
+        if field in known:
+            return field
+    return known[0]

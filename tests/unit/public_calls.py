@@ -107,25 +107,27 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     tension = gx.analysis.Prestress(1e9, 0.3, density=1400.0, thickness=1e-4, tension=10.0)
     soap = gx.Membrane(sheet(WORLD, 2, 2), tension, name="soap film")
     gas = gx.IdealGas(gamma=1.4, R=287.0)
-    mesh, curve = sheet(WORLD, 2, 2), line(WORLD, [(0, 0, 0), (1, 0, 0)], 2)
+    mesh = sheet(WORLD, 2, 2)
+    curve = line(WORLD, [(0, 0, 0), (1, 0, 0)], 2)
     tube = {"E": 1e11, "nu": 0.3, "density": 1560.0}
     section = gx.sections.tube(0.02, 5e-4, **tube)
     film_law = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
     fabric = {"E1": 1e9, "E2": 1e8, "nu12": 0.3, "G12": 1e8, "density": 1400.0, "thickness": 1e-4}
     law = gx.Miyazaki(**film_law)
-    film, beam = gx.Membrane(mesh, law), gx.Beam(curve, section)
+    film = gx.Membrane(mesh, law)
+    beam = gx.Beam(curve, section)
     plate = gx.Plate(mesh, gx.Linear(**film_law))
     creased = gx.Membrane(creased_strip(WORLD, 2, 1, 0.1, 0.1), law)
     scene = gx.Scene(film)
     touching = gx.Contact(film, distance=1e-3)
     motion = gx.reduction.Snapshots(film)
     motion.positions.append(np.sin(film.initial_state()[0].reshape(-1, 3) ** 2))
-    block, other = (
-        gx.RigidBody(1.0, (1.0, 1.0, 1.0)),
-        gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="other"),
-    )
-    A, B = block.frame(), other.frame()
-    P, Q = gx.PointMass(1.0, (1.0, 0.0, 0.0)).port(), gx.Ground((0.0, 0.0, 0.0))
+    block = gx.RigidBody(1.0, (1.0, 1.0, 1.0))
+    other = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="other")
+    A = block.frame()
+    B = other.frame()
+    P = gx.PointMass(1.0, (1.0, 0.0, 0.0)).port()
+    Q = gx.Ground((0.0, 0.0, 0.0))
     tank = gx.Tank(1e-3, gas=gas, pressure=1e5, temperature=300.0)
     cable_law = {"EA": 1e5, "line_density": 0.1}
     z = (0.0, 0.0, 1.0)

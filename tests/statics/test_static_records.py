@@ -1,0 +1,269 @@
+"""Equilibria and modes are written and read like runs, and a search says how it goes and stops when asked."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.analysis import modes
+from gossamer_fx.analysis.search_progress import SearchProgress, SearchState
+from gossamer_fx.meshes.airbag import airbag
+from gossamer_fx.meshes.sheet import EDGES, sheet
+
+LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
+
+
+def drum(comm, *others, **options):
+    film = gx.Membrane(sheet(comm, 4, 4), LAW, initial_stress=1e6, name="drum")
+    load = gx.Pressure(film, lambda t: 10.0 + 10.0 * t)
+    supports = [gx.Fixed(film, edge) for edge in EDGES]
+    return gx.Equilibrium(gx.Scene(film, load, *supports, *others), **options), film
+
+
+# ---- records ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.mpi
+def test_an_equilibrium_is_recorded_as_a_run_is(comm, folder):
+    equilibrium, film = drum(comm)
+    result = equilibrium.find()
+    recording = gx.Recording(folder / "drum", title="Drum")
+    gx.outputs.record(equilibrium, [recording, gx.outputs.VTX(folder / "drum.bp", film)])
+    comm.barrier()
+    reader = gx.plot.RunReader(folder / "drum")
+    assert reader.kind == "equilibrium"
+    assert reader.about["status"] == "finished"
+    assert reader.about["result"]["iterations"] == result.iterations
+    height = gx.probes.Position(film.port_at((0.5, 0.5, 0.0)), "z")(equilibrium)
+    lifted = [corners[..., 2].max() for corners in reader.film_corners(0)]
+    assert max(lifted) == pytest.approx(height, rel=1e-12)
+    if comm.rank == 0:
+        gx.plot.field(reader, "stress1", times=[0.0], path=folder / "drum.png")
+        gx.write_report(reader, folder / "drum.html")
+        assert "residual" in (folder / "drum.html").read_text()
+    comm.barrier()
+
+
+@pytest.mark.mpi
+def test_a_path_of_loads_has_a_state_for_each_time(comm, folder):
+    equilibrium, film = drum(comm)
+    height = gx.probes.Position(film.port_at((0.5, 0.5, 0.0)), "z")
+    recording = gx.Recording(folder / "path", probes={"height": height})
+    gx.outputs.record(equilibrium, [recording], at=[0.0, 1.0, 2.0])
+    comm.barrier()
+    reader = gx.plot.RunReader(folder / "path")
+    assert reader.times.tolist() == [0.0, 1.0, 2.0]
+    heights = reader.table("probes.csv")["height"]
+    # The film is stiffer the more it is stretched, but the load grows in equal parts.
+    assert heights[0] < heights[1] < heights[2] < 3 * heights[0]
+
+
+@pytest.mark.mpi
+def test_a_mode_is_recorded_over_one_period(comm, folder):
+    equilibrium, _ = drum(comm)
+    equilibrium.find()
+    before = equilibrium.system.q0.array_r.copy()
+    folders = gx.outputs.record_modes(
+        equilibrium, modes(equilibrium, 2), folder / "modes", amplitude=0.03, frames=4
+    )
+    assert (equilibrium.system.q0.array_r == before).all()
+    comm.barrier()
+    assert [path.name for path in folders] == ["mode_1", "mode_2"]
+    reader = gx.plot.RunReader(folders[0])
+    assert reader.kind == "mode"
+    largest = []
+    for frame in range(4):
+        largest.append(max(values.max() for values in reader.values("mode_amplitude", frame)))
+    assert largest == pytest.approx([0.03, 0.0, 0.03, 0.0], abs=1e-12)
+    ledger = reader.table("ledger.csv")
+    assert ledger["kinetic"] + ledger["stored mode"] == pytest.approx(ledger["kinetic"].max())
+    if comm.rank == 0:
+        gx.plot.modes(folders, folder / "modes.png")
+        gx.plot.animate(reader, "mode_amplitude", path=folder / "mode.gif", seconds=0.2)
+    comm.barrier()
+
+
+def test_what_cannot_be_recorded(comm, folder):
+    equilibrium, _ = drum(comm)
+    with pytest.raises(gx.InputError, match="no equilibrium was found yet"):
+        gx.outputs.record_modes(equilibrium, [], folder / "modes")
+    equilibrium.find()
+    found = modes(equilibrium, 1)
+    with pytest.raises(gx.InputError, match="frames is 1"):
+        gx.outputs.record_modes(equilibrium, found, folder / "modes", frames=1)
+    with pytest.raises(gx.InputError, match="amplitude is -1"):
+        gx.outputs.record_modes(equilibrium, found, folder / "modes", amplitude=-1.0)
+    with pytest.raises(gx.InputError, match="holds no record of a mode"):
+        gx.outputs.record(equilibrium, [gx.Recording(folder / "run")])
+        gx.plot.modes([folder / "run"], folder / "modes.png")
+
+
+# ---- the search ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.mpi
+def test_a_signal_ends_a_search_with_the_last_state(comm, caplog, folder):
+    """A pressure that sends the signal: the search ends after the pseudo-step, and its state can be recorded."""
+    calls = []
+
+    def pressure(t):
+        calls.append(t)
+        if len(calls) == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+        return 100.0
+
+    film = gx.Membrane(airbag(comm, 1.0, 6), LAW)
+    scene = gx.Scene(film, gx.Pressure(film, pressure))
+    equilibrium = gx.Equilibrium(scene)
+    with pytest.raises(gx.run.Interrupted):
+        equilibrium.find()
+    if comm.rank == 0:
+        assert "stopped by SIGINT" in caplog.text
+    gx.outputs.record(equilibrium, [gx.Recording(folder / "stopped")])
+    comm.barrier()
+    captions = gx.plot.RunReader(folder / "stopped").about["captions"]
+    assert captions == ["not an equilibrium: the search was stopped"]
+
+
+def test_progress_tells_where_the_search_stands(comm, capsys, monkeypatch):
+    monkeypatch.setattr("gossamer_fx.analysis.search_progress.QUIET_SECONDS", -1.0)
+    progress = SearchProgress(comm, unknowns=870, is_wanted=True)
+    state = SearchState(
+        iterations=70,
+        limit=1000,
+        steps=12,
+        step=3e-2,
+        pseudo_time=0.4,
+        residual=3.2e-2,
+        tolerance=1e-8,
+    )
+    progress.update(state)
+    progress.update(state)  # too early for a second line
+    progress.close()
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    for words in ("870 unknowns", "residual 3.2e-02 of 1e-08", "iteration 70 of at most 1000"):
+        assert words in lines[0]
+
+
+def test_what_is_not_regular_is_warned_of(comm, caplog):
+    film = gx.Membrane(airbag(comm, 1.0, 4), LAW)
+    gx.Equilibrium(gx.Scene(film, gx.Pressure(film, 100.0))).find()
+    assert "nothing resists translation x, translation y" in caplog.text
+    caplog.clear()
+    equilibrium, _ = drum(comm)
+    result = equilibrium.find()
+    assert result.regular
+    assert result.within_tolerance
+    assert caplog.text == ""
+
+
+# ---- remedies and gas ------------------------------------------------------------------------------------
+
+AIR = gx.IdealGas(gamma=1.4, R=287.05)
+OUTSIDE = 101325.0
+
+
+def bag_in_air(comm, cells, gas_volume, **options):
+    """A flat bag whose gas comes from a small tank: of the volume `gas_volume` [m³] at 200 Pa above the outside."""
+    film = gx.Membrane(airbag(comm, 1.0, cells), LAW)
+    tank = 1e-3
+    gas = gx.Chamber(
+        film,
+        gas=AIR,
+        pressure=(OUTSIDE + 200) * gas_volume / tank,
+        temperature=300.0,
+        dead_volume=tank,
+        outside=gx.gas.Ambient(OUTSIDE, 300.0),
+    )
+    return gx.Equilibrium(gx.Scene(film, gas), **options)
+
+
+def test_isothermal_gas_in_air(comm):
+    """p V = m R T0, where the adiabatic process finds no equilibrium or one at 30 K."""
+    equilibrium = bag_in_air(comm, 8, 0.2, gas="isothermal")
+    result = equilibrium.find()
+    assert result.within_tolerance
+    gas = equilibrium.chamber("chamber")
+    assert gas.temperature == pytest.approx(300.0, rel=1e-12)
+    assert gas.pressure * gas.volume == pytest.approx((OUTSIDE + 200) * 0.2, rel=1e-9)
+    assert gas.pressure > OUTSIDE
+    # Heat keeps the gas warm: the energy is that of the start.
+    assert gas.internal_energy == pytest.approx((OUTSIDE + 200) * 0.2 / 0.4, rel=1e-9)
+
+
+def test_held_pressure_is_that_of_a_load(comm):
+    film = gx.Membrane(airbag(comm, 1.0, 6), LAW)
+    loaded = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, 200.0)))
+    loaded.find()
+    bag = gx.Membrane(airbag(comm, 1.0, 6), LAW)
+    gas = gx.Chamber(
+        bag,
+        gas=AIR,
+        pressure=OUTSIDE + 200.0,
+        temperature=300.0,
+        dead_volume=1e-3,
+        outside=gx.gas.Ambient(OUTSIDE, 300.0),
+    )
+    blown = gx.Equilibrium(gx.Scene(bag, gas), gas="held pressure")
+    blown.find()
+    held = blown.chamber("chamber")
+    assert held.pressure == pytest.approx(OUTSIDE + 200.0, rel=1e-12)
+    assert held.mass == pytest.approx(held.pressure * held.volume / AIR.R / 300.0, rel=1e-9)
+    assert blown.totals.stored["film"] == pytest.approx(loaded.totals.stored["film"], rel=1e-5)
+    assert blown.totals.mass_supplied > 0
+
+
+def test_remedies_by_cause(comm):
+    short = gx.analysis.Continuation(total_iterations=40)
+    cooled = bag_in_air(comm, 8, 0.15, search=short)
+    with pytest.raises(gx.NoEquilibrium, match="expands adiabatically and has cooled from 300 K"):
+        cooled.find()
+    film = gx.Membrane(airbag(comm, 1.0, 4), LAW, order=2, displacement=_pillow)
+    inwards = gx.Equilibrium(
+        gx.Scene(film, gx.Pressure(film, 100.0)), gx.analysis.Continuation(total_iterations=3)
+    )
+    with pytest.raises(gx.NoEquilibrium, match=r"of order 2 and resists compression by 1e-06"):
+        inwards.find()
+
+
+def test_a_pressure_on_normals_that_point_inwards(comm):
+    from gossamer_fx.meshes.sphere import sphere
+
+    film = gx.Membrane(sphere(comm, 1.0, 10), LAW)
+    equilibrium = gx.Equilibrium(
+        gx.Scene(film, gx.Pressure(film, -100.0)), gx.analysis.Continuation(total_iterations=3)
+    )
+    with pytest.raises(gx.NoEquilibrium, match=r"presses the closed film 'film' together"):
+        equilibrium.find()
+
+
+def _pillow(X):
+    x, y, _ = X
+    height = 0.1 * (1 - 4 * x**2) * (1 - 4 * y**2)
+    return np.vstack([0 * x, 0 * x, height])
+
+
+def test_the_reader_refuses_a_record_with_a_wrong_kind(comm, folder):
+    equilibrium, _ = drum(comm)
+    equilibrium.find()
+    gx.outputs.record(equilibrium, [gx.Recording(folder / "drum")])
+    path = folder / "drum" / "run.json"
+    path.write_text(path.read_text().replace('"equilibrium"', "3", 1))
+    with pytest.raises(gx.InputError, match="'kind' is 3, but must be a text"):
+        gx.plot.RunReader(folder / "drum")
+
+
+def test_the_size_of_the_shown_motion_is_a_share_of_the_scene(comm, folder):
+    equilibrium, _ = drum(comm)
+    equilibrium.find()
+    found = modes(equilibrium, 1)
+    folders = gx.outputs.record_modes(equilibrium, found, folder / "modes", frames=2)
+    values = gx.plot.RunReader(folders[0]).values("mode_amplitude", 0)
+    largest = comm.allreduce(max(float(part.max()) for part in values), MPI.MAX)
+    assert largest == pytest.approx(0.05, rel=1e-9)
