@@ -315,11 +315,11 @@ class Balance:
         p, T = self._flow_state(y, V)
         states = _states(p, T)
         # Lists of numbers, as in `rates`
-        end_pressure = y[:n].tolist()
-        temperature = T.tolist()
-        total_mass = (self._m0 + y[n:]).tolist()
-        volume = V.tolist()
-        weight = self._weights.tolist()
+        end_pressure: Any = y[:n].tolist()
+        temperature: Any = T.tolist()
+        total_mass: Any = (self._m0 + y[n:]).tolist()
+        volume: Any = V.tolist()
+        weight: Any = self._weights.tolist()
         for passage in self.passages:
             at_ends = _at_ends(passage, states)
             for side, k in enumerate(passage.ends):
