@@ -12,7 +12,7 @@ isothermal.  Here a plate squeezes a closed bag within 0.1 s, with G = 0, with Ï
 with a perfect wall.  The exponent -d ln p/d ln V comes out as 1.400, 1.16, and 1.000.
 
 Where the values come from:
-    adiabat, isotherm  any book on thermodynamics, e.g. Shapiro, Compressible Fluid Flow (1953) ch. 1
+    adiabat, isotherm  any text on thermodynamics, e.g. Shapiro, Compressible Fluid Flow (1953) ch. 1
     film               of the stiffness of a coated nylon fabric: 400 MPa, 0.3 mm
     bag, pressure      chosen: 0.3 m across, 20 kPa above an atmosphere
 

@@ -8,7 +8,7 @@ turn at the left and at the right edge, each of the n - 1 gaps between them carr
     F dx                                        is dissipated, `run.totals.losses["contact"]`
 
 so a thin stack holds far more than a sheet on a table: friction adds up, as between the pages of two
-books.  The table printed compares F with the mean force of contact while the sheets slide, for two
+telephone directories.  The table printed compares F with the mean force of contact while the sheets slide, for two
 to five sheets and three pressures.  The sheets vibrate; the means agree with F within 2 %.  Energy
 closes to 1e-9, with the heat of friction counted.
 

@@ -11,7 +11,7 @@ what can move at the same time:
 2.  Folds of a Miura sheet, whose lines are not at right angles, turn all at once.  `gx.fold.Miura` has
     one angle θ, and the film is not stretched at any: its energy is round-off.
 
-Layers must start apart.  `Contact` refuses a start in which they pierce or coincide, and the probe
+Layers must start apart.  `Contact` refuses a start in which they intersect or coincide, and the probe
 `ContactGap` is the smallest gap.  A gap between shut layers costs strain where the outer layer goes
 round the inner one.  The energies printed say so: with a second fold by a right angle the film has
 12 kJ while the first one is open by 90° (it would tear), and 0.3 J at 1°; a Miura sheet has 1e-27 J.

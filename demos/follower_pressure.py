@@ -1,6 +1,6 @@
 """What is a follower pressure, and what does its stiffness change?
 
-`Pressure` acts along the normal of the deformed film, and `Chamber` likewise.  When the film turns,
+`Pressure` acts along the normal of the deformed film, and so does `Chamber`.  When the film turns,
 the force turns with it: the linearised load is a stiffness, which the package always includes.  A
 dead load keeps the direction that it had.  The difference is large where pressure is what carries.
 A ring (a slice of a long cylinder) of radius R and mass per area μ, without bending stiffness, under

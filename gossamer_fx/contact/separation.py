@@ -28,7 +28,7 @@ from gossamer_fx.contact.system_view import ContactAssembly
 # contact force leads it farther, and not so close that this force exceeds all others.
 SEPARATED_GAP = 0.3
 
-# Sweeps over all pairs.  What is left then is pushed back by contact.
+# Sweeps over all pairs.  Remaining overlaps are pushed back by contact.
 MAX_SWEEPS = 60
 
 

@@ -21,7 +21,7 @@ DISTANCE = 0.1
 
 
 class FreePoints:
-    """Points that are unknowns of their own, on one rank."""
+    """Points, each with its own unknowns, on one rank."""
 
     def __init__(self, count: int) -> None:
         self.count = count
