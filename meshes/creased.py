@@ -115,9 +115,9 @@ def _triangulated(
     loop = [occ.addLine(a, b) for a, b in zip(tags, tags[1:] + tags[:1], strict=True)]
     face = occ.addPlaneSurface([occ.addCurveLoop(loop)])
     cuts = []
-    for a, b in lines:
-        start = occ.addPoint(*a, 0)
-        end = occ.addPoint(*b, 0)
+    for first, last in lines:
+        start = occ.addPoint(*first, 0)
+        end = occ.addPoint(*last, 0)
         cuts.append((1, occ.addLine(start, end)))
     inside = []
     if cuts:

@@ -143,14 +143,14 @@ def pinwheel(
         cells = []
         for j in range(reach):
             for i in range(j + 1):
-                corner = (j, i)
+                here = (j, i)
                 right = (j + 1, i)
                 above = (j, i + 1)
                 opposite = (j + 1, i + 1)
-                cells.append((corner, right, opposite))
+                cells.append((here, right, opposite))
                 # On the bisector, i = j, a cell has one triangle.
                 if i < j:
-                    cells.append((corner, opposite, above))
+                    cells.append((here, opposite, above))
         half = np.array(cells).reshape(-1, 2) * np.array([h, h * slope])
         c = math.cos(step)
         s = math.sin(step)
