@@ -24,17 +24,25 @@ class IsothermalBalance(Balance):
     depends_on_swept_volume = False
 
     def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
-        pressure_energy = y[: self._n] * V / (self._gas.gamma - 1)
-        thermal_energy = y[self._n :] * self._gas.cv * self.temperatures
-        mass = super().residual(y, V, W, known)[self._n :]
-        return np.concatenate([pressure_energy - thermal_energy, mass])
+        n = self._n
+        pressures = y[:n]
+        masses = y[n:]
+        # (1) as energies, U = pV/(γ - 1) = m c_v T0, the unit of the balance that it replaces.
+        pressure_energy = pressures * V / (self._gas.gamma - 1)
+        thermal_energy = masses * self._gas.cv * self.temperatures
+        both_balances = super().residual(y, V, W, known)
+        mass_balance = both_balances[n:]
+        return np.concatenate([pressure_energy - thermal_energy, mass_balance])
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
         """Derivatives (2n, 2n) and (2n, n) of the residual [J, kg] by pressures and masses y, and by volumes V [m³]."""
         n = self._n
         by_y, by_V = super().derivatives(y, V, W)
         heat_factor = self._gas.gamma - 1
-        by_y[:n] = np.hstack([np.diag(V / heat_factor), -np.diag(self._gas.cv * self.temperatures)])
+        by_pressure = np.diag(V / heat_factor)
+        by_mass = -np.diag(self._gas.cv * self.temperatures)
+        # The rows of the energy balance; those of the mass balance stay.
+        by_y[:n] = np.hstack([by_pressure, by_mass])
         by_V[:n] = np.diag(y[:n] / heat_factor)
         return by_y, by_V
 
@@ -45,18 +53,25 @@ class HeldPressureBalance(Balance):
     depends_on_swept_volume = False
 
     def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
-        excess_pressure = y[: self._n] - self._p0
-        excess_mass = y[self._n :] - self._mass(V)
-        return np.concatenate([excess_pressure * V / (self._gas.gamma - 1), excess_mass])
+        n = self._n
+        pressures = y[:n]
+        masses = y[n:]
+        excess_pressure = pressures - self._p0
+        excess_mass = masses - self._mass(V)
+        # The first rows in the unit of the energy balance that they replace.
+        excess_energy = excess_pressure * V / (self._gas.gamma - 1)
+        return np.concatenate([excess_energy, excess_mass])
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
         """Derivatives (2n, 2n) and (2n, n) of the residual [J, kg] by pressures and masses y, and by volumes V [m³]."""
         n = self._n
-        by_y = np.diag(np.concatenate([V / (self._gas.gamma - 1), np.ones(n)]))
-        by_V = np.zeros((2 * n, n))
-        by_V[np.arange(n), np.arange(n)] = (y[:n] - self._p0) / (self._gas.gamma - 1)
-        by_V[n + np.arange(n), np.arange(n)] = -self._mass(np.ones(n))
-        return by_y, by_V
+        heat_factor = self._gas.gamma - 1
+        excess_pressure = y[:n] - self._p0
+        # Each chamber's equations contain its own pressure, mass and volume only.
+        by_y = np.diag(np.concatenate([V / heat_factor, np.ones(n)]))
+        energy_by_V = np.diag(excess_pressure / heat_factor)
+        mass_by_V = -np.diag(self._mass(np.ones(n)))
+        return by_y, np.vstack([energy_by_V, mass_by_V])
 
     def _mass(self, V: Array) -> Array:
         """Masses [kg] of the gas in volumes V (n,) at the held pressures."""
