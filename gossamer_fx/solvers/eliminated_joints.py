@@ -29,6 +29,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from petsc4py import PETSc
 from scipy.linalg import lu_factor, lu_solve
 
@@ -52,7 +53,7 @@ MAX_APPLICATIONS = 30
 FACTORISED_STEPS = 10
 
 
-def eliminated_unknowns(system: System) -> Array | None:
+def eliminated_unknowns(system: System) -> npt.NDArray[np.intp] | None:
     """Positions (k,) of the unknowns g of a scene; None if this preconditioner does not serve it."""
     numbering = system.numbering
     if system.comm.size > 1 or numbering.block_size != 3:
