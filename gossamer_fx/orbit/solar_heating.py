@@ -218,7 +218,7 @@ class SolarHeating:
         self.name = name or f"heating of {film.name}"
         check(
             film.full is film,
-            f"'{self.name}': the film '{film.name}' is a reduced one, which has no triangles of its own; heat the "
+            f"'{self.name}': the film '{film.name}' is a reduced one, whose triangles are samples; heat the "
             "film itself.",
         )
         self._check_numbers()

@@ -67,7 +67,7 @@ def test_a_sunlit_film_reaches_radiative_equilibrium(comm) -> None:
     """(ε_f + ε_b) σ T⁴ = α S."""
     end = flight(comm, T0=250.0, dt=2.0, until=200.0)
     expected = (0.2 * flux() / (0.65 * STEFAN_BOLTZMANN)) ** 0.25
-    # The Sun is not quite overhead: the film is 7000 km beside the line to it.
+    # The Sun is not quite overhead: the film is 7000 km from the line to it.
     assert end.heat.mean == pytest.approx(expected, rel=1e-6)
     assert end.heat.highest - end.heat.lowest < 1e-6
     assert abs(end.heat.error) < 1e-12
