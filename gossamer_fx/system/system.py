@@ -235,10 +235,16 @@ class System:
         self.restart()
 
     def reverse_step(self, start: Array, rates: Array, t: float, end: Array) -> None:
-        """Turn the present step round, of length h: it is to go from `start` at t to `end`, of length -h.
+        """Set the system to the present step run backwards in time, for gradients of a run.
 
-        Kinds with active sets retain the pairs (`roles.ExchangesEnds`); the others take the start as if
-        it had been accepted.
+        A step of length h from t - h to t becomes one of length -h from t to t - h.  Terms with active
+        sets retain their pairs (`roles.ExchangesEnds`); all others start as from an accepted state.
+
+        Args:
+            start: coordinates of this rank at time t [s], where the reversed step begins.
+            rates: velocities there.
+            t: time [s] of the start.
+            end: coordinates of this rank where the reversed step ends.
         """
         self.time = t
         self.v0.array[:] = rates

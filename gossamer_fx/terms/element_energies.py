@@ -29,6 +29,13 @@ strain that has the stress σ:
     (D + k I)(ê - e_lin) = σ - S(e_lin),    |ê - e_lin| <= |e_lin - ê_before|                       (5)
 
 with k a fraction of the largest stiffness.  Stiff points then follow the strain and soft points the stress.
+
+Cost.  The law is evaluated once at each point and iteration, as without this method.  ê, S and D are stored:
+15 numbers at each quadrature point of a film.  (5) is one linear system of the size of the strain at each
+point that asks for it.
+
+Limits.  The measure e has to be quadratic, so that step 3 is exact.  The choice of strains changes the way to
+the solution, not the solution: at its end ê = e(q1) to the tolerance of the iteration.
 """
 
 from __future__ import annotations
