@@ -71,9 +71,8 @@ def collect_wrinkles(function: fem.Function, film: MeshBody, system: System) -> 
     _spread(function, body, at_vertices)
 
 
-def wrinkling_strain(film: Membrane, x: Expr) -> Expr:
-    """A of (1) as (A11, A22, 2 A12) in the frame of the film, of the positions x."""
-    e = film.measure(x)
+def wrinkling_strain(film: Membrane, e: Expr) -> Expr:
+    """A of (1) as (A11, A22, 2 A12) in the frame of the film, of a strain e without thermal strain."""
     stress = gradient(film.density, e)
     return film.law.taut_strain(stress, film.constants) - e
 
@@ -99,11 +98,12 @@ def _smoothed(shape: BodyShape, film: Membrane) -> tuple[Array, Array]:
     in_cells = fem.functionspace(domain, ("Discontinuous Lagrange", 0, (TENSION + 1,)))
     cellwise = fem.Function(in_cells)
     _check_law(film)
-    strain = wrinkling_strain(film, shape.q)
+    elastic = shape.elastic_strain()
+    strain = wrinkling_strain(film, elastic)
     in_frame = ufl.as_matrix([[strain[0], strain[2] / 2], [strain[2] / 2, strain[1]]])
     deformation = film.deformation(shape.q)
     in_space = ufl.dot(deformation, ufl.dot(in_frame, deformation.T))
-    stress = gradient(film.density, film.measure(shape.q))
+    stress = gradient(film.density, elastic)
     mean = (stress[0] + stress[1]) / 2
     radius = ufl.sqrt(((stress[0] - stress[1]) / 2) ** 2 + stress[2] ** 2)
     numbers = [in_space[i, j] for i, j in SYMMETRIC]
