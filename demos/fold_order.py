@@ -2,7 +2,7 @@
 
 A start needs no history of folding: the position of every point of the flat film is given, by a map
 of `gx.fold` or by `displacement`.  The order is in the result, as the order of the layers, and in
-what can move at the same time:
+what can move at the same time.
 
 Folds that cross at right angles go one after the other.  Only when the first is shut, and all layers
 lie on each other, can the second turn without stretching the film.  Halving a square along x and then
@@ -19,8 +19,7 @@ round the inner one.  The energies printed say so: with a second fold by a right
 The gap of the quarters that are opened by 1° and 3° is 3 µm, next to the corner where the folds cross.
 
 Where the values come from:
-    single vertex      two straight lines that cross: the turned first fold stiffens the second, as a
-                       bent sheet does (Gauss: a developable surface is straight in one direction)
+    crossing folds     Gauss: a sheet that does not stretch is straight in one direction wherever it bends
     Miura              Schenk & Guest (2013), doi:10.1073/pnas.1217998110
     film, size         polyimide of 25 µm, 0.2 m × 0.2 m
 
