@@ -112,6 +112,7 @@ class System:
         self.previous = numbering.vector()
         self._scratch = numbering.vector()
         self._momenta = numbering.vector()
+        self._change = numbering.vector()
         self.state = State(self.bodies, self.comm, self.q0, self.v0)
         self.end = State(self.bodies, self.comm, self.q1, self.v0)
         self.fields: dict[Body, Coordinates] = {
@@ -149,6 +150,7 @@ class System:
         self._tangents = roles.playing(roles.Tangents, compiled)
         self._tangent_forms = roles.playing(roles.TangentForms, compiled)
         self._step_observers = roles.playing(roles.StepObserver, compiled)
+        self._time_dependent = roles.playing(roles.TimeDependence, compiled)
         self._iterate_observers = roles.playing(roles.IterateObserver, compiled)
         self._state_observers = roles.playing(roles.StateObserver, compiled)
         self._checks = roles.playing(roles.StepCheck, compiled)
@@ -209,6 +211,7 @@ class System:
 
         Both are needed: histories and extrapolations follow from the last step.
         """
+        self._take_time()
         for q in (self.previous, self.q0):
             self.set_end(q)
             self._commit()
@@ -233,15 +236,22 @@ class System:
         self.restart()
 
     def reverse_step(self, start: Array, rates: Array, t: float, end: Array) -> None:
-        """Turn the present step round, of length h: it is to go from `start` at t to `end`, of length -h.
+        """Set the system to the present step run backwards in time, for gradients of a run.
 
-        Kinds with active sets retain the pairs (`roles.ExchangesEnds`); the others take the start as if
-        it had been accepted.
+        A step of length h from t - h to t becomes one of length -h from t to t - h.  Terms with active
+        sets retain their pairs (`roles.ExchangesEnds`); all others start as from an accepted state.
+
+        Args:
+            start: coordinates of this rank at time t [s], where the reversed step begins.
+            rates: velocities there.
+            t: time [s] of the start.
+            end: coordinates of this rank where the reversed step ends.
         """
         self.time = t
         self.v0.array[:] = rates
         self.q0.array[:] = start
         self.h = -self.h
+        self._take_time()
         self.set_end(self.q0)
         for field in self.fields.values():
             field.q0.x.array[:] = field.q1.x.array
@@ -322,6 +332,20 @@ class System:
         """Shorten a Newton update (n,) of the owned coordinates, in place, where contact needs it."""
         for active_set in self.active_sets:
             active_set.limit_update(update)
+
+    def separation(self, w: PETSc.Vec) -> Array | None:
+        """What has to be added to an iterate w so that contact pairs are on the sides where they began.
+
+        Returns:
+            displacements (n,) [m] of the owned unknowns; None if no pair has passed another.  Collective.
+        """
+        if not self.active_sets:
+            return None
+        self.increment.end(w, self.q0, self._scratch)
+        self._change.zeroEntries()
+        found = [one.separate(self._scratch, self._change) for one in self.active_sets]
+        displacements: Array = self._change.array_r
+        return displacements if any(found) else None
 
     def set_inertia(self, c: float, offset: PETSc.Vec | None = None) -> None:
         """Choose c [1/s²] and o [m] (none: zero) of the inertia c M (w + o)."""
@@ -488,8 +512,14 @@ class System:
         self.v0.array[:] = v
         self.q0.array[:] = q
         self.q0.copy(self.previous)
+        self._take_time()
         self.set_end(self.q0)
         self._commit()
+
+    def _take_time(self) -> None:
+        """Terms that depend on time take that of the accepted state."""
+        for kind in self._time_dependent:
+            kind.take_time(self.time)
 
     def _commit(self) -> None:
         """q1 and its strains are the start of the next step."""
