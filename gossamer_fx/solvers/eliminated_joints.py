@@ -82,7 +82,7 @@ class EliminatedJoints:
 
     needs_couplings = True
 
-    def __init__(self, system: System, eliminated: Array) -> None:
+    def __init__(self, system: System, eliminated: npt.NDArray[np.intp]) -> None:
         """Find the unknowns of films; there is no matrix yet."""
         self._system = system
         self._rest = eliminated.astype(PETSc.IntType)
