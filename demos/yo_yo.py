@@ -163,7 +163,7 @@ def main(
         "energy_error": abs(run.energy_error),
         "angular_momentum_drift": relative_drift(now, first),
         "penetrations": float(series["penetrations"].max()),
-        "halved": run.substeps,
+        "rejected": run.substeps,
         "steps": run.step,
         "iterations": run.iterations / run.step,
         "seconds": run.seconds,

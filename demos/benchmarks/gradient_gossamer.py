@@ -26,7 +26,13 @@ THICKNESS = 1e-4  # m
 
 def wrinkling(n: int) -> tuple[gx.Scene, float]:
     """The sheet and its time step [s]."""
-    law = gx.Miyazaki(1e9, 0.3, density=1400.0, thickness=THICKNESS, residual_stiffness=1e-3)
+    law = gx.Miyazaki(
+        1e9,
+        0.3,
+        density=1400.0,
+        thickness=THICKNESS,
+        residual_stiffness=1e-3,
+    )
     film = gx.Membrane(
         sheet(COMM, n, n),
         law,

@@ -85,6 +85,7 @@ class RopeBundle:
 
     def terms(self, start: State) -> Iterable[Term]:
         """Stored energy and, with damping, dissipation of each rope."""
+        # Terms of one name are summed in the energy balance; those of one kind are one array.
         for k, (pair, length) in enumerate(zip(self.ends, self.lengths, strict=True)):
             measure = half_distance_squared(*pair)
             density = LengthSpring(self.stiffness, float(length), side=1)

@@ -86,13 +86,22 @@ class Tether(Between):
 
     def terms(self, start: State) -> Iterable[Term]:
         """The rope, with a given length or a brake."""
-        measure, given = half_distance_squared(self.a, self.b), self.length
+        measure = half_distance_squared(self.a, self.b)
+        given = self.length
         if not callable(given):
+            # `__post_init__` refuses a number without a brake.
             assert self.brake_force is not None
             yield PaidOutRope(
-                self.name, measure, self.stiffness, given, None, self.brake_force, self.total_length
+                name=self.name,
+                measure=measure,
+                stiffness=self.stiffness,
+                length=given,
+                history=None,
+                brake=self.brake_force,
+                total_length=self.total_length,
             )
             return
+        # One of the ends is a port: `Between` refuses two points of the ground.
         comm = next(port.body.comm for port in (self.a, self.b) if isinstance(port, Port))
 
         def history(t: float) -> float:

@@ -441,6 +441,7 @@ def _compile_enclosure(
     system: Assembly,
     geometry: Geometry,
 ) -> CompiledEnclosure | None:
+    """The compiled enclosure of a chamber; None if its volume is not bounded by bodies."""
     if chamber.enclosure is None:
         return None
     return chamber.enclosure.compile(system, geometry)

@@ -324,7 +324,7 @@ class Recording:
             "time": run.time,
             "until": run.until,
             "steps": run.step,
-            "halved": run.substeps,
+            "rejected": run.substeps,
             "iterations": run.iterations,
             "iterations a step": run.iterations / max(run.step, 1),
             "seconds": run.seconds,

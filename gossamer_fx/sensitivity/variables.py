@@ -129,7 +129,7 @@ class Variable(ABC):
 
 
 class FormVariable(Variable):
-    """A coefficient of forms: a constant, a field, or the stress-free places of mesh nodes."""
+    """A coefficient of forms: a constant, a field, or the stress-free positions of mesh nodes."""
 
     def __init__(
         self, name: str, unit: str, coefficients: Sequence[Coefficient], adjoint: AdjointFields
@@ -144,6 +144,7 @@ class FormVariable(Variable):
         self._inertia: list[FormDerivative] | None = None
 
     def get(self) -> Array:
+        """Present values (k,) of the constant, of the function on this rank, or of the nodes of the mesh."""
         first = self.coefficients[0]
         if isinstance(first, MeshNodes):
             return first.get()
@@ -153,6 +154,7 @@ class FormVariable(Variable):
         return values
 
     def set(self, values: Array) -> None:
+        """Give the coefficients the values (k,), on this rank and on ghosts."""
         for one in self.coefficients:
             if isinstance(one, MeshNodes):
                 one.set(values)
@@ -179,6 +181,7 @@ class FormVariable(Variable):
         return found
 
     def function(self, values: Array) -> fem.Function | None:
+        """Values (k,) as a function on the mesh, for output; None for a constant."""
         first = self.coefficients[0]
         if isinstance(first, fem.Constant):
             return None
@@ -193,11 +196,11 @@ class PointVariable(Variable):
         self,
         name: str,
         unit: str,
-        places: Sequence[tuple[roles.PointParameters, Any, Parameter]],
+        uses: Sequence[tuple[roles.PointParameters, Any, Parameter]],
     ) -> None:
-        self._places = places
-        entries = [parameter.entry or 0 for _, _, parameter in places]
-        kind, term, first = places[0]
+        self._uses = uses
+        entries = [parameter.entry or 0 for _, _, parameter in uses]
+        kind, term, first = uses[0]
         self._width = len(kind.get_number(term, str(first.source)))
         super().__init__(name, unit, False, (max(entries) + 1) * self._width)
 
@@ -208,22 +211,22 @@ class PointVariable(Variable):
 
     def get(self) -> Array:
         values = np.zeros(len(self.sum))
-        for kind, term, parameter in self._places:
+        for kind, term, parameter in self._uses:
             values[self._part(parameter)] = kind.get_number(term, str(parameter.source))
         return values
 
     def set(self, values: Array) -> None:
-        for kind, term, parameter in self._places:
+        for kind, term, parameter in self._uses:
             kind.set_number(term, str(parameter.source), values[self._part(parameter)])
 
     def add_residual(self, μ: PETSc.Vec, with_inertia: bool) -> None:
-        for kind, term, parameter in self._places:
+        for kind, term, parameter in self._uses:
             self.sum[self._part(parameter)] -= kind.work_by_number(term, str(parameter.source), μ)
 
     def energy_derivative(self) -> Array:
         """∂ψ/∂θ (k,) of the energies of its terms, this rank's share."""
         found = np.zeros(len(self.sum))
-        for kind, term, parameter in self._places:
+        for kind, term, parameter in self._uses:
             found[self._part(parameter)] += kind.energy_by_number(term, str(parameter.source))
         return found
 
@@ -354,6 +357,7 @@ def _find(
     in_time: bool,
     scalars: Sequence[ScalarsAdjoint],
 ) -> Variable:
+    """The variable of a parameter that is named 'item.parameter'; refuses unknown items and parameters."""
     check(
         isinstance(name, str) and "." in name,
         f"gradient: by has {name!r}; give 'item.parameter', e.g. 'film.thickness'.",
@@ -389,11 +393,11 @@ def _find(
     coefficients = {id(p.source): p.source for _, p in found if not isinstance(p.source, str)}
     if coefficients:
         return FormVariable(name, unit, list(coefficients.values()), adjoint)
-    places: list[tuple[Any, Any, Parameter]] = []
+    uses: list[tuple[Any, Any, Parameter]] = []
     for term, parameter in found:
         kind = next(kind for kind in system.compiled if type(kind) is term.compiler)
-        places.append((kind, term, parameter))
-    return PointVariable(name, unit, places)
+        uses.append((kind, term, parameter))
+    return PointVariable(name, unit, uses)
 
 
 def _names_of(
@@ -420,7 +424,7 @@ def _has_shape(item: object) -> bool:
 
 
 def _shape(system: System, name: str, body: MeshBody, adjoint: AdjointFields) -> Variable:
-    """The stress-free places of the nodes of a body.
+    """The stress-free positions of the nodes of a body.
 
     Raises:
         InputError: a part of the scene measures the stress-free shape in another way than by forms.

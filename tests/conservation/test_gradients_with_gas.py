@@ -10,6 +10,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos import opening_time
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.gases import NITROGEN
@@ -226,3 +227,21 @@ def test_what_the_gas_has_not_is_named_with_what_it_has(comm):
         gx.InputError, match=r"'inlet' has no parameter 'diameter'.*area, discharge"
     ):
         gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["inlet.diameter"])
+
+
+@pytest.mark.mpi
+def test_orifice_and_tank_are_found_again_from_what_they_did(comm):
+    """Newton's method with the derivatives of runs, from 25 % and 15 % off."""
+    area, pressure = 8e-8, 3.5e6
+    until = 2e-3
+    shown = opening_time.opening(comm, area, pressure, until, cells=2)
+    found = opening_time.main(
+        wanted_time=shown.time,
+        wanted_pressure=shown.pressure,
+        until=until,
+        cells=2,
+        runs=5,
+        comm=comm,
+    )
+    assert found["orifice_mm2"] == pytest.approx(1e6 * area, rel=1e-3)
+    assert found["tank_kPa"] == pytest.approx(pressure / 1e3, rel=1e-3)
