@@ -485,6 +485,12 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "loads.Torque": {"frame": A, "torque": z},
         "connectors.TorsionDamper": {**hinge, "damping": 1.0},
         "connectors.TorsionSpring": {**hinge, "stiffness": 1.0, "rest_angle": 0.0},
+        "outputs.VTU": {
+            "path": folder / "a.pvd",
+            "fields": ("displacement",),
+            "every": 1,
+            "times": (0.1,),
+        },
         "outputs.VTX": {
             "path": folder / "a.bp",
             "fields": ("displacement",),
@@ -622,6 +628,13 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "array": "L18",
             "usual": {"a": 1},
         },
+        "sweep.Factorial": {
+            "outcome": lambda comm, folder, **values: {"y": 1.0},
+            "over": {"a": [1, 2]},
+            "listed": False,
+        },
+        "plot.InlineReport": {"run": reader, "height": 500},
+        "plot.export": {"run": reader, "folder": folder / "vtu"},
         "plot.RunReader": {"folder": inputs.run},
         "plot.animate": {"run": reader, "field": "state", "path": folder / "a.gif", "seconds": 0.1},
         "plot.curves": {"run": reader, "path": folder / "a.png"},
