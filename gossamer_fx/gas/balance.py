@@ -308,11 +308,11 @@ class Balance:
         p, T = self._flow_state(y, V)
         states = _states(p, T)
         # Lists of numbers, as in `rates`
-        end_pressure = y[:n].tolist()
-        temperature = T.tolist()
-        total_mass = (self._m0 + y[n:]).tolist()
-        volume = V.tolist()
-        weight = self._weights.tolist()
+        end_pressure = [float(value) for value in y[:n]]
+        temperature = [float(value) for value in T]
+        total_mass = [float(value) for value in self._m0 + y[n:]]
+        volume = [float(value) for value in V]
+        weight = [float(value) for value in self._weights]
         for passage in self._passages:
             at_ends = _at_ends(passage, states)
             for side, k in enumerate(passage.ends):
@@ -529,9 +529,9 @@ class Balance:
 
 def _states(p: Array, T: Array) -> list[State]:
     """Pressure [Pa] and temperature [K] of each chamber, as Python's numbers."""
-    pressures = p.astype(complex).tolist()
-    temperatures = T.astype(complex).tolist()
-    return list(zip(pressures, temperatures, strict=True))
+    return [
+        (complex(pressure), complex(temperature)) for pressure, temperature in zip(p, T, strict=True)
+    ]
 
 
 def _at_ends(passage: Passage, states: list[State]) -> tuple[Pair, Pair]:
