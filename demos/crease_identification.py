@@ -66,7 +66,8 @@ def hang(weight: float, cells: int = 16) -> Hanging:
         items.append(gx.loads.EdgeLoad(plate, "right", force=(weight / WIDTH, 0.0, 0.0)))
     search = gx.Equilibrium(gx.Scene(*items))
     search.find()
-    X, x = plate.space.tabulate_dof_coordinates(), search.system.q0.array_r.reshape(-1, 3)
+    X = plate.space.tabulate_dof_coordinates()
+    x = search.system.q0.array_r.reshape(-1, 3)
     rim = np.flatnonzero(np.isclose(X[:, 1], 0.0))
     rim = rim[np.argsort(X[rim, 0])]
     ends = [x[plate.nodes(side)].mean(axis=0) for side in ("left", "right")]
@@ -101,7 +102,12 @@ def draw(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11, 4.2), dpi=100, facecolor="white", layout="constrained")
+    figure = Figure(
+        figsize=(11, 4.2),
+        dpi=100,
+        facecolor="white",
+        layout="constrained",
+    )
     side, left, right = figure.subplots(1, 3, width_ratios=[0.6, 1, 1])
     for k, strip in enumerate(strips):
         shade = 0.15 + 0.75 * k / len(strips)
@@ -111,7 +117,13 @@ def draw(
     side.invert_yaxis()
     side.set(aspect="equal", xlabel="mm", ylabel="down [mm]", title="The hanging strip")
     side.set_xlim(-20, 75)
-    side.legend(fontsize=8, frameon=False, title="weight", title_fontsize=8, loc="upper right")
+    side.legend(
+        fontsize=8,
+        frameon=False,
+        title="weight",
+        title_fontsize=8,
+        loc="upper right",
+    )
     curve = max(WEIGHTS) * np.linspace(0, 1, 30) ** 2
     states = np.array(
         [STRIP.equilibrium(found.rest_angle, found.stiffness, float(w)) for w in curve]
@@ -119,7 +131,12 @@ def draw(
     scales = ((left, 180 / math.pi, angles, ANGLE_ERROR, "angle of the crease [°]"),)
     scales += ((right, 1e3, distances, DISTANCE_ERROR, "distance of the ends [mm]"),)
     for i, (axes, scale, values, error, label) in enumerate(scales):
-        axes.plot(1e3 * curve, scale * states[:, i], color=(0.1, 0.35, 0.7), label="identified")
+        axes.plot(
+            1e3 * curve,
+            scale * states[:, i],
+            color=(0.1, 0.35, 0.7),
+            label="identified",
+        )
         for factor, style in ((10, "--"), (0.1, ":")):
             other = [
                 STRIP.equilibrium(found.rest_angle, factor * found.stiffness, float(w))[i]

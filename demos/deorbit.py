@@ -43,7 +43,12 @@ def panels() -> list[gx.orbit.Surface]:
         normal = math.cos(SWEEP) * forward + math.sin(SWEEP) * out
         along_panel = math.cos(SWEEP) * out - math.sin(SWEEP) * forward
         centre = PANEL_DISTANCE * along_panel + MAST
-        panel = gx.orbit.Surface(AREA / 4, tuple(normal), centre=tuple(centre), two_sided=True)
+        panel = gx.orbit.Surface(
+            AREA / 4,
+            tuple(normal),
+            centre=tuple(centre),
+            two_sided=True,
+        )
         found.append(panel)
     return found
 
@@ -89,7 +94,14 @@ def main(
         comm=comm,
         name="satellite",
     )
-    drag = gx.orbit.Drag(body, orbit, atmosphere=AIR, surfaces=panels(), rotation=0.0, name="drag")
+    drag = gx.orbit.Drag(
+        body,
+        orbit,
+        atmosphere=AIR,
+        surfaces=panels(),
+        rotation=0.0,
+        name="drag",
+    )
     nose = body.frame().directors[0]
     probes = {
         "altitude [km]": lambda run: gx.probes.OrbitState(orbit, "altitude")(run) / 1e3,

@@ -38,7 +38,11 @@ from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import AIR, NITROGEN
 
 TITLE = "A folded tube, deployed from a tank"
-VIEW = gx.plot.View(azimuth=math.radians(-30), elevation=math.radians(15), zoom=True)
+VIEW = gx.plot.View(
+    azimuth=math.radians(-30),
+    elevation=math.radians(15),
+    zoom=True,
+)
 OPEN = 0.5  # a ring counts as open at this part of the area of the round tube
 
 
@@ -93,7 +97,8 @@ def build(
         iterations: Newton iterations that the step control aims at; 0: 12 for the zigzag, and 10 for the
             roll, which longer steps would press shut.
     """
-    width, half = math.pi * diameter / 2, length / panels
+    width = math.pi * diameter / 2
+    half = length / panels
     if start == "zigzag":
         folds = gx.fold.Zigzag(
             length=length,
@@ -106,7 +111,12 @@ def build(
     else:
         bends = rows_of(length, diameter, cells, panels)
         folds = gx.fold.Roll(
-            length=length, bends=bends, radius=0.4 * half, pitch=4e-3, width=width, opening=lift
+            length=length,
+            bends=bends,
+            radius=0.4 * half,
+            pitch=4e-3,
+            width=width,
+            opening=lift,
         )
     outside = gx.gas.Ambient(air) if air else None
     tube = gx.assemblies.InflatableTube(
@@ -121,13 +131,24 @@ def build(
         set_angle_ratio=0.5,
         contact_distance=contact,
     )
-    source = gx.Tank(tank, gas=NITROGEN, pressure=pressure, temperature=293.0)
+    source = gx.Tank(
+        tank,
+        gas=NITROGEN,
+        pressure=pressure,
+        temperature=293.0,
+    )
     valve = tube.inlet(source, lambda t: math.pi / 4 * bore**2 * min(0.1 + t / 5e-3, 1.0) ** 2)
     items: list[object] = [tube, valve]
     if gravity:
         items.append(gx.Gravity(tube.film, (0.0, 0.0, -gravity)))
     if air and drag:
-        items.append(gx.loads.AirDrag(tube.film, air / (AIR.R * 293.0), drag_coefficient=drag))
+        items.append(
+            gx.loads.AirDrag(
+                tube.film,
+                air / (AIR.R * 293.0),
+                drag_coefficient=drag,
+            )
+        )
     probes: dict[str, Probe] = {
         f"p{i + 1} [Pa]": gx.probes.GasState(bag, "pressure") for i, bag in enumerate(tube.chambers)
     }

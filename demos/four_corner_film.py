@@ -24,7 +24,13 @@ from gossamer_fx.model.body import Array
 TENSION = 10.0  # n0 of the film [N/m]
 HEIGHT = 0.4  # of two opposite corners [m]
 # Stiffness and density have no part in the form; they are required by the law.
-FILM = gx.analysis.Prestress(E=1e9, nu=0.3, density=1000.0, thickness=1e-5, tension=TENSION)
+FILM = gx.analysis.Prestress(
+    E=1e9,
+    nu=0.3,
+    density=1000.0,
+    thickness=1e-5,
+    tension=TENSION,
+)
 
 
 def main(
@@ -88,7 +94,11 @@ def draw(x: Array, cells: Array, path: Path) -> None:
     FigureCanvasAgg(figure)
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     axes.plot_trisurf(
-        *x.T, triangles=cells, color=(0.55, 0.72, 0.88), edgecolor="white", linewidth=0.3
+        *x.T,
+        triangles=cells,
+        color=(0.55, 0.72, 0.88),
+        edgecolor="white",
+        linewidth=0.3,
     )
     axes.set_proj_type("ortho")
     axes.set_box_aspect((1, 1, HEIGHT), zoom=1.1)

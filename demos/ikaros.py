@@ -124,7 +124,14 @@ def build(
     """
     inner, outer, bends = rows(pitch)
     folds = gx.fold.Ikaros(
-        n=4, inner=inner, outer=outer, pitch=pitch, bends=bends, gap=gap, hub_gap=gap, ramp=pitch
+        n=4,
+        inner=inner,
+        outer=outer,
+        pitch=pitch,
+        bends=bends,
+        gap=gap,
+        hub_gap=gap,
+        ramp=pitch,
     )
     film = sail(comm, pitch, folds.mark, refine=refine)
     hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub")
@@ -159,7 +166,11 @@ def build(
     if contact:
         end = (0.0, 0.0, HUB_HEIGHT / 2)
         drum = gx.contact.Cylinder(
-            start=(0.0, 0.0, -HUB_HEIGHT / 2), end=end, radius=radius, body=hub, name="drum"
+            start=(0.0, 0.0, -HUB_HEIGHT / 2),
+            end=end,
+            radius=radius,
+            body=hub,
+            name="drum",
         )
         items.append(touching := gx.Contact(film, drum, distance=contact, friction=friction))
         probes["penetrations"] = gx.probes.Penetrations(touching)
@@ -215,7 +226,8 @@ def tethers(
         damping: of a tether [N s/m].
     """
     inner = rows(pitch)[0]
-    ends, lengths = [], []
+    ends = []
+    lengths = []
     for k in range(4):
         c = math.cos(math.pi / 2 * k)
         d = math.sin(math.pi / 2 * k)
@@ -261,10 +273,18 @@ def steady(
     else:
         support = gx.loads.Centrifugal(hub, spin)
     search = gx.Equilibrium(
-        gx.Scene(film, hub, *items, ropes, gx.loads.Centrifugal(film, spin), support)
+        gx.Scene(
+            film,
+            hub,
+            *items,
+            ropes,
+            gx.loads.Centrifugal(film, spin),
+            support,
+        )
     )  # type: ignore[arg-type]
     search.find()
-    system, stiffness = search.system, 0.0
+    system = search.system
+    stiffness = 0.0
     for pair, length in zip(ropes.ends, ropes.lengths, strict=True):
         a, b = system.state.vectors(pair)
         l = float(np.linalg.norm(a - b))  # noqa: E741
@@ -313,7 +333,8 @@ def main(
     radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
     if output is not None and comm.rank == 0:
         draw(series, radius, Path(output) / "ikaros_spin.png")
-    first, now = run.first.angular_momentum, run.totals.angular_momentum
+    first = run.first.angular_momentum
+    now = run.totals.angular_momentum
     inertia = HUB_INERTIA[2] + square_inertia(float(given.get("pitch", 0.64)))  # type: ignore[arg-type]
     steady = float(first[2]) / inertia
     out = np.flatnonzero(series["middle [m]"] > OUT)
@@ -345,7 +366,11 @@ def draw(series: gx.Series, radius: Array, path: Path) -> None:
     for label, (where, rpm) in FLIGHT.items():
         left.axhline(rpm, linestyle=":", color="black")
         left.annotate(
-            f"flight: {label}", (series.time[-1], rpm), ha="right", va="bottom", fontsize=7
+            f"flight: {label}",
+            (series.time[-1], rpm),
+            ha="right",
+            va="bottom",
+            fontsize=7,
         )
         if where is not None:
             right.plot(where, rpm, "o", color="black")

@@ -149,11 +149,9 @@ def build(
         gx.Damping(film, stiffness_factor=damping, name="film damping"),
         gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM)),
     ]
-    spin, turn, mean = (
-        gx.probes.AngularVelocity(hub.frame(), "z"),
-        gx.probes.AngularVelocity(guides.ring.frame(), "z"),
-        gx.probes.MeanSpin(film, "z"),
-    )
+    spin = gx.probes.AngularVelocity(hub.frame(), "z")
+    turn = gx.probes.AngularVelocity(guides.ring.frame(), "z")
+    mean = gx.probes.MeanSpin(film, "z")
     probes: dict[str, Probe] = {
         "spin of the hub [rpm]": lambda run: spin(run) / RPM,
         "spin of the sail [rpm]": lambda run: mean(run) / RPM,
@@ -198,7 +196,8 @@ def _tethers(
 
     Held at another height the roll slides along the hub, out of the rods.
     """
-    bundle, found = tethers(film, hub, pitch, radius, height=-pitch / 2), []
+    bundle = tethers(film, hub, pitch, radius, height=-pitch / 2)
+    found = []
     for k, ((edge, rim), whole) in enumerate(zip(bundle.ends, bundle.lengths, strict=True)):
         wound = folds.place(edge.initial()[None], np.zeros(1))[0]
         short = float(np.linalg.norm(wound - rim.initial()))
@@ -246,7 +245,8 @@ def as_one(radius: Array, momentum: float, pitch: float) -> Array:
     The roll, of which layers lie on the sides of a polygon, counts where the middle of them has its mean square.
     """
     inner, outer, bends = rows(pitch)
-    half_edges, ring = (outer * pitch, inner * pitch), RING * (roll_radius(pitch) + ROD) ** 2
+    half_edges = (outer * pitch, inner * pitch)
+    ring = RING * (roll_radius(pitch) + ROD) ** 2
     cos = math.cos(math.pi / 8 / bends)
     R = (folded(pitch).radius + roll_radius(pitch)) / 2 * math.sqrt((1 + 2 * cos**2) / 3)
     inertia = [arm_inertia(max(r - R, 0.0), HUB_INERTIA[2] + ring, half_edges, R) for r in radius]
@@ -275,7 +275,8 @@ def main(
     )
     pitch = float(given.get("pitch", 0.64))  # type: ignore[arg-type]
     radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
-    first, now = run.first.angular_momentum, run.totals.angular_momentum
+    first = run.first.angular_momentum
+    now = run.totals.angular_momentum
     if output is not None and comm.rank == 0:
         draw(
             series, radius, float(first[2]), pitch, release, Path(output) / "ikaros_stages_spin.png"
@@ -304,7 +305,8 @@ def draw(
     """Spins and radius over the time, the spin of the hub over the length of arms out, and the values of the flight."""
     from matplotlib.figure import Figure
 
-    blue, red = (0.1, 0.35, 0.7), (0.8, 0.2, 0.1)
+    blue = (0.1, 0.35, 0.7)
+    red = (0.8, 0.2, 0.1)
     figure = Figure(figsize=(12, 3.8), dpi=100, facecolor="white", layout="constrained")
     left, middle, right = figure.subplots(1, 3)
     for what, colour in (("hub", blue), ("sail", red)):
@@ -315,7 +317,8 @@ def draw(
     middle.plot(
         series.time, series["middle [m]"], "--", color="black", label="middles of the edges"
     )
-    before, R = series.time <= release, roll_radius(pitch)
+    before = series.time <= release
+    R = roll_radius(pitch)
     out = np.linspace(0.0, max(float(radius[before].max()) - R, 0.1), 60)
     for what, colour in (("hub", blue), ("sail", red)):
         right.plot(

@@ -47,18 +47,34 @@ def main(
     step) and seconds.
     """
     search, stiffness, J = ikaros.steady(comm, pitch, rpm, held=False)
-    inertia, Ω = ikaros.HUB_INERTIA[2], rpm * ikaros.RPM
+    inertia = ikaros.HUB_INERTIA[2]
+    Ω = rpm * ikaros.RPM
     ω = math.sqrt(stiffness * (1 / inertia + 1 / J))
     film = ikaros.sail(comm, pitch)
     hub = gx.RigidBody(
-        ikaros.HUB_MASS, ikaros.HUB_INERTIA, spin=(0.0, 0.0, extra * ikaros.RPM), name="hub"
+        ikaros.HUB_MASS,
+        ikaros.HUB_INERTIA,
+        spin=(0.0, 0.0, extra * ikaros.RPM),
+        name="hub",
     )
     items: list[object] = [film, hub]
     items += [
-        gx.connectors.AttachedMass(film.port(f"tip {k}"), ikaros.TIP, name=f"mass {k}")
+        gx.connectors.AttachedMass(
+            film.port(f"tip {k}"),
+            ikaros.TIP,
+            name=f"mass {k}",
+        )
         for k in range(4)
     ]
-    items.append(ikaros.tethers(film, hub, pitch, ikaros.HUB_RADIUS, tether_damping))
+    items.append(
+        ikaros.tethers(
+            film,
+            hub,
+            pitch,
+            ikaros.HUB_RADIUS,
+            tether_damping,
+        )
+    )
     items += [gx.StartFrom(search.system), gx.RigidMotion(spin=(0.0, 0.0, Ω))]
     if damping:
         items.append(gx.Damping(film, stiffness_factor=damping, name="film damping"))
@@ -66,7 +82,9 @@ def main(
         {"hub": gx.probes.AngularVelocity(hub.frame(), "z"), "sail": gx.probes.MeanSpin(film, "z")}
     )
     run = gx.Simulation(
-        gx.Scene(*items), gx.Midpoint(dt=dt), outputs=[gx.outputs.Progress(), series]
+        gx.Scene(*items),
+        gx.Midpoint(dt=dt),
+        outputs=[gx.outputs.Progress(), series],
     )  # type: ignore[arg-type]
     run.run(until=until)
     swing = series["hub"] - series["sail"]

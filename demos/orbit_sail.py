@@ -43,10 +43,14 @@ def sail(
         return moved
 
     film = gx.Membrane(
-        crossed_sheet(comm, cells, cells, SIDE, SIDE), FILM, displacement=stretched, name="sail"
+        crossed_sheet(comm, cells, cells, SIDE, SIDE),
+        FILM,
+        displacement=stretched,
+        name="sail",
     )
     frame = gx.RigidBody(30.0, (500.0, 500.0, 1000.0), comm=comm, name="frame")
-    each, stiffness = SIDE / cells, 500.0
+    each = SIDE / cells
+    stiffness = 500.0
     springs = []
     for i in range(cells + 1):
         for j in range(cells + 1):
@@ -62,7 +66,12 @@ def sail(
             rest = GAP - size / stiffness
             ends = hook, film.port_at(node.tolist())
             springs.append(
-                gx.connectors.Spring(*ends, stiffness=stiffness, length=rest, name=f"tie {i} {j}")
+                gx.connectors.Spring(
+                    *ends,
+                    stiffness=stiffness,
+                    length=rest,
+                    name=f"tie {i} {j}",
+                )
             )
     return film, frame, springs
 
@@ -81,7 +90,12 @@ def main(
         sun angle [rad], part of the film that is not taut, error of the ledger, effort.
     """
     start = gx.orbit.Elements(RADIUS, 0.0, i=math.pi / 2)  # over the poles; the Sun is in its plane
-    orbit = gx.orbit.Orbit(start, gravity="J2", sun=(0.0, 0.0, 1.0), shadow="cone")
+    orbit = gx.orbit.Orbit(
+        start,
+        gravity="J2",
+        sun=(0.0, 0.0, 1.0),
+        shadow="cone",
+    )
     film, frame, springs = sail(comm, cells)
     light = gx.orbit.SolarPressure(film, orbit, optics=JPL_SAIL, name="sunlight")
     spin = gx.RigidMotion(spin=(0.0, 0.0, SPIN))

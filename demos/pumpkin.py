@@ -34,7 +34,13 @@ PRESSURE = 100.0  # Pa
 # Share of the pressure that the film bears while it is sewn: without any it has no definite shape.
 SEWING_PRESSURE = 0.01
 APART = 0.1  # m, by which the gores are farther from the axis at the start
-FILM = gx.Miyazaki(E=1e8, nu=0.3, density=920.0, thickness=2e-5, residual_stiffness=1e-4)
+FILM = gx.Miyazaki(
+    E=1e8,
+    nu=0.3,
+    density=920.0,
+    thickness=2e-5,
+    residual_stiffness=1e-4,
+)
 
 
 def meridian(points: int = 60) -> Array:
@@ -87,13 +93,25 @@ def build(comm: MPI.Intracomm, gores: int = 16, along: int = 16, across: int = 4
     cord = gx.CableLaw(EA=1e3 * load / gores, line_density=1e-3)
     tendons = [
         gx.connectors.Tape.along_edges(
-            film, cord, edges=f"left {k}", length_factor=TENDON_FACTOR, name=f"tendon {k}"
+            film,
+            cord,
+            edges=f"left {k}",
+            length_factor=TENDON_FACTOR,
+            name=f"tendon {k}",
         )
         for k in range(gores)
     ]
     pressure = gx.Pressure(film, lambda t: PRESSURE * max(t - 1, SEWING_PRESSURE))
     pole = gx.Fixed(film, "first 0")
-    statics = gx.Equilibrium(gx.Scene(film, pressure, *seams, *tendons, pole))
+    statics = gx.Equilibrium(
+        gx.Scene(
+            film,
+            pressure,
+            *seams,
+            *tendons,
+            pole,
+        )
+    )
     return Balloon(film, seams, cord, statics)
 
 
@@ -106,7 +124,12 @@ def draw(shapes: dict[str, Array], path: Path) -> None:
     figure = Figure(figsize=(12, 4), dpi=90, facecolor="white")
     canvas = FigureCanvasAgg(figure)
     for number, (title, triangles) in enumerate(shapes.items(), start=1):
-        axes: Any = figure.add_subplot(1, len(shapes), number, projection="3d")
+        axes: Any = figure.add_subplot(
+            1,
+            len(shapes),
+            number,
+            projection="3d",
+        )
         middle = (triangles.max(axis=(0, 1)) + triangles.min(axis=(0, 1))) / 2
         faces = Poly3DCollection(
             triangles - middle,
@@ -116,12 +139,22 @@ def draw(shapes: dict[str, Array], path: Path) -> None:
             shade=True,
         )
         axes.add_collection3d(faces)
-        axes.set(xlim=(-0.55, 0.55), ylim=(-0.55, 0.55), zlim=(-0.55, 0.55))
+        axes.set(
+            xlim=(-0.55, 0.55),
+            ylim=(-0.55, 0.55),
+            zlim=(-0.55, 0.55),
+        )
         axes.set_box_aspect((1, 1, 1))
         axes.view_init(elev=24, azim=-60)
         axes.set_axis_off()
         axes.set_title(title, fontsize=11, y=0.97)
-    figure.subplots_adjust(left=0, right=1, bottom=0, top=0.95, wspace=0)
+    figure.subplots_adjust(
+        left=0,
+        right=1,
+        bottom=0,
+        top=0.95,
+        wspace=0,
+    )
     path.parent.mkdir(parents=True, exist_ok=True)
     canvas.print_png(str(path))
 

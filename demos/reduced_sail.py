@@ -220,7 +220,7 @@ def main(
 
 def _shape(run: gx.Simulation, sail: Any) -> np.ndarray:
     """Owned positions (n, 3) of the whole film."""
-    shape = BodyShape(run.system.state, sail)
+    shape = BodyShape(run.system, sail)
     shape.update()
     owned = sail.full.space.dofmap.index_map.size_local
     return shape.q.x.array.reshape(-1, 3)[:owned].copy()

@@ -34,7 +34,13 @@ def build(comm: MPI.Comm, state: str = "fresh", length: float = LENGTH, **levels
     case = folded_tube(comm, length=length, until=UNTIL, **STATES[state], **levels)
     far = distance_of(case.probes)
     probes = {**case.probes, "distance [m]": far}
-    arrived = gx.When(far, ARRIVED * length, stop=True, name="the tip has arrived", tolerance=1e-5)
+    arrived = gx.When(
+        far,
+        ARRIVED * length,
+        stop=True,
+        name="the tip has arrived",
+        tolerance=1e-5,
+    )
     return gx.Case(
         case.scene,
         case.stepper,
@@ -57,9 +63,10 @@ def outcome(comm: MPI.Comm, folder: Path, **levels: Any) -> dict[str, float]:
 
     Time [s] at which the tip arrives (the end of the run, if it does not), its angle [degrees] from the
     tube's axis and its speed [m/s] then, most edges that intersect the film after any step, errors of
-    the balances of energy and gas mass, steps, and rejected steps ("halved").
+    the balances of energy and gas mass, steps, and rejected steps ("rejected").
     """
-    case, saves = build(comm, **levels), folder / "checkpoints"
+    case = build(comm, **levels)
+    saves = folder / "checkpoints"
     begun = comm.bcast(gx.run.latest_checkpoint(saves) is not None)
     series = gx.Series(case.probes)
     run = case.simulation([series], gx.Checkpoints(saves, every=50), saves if begun else None)
@@ -73,7 +80,7 @@ def outcome(comm: MPI.Comm, folder: Path, **levels: Any) -> dict[str, float]:
         "energy_error": abs(run.energy_error),
         "mass_error": abs(run.mass_error),
         "steps": run.step,
-        "halved": run.substeps,
+        "rejected": run.substeps,
     }
 
 

@@ -107,14 +107,24 @@ def build(
         growth: factor by which a step may be longer than the last one; steps that grow by half are rejected more often.
     """
     side, count = pattern(diameter, n)
-    folds = gx.fold.Star(n=n, side=side, columns=cells, reach=count * cells, gap=gap)
+    folds = gx.fold.Star(
+        n=n,
+        side=side,
+        columns=cells,
+        reach=count * cells,
+        gap=gap,
+    )
     mesh = folds.mark(pinwheel(comm, n, side, cells, count * cells))
     film = gx.Membrane(mesh, KAPTON_HN.law(thickness, residual_stiffness=1e-6), name="sail")
     height = count * side * math.tan(math.pi / n)
     hub = gx.RigidBody(0.1, (0.8 * inertia, 0.8 * inertia, inertia), name="hub")
     radius = folds.radius * math.cos(math.pi / n / cells) - CLEAR * contact
     drum = gx.contact.Cylinder(
-        start=(0.0, 0.0, 0.0), end=(0.0, 0.0, -height), radius=radius, body=hub, name="drum"
+        start=(0.0, 0.0, 0.0),
+        end=(0.0, 0.0, -height),
+        radius=radius,
+        body=hub,
+        name="drum",
     )
     touching = gx.Contact(film, drum, distance=contact, friction=friction)
     spin = sense * 2 * math.pi * rev
@@ -155,7 +165,13 @@ def build(
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     scene = gx.Scene(*items)  # type: ignore[arg-type]
     return gx.Case(
-        scene, stepper, until=until, title=TITLE, probes=probes, control=control, frames=80
+        scene,
+        stepper,
+        until=until,
+        title=TITLE,
+        probes=probes,
+        control=control,
+        frames=80,
     )
 
 
@@ -177,7 +193,8 @@ def main(
     radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
     if output is not None and comm.rank == 0:
         draw(series, radius, Path(output) / "spin_deployment_curves.png")
-    first, now = run.first.angular_momentum, run.totals.angular_momentum
+    first = run.first.angular_momentum
+    now = run.totals.angular_momentum
     widest = int(radius.argmax())
     return {
         **run_figures(run, series),

@@ -189,7 +189,12 @@ def build(
         outline = [*lines, figure.axis(side)]
         tube = gx.assemblies.InflatableTube(
             creased_tube(
-                comm, figure.tube(side), outline, cell, lambda X: folds.lattice(X)[1], walls
+                comm,
+                figure.tube(side),
+                outline,
+                cell,
+                lambda X: folds.lattice(X)[1],
+                walls,
             ),
             law,
             gas=NITROGEN,
@@ -216,7 +221,10 @@ def build(
         ]
         items.append(
             gx.connectors.RopeBundle(
-                ends, lengths=[inset / math.cos(HALF)] * len(ends), stiffness=2e3, name="tethers"
+                ends,
+                lengths=[inset / math.cos(HALF)] * len(ends),
+                stiffness=2e3,
+                name="tethers",
             )
         )
         items.append(gx.RigidRegion(film, "side 1", rigid_body=cube))
@@ -231,7 +239,12 @@ def build(
             gx.Damping(body, stiffness_factor=damping, name=f"{body.name} damping")
             for body in films
         ]
-    box = gx.contact.Box(centre=(0.0, 0.0, 0.0), sizes=(CUBE, CUBE, CUBE), body=cube, name="walls")
+    box = gx.contact.Box(
+        centre=(0.0, 0.0, 0.0),
+        sizes=(CUBE, CUBE, CUBE),
+        body=cube,
+        name="walls",
+    )
     touching = gx.Contact(*films, box, distance=contact)
     items.append(touching)
 
@@ -254,7 +267,13 @@ def build(
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     scene = gx.Scene(*items)  # type: ignore[arg-type]
     return gx.Case(
-        scene, stepper, until=until, title=TITLE, probes=probes, control=control, frames=80
+        scene,
+        stepper,
+        until=until,
+        title=TITLE,
+        probes=probes,
+        control=control,
+        frames=80,
     )
 
 

@@ -39,7 +39,13 @@ def petals(pitch: float) -> list[gx.orbit.Surface]:
         s = math.sin(k * math.pi / 2)
         normal = (-s * math.sin(pitch), c * math.sin(pitch), -math.cos(pitch))
         centre = (ARM * c, ARM * s, 0.0)
-        petal = gx.orbit.Surface(AREA / 4, normal, centre=centre, optics=OPTICS, two_sided=True)
+        petal = gx.orbit.Surface(
+            AREA / 4,
+            normal,
+            centre=centre,
+            optics=OPTICS,
+            two_sided=True,
+        )
         found.append(petal)
     return found
 
@@ -58,7 +64,13 @@ def main(
         torque about the spin axis [N m], its formula, its ratio to the flight's, days from 1 to 0.4 rpm by it.
     """
     start = gx.orbit.Elements(DISTANCE * AU)
-    orbit = gx.orbit.Orbit(start, mu=MU_SUN, sun=(0.0, 0.0, 0.0), shadow="none", radius=6.957e8)
+    orbit = gx.orbit.Orbit(
+        start,
+        mu=MU_SUN,
+        sun=(0.0, 0.0, 0.0),
+        shadow="none",
+        radius=6.957e8,
+    )
     # Light travels along x at the start.  The axis of spin is tilted from it by the sun angle.
     axis = np.array([math.cos(sun_angle), math.sin(sun_angle), 0.0])
     attitude = np.column_stack([(0.0, 0.0, 1.0), np.cross(axis, (0.0, 0.0, 1.0)), axis])
@@ -88,7 +100,10 @@ def main(
         }
         outputs.append(
             gx.plot.FlightPicture(
-                Path(output) / "windmill.png", orbit, probes=drawn, title="Windmill torque"
+                Path(output) / "windmill.png",
+                orbit,
+                probes=drawn,
+                title="Windmill torque",
             )
         )
     run = gx.Simulation(gx.Scene(light), gx.Midpoint(dt=dt), outputs=outputs)

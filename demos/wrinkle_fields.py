@@ -62,7 +62,13 @@ def wrinkles(film: gx.Membrane, search: gx.Equilibrium) -> Wrinkles:
 
 def bent_strip(cells: int = 32) -> Wrinkles:
     """The strip of the study, with `cells` cells over its height."""
-    moved, search = bending_strip.bent_strip(MPI.COMM_SELF, bending_strip.LAWS[LAW], 1, K, cells)
+    moved, search = bending_strip.bent_strip(
+        MPI.COMM_SELF,
+        bending_strip.LAWS[LAW],
+        1,
+        K,
+        cells,
+    )
     search.find()
     return wrinkles(moved.body, search)
 
@@ -82,7 +88,12 @@ def draw(scenes: dict[str, list[Wrinkles]], path: Path) -> None:
     from matplotlib.patches import Patch
     from PIL import Image
 
-    figure = Figure(figsize=(11, 5.3), dpi=100, facecolor="white", layout="constrained")
+    figure = Figure(
+        figsize=(11, 5.3),
+        dpi=100,
+        facecolor="white",
+        layout="constrained",
+    )
     canvas = FigureCanvasAgg(figure)
     aspect_ratios = []
     for parts in scenes.values():
@@ -98,7 +109,12 @@ def draw(scenes: dict[str, list[Wrinkles]], path: Path) -> None:
         axes.set_axis_off()
         axes.set_title(title, fontsize=11)
     key = [Patch(color=_pale(STATES[name]), label=name) for name in ("taut", "wrinkled", "slack")]
-    figure.legend(handles=key, loc="outside lower center", ncols=3, frameon=False)
+    figure.legend(
+        handles=key,
+        loc="outside lower center",
+        ncols=3,
+        frameon=False,
+    )
     # The first drawing computes the layout that the second one uses.
     canvas.draw()
     canvas.draw()
@@ -106,7 +122,11 @@ def draw(scenes: dict[str, list[Wrinkles]], path: Path) -> None:
     # With a palette of 48 colours the file is small.
     pixels = np.asarray(canvas.buffer_rgba())[:, :, :3]
     image = Image.fromarray(pixels)
-    image = image.quantize(48, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    image = image.quantize(
+        48,
+        Image.Quantize.FASTOCTREE,
+        dither=Image.Dither.NONE,
+    )
     image.save(path, optimize=True)
 
 
@@ -115,7 +135,12 @@ def _draw_part(axes: Any, part: Wrinkles) -> None:
 
     corners = part.corners[:, :, :2]
     colours = [_pale(round(state)) for state in part.state]
-    cells = PolyCollection(corners, facecolors=colours, edgecolors="white", linewidths=0.3)
+    cells = PolyCollection(
+        corners,
+        facecolors=colours,
+        edgecolors="white",
+        linewidths=0.3,
+    )
     axes.add_collection(cells)
 
     is_wrinkled = part.state == WRINKLED
@@ -128,7 +153,11 @@ def _draw_part(axes: Any, part: Wrinkles) -> None:
     # The largest tenth of the shortening has the full line width.
     shortening = -part.strain2[is_wrinkled]
     weight = np.clip(shortening / np.percentile(shortening, 90), 0.1, 1.0)
-    wrinkles = LineCollection(lines, colors=(0.30, 0.14, 0.0), linewidths=0.3 + 0.8 * weight)
+    wrinkles = LineCollection(
+        lines,
+        colors=(0.30, 0.14, 0.0),
+        linewidths=0.3 + 0.8 * weight,
+    )
     axes.add_collection(wrinkles)
 
 

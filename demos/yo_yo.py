@@ -148,7 +148,7 @@ def main(
     outputs: list[Output] = [gx.outputs.Progress(), series]
     if output is not None:
         out = Path(output)
-        outputs.append(case.recording(out))
+        outputs.append(case.recording(out, overwrite=True))
     run = case.simulation(outputs)
     run.run(until=case.until)
     t, spin = series.time, series["spin of the hub [rad/s]"]
@@ -163,7 +163,7 @@ def main(
         "energy_error": abs(run.energy_error),
         "angular_momentum_drift": relative_drift(now, first),
         "penetrations": float(series["penetrations"].max()),
-        "halved": run.substeps,
+        "rejected": run.substeps,
         "steps": run.step,
         "iterations": run.iterations / run.step,
         "seconds": run.seconds,

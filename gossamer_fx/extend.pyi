@@ -40,6 +40,7 @@ from .model.body import Vector as Vector
 from .model.body import is_on_mesh as is_on_mesh
 from .model.roles import ActiveSet as ActiveSet
 from .model.roles import CellFields as CellFields
+from .model.roles import CellHistory as CellHistory
 from .model.roles import ConstantStiffness as ConstantStiffness
 from .model.roles import Dissipation as Dissipation
 from .model.roles import Drawable as Drawable
@@ -61,6 +62,7 @@ from .model.roles import StoredEnergies as StoredEnergies
 from .model.roles import Supply as Supply
 from .model.roles import TangentForms as TangentForms
 from .model.roles import Tangents as Tangents
+from .model.roles import TimeDependence as TimeDependence
 from .model.state import BodyState as BodyState
 from .model.state import InitialState as InitialState
 from .model.state import State as State
@@ -79,6 +81,7 @@ from .terms.coordinates import Coordinates as Coordinates
 from .terms.discrete_gradient import StressRule as StressRule
 from .terms.element_energies import StoredEnergy as StoredEnergy
 from .terms.element_energies import ViscousDissipation as ViscousDissipation
+from .terms.element_energies import thermal_strain_of as thermal_strain_of
 from .terms.loads import Load as Load
 from .terms.loads import Loads as Loads
 from .terms.loads import at_rate as at_rate

@@ -51,6 +51,7 @@ class Section:
     rotary3: float
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         for field in fields(self):
             value = getattr(self, field.name)
             check(
@@ -60,6 +61,7 @@ class Section:
 
 
 def _positive(section: str, **numbers: float) -> None:
+    """Raise `InputError` unless all numbers of a section are positive; names the first that is not."""
     for name, value in numbers.items():
         check(
             math.isfinite(value) and value > 0,
@@ -77,6 +79,7 @@ def _of_shape(
     J: float,
     k: float,
 ) -> Section:
+    """The section of a shape with area A [m²], second moments I2, I3 and torsion constant J [m⁴], shear factor k."""
     check(-1 < nu <= 0.5, f"Section: nu is {nu!r}; Poisson's ratio lies in (-1, 0.5].")
     G = E / (2 * (1 + nu))
     return Section(

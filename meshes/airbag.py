@@ -22,7 +22,8 @@ def airbag(comm: MPI.Intracomm, edge: float, cells: int) -> Mesh:
     cells = 2 * max(round(cells / 2), 1)
 
     def build(model: Any) -> None:
-        geo, a = model.geo, edge / 2
+        geo = model.geo
+        a = edge / 2
         corners = [geo.addPoint(x, y, 0) for x, y in ((-a, -a), (a, -a), (a, a), (-a, a))]
         lines = [geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
         loop = geo.addCurveLoop(lines)

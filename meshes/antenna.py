@@ -29,31 +29,46 @@ def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
     """
 
     def build(model: Any) -> None:
-        outer = round(cells / 3) / cells if cells > 2 else 0.5
-        lines = side * (np.interp(np.arange(cells + 1) / cells, *_thirds(outer)) - 0.5)
-        centres = (lines[1:] + lines[:-1]) / 2
-        xy = np.vstack(
-            [np.array(np.meshgrid(s, s, indexing="ij")).reshape(2, -1).T for s in (lines, centres)]
-        )
-        i, j = (k.ravel() for k in np.meshgrid(*[np.arange(cells)] * 2, indexing="ij"))
-        corners = np.array(
-            [(i + a) * (cells + 1) + j + b for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))]
-        )
-        centre = (cells + 1) ** 2 + i * cells + j
+        ticks = _ticks(cells, side)
+        centres = (ticks[1:] + ticks[:-1]) / 2
+        grid_nodes = _square_grid(ticks)
+        centre_nodes = _square_grid(centres)
+        plane = np.vstack([grid_nodes, centre_nodes])
+        points = np.column_stack([plane, np.zeros(len(plane))])
+
+        # Grid node (i, j) has the number i (cells + 1) + j; the centres of the squares follow.
+        i, j = _square_grid(np.arange(cells)).T
+        row = cells + 1
+        first = i * row + j
+        corners = np.array([first, first + row, first + row + 1, first + 1])
+        centre = row**2 + i * cells + j
         triangles = np.array([[corners[k], corners[(k + 1) % 4], centre] for k in range(4)])
+        # One triangle a row: (side of the square, corner of the triangle, square) is turned round.
+        triangles = triangles.transpose(0, 2, 1)
+
         surface = model.addDiscreteEntity(2)
-        model.mesh.addNodes(2, surface, [], np.pad(xy, ((0, 0), (0, 1))).ravel())
-        model.mesh.addElementsByType(surface, 2, [], triangles.transpose(0, 2, 1).ravel() + 1)
+        model.mesh.addNodes(2, surface, [], points.ravel())
+        # gmsh counts from 1.
+        model.mesh.addElementsByType(surface, 2, [], triangles.ravel() + 1)
         model.addPhysicalGroup(2, [surface], name="film")
 
     return gmsh_mesh(build, comm)
 
 
-def _thirds(outer: float) -> tuple[list[float], list[float]]:
-    """Stretches [0, 1] such that `outer` and 1 - `outer` come to the thirds."""
-    if outer == 0.5:
-        return [0, 1], [0, 1]
-    return [0, outer, 1 - outer, 1], [0, 1 / 3, 2 / 3, 1]
+def _ticks(cells: int, side: float) -> np.ndarray:
+    """Coordinates (cells + 1,) [m] of the grid lines about 0, two of them at the thirds of the side."""
+    even = np.arange(cells + 1) / cells
+    # With one or two cells no line is near a third, and the grid stays even.
+    if cells > 2:
+        outer = round(cells / 3) / cells
+        even = np.interp(even, [0, outer, 1 - outer, 1], [0, 1 / 3, 2 / 3, 1])
+    return side * (even - 0.5)
+
+
+def _square_grid(ticks: np.ndarray) -> np.ndarray:
+    """All pairs (n², 2) of n numbers, the second one fastest."""
+    x, y = np.meshgrid(ticks, ticks, indexing="ij")
+    return np.column_stack([x.ravel(), y.ravel()])
 
 
 def boom(comm: MPI.Intracomm, elements: int, side: float, diagonal: tuple[float, float]) -> Mesh:
@@ -64,5 +79,5 @@ def boom(comm: MPI.Intracomm, elements: int, side: float, diagonal: tuple[float,
 
 def tie_points(side: float) -> np.ndarray:
     """Where booms and film are tied, (8, 3) [m]: A to D, then E to H."""
-    radii = np.repeat([side / 2, side / 6], 4)
-    return np.array([(r * x, r * y, 0.0) for r, (x, y) in zip(radii, CORNERS * 2, strict=True)])
+    corners = np.column_stack([CORNERS, np.zeros(4)])
+    return np.vstack([side / 2 * corners, side / 6 * corners])

@@ -15,6 +15,11 @@ Points = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.int64]
 Groups = Mapping[str, Numbers]  # nodes of points (1,), or of the edges of curves (n, 2)
 
+# Kinds of elements in gmsh's numbering.
+GMSH_LINE = 1
+GMSH_TRIANGLE = 2
+GMSH_POINT = 15
+
 
 def mesh_of_arrays(
     comm: MPI.Intracomm, arrays: Callable[[], tuple[Points, Numbers, Groups]]
@@ -28,25 +33,43 @@ def mesh_of_arrays(
         points, triangles, groups = arrays()
         film = model.addDiscreteEntity(2)
         model.mesh.addNodes(2, film, range(1, len(points) + 1), points.ravel())
-        model.mesh.addElementsByType(film, 2, [], (triangles + 1).ravel())
+        model.mesh.addElementsByType(film, GMSH_TRIANGLE, [], (triangles + 1).ravel())
         model.addPhysicalGroup(2, [film], name="film")
         for name, nodes in groups.items():
-            dim = 0 if nodes.ndim == 1 else 1
+            dim = nodes.ndim - 1
+            kind = GMSH_LINE if dim else GMSH_POINT
             entity = model.addDiscreteEntity(dim)
-            model.mesh.addElementsByType(entity, 1 if dim else 15, [], (nodes + 1).ravel())
+            model.mesh.addElementsByType(entity, kind, [], (nodes + 1).ravel())
             model.addPhysicalGroup(dim, [entity], name=name)
 
     return gmsh_mesh(build, comm)
 
 
+def cell_corners(ids: Numbers) -> tuple[Numbers, Numbers, Numbers, Numbers]:
+    """Corners (ny, nx) of each cell of a grid of nodes (ny + 1, nx + 1), counterclockwise for rows upwards."""
+    lower = ids[:-1]
+    upper = ids[1:]
+    return lower[:, :-1], lower[:, 1:], upper[:, 1:], upper[:, :-1]
+
+
+def polyline(nodes: Numbers) -> Numbers:
+    """Edges (n, 2) between consecutive nodes (n + 1,)."""
+    return np.column_stack([nodes[:-1], nodes[1:]])
+
+
 def joined(
     points: Points, triangles: Numbers, tolerance: float = 1e-9
 ) -> tuple[Points, Numbers, Numbers]:
-    """Merge points that coincide; returns also the new number of each point."""
-    _, first, where = np.unique(
-        np.rint(points / tolerance), axis=0, return_index=True, return_inverse=True
-    )
-    return points[first], where.ravel()[triangles], where.ravel()
+    """Merge points that are the same up to `tolerance` [m].
+
+    Returns:
+        the different points, the triangles between them, and the new number of each given point.
+    """
+    rounded = np.rint(points / tolerance)
+    _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    # The shape of the inverse differs between versions of NumPy.
+    new_numbers = inverse.ravel()
+    return points[first], new_numbers[triangles], new_numbers
 
 
 def rim(triangles: Numbers) -> Numbers:

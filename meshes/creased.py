@@ -64,21 +64,27 @@ def creased_tube(
         on_rim = np.zeros(len(points), dtype=bool)
         on_rim[edges] = True
         triangles = _opened(points, triangles, on_rim, lines)
+
+        # The second sheet shares the nodes of the rim and has its own inside, with new numbers.
+        inner_count = (~on_rim).sum()
         twin = np.arange(len(points))
-        twin[~on_rim] = len(points) + np.arange((~on_rim).sum())
+        twin[~on_rim] = len(points) + np.arange(inner_count)
+
+        # The compartment of each triangle, from the row of its middle.
         row = rows(points)
         walled = np.abs(row[:, None] - np.asarray(walls)) < ON
         which = np.searchsorted(np.asarray(walls), row[triangles].mean(axis=1))
-        sides = np.unique(
-            np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0
-        )
+        all_sides = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        sides = np.unique(np.sort(all_sides, axis=1), axis=0)
         everything = np.vstack([points, points[~on_rim]])
         names: dict[str, list[int]] = {}
         first = True
         for sheet, cells in (("top", triangles), ("bottom", twin[triangles][:, ::-1])):
             for i in range(len(walls) + 1):
                 entity = model.addDiscreteEntity(2)
-                _add(model, entity, everything if first else everything[:0], cells[which == i])
+                # gmsh wants each node once: the first entity brings those of all.
+                nodes = everything if first else everything[:0]
+                _add(model, entity, nodes, cells[which == i])
                 first = False
                 for name in (sheet, f"compartment {i + 1}"):
                     names.setdefault(name, []).append(entity)
@@ -102,14 +108,22 @@ def _triangulated(
     tags = [occ.addPoint(x, y, 0, h) for (x, y), h in zip(corners, size, strict=True)]
     loop = [occ.addLine(a, b) for a, b in zip(tags, tags[1:] + tags[:1], strict=True)]
     face = occ.addPlaneSurface([occ.addCurveLoop(loop)])
-    cuts = [(1, occ.addLine(occ.addPoint(*a, 0), occ.addPoint(*b, 0))) for a, b in lines]
-    inside, _ = occ.intersect(cuts, [(2, face)], removeTool=False) if cuts else ([], None)
+    cuts = []
+    for a, b in lines:
+        start = occ.addPoint(*a, 0)
+        end = occ.addPoint(*b, 0)
+        cuts.append((1, occ.addLine(start, end)))
+    inside = []
+    if cuts:
+        inside, _ = occ.intersect(cuts, [(2, face)], removeTool=False)
+    # A line that only touches the polygon leaves a point, by which nothing can be divided.
     occ.fragment([(2, face)], [cut for cut in inside if cut[0] == 1])
     occ.synchronize()
     for dim, tag in model.getEntities(0):
         x, y, _ = model.getValue(dim, tag, [])
         model.mesh.setSize([(dim, tag)], _size_at(x, y, corners, size))
     model.mesh.generate(2)
+    # gmsh numbers nodes with gaps, and counts those at the ends of lines outside: only used ones.
     numbers, coordinates, _ = model.mesh.getNodes()
     nodes = model.mesh.getElementsByType(2)[1].reshape(-1, 3)
     used = np.unique(nodes)
@@ -117,6 +131,7 @@ def _triangulated(
     points = coordinates.reshape(-1, 3)[order][np.searchsorted(numbers[order], used)]
     triangles = np.searchsorted(used, nodes).astype(np.int64)
     a, b, c = (points[triangles[:, k]] for k in range(3))
+    # Parts of a fragmented face may have normals of either sign.
     down = np.cross(b - a, c - a)[:, 2] < 0
     triangles[down] = triangles[down][:, ::-1]
     model.remove()
@@ -136,16 +151,16 @@ def _opened(points: Points, triangles: Numbers, on_rim: Any, lines: Segments) ->
     for t in np.flatnonzero(on_rim[triangles].all(axis=1)):
         for k in range(3):
             c, p, q = np.roll(triangles[t], -k)
-            others = [
-                s
-                for s in np.flatnonzero((triangles == p).any(axis=1) & (triangles == q).any(axis=1))
-                if s != t
-            ]
+            has_both = (triangles == p).any(axis=1) & (triangles == q).any(axis=1)
+            others = [s for s in np.flatnonzero(has_both) if s != t]
+            # An edge on the rim has no other triangle; one on a fold line has to stay.
             if not others or _on_a_line(points[[p, q]], lines):
                 continue
-            r = int(np.setdiff1d(triangles[others[0]], [p, q])[0])
+            neighbour = others[0]
+            r = int(np.setdiff1d(triangles[neighbour], [p, q])[0])
             if not on_rim[r]:
-                triangles[t], triangles[others[0]] = (c, p, r), (c, r, q)
+                triangles[t] = (c, p, r)
+                triangles[neighbour] = (c, r, q)
                 break
         else:
             x, y, _ = points[triangles[t]].mean(axis=0)
@@ -156,28 +171,33 @@ def _opened(points: Points, triangles: Numbers, on_rim: Any, lines: Segments) ->
 
 
 def _on_a_line(ends: Points, lines: Segments) -> bool:
-    for a, b in lines:
-        (ax, ay), (bx, by) = a, b
-        length = np.hypot(bx - ax, by - ay)
-        away = ((ends[:, 0] - ax) * (by - ay) - (ends[:, 1] - ay) * (bx - ax)) / length
-        if (np.abs(away) < ON).all():
+    """Whether all points (n, 3) [m] are on the straight line through one of the segments."""
+    for start, end in lines:
+        along = np.asarray(end) - np.asarray(start)
+        offset = ends[:, :2] - np.asarray(start)
+        moment = offset[:, 0] * along[1] - offset[:, 1] * along[0]
+        distance = np.abs(moment) / np.hypot(*along)
+        if (distance < ON).all():
             return True
     return False
 
 
 def _add(model: Any, entity: int, points: Points, triangles: Numbers) -> None:
+    """Add points, if any, and triangles, whose numbers count from 0, to an entity of gmsh."""
     if len(points):
         model.mesh.addNodes(2, entity, range(1, len(points) + 1), points.ravel())
     model.mesh.addElementsByType(entity, 2, [], (triangles + 1).ravel())
 
 
 def _add_lines(model: Any, name: str, edges: Numbers) -> None:
+    """Add edges (n, 2) of existing nodes as a group of lines."""
     entity = model.addDiscreteEntity(1)
     model.mesh.addElementsByType(entity, 1, [], (edges + 1).ravel())
     model.addPhysicalGroup(1, [entity], name=name)
 
 
 def _name_rim(model: Any, points: Points, edges: Numbers, corners: Corners) -> None:
+    """Add the groups "side 1", "corner 1" and so on of a polygon, from its edges (n, 2) at the rim."""
     ends = list(corners)
     for k, (a, b) in enumerate(zip(ends, ends[1:] + ends[:1], strict=True)):
         on = np.array([_on_a_line(points[edge], [(a, b)]) for edge in edges])

@@ -18,20 +18,26 @@ def quarter_disc(comm: MPI.Intracomm, cells: int, radius: float = 1.0, order: in
     """
 
     def build(model: Any) -> None:
-        geo, a = model.geo, radius
+        geo = model.geo
+        a = radius
         half = max(round(cells / 2), 1)
-        centre, px, py = geo.addPoint(0, 0, 0), geo.addPoint(a, 0, 0), geo.addPoint(0, a, 0)
+        centre = geo.addPoint(0, 0, 0)
+        px = geo.addPoint(a, 0, 0)
+        py = geo.addPoint(0, a, 0)
         d = a / 2**0.5
         pd = geo.addPoint(d, d, 0)
-        mx, my, md = (
-            geo.addPoint(a / 2, 0, 0),
-            geo.addPoint(0, a / 2, 0),
-            geo.addPoint(0.41 * a, 0.41 * a, 0),
-        )
-        inner_x, outer_x = geo.addLine(centre, mx), geo.addLine(mx, px)
-        inner_y, outer_y = geo.addLine(centre, my), geo.addLine(my, py)
-        to_x, to_y, spoke = geo.addLine(mx, md), geo.addLine(my, md), geo.addLine(md, pd)
-        arc_x, arc_y = geo.addCircleArc(px, centre, pd), geo.addCircleArc(pd, centre, py)
+        mx = geo.addPoint(a / 2, 0, 0)
+        my = geo.addPoint(0, a / 2, 0)
+        md = geo.addPoint(0.41 * a, 0.41 * a, 0)
+        inner_x = geo.addLine(centre, mx)
+        outer_x = geo.addLine(mx, px)
+        inner_y = geo.addLine(centre, my)
+        outer_y = geo.addLine(my, py)
+        to_x = geo.addLine(mx, md)
+        to_y = geo.addLine(my, md)
+        spoke = geo.addLine(md, pd)
+        arc_x = geo.addCircleArc(px, centre, pd)
+        arc_y = geo.addCircleArc(pd, centre, py)
         loops = [
             [inner_x, to_x, -to_y, -inner_y],
             [outer_x, arc_x, -spoke, -to_x],

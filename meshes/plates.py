@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
 
-from .arrays import mesh_of_arrays
+from .arrays import cell_corners, mesh_of_arrays, polyline
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -33,7 +33,8 @@ def irregular_sheet(
     lines = {"bottom": ids[:, 0], "right": ids[-1], "top": ids[:, -1], "left": ids[0]}
     if nx % 2 == 0:
         lines["middle"] = ids[nx // 2]
-    return _mesh(comm, points.reshape(-1, 3), _triangles(ids, random.random((nx, ny)) < 0.5), lines)
+    triangles = _triangles(ids, random.random((nx, ny)) < 0.5)
+    return _mesh(comm, points.reshape(-1, 3), triangles, lines)
 
 
 def leaning_sheet(
@@ -45,14 +46,14 @@ def leaning_sheet(
     Groups: "film"; the edges "bottom", "right", "top", "left".
     """
     u, v = _displaced(nx, ny, None)
-    x, y = width * u, height * v
+    x = width * u
+    y = height * v
     lean = np.clip(np.minimum(x, width - x) / ramp, 0, 1)
     points = np.stack([x + lean * (y - height / 2), y, 0 * x], axis=-1)
     ids = _ids(nx, ny)
     lines = {"bottom": ids[:, 0], "right": ids[-1], "top": ids[:, -1], "left": ids[0]}
-    return _mesh(
-        comm, points.reshape(-1, 3), _triangles(ids, np.zeros((nx, ny), dtype=bool)), lines
-    )
+    triangles = _triangles(ids, np.zeros((nx, ny), dtype=bool))
+    return _mesh(comm, points.reshape(-1, 3), triangles, lines)
 
 
 def slit_ring(comm: MPI.Intracomm, radial: int, around: int, inner: float, outer: float) -> Mesh:
@@ -62,12 +63,12 @@ def slit_ring(comm: MPI.Intracomm, radial: int, around: int, inner: float, outer
     """
     u, v = _displaced(radial, around, None)
     odd = np.add.outer(np.arange(radial), np.arange(around)) % 2 > 0
-    r, angle = inner + (outer - inner) * u, 2 * np.pi * v
+    r = inner + (outer - inner) * u
+    angle = 2 * np.pi * v
     points = np.stack([r * np.cos(angle), r * np.sin(angle), 0 * r], axis=-1)
     ids = _ids(radial, around)
-    return _mesh(
-        comm, points.reshape(-1, 3), _triangles(ids, odd), {"start": ids[:, 0], "end": ids[:, -1]}
-    )
+    lines = {"start": ids[:, 0], "end": ids[:, -1]}
+    return _mesh(comm, points.reshape(-1, 3), _triangles(ids, odd), lines)
 
 
 def free_slit_ring(comm: MPI.Intracomm, size: float, inner: float, outer: float) -> Mesh:
@@ -76,22 +77,26 @@ def free_slit_ring(comm: MPI.Intracomm, size: float, inner: float, outer: float)
     def build(model: Any) -> None:
         import gmsh
 
-        geo, thirds = model.geo, [2 * np.pi * k / 3 for k in range(4)]
+        geo = model.geo
+        # gmsh draws arcs below 180° only: three to a circle.  The last point is a second one on
+        # the first, on the other side of the slit.
+        angles = [2 * np.pi * k / 3 for k in range(4)]
         centre = geo.addPoint(0, 0, 0)
-        inside, outside = (
-            [geo.addPoint(r * np.cos(a), r * np.sin(a), 0) for a in thirds] for r in (inner, outer)
-        )
-        arcs = [
-            [geo.addCircleArc(p, centre, q) for p, q in pairwise(row)] for row in (inside, outside)
-        ]
-        start, end = (geo.addLine(inside[k], outside[k]) for k in (0, 3))
-        loop = geo.addCurveLoop([start, *arcs[1], -end, *(-arc for arc in reversed(arcs[0]))])
+        inside = [geo.addPoint(inner * np.cos(a), inner * np.sin(a), 0) for a in angles]
+        outside = [geo.addPoint(outer * np.cos(a), outer * np.sin(a), 0) for a in angles]
+        inner_arcs = [geo.addCircleArc(p, centre, q) for p, q in pairwise(inside)]
+        outer_arcs = [geo.addCircleArc(p, centre, q) for p, q in pairwise(outside)]
+        start = geo.addLine(inside[0], outside[0])
+        end = geo.addLine(inside[-1], outside[-1])
+        back = [-arc for arc in reversed(inner_arcs)]
+        loop = geo.addCurveLoop([start, *outer_arcs, -end, *back])
         surface = geo.addPlaneSurface([loop])
         geo.synchronize()
         for limit in ("Min", "Max"):
             gmsh.option.setNumber(f"Mesh.MeshSize{limit}", size)
-        for name, dim, entity in (("film", 2, surface), ("start", 1, start), ("end", 1, end)):
-            model.addPhysicalGroup(dim, [entity], name=name)
+        model.addPhysicalGroup(2, [surface], name="film")
+        model.addPhysicalGroup(1, [start], name="start")
+        model.addPhysicalGroup(1, [end], name="end")
         model.mesh.generate(2)
 
     return gmsh_mesh(build, comm)
@@ -102,29 +107,34 @@ def whole_disc(comm: MPI.Intracomm, cells: int, radius: float = 1.0) -> Mesh:
 
     Groups: "film", "rim".
     """
-    points, rings, triangles = [np.zeros(2)], [np.array([1])], []
+    points = [np.zeros(2)]
+    rings = [np.array([1])]
+    triangles = []
     for k in range(1, cells + 1):
         angle = 2 * np.pi * np.arange(6 * k) / (6 * k)
         rings.append(len(points) + 1 + np.arange(6 * k))
-        points += list(radius * k / cells * np.column_stack([np.cos(angle), np.sin(angle)]))
+        circle = np.column_stack([np.cos(angle), np.sin(angle)])
+        points += list(radius * k / cells * circle)
     for k in range(1, cells + 1):
-        inner, outer = rings[k - 1], rings[k]
+        inner = rings[k - 1]
+        outer = rings[k]
         for sector in range(6):
-            i = (
-                inner[(sector * (k - 1) + np.arange(k)) % len(inner)]
-                if k > 1
-                else np.repeat(inner, 1)
-            )
+            # A sixth of the ring: k nodes inside (once the centre itself), k + 1 outside.
+            i = inner[(sector * (k - 1) + np.arange(k)) % len(inner)]
             o = outer[(sector * k + np.arange(k + 1)) % len(outer)]
             triangles += [(o[j], o[j + 1], i[j]) for j in range(k)]
             triangles += [(i[j], o[j + 1], i[j + 1]) for j in range(k - 1)]
     plane = np.column_stack([points, np.zeros(len(points))])
-    return _mesh(comm, plane, np.array(triangles), {"rim": np.append(rings[-1], rings[-1][0])})
+    closed_rim = np.append(rings[-1], rings[-1][0])
+    return _mesh(comm, plane, np.array(triangles), {"rim": closed_rim})
 
 
 def _displaced(n: int, m: int, random: np.random.Generator | None) -> tuple[Floats, Floats]:
     """Nodes (n + 1, m + 1) of the unit square, moved by up to a quarter of a cell; those of its edges along them."""
-    u, v = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, m + 1), indexing="ij")
+    along_u = np.linspace(0, 1, n + 1)
+    along_v = np.linspace(0, 1, m + 1)
+    u, v = np.meshgrid(along_u, along_v, indexing="ij")
+    # More than a quarter of a cell could turn a triangle over.
     if random is not None:
         u[1:-1] += random.uniform(-0.25, 0.25, (n - 1, m + 1)) / n
         v[:, 1:-1] += random.uniform(-0.25, 0.25, (n + 1, m - 1)) / m
@@ -132,23 +142,29 @@ def _displaced(n: int, m: int, random: np.random.Generator | None) -> tuple[Floa
 
 
 def _ids(n: int, m: int) -> Integers:
+    """Numbers (n + 1, m + 1) of the nodes of a grid, from 1."""
     return np.arange(1, (n + 1) * (m + 1) + 1).reshape(n + 1, m + 1)
 
 
 def _triangles(ids: Integers, other: npt.NDArray[np.bool_]) -> Integers:
     """Two triangles of each cell, its diagonal the other one where asked for."""
-    a, b, c, d = ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]
-    sets = ((a, b, c), (a, c, d)), ((a, b, d), (b, c, d))
-    found = [
-        np.stack(t, -1)[chosen]
-        for chosen, pair in zip((~other, other), sets, strict=True)
-        for t in pair
-    ]
-    return np.concatenate(found)
+    # The first index runs along x here: the other way round is counterclockwise.
+    a, d, c, b = cell_corners(ids)
+    return np.concatenate(
+        [
+            np.stack([a, b, c], axis=-1)[~other],
+            np.stack([a, c, d], axis=-1)[~other],
+            np.stack([a, b, d], axis=-1)[other],
+            np.stack([b, c, d], axis=-1)[other],
+        ]
+    )
 
 
 def _mesh(
     comm: MPI.Intracomm, points: Floats, triangles: Integers, lines: dict[str, Integers]
 ) -> Mesh:
-    edges = {name: np.column_stack([nodes[:-1], nodes[1:]]) - 1 for name, nodes in lines.items()}
+    """The mesh of points, triangles and lines of nodes; numbers count from 1."""
+    edges = {}
+    for name, nodes in lines.items():
+        edges[name] = polyline(nodes) - 1
     return mesh_of_arrays(comm, lambda: (points, triangles - 1, edges))

@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from gossamer_fx import Mesh
 
-from .arrays import Groups, Numbers, Points, joined, mesh_of_arrays, rim
+from .arrays import Groups, Numbers, Points, cell_corners, joined, mesh_of_arrays, polyline, rim
 
 
 def parallelograms(
@@ -22,28 +22,34 @@ def parallelograms(
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        u, v = np.meshgrid(
-            np.arange(columns * cells + 1) / cells, np.arange(rows * cells + 1) / cells
-        )
+        # Nodes by columns u and rows v; each parallelogram has unit sides in u and v.
+        across = np.arange(columns * cells + 1) / cells
+        up = np.arange(rows * cells + 1) / cells
+        u, v = np.meshgrid(across, up)
+        # y rises from 0 to 1 in even columns and falls again in odd ones.
         wave = 1 - np.abs(np.remainder(u, 2) - 1)
-        points = np.stack(
-            [u * b * math.sin(gamma), v * a + b * math.cos(gamma) * wave, 0 * u], axis=-1
-        ).reshape(-1, 3)
+        x = u * b * math.sin(gamma)
+        y = v * a + b * math.cos(gamma) * wave
+        points = np.stack([x, y, 0 * u], axis=-1).reshape(-1, 3)
+
+        # Corners of each cell, counterclockwise.  The diagonal is the shorter one: q-s where the
+        # columns rise, p-r where they fall.
         ids = np.arange(u.size).reshape(u.shape)
-        p, q, r, s = ids[:-1, :-1], ids[:-1, 1:], ids[1:, 1:], ids[1:, :-1]
-        rising = (np.arange(columns * cells) // cells % 2 == 0)[None, :, None]
+        p, q, r, s = cell_corners(ids)
+        column = np.arange(columns * cells) // cells
+        rising = (column % 2 == 0)[None, :, None]
         first = np.where(rising, np.stack([p, q, s], axis=-1), np.stack([p, q, r], axis=-1))
         second = np.where(rising, np.stack([q, r, s], axis=-1), np.stack([p, r, s], axis=-1))
-        sides = {
-            name: np.column_stack([line[:-1], line[1:]])
-            for name, line in (("left", ids[:, 0]), ("right", ids[:, -1]))
+        triangles = np.concatenate([first.reshape(-1, 3), second.reshape(-1, 3)])
+        left = ids[:, 0]
+        right = ids[:, -1]
+        groups = {
+            "left": polyline(left),
+            "right": polyline(right),
+            "bottom left": ids[0, :1],
+            "top right": ids[-1, -1:],
         }
-        corners = {"bottom left": ids[0, :1], "top right": ids[-1, -1:]}
-        return (
-            points,
-            np.concatenate([first.reshape(-1, 3), second.reshape(-1, 3)]),
-            sides | corners,
-        )
+        return points, triangles, groups
 
     return mesh_of_arrays(comm, arrays)
 
@@ -59,30 +65,38 @@ def trapezoids(
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        slope, h = math.tan(math.pi / n), pitch / refine
+        slope = math.tan(math.pi / n)
+        h = pitch / refine
         cells = []
         for j in range(inner * refine, outer * refine):
             for i in range(-j - 1, j + 1):
-                a, b, c, d = (i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)
-                for triangle in ((a, c, d), (a, d, b)) if i >= 0 else ((a, c, b), (b, c, d)):
+                a = (i, j)
+                b = (i + 1, j)
+                c = (i, j + 1)
+                d = (i + 1, j + 1)
+                # Diagonals are mirrored about the middle, so that the seams are edges.
+                mirrored = i < 0
+                first = (a, c, b) if mirrored else (a, c, d)
+                second = (b, c, d) if mirrored else (a, d, b)
+                for triangle in (first, second):
+                    # At the seams only one of the two triangles is inside.
                     if all(abs(u) <= w for u, w in triangle):
                         cells.append(triangle)
         grid = np.array(cells).reshape(-1, 2) @ np.array([[slope * h, 0.0], [0.0, -h]])
-        places = [_turned(grid, 2 * math.pi * k / n) for k in range(n)]
-        points, triangles, _ = joined(
-            np.vstack(places), np.arange(n * len(grid)).reshape(-1, 3), 1e-6 * h
-        )
+        angles = [2 * math.pi * k / n for k in range(n)]
+        points, triangles = _around(grid, angles, h)
+
         edges = rim(triangles)
-        far = _apothem(points[edges].mean(axis=1), n) > (inner + outer) / 2 * pitch
-        corner = math.pi * (2 * np.arange(n) + 1) / n - math.pi / 2
-        tips = (
-            np.column_stack([np.cos(corner), np.sin(corner), 0 * corner])
-            * outer
-            * pitch
-            / math.cos(math.pi / n)
-        )
-        named = {f"tip {k}": _nearest(points, tips[k]) for k in range(n)}
-        return points, triangles, {"inner": edges[~far], "outer": edges[far]} | named
+        middles = points[edges].mean(axis=1)
+        is_outer = _apothem(middles, n) > (inner + outer) / 2 * pitch
+        groups = {"inner": edges[~is_outer], "outer": edges[is_outer]}
+
+        radius = outer * pitch / math.cos(math.pi / n)
+        for k in range(n):
+            angle = math.pi * (2 * k + 1) / n - math.pi / 2
+            tip = radius * np.array([math.cos(angle), math.sin(angle), 0.0])
+            groups[f"tip {k}"] = _nearest(points, tip)
+        return points, triangles, groups
 
     return mesh_of_arrays(comm, arrays)
 
@@ -96,7 +110,8 @@ def pinwheel(comm: MPI.Intracomm, n: int, side: float, columns: int, reach: int)
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        h, step = side / columns, 2 * math.pi / n
+        h = side / columns
+        step = 2 * math.pi / n
         slope = math.tan(step / 2)
         cells = []
         for j in range(reach):
@@ -105,35 +120,58 @@ def pinwheel(comm: MPI.Intracomm, n: int, side: float, columns: int, reach: int)
                 if i < j:
                     cells.append(((j, i), (j + 1, i + 1), (j, i + 1)))
         half = np.array(cells).reshape(-1, 2) @ np.array([[h, 0.0], [0.0, h * slope]])
-        c, s = math.cos(step), math.sin(step)
-        mirrored = half @ np.array([[c, s], [s, -c]])  # about the bisector
+        c = math.cos(step)
+        s = math.sin(step)
+        # Mirrored about the bisector; the order of corners is turned to keep the normals.
+        mirrored = half @ np.array([[c, s], [s, -c]])
         mirrored = mirrored.reshape(-1, 3, 2)[:, ::-1].reshape(-1, 2)
         corner = np.array([side / 2, -side / 2 / math.tan(step / 2)])
         sector = np.vstack([half, mirrored]) + corner
         tip = np.array([[reach * h, reach * h * slope]]) + corner
-        places = [_turned(sector, step * k) for k in range(n)]
-        points, triangles, _ = joined(
-            np.vstack(places), np.arange(n * len(sector)).reshape(-1, 3), 1e-6 * h
-        )
+        points, triangles = _around(sector, [step * k for k in range(n)], h)
+
+        # The middles of the polygon's sides are within its circumscribed circle, all others not.
         edges = rim(triangles)
-        near = np.linalg.norm(points[edges].mean(axis=1), axis=1) < side / 2 / math.sin(step / 2)
-        named = {f"tip {k}": _nearest(points, _turned(tip, step * k)[0]) for k in range(n)}
-        return points, triangles, {"hub": edges[near], "rim": edges[~near]} | named
+        radii = np.linalg.norm(points[edges].mean(axis=1), axis=1)
+        is_hub = radii < side / 2 / math.sin(step / 2)
+        groups = {"hub": edges[is_hub], "rim": edges[~is_hub]}
+        for k in range(n):
+            groups[f"tip {k}"] = _nearest(points, _turned(tip, step * k)[0])
+        return points, triangles, groups
 
     return mesh_of_arrays(comm, arrays)
 
 
+def _around(sector: Points, angles: list[float], cell: float) -> tuple[Points, Numbers]:
+    """Points and triangles of a sector turned about the origin, once for each angle, and joined where they meet.
+
+    Args:
+        sector: corners (3m, 2) [m] of m triangles, three after each other.
+        angles: [rad].
+        cell: size of a cell [m]; corners that are nearer than 1e-6 of it are one point.
+    """
+    copies = [_turned(sector, angle) for angle in angles]
+    separate = np.arange(len(angles) * len(sector)).reshape(-1, 3)
+    points, triangles, _ = joined(np.vstack(copies), separate, 1e-6 * cell)
+    return points, triangles
+
+
 def _turned(xy: Points, angle: float) -> Points:
-    c, s = math.cos(angle), math.sin(angle)
+    """Points (m, 2) turned about the origin by an angle [rad], as points (m, 3) in z = 0."""
+    c = math.cos(angle)
+    s = math.sin(angle)
     return np.column_stack([xy @ np.array([[c, s], [-s, c]]), np.zeros(len(xy))])
 
 
 def _apothem(points: Points, n: int) -> Points:
     """Distance (m,) of points from the centre, across the sides of a polygon of n sides, one of which is below."""
     angles = 2 * math.pi * np.arange(n) / n - math.pi / 2
-    distance: Points = (points[:, :2] @ np.array([np.cos(angles), np.sin(angles)])).max(axis=1)
+    directions = np.array([np.cos(angles), np.sin(angles)])
+    distance: Points = (points[:, :2] @ directions).max(axis=1)
     return distance
 
 
-def _nearest(points: Points, place: Points) -> Numbers:
-    return np.array([np.linalg.norm(points - place, axis=1).argmin()])
+def _nearest(points: Points, location: Points) -> Numbers:
+    """The number (1,) of the point that is nearest to a location (3,) [m]."""
+    distances = np.linalg.norm(points - location, axis=1)
+    return np.array([distances.argmin()])

@@ -9,6 +9,8 @@ from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
 
+from .arrays import cell_corners, polyline
+
 EDGES = ("bottom", "right", "top", "left")
 CORNERS = ("bottom left", "bottom right", "top right", "top left")
 
@@ -31,13 +33,17 @@ def sheet(
     def build(model: Any) -> None:
         geo = model.geo
         points = [
-            geo.addPoint(x, y, 0) for x, y in ((0, 0), (width, 0), (width, height), (0, height))
+            geo.addPoint(0, 0, 0),
+            geo.addPoint(width, 0, 0),
+            geo.addPoint(width, height, 0),
+            geo.addPoint(0, height, 0),
         ]
         lines = [geo.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
         surface = geo.addPlaneSurface([geo.addCurveLoop(lines)])
         for line, n in zip(lines, (nx, ny, nx, ny), strict=True):
             geo.mesh.setTransfiniteCurve(line, n + 1)
-        geo.mesh.setTransfiniteSurface(surface, "Alternate" if crossed else "Left")
+        pattern = "Alternate" if crossed else "Left"
+        geo.mesh.setTransfiniteSurface(surface, pattern)
         geo.synchronize()
         model.addPhysicalGroup(2, [surface], name="film")
         for name, line in zip(EDGES, lines, strict=True):
@@ -59,27 +65,29 @@ def crossed_sheet(
 
     def build(model: Any) -> None:
         x, y = np.meshgrid(np.linspace(0, width, nx + 1), np.linspace(0, height, ny + 1))
-        mx, my = np.meshgrid(
-            (np.arange(nx) + 0.5) * width / nx, (np.arange(ny) + 0.5) * height / ny
-        )
-        points = np.column_stack([np.append(x, mx), np.append(y, my), np.zeros(x.size + mx.size)])
+        middles_x = (np.arange(nx) + 0.5) * width / nx
+        middles_y = (np.arange(ny) + 0.5) * height / ny
+        mx, my = np.meshgrid(middles_x, middles_y)
+        all_x = np.append(x, mx)
+        all_y = np.append(y, my)
+        points = np.column_stack([all_x, all_y, np.zeros(all_x.size)])
+
+        # Numbers of gmsh, from 1: those of the grid, then those of the centres.
         grid = np.arange(1, x.size + 1).reshape(x.shape)
         centres = np.arange(x.size + 1, len(points) + 1).reshape(mx.shape)
-        a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
+        a, b, c, d = cell_corners(grid)
         triangles = np.stack([(a, b, centres), (b, c, centres), (c, d, centres), (d, a, centres)])
         film = model.addDiscreteEntity(2)
         model.mesh.addNodes(2, film, range(1, len(points) + 1), points.ravel())
         model.mesh.addElementsByType(film, 2, [], triangles.transpose(0, 2, 3, 1).ravel())
         model.addPhysicalGroup(2, [film], name="film")
-        for name, nodes in zip(EDGES, (grid[0], grid[:, -1], grid[-1], grid[:, 0]), strict=True):
+        edges = (grid[0], grid[:, -1], grid[-1], grid[:, 0])
+        for name, nodes in zip(EDGES, edges, strict=True):
             edge = model.addDiscreteEntity(1)
-            model.mesh.addElementsByType(
-                edge, 1, [], np.column_stack([nodes[:-1], nodes[1:]]).ravel()
-            )
+            model.mesh.addElementsByType(edge, 1, [], polyline(nodes).ravel())
             model.addPhysicalGroup(1, [edge], name=name)
-        for name, node in zip(
-            CORNERS, (grid[0, 0], grid[0, -1], grid[-1, -1], grid[-1, 0]), strict=True
-        ):
+        corners = (grid[0, 0], grid[0, -1], grid[-1, -1], grid[-1, 0])
+        for name, node in zip(CORNERS, corners, strict=True):
             corner = model.addDiscreteEntity(0)
             model.mesh.addElementsByType(corner, 15, [], [node])
             model.addPhysicalGroup(0, [corner], name=name)

@@ -41,7 +41,8 @@ def cylinder(
     def build(model: Any) -> None:
         geo = model.geo
         axes = ((0, 1), (1, 0), (0, -1), (-1, 0))
-        arcs, points = [], []
+        arcs = []
+        points = []
         for x in (0.0, length):
             centre = geo.addPoint(x, 0, 0)
             ring = [geo.addPoint(x, radius * y, radius * z) for y, z in axes]

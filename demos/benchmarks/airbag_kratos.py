@@ -12,7 +12,12 @@ import KratosMultiphysics.StructuralMechanicsApplication as Structures
 import numpy as np
 from contestants import words
 
-E, NU, DENSITY, THICKNESS, PRESSURE, EDGE = 588e6, 0.4, 1000.0, 6e-4, 5000.0, 0.6 / math.sqrt(2)
+E = 588e6
+NU = 0.4
+DENSITY = 1000.0
+THICKNESS = 6e-4
+PRESSURE = 5000.0
+EDGE = 0.6 / math.sqrt(2)
 case = words({"n": 16, "until": 0.3, "damping": 60.0, "courant": 0.4, "still": 1e-5})
 
 n = case["n"]
@@ -68,13 +73,11 @@ scheme = Structures.ExplicitCentralDifferencesScheme(
 strategy = Structures.MechanicalExplicitStrategy(part, scheme, False, False, True)
 strategy.SetEchoLevel(0)
 strategy.Initialize()
-cpu, wall, steps, heights, every = (
-    time.process_time(),
-    time.perf_counter(),
-    0,
-    [0.0],
-    max(1, round(2e-3 / dt)),
-)
+cpu = time.process_time()
+wall = time.perf_counter()
+steps = 0
+heights = [0.0]
+every = max(1, round(2e-3 / dt))
 while steps * dt < case["until"]:
     steps += 1
     part.CloneTimeStep(steps * dt)

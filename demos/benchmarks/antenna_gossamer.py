@@ -10,5 +10,10 @@ from demos.antenna_pendulum import build
 
 case = words({"cells": 20, "steps": 3, "dt": 5e-3})
 watch = Stopwatch()
-run = build(MPI.COMM_WORLD, case["cells"], 2 * case["cells"], dt=case["dt"]).simulation()
+run = build(
+    MPI.COMM_WORLD,
+    case["cells"],
+    2 * case["cells"],
+    dt=case["dt"],
+).simulation()
 show(watch.measure(run, case["steps"] * case["dt"]))

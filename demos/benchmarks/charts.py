@@ -15,14 +15,24 @@ def draw(rows: list[dict[str, object]], unit: str, path: Path) -> None:
         np.array([float(str(row[key])) for row in rows])
         for key in ("dofs", "cost", "Newton/step", "MB")
     )
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
+    figure, (left, right) = plt.subplots(
+        1,
+        2,
+        figsize=(9, 4),
+        layout="constrained",
+    )
     for axes, values, label in (
         (left, cost, "step"),
         (left, cost / newton, "Newton iteration"),
         (right, memory, "process"),
     ):
         exponent = np.polyfit(np.log(dofs), np.log(values), 1)[0]
-        axes.loglog(dofs, values, "o-", label=f"{label}, exponent {exponent:.2f}")
+        axes.loglog(
+            dofs,
+            values,
+            "o-",
+            label=f"{label}, exponent {exponent:.2f}",
+        )
         print(f"exponent of a {label}: {exponent:.3f}")
     print(
         f"memory: {(memory[-1] - memory[0]) * 2**20 / (dofs[-1] - dofs[0]):.0f} bytes per unknown"

@@ -19,7 +19,14 @@ def compare(name: str, problem: Problem, cases: Cases, runs: int, folder: Path) 
     ratios: dict[str, float] = {}
     rows: list[Row] = []
     for label, case in cases.items():
-        measured = take_turns(problem.script or name, label, case, runs, problem.seconds, rows)
+        measured = take_turns(
+            problem.script or name,
+            label,
+            case,
+            runs,
+            problem.seconds,
+            rows,
+        )
         middle = {
             who: {key: median(r[key] for r in found) for key in found[0]}
             for who, found in measured.items()

@@ -21,11 +21,13 @@ from gossamer_fx.contact.contact_set import ContactSet
 from gossamer_fx.contact.narrow_phase.closest_points import PairDistances
 from gossamer_fx.meshes.sheet import sheet
 
-CELL, DISTANCE, STEP, LAYERS = 5e-3, 1e-3, 1e-4, 5  # m, m, s
-SPEED, GAP = (
-    1.0,
-    1.2,
-)  # m/s at which layers come to the middle one, over the layers between; over the distance
+# m, m, s
+CELL = 5e-3
+DISTANCE = 1e-3
+STEP = 1e-4
+LAYERS = 5
+SPEED = 1.0  # m/s at which layers come to the middle one
+GAP = 1.2  # over the layers between; over the distance
 LAW = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
 WARM = 5  # steps until they touch
 
@@ -36,11 +38,14 @@ def stack(comm: MPI.Comm, vertices: int, part: float) -> list[gx.Membrane]:
     size = n * CELL
     films = []
     for k in range(LAYERS):
-        turn, level = 0.3 * k, k - (LAYERS - 1) / 2
-        c, s = np.cos(turn), np.sin(turn)
+        turn = 0.3 * k
+        level = k - (LAYERS - 1) / 2
+        c = np.cos(turn)
+        s = np.sin(turn)
 
         def placed(X: np.ndarray, c: float = c, s: float = s, level: float = level) -> np.ndarray:
-            x, y = X[0] - size / 2, X[1] - size / 2
+            x = X[0] - size / 2
+            y = X[1] - size / 2
             x, y = c * x - s * y, s * x + c * y
             away = np.maximum(x / size + 0.5 - part, 0.0) if part < 1 else 0 * x
             slope = 0.05 * np.sqrt(away**2 + 1e-6)  # of a film; gentle, so that its strain is small
@@ -100,7 +105,9 @@ def cost(
     `ratio` is a Newton iteration, with its part of the search and checks of its step, over one without contact;
     `touching` is the part of vertices in contact, and `search` that of contact's time.
     """
-    runs, cpu, iterations = [], [0.0, 0.0], [0, 0]
+    runs = []
+    cpu = [0.0, 0.0]
+    iterations = [0, 0]
     for with_contact in (True, False):
         films = stack(comm, vertices, part)
         items = [gx.Contact(*films, distance=DISTANCE)] if with_contact else films
@@ -116,7 +123,8 @@ def cost(
     touching = []
     for k in range(WARM, WARM + steps):
         for i, run in enumerate(runs):
-            first, started = run.solver.newton.all_iterations, time.process_time()
+            first = run.solver.newton.all_iterations
+            started = time.process_time()
             run.run(until=(k + 1) * STEP)
             cpu[i] += comm.allreduce(time.process_time() - started)
             iterations[i] += run.solver.newton.all_iterations - first

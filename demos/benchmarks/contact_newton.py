@@ -29,7 +29,8 @@ mass = model.particle_mass.numpy().astype(float)
 # as stiff as this program chooses it: 4 σ v² A of a node, over the square of the distance
 area = float(np.median(mass)) / SIGMA
 model.soft_contact_ke = case["stiffness"] or 4 * SIGMA * 5.0**2 * area / DISTANCE**2
-model.soft_contact_kd, model.soft_contact_mu = 0.0, 0.0
+model.soft_contact_kd = 0.0
+model.soft_contact_mu = 0.0
 solver = newton.solvers.SolverVBD(
     model,
     iterations=case["iterations"],
@@ -40,7 +41,8 @@ solver = newton.solvers.SolverVBD(
     particle_edge_contact_buffer_size=256,
     particle_topological_contact_filter_threshold=1,
 )
-one, two = model.state(), model.state()
+one = model.state()
+two = model.state()
 one.particle_qd.assign(v.astype(np.float32))
 control = model.control()
 steps = round(case["until"] / case["dt"])
@@ -48,7 +50,8 @@ steps = round(case["until"] / case["dt"])
 
 def totals(state) -> tuple[float, np.ndarray, np.ndarray]:
     """Energy, momentum, angular momentum."""
-    q, u = state.particle_q.numpy().astype(float), state.particle_qd.numpy().astype(float)
+    q = state.particle_q.numpy().astype(float)
+    u = state.particle_qd.numpy().astype(float)
     p = mass[:, None] * u
     return (
         float((p * u).sum() / 2) + elastic_energy(X, q, triangles),
@@ -59,7 +62,13 @@ def totals(state) -> tuple[float, np.ndarray, np.ndarray]:
 
 def advance(a, b) -> None:
     a.clear_forces()
-    solver.step(a, b, control, None, case["dt"])
+    solver.step(
+        a,
+        b,
+        control,
+        None,
+        case["dt"],
+    )
 
 
 saved = one.particle_q.numpy(), one.particle_qd.numpy()
@@ -67,14 +76,18 @@ advance(one, two)  # compiles
 one.particle_q.assign(saved[0])
 one.particle_qd.assign(saved[1])
 first = totals(one)
-cpu, wall, most = time.process_time(), time.perf_counter(), 0
+cpu = time.process_time()
+wall = time.perf_counter()
+most = 0
 for k in range(steps):
     if k % 10 == 0:
         solver.rebuild_bvh(one)
     advance(one, two)
     one, two = two, one
-cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
-last, q = totals(one), one.particle_q.numpy()
+cpu = time.process_time() - cpu
+wall = time.perf_counter() - wall
+last = totals(one)
+q = one.particle_q.numpy()
 spin = max(float(np.linalg.norm(first[2])), 0.05 * float(np.linalg.norm(first[1])))
 print(
     json.dumps(

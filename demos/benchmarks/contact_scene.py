@@ -50,9 +50,12 @@ def thrown(X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Initial positions [m] and velocities [m/s] of the upper film, from its stress-free positions X (p, 3)."""
     c = np.cos(TURN)
     s = np.sin(TURN)
+    # Transposed, as points are rows.
     rotation = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
     positions = X @ rotation + np.array(OFFSET)
-    velocities = np.cross([0, 0, SPIN], X) + np.array([*SLIP, -SPEED])
+    spin = np.array([0, 0, SPIN])
+    drift = np.array([*SLIP, -SPEED])
+    velocities = np.cross(spin, X) + drift
     return positions, velocities
 
 
@@ -74,9 +77,9 @@ def elastic_energy(X: np.ndarray, x: np.ndarray, triangles: np.ndarray) -> float
 
         ψ = ½ μ (tr FᵀF - 2) + ½ (λ + μ) (J - α)² - ½ (λ + μ) (1 - α)²,    α = 1 + μ/(λ + μ)
     """
-    first = triangles[:, 0]
-    rest_edges = np.stack([X[triangles[:, k]] - X[first] for k in (1, 2)], axis=2)[:, :2]
-    edges = np.stack([x[triangles[:, k]] - x[first] for k in (1, 2)], axis=2)
+    # All films rest in planes of constant z: two components of the stress-free edges are enough.
+    rest_edges = edge_vectors(X, triangles)[:, :2]
+    edges = edge_vectors(x, triangles)
     F = edges @ np.linalg.inv(rest_edges)
     C = np.einsum("nci,ncj->nij", F, F)
     J = np.sqrt(np.linalg.det(C))
@@ -85,25 +88,38 @@ def elastic_energy(X: np.ndarray, x: np.ndarray, triangles: np.ndarray) -> float
     μ = LAME[0]
     bulk = LAME[0] + LAME[1]
     α = 1 + μ / bulk
-    density = μ / 2 * (trace - 2) + bulk / 2 * ((J - α) ** 2 - (1 - α) ** 2)
+    shear = μ / 2 * (trace - 2)
+    # The last summand makes the energy zero at rest.
+    area_change = bulk / 2 * ((J - α) ** 2 - (1 - α) ** 2)
     areas = np.abs(np.linalg.det(rest_edges)) / 2
-    return float((density * areas).sum())
+    return float(((shear + area_change) * areas).sum())
+
+
+def edge_vectors(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """The two edges [m] of each triangle from its first corner, as columns (t, 3, 2)."""
+    first, second, third = points[triangles.T]
+    return np.stack([second - first, third - first], axis=2)
 
 
 def penetrations(x: np.ndarray, triangles: np.ndarray) -> int:
     """Number of edges that intersect triangles without a common node, among all pairs; x (p, 3) [m]."""
     sides = triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2)
     edges = np.unique(np.sort(sides, axis=1), axis=0)
-    a, b, c = (x[triangles[:, k]] for k in range(3))
+    a, b, c = x[triangles.T]
     count = 0
     for p, q in edges:
-        # x_p + s (x_q - x_p) = a + u (b - a) + v (c - a), for every triangle (a, b, c)
+        # The edge meets the plane of a triangle (a, b, c) where
+        # x_p + s (x_q - x_p) = a + u (b - a) + v (c - a).
         direction = np.broadcast_to(x[q] - x[p], a.shape)
-        M = np.stack([direction, a - b, a - c], axis=2)
-        shares_node = ((triangles == p) | (triangles == q)).any(axis=1)
-        solvable = ~shares_node & (np.abs(np.linalg.det(M)) > PARALLEL)
-        right = (a - x[p])[solvable][..., None]
-        s, u, v = np.linalg.solve(M[solvable], right)[..., 0].T
+        matrix = np.stack([direction, a - b, a - c], axis=2)
+        determinant = np.linalg.det(matrix)
+        # A triangle at a node of the edge meets it there at any time.
+        has_p = (triangles == p).any(axis=1)
+        has_q = (triangles == q).any(axis=1)
+        is_tested = ~has_p & ~has_q & (np.abs(determinant) > PARALLEL)
+        right_side = (a - x[p])[is_tested, :, None]
+        solution = np.linalg.solve(matrix[is_tested], right_side)
+        s, u, v = solution[..., 0].T
         on_edge = (s > 0) & (s < 1)
         in_triangle = (u > 0) & (v > 0) & (u + v < 1)
         count += int((on_edge & in_triangle).sum())

@@ -1,7 +1,7 @@
 """What a gradient costs: the pass backwards through a run, over the run itself.
 
 `scene` is "sheet", the free sheet that wrinkles, of which the thickness of every cell is a parameter, or
-"contact", two films that collide.
+"contact", two films that collide, or "gas", an airbag that a tank blows up.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ from stopwatch import show
 
 import gossamer_fx as gx
 from demos.spinning_sheet import throw
+from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.presets.gases import NITROGEN
 from gossamer_fx.sensitivity.transient import TransientGradients
 
 COMM = MPI.COMM_WORLD
@@ -24,7 +26,13 @@ THICKNESS = 1e-4  # m
 
 def wrinkling(n: int) -> tuple[gx.Scene, float]:
     """The sheet and its time step [s]."""
-    law = gx.Miyazaki(1e9, 0.3, density=1400.0, thickness=THICKNESS, residual_stiffness=1e-3)
+    law = gx.Miyazaki(
+        1e9,
+        0.3,
+        density=1400.0,
+        thickness=THICKNESS,
+        residual_stiffness=1e-3,
+    )
     film = gx.Membrane(
         sheet(COMM, n, n),
         law,
@@ -49,8 +57,25 @@ def colliding(n: int) -> tuple[gx.Scene, float]:
     return gx.Scene(gx.Contact(lower, film, distance=1e-3, stiffness=6e6)), 5e-5
 
 
+def blown_up(n: int) -> tuple[gx.Scene, float]:
+    """A quarter of an airbag, free in space, with a tank, and its time step [s]."""
+    law = gx.Miyazaki(1e8, 0.3, density=1400.0, thickness=THICKNESS, residual_stiffness=1e-2)
+    film = gx.Membrane(
+        airbag(COMM, edge=0.2, cells=n),
+        law,
+        velocity=lambda X: np.vstack([np.sin(15 * X[0]), np.sin(9 * X[1]), np.sin(11 * X[0])]),
+        properties={"thickness": lambda x: np.full(x.shape[1], THICKNESS)},
+    )
+    contents = {"gas": NITROGEN, "temperature": 293.0}
+    bag = gx.Chamber(film, pressure=1e3, dead_volume=1e-3, **contents)
+    tank = gx.Tank(4e-4, pressure=3e4, **contents)
+    return gx.Scene(gx.Orifice(tank, bag, area=5e-5)), 1e-4
+
+
+SCENES = {"sheet": wrinkling, "contact": colliding, "gas": blown_up}
+
 case = words({"n": 20, "steps": 50, "scene": "sheet"})
-scene, h = (colliding if case["scene"] == "contact" else wrinkling)(int(case["n"]))
+scene, h = SCENES[str(case["scene"])](int(case["n"]))
 run = gx.Simulation(scene, gx.Midpoint(dt=h, tolerances=gx.Tolerances(relative=1e-12)))
 tape = gx.analysis.RunTape(run)
 started = time.process_time()

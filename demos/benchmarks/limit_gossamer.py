@@ -33,7 +33,8 @@ def seconds(action: Callable[[], object], times: int = 15) -> float:
 
 def copying_speed(size: int = 2**25, times: int = 9) -> float:
     """Bytes read and written a second in copying `size` numbers."""
-    source, target = np.ones(size), np.zeros(size)
+    source = np.ones(size)
+    target = np.zeros(size)
     return 2 * source.nbytes / seconds(lambda: np.copyto(target, source), times)
 
 
@@ -41,8 +42,10 @@ case = words({"n": 40, "steps": 3, "dt": 1e-3})
 watch = Stopwatch()
 run = build(MPI.COMM_WORLD, case["n"], dt=case["dt"]).simulation()
 figures = watch.measure(run, case["steps"] * case["dt"])
-system, ksp = run.system, run.solver.newton.ksp
-A, preconditioner = system.A, ksp.getPC()
+system = run.system
+ksp = run.solver.newton.ksp
+A = system.A
+preconditioner = ksp.getPC()
 x, y = A.createVecs()
 x.setRandom()
 
@@ -55,8 +58,10 @@ def set_up() -> None:
 
 
 tangent = seconds(system.tangent)
-application, product = seconds(lambda: preconditioner.apply(x, y)), seconds(lambda: A.mult(x, y))
-setting_up, cycle = seconds(set_up), application + product
+application = seconds(lambda: preconditioner.apply(x, y))
+product = seconds(lambda: A.mult(x, y))
+setting_up = seconds(set_up)
+cycle = application + product
 speed = copying_speed()
 numbers = A.getInfo()["nz_used"]
 written = numbers * 8 + numbers / A.getBlockSize() ** 2 * 4

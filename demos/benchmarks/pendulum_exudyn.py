@@ -21,9 +21,14 @@ from exudyn.itemInterface import (
     SensorNode,
 )
 
-SIDE, THICKNESS, RADIUS, WALL, G = 2.1, 2e-5, 0.02, 5e-4, 1.0
+SIDE = 2.1
+THICKNESS = 2e-5
+RADIUS = 0.02
+WALL = 5e-4
+G = 1.0
 case = words({"n": 6, "elements": 12, "dt": 1e-2, "until": 2.0, "radius": 0.9, "every": 0.01})
-n, elements = case["n"], case["elements"]
+n = case["n"]
+elements = case["elements"]
 
 container = exu.SystemContainer()
 mbs = container.AddSystem()
@@ -42,7 +47,8 @@ second_moment = np.pi / 4 * (RADIUS**4 - (RADIUS - WALL) ** 4)
 bodies = list(film.elementNumbers)
 booms = []
 for start, end in (((0, 0, 0), (SIDE, SIDE, 0)), ((SIDE, 0, 0), (0, SIDE, 0))):
-    a, along = np.array(start), np.subtract(end, start)
+    a = np.array(start)
+    along = np.subtract(end, start)
     length = float(np.linalg.norm(along))
     points = [a + along * k / elements for k in range(elements + 1)]
     nodes = [
@@ -62,7 +68,8 @@ for body in bodies:
     marker = mbs.AddMarker(MarkerBodyMass(bodyNumber=body))
     mbs.AddLoad(LoadMassProportional(markerNumber=marker, loadVector=[0, 0, -G]))
 for k in (0, 1, 2, 3):  # tied at the corners and at the thirds of the diagonals
-    i, on_boom = k * n // 3, k * elements // 3
+    i = k * n // 3
+    on_boom = k * elements // 3
     for node, boom in (
         (film.nodeNumbers[i * (n + 1) + i], 0),
         (film.nodeNumbers[i * (n + 1) + n - i], 1),
@@ -72,7 +79,9 @@ for k in (0, 1, 2, 3):  # tied at the corners and at the thirds of the diagonals
         ]
         mbs.AddObject(
             ObjectConnectorCoordinateVector(
-                markerNumbers=markers, scalingMarker0=np.eye(3, 9), scalingMarker1=np.eye(3, 6)
+                markerNumbers=markers,
+                scalingMarker0=np.eye(3, 9),
+                scalingMarker1=np.eye(3, 6),
             )
         )
 exudyn.shells.AddSphericalJointToGround(mbs, film.nodeNumbers[0])
@@ -81,30 +90,41 @@ position = {"outputVariableType": exu.OutputVariableType.Position, "storeInterna
 corners = [film.nodeNumbers[k] for k in (0, n, n * (n + 1) + n, n * (n + 1))]
 of_corners = [mbs.AddSensor(SensorNode(nodeNumber=node, **position)) for node in corners]
 gauss = np.array([-1, 1]) / 3**0.5
-of_film, places = [], []
+of_film = []
+places = []
 for e, body in enumerate(film.elementNumbers):
     for r in gauss:
         for s in gauss:
             of_film.append(
-                mbs.AddSensor(SensorBody(bodyNumber=body, localPosition=[r, s, 0], **position))
+                mbs.AddSensor(
+                    SensorBody(
+                        bodyNumber=body,
+                        localPosition=[r, s, 0],
+                        **position,
+                    )
+                )
             )
             places.append(((e % n + (1 + r) / 2) / n, (e // n + (1 + s) / 2) / n))
 mbs.Assemble()
 
 settings = exu.SimulationSettings()
 stepping = settings.timeIntegration
-stepping.numberOfSteps, stepping.endTime = round(case["until"] / case["dt"]), case["until"]
+stepping.numberOfSteps = round(case["until"] / case["dt"])
+stepping.endTime = case["until"]
 stepping.generalizedAlpha.spectralRadius = case["radius"]
 stepping.newton.useModifiedNewton = True
-stepping.newton.relativeTolerance, stepping.newton.absoluteTolerance = 1e-6, 1e-8
+stepping.newton.relativeTolerance = 1e-6
+stepping.newton.absoluteTolerance = 1e-8
 stepping.verboseMode = 0
 settings.solutionSettings.writeSolutionToFile = False
 settings.solutionSettings.sensorsWritePeriod = case["every"]
 settings.linearSolverType = exu.LinearSolverType.EigenSparse
 settings.parallel.numberOfThreads = 1
-cpu, wall = time.process_time(), time.perf_counter()
+cpu = time.process_time()
+wall = time.perf_counter()
 mbs.SolveDynamic(settings)
-cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+cpu = time.process_time() - cpu
+wall = time.perf_counter() - wall
 
 q = np.array([mbs.GetSensorStoredData(s)[:, 1:4] for s in of_corners])  # 4 corners, instants, 3
 x = np.array([mbs.GetSensorStoredData(s)[:, 1:4] for s in of_film])

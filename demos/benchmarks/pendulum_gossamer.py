@@ -15,7 +15,8 @@ watch = Stopwatch()
 swing = build(MPI.COMM_WORLD, case["n"], case["elements"], case["until"], case["dt"], case["order"])
 series = gx.Series(swing.probes)
 figures = watch.measure(swing.simulation([series]), case["until"])
-tip, film = series["tip [m]"], series["film [m]"]
+tip = series["tip [m]"]
+film = series["film [m]"]
 show(
     figures
     | {

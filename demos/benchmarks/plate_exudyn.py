@@ -19,7 +19,8 @@ if case["shape"] != "strip":
     )
 shape = CASES["strip"]
 points, _ = grid("strip", case["n"])
-nx, ny = points.shape[0] - 1, points.shape[1] - 1
+nx = points.shape[0] - 1
+ny = points.shape[1] - 1
 container = exu.SystemContainer()
 mbs = container.AddSystem()
 plate = exudyn.shells.ShellMesh(
@@ -50,9 +51,11 @@ settings.staticSolver.verboseMode = 0
 settings.solutionSettings.writeSolutionToFile = False
 settings.linearSolverType = exu.LinearSolverType.EigenSparse
 settings.parallel.numberOfThreads = 1
-cpu, wall = time.process_time(), time.perf_counter()
+cpu = time.process_time()
+wall = time.perf_counter()
 mbs.SolveStatic(settings)
-cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+cpu = time.process_time() - cpu
+wall = time.perf_counter() - wall
 W = max(
     mbs.GetNodeOutput(node, exu.OutputVariableType.Displacement)[2]
     for node in nodes[:, -1].tolist()

@@ -20,7 +20,10 @@ class Shape:
 CASES = {
     "strip": Shape(E=1.2e6, thickness=0.1, load=4.0, deflection=6.6996),  # elastica, PL²/EI = 4
     "slit ring": Shape(
-        E=21e6, thickness=0.03, load=0.8, deflection=17.528
+        E=21e6,
+        thickness=0.03,
+        load=0.8,
+        deflection=17.528,
     ),  # Sze, Liu & Lo 2004, outer corner
 }
 
@@ -37,5 +40,6 @@ def mapped(shape: str, u, v):
     """Points of the plate, u in [0, 1] from the clamped to the loaded end, v in [0, 1] across."""
     if shape == "strip":
         return 10 * u, 1 * v, 0 * u
-    angle, radius = -2 * np.pi * u, 6 + 4 * v
+    angle = -2 * np.pi * u
+    radius = 6 + 4 * v
     return radius * np.cos(angle), radius * np.sin(angle), 0 * u

@@ -214,7 +214,7 @@ PROBLEMS = {
         unit="times the run",
         cases={
             f"{scene}, {n} x {n} cells": {SELF: {"scene": scene, "n": n}}
-            for scene in ("sheet", "contact")
+            for scene in ("sheet", "contact", "gas")
             for n in (10, 20, 40)
         },
         quick={"sheet, 6 x 6 cells": {SELF: {"scene": "sheet", "n": 6, "steps": 10}}},

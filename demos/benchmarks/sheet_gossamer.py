@@ -22,7 +22,11 @@ law = (
 n = case["n"]
 film = gx.Membrane(sheet(MPI.COMM_WORLD, n, n), law, velocity=throw)
 tolerances = gx.Tolerances(relative=case["relative"])
-stepper = gx.Midpoint(dt=case["dt"], tolerances=tolerances, subdomains=case["subdomains"] or None)
+stepper = gx.Midpoint(
+    dt=case["dt"],
+    tolerances=tolerances,
+    subdomains=case["subdomains"] or None,
+)
 run = gx.Simulation(gx.Scene(film), stepper)
 figures = watch.measure(run, case["steps"] * case["dt"])
 drift = relative_drift(run.totals.angular_momentum, run.first.angular_momentum)

@@ -25,18 +25,20 @@ class Stopwatch:
 
     def measure(self, run: gx.Simulation, until: float) -> dict[str, float]:
         """Figures of going on to the time `until` [s]: cpu of all ranks; times of a Newton iteration and its parts."""
-        newton, first = run.solver.newton, run.step
-        iterations, krylov, parts = (
-            newton.all_iterations,
-            newton.linear_iterations,
-            dict(newton.seconds),
-        )
+        newton = run.solver.newton
+        first = run.step
+        iterations = newton.all_iterations
+        krylov = newton.linear_iterations
+        parts = dict(newton.seconds)
         COMM.Barrier()
-        cpu, wall = time.process_time(), time.perf_counter()
+        cpu = time.process_time()
+        wall = time.perf_counter()
         run.run(until=until)
-        cpu, wall = COMM.allreduce(time.process_time() - cpu), time.perf_counter() - wall
+        cpu = COMM.allreduce(time.process_time() - cpu)
+        wall = time.perf_counter() - wall
         iterations = newton.all_iterations - iterations
-        dofs, peak = run.system.numbering.size, COMM.allreduce(megabytes())
+        dofs = run.system.numbering.size
+        peak = COMM.allreduce(megabytes())
         figures = {
             "cpu": cpu,
             "wall": wall,
@@ -44,7 +46,7 @@ class Stopwatch:
             "steps": run.step - first,
             "Newton/step": iterations / (run.step - first),
             "Krylov/Newton": (newton.linear_iterations - krylov) / iterations,
-            "halved": run.substeps,
+            "rejected": run.substeps,
             "iteration [ms]": 1e3 * cpu / iterations,
         }
         figures |= {

@@ -39,7 +39,7 @@ def run_case(
         folder = Path(output)
         times = [fraction * case.until for fraction in fractions]
         picture = gx.plot.Picture(folder / f"{name}.png", times, title=case.title, view=view)
-        outputs += [case.recording(folder), picture]
+        outputs += [case.recording(folder, overwrite=True), picture]
     run = case.simulation(outputs)
     run.run(until=case.until)
     return run, series
@@ -50,7 +50,7 @@ def run_figures(run: gx.Simulation, series: gx.Series) -> dict[str, float]:
 
     Returns:
         energy_error: error of the energy balance over the largest energy, without sign.
-        halved: number of rejected steps, each of which was made of two halves instead.
+        rejected: number of rejected steps, each of which was made of two halves instead.
         steps: number of steps.
         iterations: Newton iterations per step.
         seconds: wall time [s].
@@ -62,7 +62,7 @@ def run_figures(run: gx.Simulation, series: gx.Series) -> dict[str, float]:
         penetrations = float(series["penetrations"].max())
     return {
         "energy_error": abs(run.energy_error),
-        "halved": run.substeps,
+        "rejected": run.substeps,
         "steps": run.step,
         "iterations": run.iterations / run.step,
         "seconds": run.seconds,
@@ -103,7 +103,7 @@ def print_run_figures(
     print(
         f"Energy closes to {figures['energy_error']:.0e}, {conserved} to {figures[error]:.0e}; "
         f"{figures['steps']:.0f} steps, {figures['iterations']:.1f} iterations each, "
-        f"{figures['halved']:.0f} rejected, {figures['seconds']:.0f} s."
+        f"{figures['rejected']:.0f} rejected, {figures['seconds']:.0f} s."
     )
 
 

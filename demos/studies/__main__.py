@@ -34,16 +34,23 @@ def main() -> int:
     comm = MPI.COMM_WORLD
     parser = argparse.ArgumentParser(prog="gossamer study", description=__doc__.splitlines()[0])
     parser.add_argument(
-        "name", choices=[*NAMES, "all"], metavar="NAME", help=", ".join([*NAMES, "all"])
+        "name",
+        choices=[*NAMES, "all"],
+        metavar="NAME",
+        help=", ".join([*NAMES, "all"]),
     )
     parser.add_argument("--quick", action="store_true", help="fewer and smaller cases")
     parser.add_argument(
-        "--out", type=Path, default=Path("out/studies"), help="folder of the results"
+        "--out",
+        type=Path,
+        default=Path("out/studies"),
+        help="folder of the results",
     )
     parser.add_argument("--fresh", action="store_true", help="compute everything again")
     wanted = parser.parse_args()
     names = NAMES if wanted.name == "all" else [wanted.name]
-    missing, done = [], []
+    missing = []
+    done = []
     for name in names:
         study: Study = importlib.import_module(f"demos.studies.{name}").STUDY
         if wanted.fresh and comm.rank == 0:

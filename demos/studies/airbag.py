@@ -3,7 +3,7 @@
 Two flat square sheets of diagonal 1.2 m, 0.6 mm thick, E = 588 MPa, ν = 0.4, joined along the edges, which stay in
 z = 0; overpressure 5 kPa.  M is the centre, A a corner.  The references were computed with several meshes of the
 quarter of one sheet; but for V they scatter without an order.  For the problem and results of others see
-Jarasjarungkiat, Wüchner & Bletzinger, CMAME 198 (2009) 1097, doi:10.1016/j.cma.2008.12.002.
+Jarasjarungkiat, Wüchner & Bletzinger, CMAME 198 (2009) 1097.
 """
 
 from __future__ import annotations
@@ -30,16 +30,24 @@ LAWS: dict[str, FilmLaw] = {
     "TensionField": gx.TensionField(**FILM),
 }
 # A quarter of one sheet is computed; volumes are those of the whole.
-SHEETS, QUARTERS = 2, 4
+SHEETS = 2
+QUARTERS = 4
 
 
 def airbag(
     comm: MPI.Comm, law: FilmLaw, order: int, cells: int
 ) -> tuple[gx.Membrane, gx.Equilibrium]:
     """A quarter of one sheet with `cells` along half an edge, each of four triangles, in its planes of symmetry."""
-    film = gx.Membrane(crossed_sheet(comm, cells, cells, HALF_EDGE, HALF_EDGE), law, order=order)
+    film = gx.Membrane(
+        crossed_sheet(comm, cells, cells, HALF_EDGE, HALF_EDGE),
+        law,
+        order=order,
+    )
     seam = [gx.Fixed(film, edge, components=(2,)) for edge in ("top", "right")]
-    symmetry = [gx.Fixed(film, "bottom", components=(1,)), gx.Fixed(film, "left", components=(0,))]
+    symmetry = [
+        gx.Fixed(film, "bottom", components=(1,)),
+        gx.Fixed(film, "left", components=(0,)),
+    ]
     return film, gx.Equilibrium(gx.Scene(film, gx.Pressure(film, PRESSURE), *seam, *symmetry))
 
 

@@ -58,7 +58,14 @@ def bent_strip(
     _, wrinkled_share = exact(K)
     b = wrinkled_share * H
     # Square cells.
-    mesh = sheet(comm, round(L / H * cells), cells, L, H, crossed=True)
+    mesh = sheet(
+        comm,
+        round(L / H * cells),
+        cells,
+        L,
+        H,
+        crossed=True,
+    )
     film = gx.Membrane(mesh, law, order=order)
 
     def turn(X: np.ndarray, t: float) -> np.ndarray:
@@ -70,9 +77,19 @@ def bent_strip(
         ε = uniaxial - NU * TENSION / E
         return np.vstack([ε * (X[0] - L / 2), 0 * ε, 0 * ε])
 
-    moved = gx.Fixed(film, "right", motion=turn, components=(0,))
+    moved = gx.Fixed(
+        film,
+        "right",
+        motion=turn,
+        components=(0,),
+    )
     held = [
-        gx.Fixed(film, "left", motion=turn, components=(0,)),
+        gx.Fixed(
+            film,
+            "left",
+            motion=turn,
+            components=(0,),
+        ),
         gx.Fixed(film, "bottom left", components=(1,)),
         gx.Fixed(film, "film", components=(2,)),
     ]

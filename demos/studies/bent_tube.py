@@ -72,33 +72,37 @@ def problem(comm: MPI.Comm, element: str, sides: int) -> dict[str, float]:
     film = gx.Membrane(
         cylinder(comm, RADIUS, LENGTH, sides, max(round(sides / 6), 2), order), LAW, order=order
     )
-    middle, end = (
-        gx.Fixed(film, "first rim", components=(0,)),
-        gx.Fixed(film, "last rim", motion=turn, components=(0,)),
-    )
+    middle = gx.Fixed(film, "first rim", components=(0,))
+    end = gx.Fixed(film, "last rim", motion=turn, components=(0,))
     held = [gx.Fixed(film, line, components=(1,)) for line in ("top", "bottom")]
     held += [gx.Fixed(film, point, components=(2,)) for point in ("first left", "first right")]
     search = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, P), middle, end, *held))
     fractions = AreaFractions([film])
-    iterations, seconds, residual = 0, 0.0, 0.0
+    iterations = 0
+    seconds = 0.0
+    residual = 0.0
 
     def bend(ratio: float) -> tuple[float, float]:
         """(M, wrinkled and slack part of the area)."""
         nonlocal iterations, seconds, residual
         found = search.find(at=ratio)
-        iterations, seconds = iterations + found.iterations, seconds + found.seconds
+        iterations = iterations + found.iterations
+        seconds = seconds + found.seconds
         residual = max(residual, found.residual)
         slack, wrinkled, _ = fractions(search.system)
         return abs(float(search.reaction(middle)[1][1])), slack + wrinkled
 
     results = {"M(½κ_w)/exact": bend(0.5)[0] / moment(0.5)}
     # κ/κ_w without and with wrinkles, and the moment at the smallest one with them.
-    taut, buckled, M_w = 0.8, 1.3, math.nan
+    taut = 0.8
+    buckled = 1.3
+    M_w = math.nan
     for _ in range(BISECTIONS):
         ratio = (taut + buckled) / 2
         M, share = bend(ratio)
         if share > 0:
-            buckled, M_w = ratio, M
+            buckled = ratio
+            M_w = M
         else:
             taut = ratio
     results["M_w/exact"] = M_w / M_FIRST

@@ -32,7 +32,11 @@ EXACT = {
 def problem(comm: MPI.Comm, law: str, element: str, q: float, nodes: int) -> dict[str, float]:
     """A quarter of the disc with `nodes` along a radius."""
     order = {"P1": 1, "P2": 2}[element]
-    film = gx.Membrane(quarter_disc(comm, nodes // order, 1.0, order), LAWS[law], order=order)
+    film = gx.Membrane(
+        quarter_disc(comm, nodes // order, 1.0, order),
+        LAWS[law],
+        order=order,
+    )
     supports = [
         gx.Fixed(film, "rim"),
         gx.Fixed(film, "x axis", components=(1,)),

@@ -39,7 +39,8 @@ from gossamer_fx.presets.gases import NITROGEN
 
 LAW = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
 # Largest errors, relative, with which a case counts as right.
-ENERGY, MOMENTUM = 1e-10, 1e-12
+ENERGY = 1e-10
+MOMENTUM = 1e-12
 MAP = {
     "speed": [0.01, 0.1, 10.0, 100.0],
     "h": [0.1, 0.3, 3.0, 10.0],
@@ -73,7 +74,8 @@ def film(
     c, s, C, S = (f(motion[a]) for a in ("turn", "tilt") for f in (np.cos, np.sin))
 
     def placed(X: np.ndarray) -> np.ndarray:
-        x, y = X[0] - size / 2, X[1] - size / 2
+        x = X[0] - size / 2
+        y = X[1] - size / 2
         x, y = c * x - s * y, s * x + c * y
         return np.vstack([x, C * y, S * y]) + np.array(motion["at"])[:, None]
 
@@ -82,7 +84,13 @@ def film(
         return np.cross((0, 0, motion["spin"]), x.T).T + np.array(motion["velocity"])[:, None]
 
     mesh = sheet(comm, n, n, size, size)
-    return gx.Membrane(mesh, law, name=name, displacement=lambda X: placed(X) - X, velocity=thrown)
+    return gx.Membrane(
+        mesh,
+        law,
+        name=name,
+        displacement=lambda X: placed(X) - X,
+        velocity=thrown,
+    )
 
 
 def zigzag(
@@ -98,7 +106,10 @@ def zigzag(
         """Nodes and triangles of a flat strip whose columns are at x."""
         x_, y_ = np.meshgrid(x, np.arange(6) * cell)
         grid = np.arange(1, x_.size + 1).reshape(x_.shape)
-        a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
+        a = grid[:-1, :-1]
+        b = grid[:-1, 1:]
+        c = grid[1:, 1:]
+        d = grid[1:, :-1]
         surface = model.addDiscreteEntity(2)
         model.mesh.addNodes(
             2, surface, range(1, x_.size + 1), np.stack([x_, y_, 0 * x_], 2).ravel()
@@ -145,20 +156,35 @@ def bar(comm: MPI.Comm, start: float, speed: float, name: str) -> gx.Membrane:
     moved = lambda X: np.vstack([0 * X[0] + start, 0 * X[0], 0 * X[0]])  # noqa: E731
     thrown = lambda X: np.vstack([0 * X[0] + speed, 0 * X[0], 0 * X[0]])  # noqa: E731
     mesh = sheet(comm, 64, 2, LENGTH, WIDTH)
-    return gx.Membrane(mesh, gx.Linear(**BAR), displacement=moved, velocity=thrown, name=name)
+    return gx.Membrane(
+        mesh,
+        gx.Linear(**BAR),
+        displacement=moved,
+        velocity=thrown,
+        name=name,
+    )
 
 
 def impact(comm: MPI.Comm, against: str) -> tuple[gx.Simulation, gx.Contact, float]:
     """Bars head-on, or one against a wall."""
-    d, h = 2e-5, 4e-6
+    d = 2e-5
+    h = 4e-6
     left = bar(comm, -LENGTH - 1.1 * d, SPEED, "left")
     if against == "bars":
         other: Any = bar(comm, 0.0, -SPEED, "right")
     else:
-        other = gx.contact.Plane(point=(0.0, 0.0, 0.0), normal=(-1.0, 0.0, 0.0), name="wall")
+        other = gx.contact.Plane(
+            point=(0.0, 0.0, 0.0),
+            normal=(-1.0, 0.0, 0.0),
+            name="wall",
+        )
     contact = gx.Contact(left, other, distance=d)
     force = gx.Series({"force": gx.probes.ContactForce(contact, left, axis="x")})
-    run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=h), outputs=[force])
+    run = gx.Simulation(
+        gx.Scene(contact),
+        gx.Midpoint(dt=h),
+        outputs=[force],
+    )
     run.run(until=2.2 * 2 * LENGTH / WAVE)
     values = -np.array(force["force"])
     # Contact lasts for the steps with a force above round-off.
@@ -184,25 +210,47 @@ def bar_velocity(run: gx.Simulation, body: gx.Membrane) -> float:
 
 def block(comm: MPI.Comm) -> tuple[gx.Simulation, gx.Contact, float]:
     """m1 = the film at 2 m/s on m2 = 3 m1 at rest."""
-    d, V, size = 1e-3, 2.0, 0.1
+    d = 1e-3
+    V = 2.0
+    size = 0.1
     mass = LAW["density"] * LAW["thickness"] * size**2
     reduced = 0.75 * mass
     # A spring of this stiffness is closed by 0.6 of the distance.
     k = reduced * (V / (0.6 * d)) ** 2
     face = gx.RigidBody(
-        3 * mass, (1e-5, 1e-5, 1e-5), position=(0, 0, -0.01), comm=comm, name="block"
+        3 * mass,
+        (1e-5, 1e-5, 1e-5),
+        position=(0, 0, -0.01),
+        comm=comm,
+        name="block",
     )
-    thrown = film(comm, size=size, at=(0, 0, 1.05 * d), velocity=(0, 0, -V))
+    thrown = film(
+        comm,
+        size=size,
+        at=(0, 0, 1.05 * d),
+        velocity=(0, 0, -V),
+    )
     plane = gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1), body=face)
-    contact = gx.Contact(thrown, plane, distance=d, stiffness=k / size**2, law="penalty")
-    h, expected = 2e-6, np.pi * (reduced / k) ** 0.5
+    contact = gx.Contact(
+        thrown,
+        plane,
+        distance=d,
+        stiffness=k / size**2,
+        law="penalty",
+    )
+    h = 2e-6
+    expected = np.pi * (reduced / k) ** 0.5
     force = gx.Series(
         {
             "force": gx.probes.ContactForce(contact, thrown, axis="z"),
             "gap": gx.probes.ContactGap(contact),
         }
     )
-    run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=h), outputs=[force])
+    run = gx.Simulation(
+        gx.Scene(contact),
+        gx.Midpoint(dt=h),
+        outputs=[force],
+    )
     run.run(until=1.3 * expected)
     time = h * np.count_nonzero(np.array(force["force"]) > 1e-9)
     depth = d - min(force["gap"])
@@ -220,20 +268,49 @@ def mixed(comm: MPI.Comm, what: str) -> tuple[gx.Simulation, gx.Contact, float]:
     if what == "cable":
         down = lambda X: np.outer((0.0, 0.0, -2.0), np.ones(X.shape[1]))  # noqa: E731
         mesh = line(comm, [(-0.06, -0.01, 0.003), (0.07, 0.02, 0.003)], 5)
-        rope = gx.Cable(mesh, gx.CableLaw(EA=1e4, line_density=0.01), velocity=down, name="rope")
-        contact = gx.Contact(flat, rope, distance=1e-3, radius={"rope": 1e-3})
-    elif what == "edges":
-        upright = film(
-            comm, at=(0.003, 0.0, 0.052), tilt=np.pi / 2, velocity=(0, 0, -2.0), name="upright"
+        rope = gx.Cable(
+            mesh,
+            gx.CableLaw(EA=1e4, line_density=0.01),
+            velocity=down,
+            name="rope",
         )
         contact = gx.Contact(
-            film(comm, turn=0.3, tilt=np.pi / 2, at=(0, 0, -0.064), name="other"),
+            flat,
+            rope,
+            distance=1e-3,
+            radius={"rope": 1e-3},
+        )
+    elif what == "edges":
+        upright = film(
+            comm,
+            at=(0.003, 0.0, 0.052),
+            tilt=np.pi / 2,
+            velocity=(0, 0, -2.0),
+            name="upright",
+        )
+        contact = gx.Contact(
+            film(
+                comm,
+                turn=0.3,
+                tilt=np.pi / 2,
+                at=(0, 0, -0.064),
+                name="other",
+            ),
             upright,
             distance=1e-3,
         )
     else:
-        box = gx.contact.Box(centre=(0, 0, -0.0366), sizes=(0.04, 0.04, 0.04), axes=_on_a_corner())
-        thrown = film(comm, n=6, velocity=(0, 0, -2.0), name="thrown")
+        box = gx.contact.Box(
+            centre=(0, 0, -0.0366),
+            sizes=(0.04, 0.04, 0.04),
+            axes=_on_a_corner(),
+        )
+        thrown = film(
+            comm,
+            n=6,
+            velocity=(0, 0, -2.0),
+            name="thrown",
+        )
         contact = gx.Contact(thrown, box, distance=1e-3)
     run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=1e-4))
     run.run(until=5e-3)
@@ -252,7 +329,8 @@ def tube(
     comm: MPI.Comm, touches: bool, controlled: bool = False
 ) -> tuple[gx.Simulation, gx.Contact | None, float]:
     """A folded tube of five compartments, filled through a valve that opens within 15 ms."""
-    length, diameter = 0.8, 0.058
+    length = 0.8
+    diameter = 0.058
     folds = gx.fold.Zigzag(
         length=length,
         panels=5,
@@ -273,7 +351,12 @@ def tube(
         folds=folds,
         contact_distance=distance,
     )
-    source = gx.Tank(20e-6, gas=NITROGEN, pressure=1.5e6, temperature=293.0)
+    source = gx.Tank(
+        20e-6,
+        gas=NITROGEN,
+        pressure=1.5e6,
+        temperature=293.0,
+    )
 
     def area(t: float) -> float:
         s = min(max((t - 5e-3) / 1e-2, 0.0), 1.0)
@@ -281,7 +364,9 @@ def tube(
 
     control = gx.StepControl(target_iterations=9, max_step=5e-5) if controlled else None
     run = gx.Simulation(
-        gx.Scene(made, made.inlet(source, area)), gx.Midpoint(dt=2.5e-5), control=control
+        gx.Scene(made, made.inlet(source, area)),
+        gx.Midpoint(dt=2.5e-5),
+        control=control,
     )
     run.run(until=UNTIL)
     return run, made.contact, 0.0
@@ -293,12 +378,23 @@ def extreme(comm: MPI.Comm, words: list[str]) -> tuple[gx.Simulation, gx.Contact
     law = LAW | {"thickness": v["thickness"]}
     soft = gx.Miyazaki(**law | {"E": LAW["E"] * v["stiffness"]}, residual_stiffness=1e-6)
     size = v["size"]
-    lower = film(comm, size=size, law=gx.Miyazaki(**law, residual_stiffness=1e-6), name="lower")
-    at, velocity = (
-        (0.1 * size, 0.05 * size, 1.5 * v["distance"]),
-        (0.1 * v["speed"], 0.0, -v["speed"]),
+    lower = film(
+        comm,
+        size=size,
+        law=gx.Miyazaki(**law, residual_stiffness=1e-6),
+        name="lower",
     )
-    upper = film(comm, size=size, law=soft, turn=0.4, at=at, velocity=velocity, name="upper")
+    at = (0.1 * size, 0.05 * size, 1.5 * v["distance"])
+    velocity = (0.1 * v["speed"], 0.0, -v["speed"])
+    upper = film(
+        comm,
+        size=size,
+        law=soft,
+        turn=0.4,
+        at=at,
+        velocity=velocity,
+        name="upper",
+    )
     contact = gx.Contact(lower, upper, distance=v["distance"])
     run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=1e-4 * v["h"]))
     run.run(until=max(30 * run.stepper.dt, 3e-3 if v["speed"] >= 1 else 0.0))
@@ -332,8 +428,14 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
                 law=law,
             )
         else:
-            contact = gx.Contact(zigzag(comm), distance=5e-4, stiffness=8e6, law=law)
-        run, deviation = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=float(h))), 0.0
+            contact = gx.Contact(
+                zigzag(comm),
+                distance=5e-4,
+                stiffness=8e6,
+                law=law,
+            )
+        run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=float(h)))
+        deviation = 0.0
         run.run(until=0.01)
     elif words[0] in ("bars", "wall"):
         run, contact, deviation = impact(comm, words[0])
@@ -345,7 +447,8 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
         run, contact, deviation = mixed(comm, words[0])
     else:
         run, contact, deviation = extreme(comm, [] if case == "ordinary" else words)
-    first, now = run.first, run.totals
+    first = run.first
+    now = run.totals
     P = run.system.numbering.vector()
     run.system.M.mult(run.system.v0, P)
     size = float(

@@ -18,27 +18,56 @@ from demos.studies.engine.study import Measure, Study
 from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.probes.crease_angle import FoldAngle
 
-LENGTH, WIDTH, THICKNESS, E = 0.05, 0.01, 50e-6, 2.5e9
+LENGTH = 0.05
+WIDTH = 0.01
+THICKNESS = 50e-6
+E = 2.5e9
 # Of the crease: N m/m/rad, and rad.
-STIFFNESS, REST = 2e-3, math.radians(120.0)
-LAW = gx.Linear(E=E, nu=0.0, density=1400.0, thickness=THICKNESS)
-STRIP = gx.analysis.HangingStrip(LENGTH, WIDTH, bending_stiffness=E * THICKNESS**3 / 12)
+STIFFNESS = 2e-3
+REST = math.radians(120.0)
+LAW = gx.Linear(
+    E=E,
+    nu=0.0,
+    density=1400.0,
+    thickness=THICKNESS,
+)
+STRIP = gx.analysis.HangingStrip(
+    LENGTH,
+    WIDTH,
+    bending_stiffness=E * THICKNESS**3 / 12,
+)
 FORCES = [0.003, 0.01, 0.03, 0.05, 0.1, 0.3]  # N/m
 
 
 def folded(angle: float) -> Callable[[np.ndarray], np.ndarray]:
     """Displacement of the flat strip to plane panels in a valley fold of some angle [rad]."""
-    c, s = math.cos(angle / 2), math.sin(angle / 2)
+    c = math.cos(angle / 2)
+    s = math.sin(angle / 2)
     return lambda X: np.stack([(c - 1) * X[0], 0 * X[1], s * abs(X[0])])
 
 
 def problem(comm: MPI.Comm, force: float, cells: int) -> dict[str, float]:
     """`cells` along each panel."""
     mesh = creased_strip(comm, cells, 1, LENGTH, WIDTH)
-    plate = gx.Plate(mesh, LAW, hinges=["crease"], displacement=folded(REST))
-    crease = gx.connectors.Crease(plate, "crease", stiffness=STIFFNESS, rest_angle=REST)
+    plate = gx.Plate(
+        mesh,
+        LAW,
+        hinges=["crease"],
+        displacement=folded(REST),
+    )
+    crease = gx.connectors.Crease(
+        plate,
+        "crease",
+        stiffness=STIFFNESS,
+        rest_angle=REST,
+    )
     pulls = [
-        gx.loads.EdgeLoad(plate, side, force=(sign * force, 0.0, 0.0), name=f"pull {side}")
+        gx.loads.EdgeLoad(
+            plate,
+            side,
+            force=(sign * force, 0.0, 0.0),
+            name=f"pull {side}",
+        )
         for side, sign in (("left", -1), ("right", 1))
     ]
     search = gx.Equilibrium(gx.Scene(plate, crease, gx.Fixed(plate, "crease"), *pulls))

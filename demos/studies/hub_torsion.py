@@ -88,7 +88,12 @@ def exact(c: float) -> Solution:
         displacement, _ = _inward(B, c)
         return displacement / (STRAIN * HUB) - 1
 
-    B = brentq(error_at_hub, 0.0, limit, xtol=1e-12 * limit)
+    B = brentq(
+        error_at_hub,
+        0.0,
+        limit,
+        xtol=1e-12 * limit,
+    )
     _, solution = _inward(B, c)
     return solution
 
@@ -100,7 +105,13 @@ def _inward(B: float, c: float) -> tuple[float, Solution]:
     k2 = Solution(0.0, R, A, B, c).k2
     # No tension would be left at the hub: B is too small.
     if k2 <= (c / HUB) ** 2:
-        return 2 * STRAIN * HUB, Solution(math.nan, R, A, B, c)
+        return 2 * STRAIN * HUB, Solution(
+            math.nan,
+            R,
+            A,
+            B,
+            c,
+        )
 
     def rates(r: float, y: np.ndarray) -> np.ndarray:
         """(u', (v/r)') of y = (u, v/r)."""
@@ -126,7 +137,13 @@ def _inward(B: float, c: float) -> tuple[float, Solution]:
         k3 = rates(r + h / 2, y + h / 2 * k2_)
         k4 = rates(r + h, y + h * k3)
         y = y + h / 6 * (k1 + 2 * k2_ + 2 * k3 + k4)
-    return float(y[0]), Solution(-float(y[1]), R, A, B, c)
+    return float(y[0]), Solution(
+        -float(y[1]),
+        R,
+        A,
+        B,
+        c,
+    )
 
 
 def problem(comm: MPI.Comm, law: str, element: str, torque: float, nodes: int) -> dict[str, float]:
@@ -136,7 +153,14 @@ def problem(comm: MPI.Comm, law: str, element: str, torque: float, nodes: int) -
     c = torque * TENSION * HUB**2
     solution = exact(c)
     θ = solution.θ
-    mesh = ring(comm, HUB, RIM, cells, 4 * cells, order)
+    mesh = ring(
+        comm,
+        HUB,
+        RIM,
+        cells,
+        4 * cells,
+        order,
+    )
     film = gx.Membrane(mesh, LAWS[law], order=order)
 
     def turn(X: np.ndarray, t: float) -> np.ndarray:
@@ -150,8 +174,18 @@ def problem(comm: MPI.Comm, law: str, element: str, torque: float, nodes: int) -
         turned_y = np.sin(angle) * x + np.cos(angle) * y
         return np.vstack([turned_x, turned_y, X[2]]) - X
 
-    hub = gx.Fixed(film, "hub", motion=turn, components=(0, 1))
-    rim = gx.Fixed(film, "rim", motion=turn, components=(0, 1))
+    hub = gx.Fixed(
+        film,
+        "hub",
+        motion=turn,
+        components=(0, 1),
+    )
+    rim = gx.Fixed(
+        film,
+        "rim",
+        motion=turn,
+        components=(0, 1),
+    )
     in_plane = gx.Fixed(film, "film", components=(2,))
     search = gx.Equilibrium(gx.Scene(film, hub, rim, in_plane))
     found = search.find()

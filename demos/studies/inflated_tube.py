@@ -31,10 +31,14 @@ LAW = gx.Miyazaki(**FILM, residual_stiffness=1e-6)
 @cache
 def exact(q: float) -> tuple[float, float]:
     """(λ_x, λ_t), by a fixed-point iteration that contracts with the rate q."""
-    ν, λ_x, λ_t = FILM["nu"], 1.0, 1.0
+    ν = FILM["nu"]
+    λ_x = 1.0
+    λ_t = 1.0
     for _ in range(100):
-        S_x, S_t = q * λ_t**2 / (2 * λ_x), q * λ_x
-        λ_x, λ_t = math.sqrt(1 + 2 * (S_x - ν * S_t)), math.sqrt(1 + 2 * (S_t - ν * S_x))
+        S_x = q * λ_t**2 / (2 * λ_x)
+        S_t = q * λ_x
+        λ_x = math.sqrt(1 + 2 * (S_x - ν * S_t))
+        λ_t = math.sqrt(1 + 2 * (S_t - ν * S_x))
     return λ_x, λ_t
 
 
@@ -50,7 +54,8 @@ def stretches(film: gx.Membrane, search: gx.Equilibrium) -> tuple[float, float]:
         return total
 
     n = float(sums(np.ones(middle.sum())))
-    x, X = x[middle] - sums(x[middle]) / n, X[middle] - sums(X[middle]) / n
+    x = x[middle] - sums(x[middle]) / n
+    X = X[middle] - sums(X[middle]) / n
     λ_x = sums(x[:, 0] * X[:, 0]) / sums(X[:, 0] ** 2)
     λ_t = sums(np.hypot(x[:, 1], x[:, 2])) / (n * RADIUS)
     return float(λ_x), float(λ_t)
@@ -60,7 +65,18 @@ def problem(comm: MPI.Comm, element: str, q: float, sides: int) -> dict[str, flo
     """The whole tube with `sides` edges around."""
     order = {"P1": 1, "P2": 2}[element]
     along = 2 * round(sides * LENGTH / (12 * RADIUS))
-    film = gx.Membrane(capped_cylinder(comm, RADIUS, LENGTH, sides, along, order), LAW, order=order)
+    film = gx.Membrane(
+        capped_cylinder(
+            comm,
+            RADIUS,
+            LENGTH,
+            sides,
+            along,
+            order,
+        ),
+        LAW,
+        order=order,
+    )
     search = gx.Equilibrium(
         gx.Scene(film, gx.Pressure(film, q * FILM["E"] * FILM["thickness"] / RADIUS))
     )

@@ -21,7 +21,9 @@ from gossamer_fx.materials.film import FilmLaw
 
 # Curvature over that of the first wrinkle, and cells over the height of the strip and along the
 # airbag's edge.
-K, STRIP_CELLS, AIRBAG_CELLS = 2.0, 24, 16
+K = 2.0
+STRIP_CELLS = 24
+AIRBAG_CELLS = 16
 
 
 def laws(film: dict[str, float], half_wavelength: float) -> dict[str, FilmLaw]:
@@ -37,24 +39,28 @@ def laws(film: dict[str, float], half_wavelength: float) -> dict[str, FilmLaw]:
     }
 
 
-STRIP, AIRBAG = laws(bending_strip.FILM, 0.05), laws(airbag.FILM, 0.4)
+STRIP = laws(bending_strip.FILM, 0.05)
+AIRBAG = laws(airbag.FILM, 0.4)
 
 
 def problem(comm: MPI.Comm, scene: str, law: str) -> dict[str, float]:
     """Solve a scene with one law; m of the strip or V [m³] of the airbag is the global result."""
     if scene == "strip":
         moved, search = bending_strip.bent_strip(comm, STRIP[law], 1, K, STRIP_CELLS)
-        film, found = moved.body, search.find()
+        film = moved.body
+        found = search.find()
         force, moment = search.reaction(moved, about=(bending_strip.L, bending_strip.H / 2, 0.0))
         accepted = bending_strip.exact(K)[0]
         global_result = -2 * moment[2] / (force[0] * bending_strip.H)
-        point, component = "top right", 1
+        point = "top right"
+        component = 1
     else:
         film, search = airbag.airbag(comm, AIRBAG[law], 1, AIRBAG_CELLS)
         found = search.find()
         accepted = 0.1250
         global_result = airbag.SHEETS * airbag.QUARTERS * found.totals.supplied / airbag.PRESSURE
-        point, component = "bottom left", 2
+        point = "bottom left"
+        component = 2
     slack, wrinkled, taut = AreaFractions([film])(search.system)
     return {
         "m or V": float(global_result),

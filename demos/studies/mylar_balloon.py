@@ -25,7 +25,8 @@ LAWS: dict[str, FilmLaw] = {
 # Pressure over E t/a: so small that the film hardly stretches.
 Q = 1e-3
 # A quarter of the upper half is computed.
-HALVES, QUARTERS = 2, 4
+HALVES = 2
+QUARTERS = 4
 # Cells along a radius; finer meshes of order 2 wrinkle in many ways at this pressure.
 CELLS = {
     "P1": (6, 12, 24),
@@ -37,7 +38,11 @@ def inflate(
     comm: MPI.Comm, law: FilmLaw, order: int, cells: int, q: float
 ) -> tuple[np.ndarray, gx.analysis.EquilibriumResult]:
     """(R/a, thickness/a, V/a³) of a quarter of the upper half, from flat."""
-    film = gx.Membrane(quarter_disc(comm, cells, 1.0, order), law, order=order)
+    film = gx.Membrane(
+        quarter_disc(comm, cells, 1.0, order),
+        law,
+        order=order,
+    )
     held = [
         gx.Fixed(film, "rim", components=(2,)),
         gx.Fixed(film, "x axis", components=(1,)),
@@ -57,9 +62,17 @@ def inflate(
 
 def problem(comm: MPI.Comm, law: str, element: str, level: int) -> dict[str, float]:
     """Shape of the balloon at zero strain, extrapolated from two pressures."""
-    order, cells = {"P1": 1, "P2": 2}[element], CELLS[element][level]
+    order = {"P1": 1, "P2": 2}[element]
+    cells = CELLS[element][level]
     (coarse, first), (fine, second) = (
-        inflate(comm, LAWS[law], order, cells, q) for q in (2 * Q, Q)
+        inflate(
+            comm,
+            LAWS[law],
+            order,
+            cells,
+            q,
+        )
+        for q in (2 * Q, Q)
     )
     # The error is linear in the pressure: extrapolate to zero.
     radius, thickness, volume = 2 * fine - coarse

@@ -56,7 +56,14 @@ def problem(comm: MPI.Comm, scene: str, h: float) -> dict[str, float]:
         run, result = libration(comm, SWINGS[scene], h)
     elif scene in DRIFTS:
         angle, e, i = DRIFTS[scene]
-        run, result = drift(comm, angle, e, i, h, critical=scene == "critical")
+        run, result = drift(
+            comm,
+            angle,
+            e,
+            i,
+            h,
+            critical=scene == "critical",
+        )
     else:
         run, result = keplers_motion(comm, scene, h)
     # The torque of an oblate Earth is a load, which changes the angular momentum.
@@ -78,15 +85,37 @@ def keplers_motion(comm: MPI.Comm, scene: str, h: float) -> tuple[gx.Simulation,
     """Ten revolutions of a rigid or a flexible body, and how far it is from where it should be."""
     orbit = gx.orbit.Orbit(gx.orbit.Elements(A, 0.1))
     # Three different moments of inertia: the body tumbles.
-    tumbling = gx.RigidBody(20.0, (1.0, 2.0, 2.5), spin=(0.002, 0.001, 0.003), comm=comm)
+    tumbling = gx.RigidBody(
+        20.0,
+        (1.0, 2.0, 2.5),
+        spin=(0.002, 0.001, 0.003),
+        comm=comm,
+    )
     bodies: list[Any] = [tumbling]
     if scene == "flexible":
         # A dumbbell of 20 m that turns once a revolution.
         arm = np.array([8.0, 6.0, 0.0])
         velocity = RATE * np.array([-6.0, 8.0, 0.0])
-        a = gx.PointMass(10.0, tuple(-arm), velocity=tuple(-velocity), comm=comm, name="a")
-        b = gx.PointMass(10.0, tuple(arm), velocity=tuple(velocity), comm=comm, name="b")
-        spring = gx.connectors.Spring(a.port(), b.port(), stiffness=1e5, length=20.0)
+        a = gx.PointMass(
+            10.0,
+            tuple(-arm),
+            velocity=tuple(-velocity),
+            comm=comm,
+            name="a",
+        )
+        b = gx.PointMass(
+            10.0,
+            tuple(arm),
+            velocity=tuple(velocity),
+            comm=comm,
+            name="b",
+        )
+        spring = gx.connectors.Spring(
+            a.port(),
+            b.port(),
+            stiffness=1e5,
+            length=20.0,
+        )
         bodies = [a, b, spring]
     run = gx.Simulation(gx.Scene(*bodies, orbit), gx.Midpoint(dt=h))
     run.run(until=10 * REVOLUTION)
@@ -102,7 +131,13 @@ def libration(comm: MPI.Comm, angle: float, h: float) -> tuple[gx.Simulation, fl
     s = math.sin(angle)
     turned = ((c, -s, 0), (s, c, 0), (0, 0, 1))
     # A moment of inertia about its own axis that is small, as of a bar, and not zero.
-    bar = gx.RigidBody(20.0, (1e-3, 600.0, 600.0), attitude=turned, spin=(0, 0, RATE), comm=comm)
+    bar = gx.RigidBody(
+        20.0,
+        (1e-3, 600.0, 600.0),
+        attitude=turned,
+        spin=(0, 0, RATE),
+        comm=comm,
+    )
 
     def from_the_vertical(run: gx.Simulation) -> float:
         """Sine of the angle between the bar and the vertical, in the plane of the orbit."""
@@ -111,8 +146,17 @@ def libration(comm: MPI.Comm, angle: float, h: float) -> tuple[gx.Simulation, fl
         return float(outward[0] * axis[1] - outward[1] * axis[0]) / A
 
     exact = float(ellipk(s**2)) / (math.sqrt(3) * RATE)
-    vertical = gx.When(from_the_vertical, falling=True, stop=True, tolerance=1e-3)
-    run = gx.Simulation(gx.Scene(bar, orbit), gx.Midpoint(dt=h), events=[vertical])
+    vertical = gx.When(
+        from_the_vertical,
+        falling=True,
+        stop=True,
+        tolerance=1e-3,
+    )
+    run = gx.Simulation(
+        gx.Scene(bar, orbit),
+        gx.Midpoint(dt=h),
+        events=[vertical],
+    )
     run.run(until=2 * exact)
     return run, run.time / exact
 
@@ -121,7 +165,13 @@ def drift(
     comm: MPI.Comm, angle: str, e: float, i: float, h: float, critical: bool
 ) -> tuple[gx.Simulation, float]:
     """A flight over an oblate Earth, and the drift of an angle of its orbit over the exact one."""
-    elements = gx.orbit.Elements(A, e, i=i, node=1.0, perigee=1.0)
+    elements = gx.orbit.Elements(
+        A,
+        e,
+        i=i,
+        node=1.0,
+        perigee=1.0,
+    )
     times = np.arange(EVERY, 5 * REVOLUTION, EVERY)
     run, rate = _flight(comm, elements, "J2", angle, times, h)
     # Steps of finite length turn the perigee also without J2.

@@ -99,7 +99,12 @@ Figures = dict[str, float]
 # Long pseudo-steps: these loads are far from an instability.
 LONG_STEPS = gx.analysis.Continuation(first_step=50.0)
 # Law and length of the two cantilevers of Sze, Liu & Lo.
-SZE_LAW = gx.Linear(E=1.2e6, nu=0.0, density=1.0, thickness=0.1)
+SZE_LAW = gx.Linear(
+    E=1.2e6,
+    nu=0.0,
+    density=1.0,
+    thickness=0.1,
+)
 
 
 def positions(equilibrium: gx.Equilibrium, plate: gx.Plate, group: str) -> np.ndarray:
@@ -123,17 +128,38 @@ def strip(
     """A plate of length × width [m] with `cells` along it, on a regular or an irregular mesh."""
     if kind == "irregular":
         # Two rows at least: a single one has no free node to move.
-        mesh = irregular_sheet(comm, cells, max(cells // 8, 2), length, width)
+        mesh = irregular_sheet(
+            comm,
+            cells,
+            max(cells // 8, 2),
+            length,
+            width,
+        )
     else:
-        mesh = sheet(comm, cells, max(cells // 8, 1), length, width)
+        mesh = sheet(
+            comm,
+            cells,
+            max(cells // 8, 1),
+            length,
+            width,
+        )
     return gx.Plate(mesh, law, **more)
 
 
 def elastica(comm: MPI.Comm, cells: int, t: float, kind: str = "regular") -> Figures:
     """Cantilever of thickness t [m] under a dead end force; error over the largest displacement."""
-    law = gx.Linear(E=1e9, nu=0.0, density=1000.0, thickness=t)
+    law = gx.Linear(
+        E=1e9,
+        nu=0.0,
+        density=1000.0,
+        thickness=t,
+    )
     plate = strip(comm, cells, 1.0, 0.1, law, kind)
-    load = gx.loads.EdgeLoad(plate, "right", force=(0.0, 0.0, 10 * 1e9 * t**3 / 12))
+    load = gx.loads.EdgeLoad(
+        plate,
+        "right",
+        force=(0.0, 0.0, 10 * 1e9 * t**3 / 12),
+    )
     equilibrium = gx.Equilibrium(gx.Scene(plate, gx.Fixed(plate, "left", rotation=True), load))
     found = equilibrium.find()
     x = positions(equilibrium, plate, "right")
@@ -144,7 +170,11 @@ def elastica(comm: MPI.Comm, cells: int, t: float, kind: str = "regular") -> Fig
 def sze_a(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
     """Cantilever under a dead end force; worst error over the largest displacement."""
     plate = strip(comm, cells, 10.0, 1.0, SZE_LAW, kind)
-    load = gx.loads.EdgeLoad(plate, "right", force=lambda t: (0.0, 0.0, 4 * t))
+    load = gx.loads.EdgeLoad(
+        plate,
+        "right",
+        force=lambda t: (0.0, 0.0, 4 * t),
+    )
     clamp = gx.Fixed(plate, "left", rotation=True)
     equilibrium = gx.Equilibrium(gx.Scene(plate, clamp, load), LONG_STEPS)
     worst = 0.0
@@ -165,7 +195,11 @@ def sze_a(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
 def roll_up(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
     """Cantilever under an end moment, to a full circle; worst error over the length."""
     plate = strip(comm, cells, 12.0, 1.0, SZE_LAW, kind)
-    moment = gx.loads.EdgeMoment(plate, "right", moment=lambda t: 50 * math.pi / 3 * t)
+    moment = gx.loads.EdgeMoment(
+        plate,
+        "right",
+        moment=lambda t: 50 * math.pi / 3 * t,
+    )
     clamp = gx.Fixed(plate, "left", rotation=True)
     equilibrium = gx.Equilibrium(gx.Scene(plate, clamp, moment), LONG_STEPS)
     worst = 0.0
@@ -189,9 +223,27 @@ def slit(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
     if kind == "free":
         mesh = free_slit_ring(comm, 8 / cells, 6.0, 10.0)
     else:
-        mesh = slit_ring(comm, 5 * cells // 8, 5 * cells, 6.0, 10.0)
-    plate = gx.Plate(mesh, gx.Linear(E=21e6, nu=0.0, density=1.0, thickness=0.03))
-    load = gx.loads.EdgeLoad(plate, "start", force=lambda t: (0.0, 0.0, 0.8 * t))
+        mesh = slit_ring(
+            comm,
+            5 * cells // 8,
+            5 * cells,
+            6.0,
+            10.0,
+        )
+    plate = gx.Plate(
+        mesh,
+        gx.Linear(
+            E=21e6,
+            nu=0.0,
+            density=1.0,
+            thickness=0.03,
+        ),
+    )
+    load = gx.loads.EdgeLoad(
+        plate,
+        "start",
+        force=lambda t: (0.0, 0.0, 0.8 * t),
+    )
     clamp = gx.Fixed(plate, "end", rotation=True)
     equilibrium = gx.Equilibrium(gx.Scene(plate, clamp, load), LONG_STEPS)
     worst = 0.0
@@ -219,8 +271,21 @@ def slit(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
 
 def curl(comm: MPI.Comm, cells: int, angle: float) -> Figures:
     """A strip that is at rest as a part of a circle; error of its end over the length of 1 m."""
-    law = gx.Linear(E=1e9, nu=0.0, density=1000.0, thickness=1e-3)
-    plate = strip(comm, cells, 1.0, 0.1, law, "regular", rest_curvature=np.diag((angle, 0.0, 0.0)))
+    law = gx.Linear(
+        E=1e9,
+        nu=0.0,
+        density=1000.0,
+        thickness=1e-3,
+    )
+    plate = strip(
+        comm,
+        cells,
+        1.0,
+        0.1,
+        law,
+        "regular",
+        rest_curvature=np.diag((angle, 0.0, 0.0)),
+    )
     equilibrium = gx.Equilibrium(gx.Scene(plate, gx.Fixed(plate, "left", rotation=True)))
     found = equilibrium.find()
     x = positions(equilibrium, plate, "right")
@@ -237,7 +302,12 @@ def buckled(comm: MPI.Comm, cells: int, slope: int, kind: str = "regular") -> Fi
     e_E = 1e-4
     t = math.sqrt(12 * e_E) / math.pi
     shortening, exact = BUCKLED[slope]
-    law = gx.Linear(E=1e6, nu=0.0, density=1000.0, thickness=t)
+    law = gx.Linear(
+        E=1e6,
+        nu=0.0,
+        density=1000.0,
+        thickness=t,
+    )
     arc = np.linspace(0, half, 201)
     # Nearly the slope [rad] of the elastica: a start on the buckled branch.
     θ = math.radians(slope) * np.sin(math.pi * arc / (2 * half))
@@ -254,8 +324,21 @@ def buckled(comm: MPI.Comm, cells: int, slope: int, kind: str = "regular") -> Fi
         along = np.interp(X[0], arc, x) - X[0]
         return np.stack([along, 0 * X[0], np.interp(X[0], arc, z)])
 
-    plate = strip(comm, cells, half, 0.05, law, kind, displacement=bent)
-    clamp = gx.Fixed(plate, "left", rotation=True, direction=(1.0, 0.0, 0.0))
+    plate = strip(
+        comm,
+        cells,
+        half,
+        0.05,
+        law,
+        kind,
+        displacement=bent,
+    )
+    clamp = gx.Fixed(
+        plate,
+        "left",
+        rotation=True,
+        direction=(1.0, 0.0, 0.0),
+    )
     end = gx.Fixed(
         plate,
         "right",
@@ -280,7 +363,12 @@ def buckled(comm: MPI.Comm, cells: int, slope: int, kind: str = "regular") -> Fi
 def pressed(comm: MPI.Comm, cells: int, load: float) -> Figures:
     """Clamped disc of radius 1 m under the pressure `load` E t⁴/a⁴; relative error of w0."""
     t = 0.01
-    law = gx.Linear(E=1e9, nu=NU, density=1000.0, thickness=t)
+    law = gx.Linear(
+        E=1e9,
+        nu=NU,
+        density=1000.0,
+        thickness=t,
+    )
     plate = gx.Plate(whole_disc(comm, cells), law)
     pressure = gx.Pressure(plate, load * 1e9 * t**4)
     equilibrium = gx.Equilibrium(gx.Scene(plate, gx.Fixed(plate, "rim", rotation=True), pressure))
@@ -297,7 +385,12 @@ def pressed(comm: MPI.Comm, cells: int, load: float) -> Figures:
 
 def frequencies(comm: MPI.Comm, cells: int, shape: str, edge: str) -> Figures:
     """The lowest modes, of which the plane ones of so thin a plate are none."""
-    law = gx.Linear(E=1e9, nu=NU, density=1000.0, thickness=1e-3)
+    law = gx.Linear(
+        E=1e9,
+        nu=NU,
+        density=1000.0,
+        thickness=1e-3,
+    )
     rims: Sequence[str] = EDGES
     if shape == "circle":
         rims = ("rim",)
@@ -330,7 +423,11 @@ def frequencies(comm: MPI.Comm, cells: int, shape: str, edge: str) -> Figures:
         # Six rigid motions of zero frequency; the search begins above them.
         rigid = 6
         shift = 0.3 * exact[0] * unit
-    modes = gx.analysis.modes(equilibrium, len(exact) + rigid, above=shift)
+    modes = gx.analysis.modes(
+        equilibrium,
+        len(exact) + rigid,
+        above=shift,
+    )
     found_modes = np.array([mode.frequency for mode in modes])[rigid:] / unit
     return {
         "error": float(abs(found_modes / exact - 1).max()),

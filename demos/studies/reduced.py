@@ -112,7 +112,7 @@ def predicted(comm: MPI.Intracomm, modes: int, share: float) -> dict[str, float]
     sail = gx.reduction.reduce(known.film, known.recordings, modes=modes, cells=cells)
     trained = time.process_time() - started
     run = flight(sail, FASTER * SPIN, DT)
-    shape = BodyShape(run.system.state, sail)
+    shape = BodyShape(run.system, sail)
     found = []
     own = known.film.space.dofmap.index_map.size_local
     # Time of the steps only, as that of the full model.

@@ -16,7 +16,14 @@ from demos.studies.engine.study import Study
 
 def problem(comm: MPI.Comm, start: str, cells: int, h: float, **options: float) -> dict[str, float]:
     rev = nudged(8.0, start)
-    return main(cells=cells, largest=h, dt=min(h, 4e-4), rev=rev, comm=comm, **options)
+    return main(
+        cells=cells,
+        largest=h,
+        dt=min(h, 4e-4),
+        rev=rev,
+        comm=comm,
+        **options,
+    )
 
 
 STUDY = Study(

@@ -1,13 +1,13 @@
 """Which stress makes a film that wrinkles easy to move: rules of averaging on the spinning sheet.
 
 All of these conserve energy, momentum and angular momentum.  S(e) = ψ'(e), Δe = e1 - e0, and [·] the correction
-along Δe that makes S̄·Δe = ψ(e1) - ψ(e0) exact:
+along Δe that makes S_mean·Δe = ψ(e1) - ψ(e0) exact:
 
-    Gonzalez        S̄ = ψ'((e0 + e1)/2) + [·]            (J. Nonlinear Sci. 6 (1996) 449)
-    points n        S̄ = n Gauss points of ∫₀¹ ψ'(e0 + s Δe) ds + [·]
+    Gonzalez        S_mean = ψ'((e0 + e1)/2) + [·]            (J. Nonlinear Sci. 6 (1996) 449)
+    points n        S_mean = n Gauss points of ∫₀¹ ψ'(e0 + s Δe) ds + [·]
     exact           the integral itself, piece by piece between the points where the state switches
 
-Measured are Newton iterations a step, steps that had to be halved, and the drift of energy and angular momentum.
+Measured are Newton iterations a step, rejected steps, and the drift of energy and angular momentum.
 """
 
 from __future__ import annotations
@@ -59,7 +59,13 @@ RULES: dict[str, StressRule] = {
 
 def problem(comm: MPI.Comm, rule: str, h: float) -> dict[str, float]:
     """40 steps of the demo's sheet of 20 × 20 × 2 triangles."""
-    return main(n=20, dt=h, steps=STEPS, stepper=gx.Midpoint(dt=h, rule=RULES[rule]), comm=comm)
+    return main(
+        n=20,
+        dt=h,
+        steps=STEPS,
+        stepper=gx.Midpoint(dt=h, rule=RULES[rule]),
+        comm=comm,
+    )
 
 
 STUDY = Study(

@@ -7,7 +7,7 @@ from the energy, M = dU/d(2φ).
     peak     of uniform bending: the largest dU/dκ of the section under the curvature κ along the tape (Wüst, Z. Angew.
              Math. Mech. 34 (1954) 444; solved again below).  Ends that retain their shape make a short tape stiffer.
     plateau  of a fold, a cylinder of radius R about the other axis: M = (1+ν) D α (Seffen & Pellegrino, Proc. R. Soc.
-             Lond. A 455 (1999) 1003, doi:10.1098/rspa.1999.0347)
+             Lond. A 455 (1999) 1003)
 """
 
 from __future__ import annotations
@@ -25,7 +25,12 @@ from gossamer_fx.meshes.sheet import sheet
 RADIUS = 13.3e-3
 ANGLE = math.radians(80)
 HALF = 0.1
-STEEL = gx.Linear(E=210e9, nu=0.3, density=7850.0, thickness=1e-4)
+STEEL = gx.Linear(
+    E=210e9,
+    nu=0.3,
+    density=7850.0,
+    thickness=1e-4,
+)
 WIDTH = RADIUS * ANGLE
 # Bending stiffness [N m] of the strip as a plate.
 D = STEEL.E * STEEL.thickness**3 / 12 / (1 - STEEL.nu**2)
@@ -35,7 +40,11 @@ TURNS = np.radians([0, 1, 2, 3, 4, 5, 6, 6.5, 7, 8, 9, 10, 11, 12, 13, 14, 15, 1
 # Turn [rad] from which the moment is that of the fold.
 FLAT = np.radians(13.0)
 SEARCH = gx.analysis.Continuation(
-    first_step=1e-3, tolerance=1e-6, inner_tolerance=0.3, fast_iterations=15, max_iterations=40
+    first_step=1e-3,
+    tolerance=1e-6,
+    inner_tolerance=0.3,
+    fast_iterations=15,
+    max_iterations=40,
 )
 # Axial force [N] that counts as zero.
 LITTLE = 1e-3 * D * ANGLE / RADIUS
@@ -107,14 +116,36 @@ def problem(comm: MPI.Comm, cells: int) -> dict[str, float]:
     def direction(X: np.ndarray, φ: float) -> np.ndarray:
         return np.stack([math.cos(φ) + 0 * X[0], 0 * X[0], -math.sin(φ) + 0 * X[0]])
 
-    mesh = sheet(comm, 5 * cells // 2, cells, HALF, WIDTH, crossed=True)
+    mesh = sheet(
+        comm,
+        5 * cells // 2,
+        cells,
+        HALF,
+        WIDTH,
+        crossed=True,
+    )
     tape = gx.Plate(
-        mesh, STEEL, rest_curvature=np.diag((0.0, 1 / RADIUS, 0.0)), displacement=curved
+        mesh,
+        STEEL,
+        rest_curvature=np.diag((0.0, 1 / RADIUS, 0.0)),
+        displacement=curved,
     )
     middle = gx.Fixed(
-        tape, "left", rotation=True, components=(0,), direction=(1.0, 0.0, 0.0), name="middle"
+        tape,
+        "left",
+        rotation=True,
+        components=(0,),
+        direction=(1.0, 0.0, 0.0),
+        name="middle",
     )
-    end = gx.Fixed(tape, "right", rotation=True, direction=direction, motion=turned, name="end")
+    end = gx.Fixed(
+        tape,
+        "right",
+        rotation=True,
+        direction=direction,
+        motion=turned,
+        name="end",
+    )
     equilibrium = gx.Equilibrium(gx.Scene(tape, middle, end), SEARCH)
     energies = []
     iterations = 0

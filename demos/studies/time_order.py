@@ -60,23 +60,47 @@ def taut_sheet(comm: MPI.Comm) -> gx.Scene:
         speed = 30 * np.sin(math.pi * X[0]) * np.sin(math.pi * X[1])
         return np.vstack([0 * X[0], 0 * X[0], speed])
 
-    law = gx.Miyazaki(E=2.3e9, nu=0.3, density=1400.0, thickness=20e-6)
+    law = gx.Miyazaki(
+        E=2.3e9,
+        nu=0.3,
+        density=1400.0,
+        thickness=20e-6,
+    )
     film = gx.Membrane(
-        sheet(comm, 8, 8, crossed=True), law, displacement=lambda X: 0.05 * X, velocity=blow
+        sheet(comm, 8, 8, crossed=True),
+        law,
+        displacement=lambda X: 0.05 * X,
+        velocity=blow,
     )
     return gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES))
 
 
 def flutter(comm: MPI.Comm) -> gx.Scene:
-    law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-6)
+    law = gx.Miyazaki(
+        E=1e9,
+        nu=0.3,
+        density=1400.0,
+        thickness=1e-4,
+        residual_stiffness=1e-6,
+    )
     return gx.Scene(gx.Membrane(sheet(comm, 8, 8), law, velocity=throw))
 
 
 def balloon(comm: MPI.Comm) -> gx.Scene:
     """A rubber sphere of 0.2 m radius that fills from 1 bar through an orifice of 0.3 cm²."""
-    law = gx.Linear(E=2e6, nu=0.45, density=1100.0, thickness=2e-4)
+    law = gx.Linear(
+        E=2e6,
+        nu=0.45,
+        density=1100.0,
+        thickness=2e-4,
+    )
     film = gx.Membrane(sphere(comm, 0.2, 6, order=2), law, order=2)
-    bag = gx.Chamber(film, gas=gx.IdealGas(gamma=1.4, R=287.0), pressure=50.0, temperature=300.0)
+    bag = gx.Chamber(
+        film,
+        gas=gx.IdealGas(gamma=1.4, R=287.0),
+        pressure=50.0,
+        temperature=300.0,
+    )
     source = gx.gas.Reservoir(1e5, 300.0)
     valve = gx.Orifice(source, bag, area=3e-5)
     return gx.Scene(film, bag, valve)
@@ -87,7 +111,11 @@ def pendulum(comm: MPI.Comm) -> gx.Scene:
     model = antenna(comm, 2, 4, 1)
     corner = model.points[2]
     hook = gx.Ground(tuple(corner.tolist()))
-    hinge = gx.constraints.BallJoint(model.film.port_at(corner), hook, name="hinge")
+    hinge = gx.constraints.BallJoint(
+        model.film.port_at(corner),
+        hook,
+        name="hinge",
+    )
     weights = []
     for body in (model.film, *model.booms):
         weights.append(gx.Gravity(body, (0.0, 0.0, -1.0)))

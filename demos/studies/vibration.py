@@ -21,13 +21,26 @@ from demos.studies.engine.study import Measure, Study, Trial
 from gossamer_fx.meshes.disc import quarter_disc, ring
 from gossamer_fx.meshes.sheet import EDGES, sheet
 
-N0, THICKNESS, E, NU = 10.0, 2e-5, 2.3e9, 0.3
-TENSIONED = gx.Miyazaki(E, NU, density=0.028 / THICKNESS, thickness=THICKNESS)
+N0 = 10.0
+THICKNESS = 2e-5
+E = 2.3e9
+NU = 0.3
+TENSIONED = gx.Miyazaki(
+    E,
+    NU,
+    density=0.028 / THICKNESS,
+    thickness=THICKNESS,
+)
 STRETCH = N0 * (1 - NU) / (E * THICKNESS)
 # Spin [rad/s], and radius of the hub over that of the film.
 SPIN = 10.0
 HUB = 0.2
-SPUN = gx.Miyazaki(1e9, NU, density=5e-5 * 1e9 / SPIN**2, thickness=1e-4)
+SPUN = gx.Miyazaki(
+    1e9,
+    NU,
+    density=5e-5 * 1e9 / SPIN**2,
+    thickness=1e-4,
+)
 EXACT = {  # Hz
     "square": (6.363363, 10.06136, 10.06136, 12.726726),
     "circle": (7.233104, 15.446646, 16.602991),
@@ -49,11 +62,18 @@ def film_of(comm: MPI.Comm, scene: str, order: int, cells: int) -> gx.Scene:
         )
         return gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES))
     if scene == "hub":
-        film = gx.Membrane(ring(comm, HUB, 1.0, cells, 6 * cells, order), SPUN, order=order)
+        film = gx.Membrane(
+            ring(comm, HUB, 1.0, cells, 6 * cells, order),
+            SPUN,
+            order=order,
+        )
         return gx.Scene(film, gx.Fixed(film, "hub"), gx.loads.Centrifugal(film, (0.0, 0.0, SPIN)))
     law, stretch = (TENSIONED, STRETCH) if scene == "circle" else (SPUN, 0.0)
     film = gx.Membrane(
-        quarter_disc(comm, cells, 1.0, order), law, order=order, displacement=lambda X: stretch * X
+        quarter_disc(comm, cells, 1.0, order),
+        law,
+        order=order,
+        displacement=lambda X: stretch * X,
     )
     held = [gx.Fixed(film, "x axis", components=(1,)), gx.Fixed(film, "y axis", components=(0,))]
     last = (
@@ -67,10 +87,15 @@ def problem(comm: MPI.Comm, scene: str, element: str, nodes: int) -> dict[str, f
     order = {"P1": 1, "P2": 2}[element]
     equilibrium = gx.Equilibrium(film_of(comm, scene, order, nodes // order))
     found = equilibrium.find()
-    exact, began = np.array(EXACT[scene]), time.process_time()
+    exact = np.array(EXACT[scene])
+    began = time.process_time()
     # The first mode of a free disc is a translation along its axis, which is not a vibration.
     heave = scene == "free disc"
-    modes = gx.analysis.modes(equilibrium, len(exact) + heave, above=0.1 if heave else 0.0)[heave:]
+    modes = gx.analysis.modes(
+        equilibrium,
+        len(exact) + heave,
+        above=0.1 if heave else 0.0,
+    )[heave:]
     ratios = np.array([mode.frequency for mode in modes]) / exact
     return {
         "lowest/exact": ratios[0],

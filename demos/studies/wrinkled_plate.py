@@ -1,7 +1,7 @@
 """A sheared film that wrinkles: as a plate, whose wrinkles are resolved, and as a tension field, for comparison.
 
 Kapton, L × H = 380 × 128 mm, t = 25 µm; both long edges are clamped, and one is moved by δ = 3 mm along itself (Wong &
-Pellegrino, J. Mech. Mater. Struct. 1 (2006) 3, 27, 63, doi:10.2140/jomms.2006.1.3).  With γ = δ/H their theory has
+Pellegrino, J. Mech. Mater. Struct. 1 (2006) 3, 27, 63).  With γ = δ/H their theory has
 wrinkles at 45° of length √2 H, and
 
     half wavelength  λ = (πHt)^½ (3(1-ν²)γ)^(-¼) = 6.31 mm
@@ -77,7 +77,8 @@ def noisy(X: np.ndarray) -> np.ndarray:
 
 def wrinkled(X: np.ndarray, scale: float) -> np.ndarray:
     """Sheared, with wrinkles at 45° of the length and slope of the theory, or of another length."""
-    k, a = math.pi / (scale * LAMBDA), scale * AMPLITUDE
+    k = math.pi / (scale * LAMBDA)
+    a = scale * AMPLITUDE
     across = (X[0] - X[1]) / math.sqrt(2)
     height = a * np.sqrt(np.maximum(np.sin(math.pi * np.clip(X[1] / HEIGHT, 0, 1)), 0))
     shift = (
@@ -90,10 +91,24 @@ def problem(comm: MPI.Comm, start: str, cells: int) -> dict[str, float]:
     """A plate with `cells` to a centimetre along the sheet, as long as they lie along the wrinkles; and a film."""
     scale = STARTS[start]
     shape = noisy if scale is None else lambda X: wrinkled(X, scale)
-    mesh = leaning_sheet(comm, 38 * cells, 16, LENGTH, HEIGHT, 0.11)
+    mesh = leaning_sheet(
+        comm,
+        38 * cells,
+        16,
+        LENGTH,
+        HEIGHT,
+        0.11,
+    )
     plate = gx.Plate(mesh, gx.Linear(**FILM), displacement=shape)
     clamps = [
-        gx.Fixed(plate, edge, rotation=True, direction=(0.0, 1.0, 0.0), motion=motion, name=edge)
+        gx.Fixed(
+            plate,
+            edge,
+            rotation=True,
+            direction=(0.0, 1.0, 0.0),
+            motion=motion,
+            name=edge,
+        )
         for edge, motion in (("bottom", None), ("top", moved))
     ]
     equilibrium = gx.Equilibrium(gx.Scene(plate, *clamps), SEARCH)
@@ -102,7 +117,12 @@ def problem(comm: MPI.Comm, start: str, cells: int) -> dict[str, float]:
     force = equilibrium.reaction(clamps[1])[0][0]
 
     mesh = sheet(comm, 48, 16, LENGTH, HEIGHT)
-    film = gx.Membrane(mesh, gx.TensionField(**FILM), order=2, displacement=sheared)
+    film = gx.Membrane(
+        mesh,
+        gx.TensionField(**FILM),
+        order=2,
+        displacement=sheared,
+    )
     top = gx.Fixed(film, "top", motion=moved)
     other = gx.Equilibrium(
         gx.Scene(film, gx.Fixed(film, "bottom"), top), gx.analysis.Continuation(tolerance=1e-4)

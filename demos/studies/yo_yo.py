@@ -28,6 +28,6 @@ STUDY = Study(
     quick={"h": [1e-3], "cells": [12, 18]},
     columns=(
         *("error_whole", "energy_error", "angular_momentum_drift", "penetrations"),
-        *("halved", "steps", "iterations", "seconds"),
+        *("rejected", "steps", "iterations", "seconds"),
     ),
 )

@@ -7,6 +7,9 @@ from .equilibrium import EquilibriumResult as EquilibriumResult
 from .form_finding import EdgeCable as EdgeCable
 from .form_finding import Prestress as Prestress
 from .form_finding import find_form as find_form
+from .gas_results import ChamberPressure as ChamberPressure
+from .mesh_convergence import Convergence as Convergence
+from .mesh_convergence import convergence as convergence
 from .mode_sensitivity import Frequency as Frequency
 from .mode_shapes import ModeShapes as ModeShapes
 from .natural_modes import Mode as Mode
@@ -14,6 +17,7 @@ from .natural_modes import modes as modes
 from .optimisation import Limit as Limit
 from .optimisation import Optimum as Optimum
 from .optimisation import minimise as minimise
+from .sensitivities import CrossingTime as CrossingTime
 from .sensitivities import Derivative as Derivative
 from .sensitivities import EnclosedVolume as EnclosedVolume
 from .sensitivities import Energy as Energy

@@ -148,6 +148,7 @@ class Continuation:
     total_iterations: int = 1000
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         for name in ("tolerance", "first_step", "inner_tolerance"):
             value = getattr(self, name)
             check(
@@ -627,7 +628,14 @@ class Equilibrium:
     # ---- uniqueness ------------------------------------------------------------------------------------
 
     def _assess(self, at: float) -> tuple[tuple[str, ...], bool]:
-        """Rigid motions that nothing resists, in words, and whether the tangent without inertia is regular."""
+        """Whether the equilibrium that was found is unique, with the loads of the time `at` [s].
+
+        Newton's method is started once more without inertia, from the solution.
+
+        Returns:
+            rigid motions that nothing resists, in words, e.g. "translation z"; and whether the tangent
+            without inertia is regular.
+        """
         converges = self._solve_without_inertia(at)
         system = self.system
         unbalanced, load = self._unbalanced()

@@ -71,6 +71,7 @@ class Prestress(IsotropicFilm):
     quadratic = True
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         super().__post_init__()
         check(
             math.isfinite(self.tension) and self.tension > 0,
@@ -127,6 +128,7 @@ class EdgeCable:
     name: str = ""
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         check(
             math.isfinite(self.force) and self.force > 0,
             f"EdgeCable: force is {self.force!r} N; give a positive number.",

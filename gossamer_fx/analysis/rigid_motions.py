@@ -301,7 +301,7 @@ def _nodes_of(system: System, k: int, part: Labels) -> _Nodes:
 
 
 def _names(system: System, nodes: Sequence[_Nodes], count: int) -> list[list[str]]:
-    """Names of the bodies, in quotes, that have nodes in each part."""
+    """Names of the bodies, in quotes, that have free nodes in each of the `count` connected parts of a scene."""
     has_nodes = np.zeros((len(nodes), count), dtype=bool)
     for k, one in enumerate(nodes):
         has_nodes[k, one.part[one.is_free]] = True

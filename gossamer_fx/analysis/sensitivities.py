@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from gossamer_fx.analysis.equilibrium import Equilibrium
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
+from gossamer_fx.sensitivity.objectives import CrossingTime as CrossingTime
 from gossamer_fx.sensitivity.objectives import EnclosedVolume as EnclosedVolume
 from gossamer_fx.sensitivity.objectives import Energy as Energy
 from gossamer_fx.sensitivity.objectives import Functional as Functional
@@ -32,6 +33,9 @@ def gradient(source: Equilibrium | RunTape, *, of: Objective, by: Sequence[str])
     loads (pressure, force, g), stiffness and length of springs and ropes, stiffness and rest angle of
     creases and torsion springs.  Fixed coordinates do not move when the stress-free shape changes.
     Of a run, "body.initial_position" and "body.initial_velocity" are parameters, too.
+    Of gas they are pressure, temperature and volume of chambers and tanks at the start of the tape
+    ("tank.pressure", "tank.volume", "bag.dead_volume"), area and discharge_coefficient of orifices,
+    conductance and temperature of walls, pressure and temperature of reservoirs and surroundings.
 
     In a run the derivative of fluttering or touching films grows exponentially, as the distance of
     neighbouring motions does.  A warning tells for how long it predicts finite changes.

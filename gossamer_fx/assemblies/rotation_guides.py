@@ -58,6 +58,7 @@ class RotationGuides:
         joint, brake: between ring and hub.
         reel: a `Tether` and a `Damper`, or nothing.
         rods: obstacles, for a `Contact`.
+        rod_positions: (x, y) [m] of the axis of each rod at the start.
 
     Raises:
         InputError: a number is not positive, the rods reach into the axis of the hub, or `drawn` is not a
@@ -116,7 +117,9 @@ class RotationGuides:
             mass, (polar / 2, polar / 2, polar), comm=hub.comm, name=f"{name} ring"
         )
         angles = [first_angle + 2 * math.pi * k / count for k in range(count)]
-        self.places = [(radius * math.cos(angle), radius * math.sin(angle)) for angle in angles]
+        self.rod_positions = [
+            (radius * math.cos(angle), radius * math.sin(angle)) for angle in angles
+        ]
         axis = (0.0, 0.0, 1.0)
         self.reel: tuple[Tether, Damper] | tuple[()] = ()
         if drawn is None:
@@ -158,7 +161,7 @@ class RotationGuides:
                 body=self.ring,
                 name=f"{self.name} rod {k}",
             )
-            for k, (x, y) in enumerate(self.places)
+            for k, (x, y) in enumerate(self.rod_positions)
         )
 
     def terms(self, start: State) -> Iterable[Term]:

@@ -22,6 +22,7 @@ from gossamer_fx.checks.errors import check_on_all
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr, beam_strain
 from gossamer_fx.materials.film import constants
+from gossamer_fx.materials.thermal import ThermalExpansion
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array, Indices, Port, Vector
 from gossamer_fx.model.state import State
@@ -54,6 +55,7 @@ class Beam(Curve):
         mesh: line elements in space, straight or curved: the stress-free shape.
         section: stiffness and inertia, e.g. `tube(...)`.
         normal: direction of d2, made normal to the beam; it must not be along the beam.
+        thermal: thermal expansion along the beam, with its temperature; default none.
         initial_tension: axial force N0 [N] of the beam in the shape of its mesh, negative for compression: a number;
             {group: number} of curves of the mesh, elsewhere none; or a function of points (3, n) that returns (n,).
         initial_strain: axial strain in place of a force, given in the same way.
@@ -74,6 +76,7 @@ class Beam(Curve):
         section: Section,
         *,
         normal: Vector = (0.0, 0.0, 1.0),
+        thermal: ThermalExpansion | None = None,
         initial_tension: Numbers | None = None,
         initial_strain: Numbers | None = None,
         velocity: PointFunction | None = None,
@@ -81,6 +84,7 @@ class Beam(Curve):
     ) -> None:
         super().__init__("Beam", name, mesh, 2, 9)
         self.section = section
+        self._take_expansion("Beam", thermal)
         self._velocity = checked(velocity, f"Beam '{name}': its velocity", mesh.comm)
         self.constants = constants(section, self.mesh.domain)
         self._frames: dict[int, Frame] = {}
@@ -170,7 +174,17 @@ class Beam(Curve):
         orthonormal.
         """
         yield KineticEnergy(self, self.mass)
-        yield StoredEnergy(self.name, self, self.measure, self.density, self.dx, quadratic=True)
+        thermal = self._thermal_strain("Beam", components=6)
+        yield StoredEnergy(
+            self.name,
+            self,
+            self.measure,
+            self.density,
+            self.dx,
+            quadratic=True,
+            thermal=thermal,
+            parameters=() if thermal is None else thermal.parameters,
+        )
         first, end = self.block.index_map.local_range
         directors = [self._directors(node) for node in range(first, end)]
         H, L, c = orthonormality(2)

@@ -13,9 +13,11 @@ from gossamer_fx.model.body import Attached, Port
 def bodies_of(*sides: Attached | Frame | Line) -> Iterable[Any]:
     """The bodies that a joint refers to."""
     for side in sides:
-        for part in (side.origin, *side.directors) if isinstance(side, Frame | Line) else (side,):
-            if isinstance(part, Port):
-                yield part.body
+        vectors = (side.origin, *side.directors) if isinstance(side, Frame | Line) else (side,)
+        # Vectors of the ground belong to no body.
+        for vector in vectors:
+            if isinstance(vector, Port):
+                yield vector.body
 
 
 def check_axis(joint: Any) -> None:
@@ -58,7 +60,9 @@ class FrameJoint(Between):
     def __post_init__(self) -> None:
         """Check the arguments."""
         super().__post_init__()
-        a, b = self.a.origin, self.b.origin
+        a = self.a.origin
+        b = self.b.origin
+        # The distance of two points of one body follows from its stiffness: a joint would be a support.
         if isinstance(a, Port) and isinstance(b, Port):
             check(
                 a.body is not b.body,

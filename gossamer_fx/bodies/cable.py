@@ -21,6 +21,7 @@ from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, bar_strain
 from gossamer_fx.forms.strain_path import Piece
 from gossamer_fx.materials.film import constants, parameters
+from gossamer_fx.materials.thermal import ThermalExpansion
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array
 from gossamer_fx.model.state import State
@@ -130,6 +131,7 @@ class Cable(Curve):
         mesh: line elements in space.
         law: `CableLaw`, `TensionOnly` or `TabulatedCable`.
         order: 1 (constant strain) or 2.
+        thermal: thermal expansion, with the temperature of the cable; default none.
         length_factor: natural length over that of the mesh; below 1 for a cable that is cut shorter than the line on
             which it is mounted, e.g. a foreshortened tendon.
         initial_tension: tension N0 [N] of the cable at its natural length, of a `CableLaw` or `TensionOnly`: a number;
@@ -156,6 +158,7 @@ class Cable(Curve):
         law: BarLaw,
         *,
         order: int = 1,
+        thermal: ThermalExpansion | None = None,
         length_factor: float = 1.0,
         initial_tension: Numbers | None = None,
         initial_strain: Numbers | None = None,
@@ -171,6 +174,7 @@ class Cable(Curve):
             f"Cable '{name}': length_factor is {length_factor!r}; give a positive number.",
         )
         self.constants = law.constants(self.mesh.domain)
+        self._take_expansion("Cable", thermal)
         self.length_factor = length_factor
         # A restart compares these arguments, see `outputs.arguments`.
         self._initial_tension = initial_tension
@@ -236,6 +240,7 @@ class Cable(Curve):
             ),
             parameters=numbers,
         )
+        thermal = self._thermal_strain("Cable", components=1)
         yield StoredEnergy(
             self.name,
             self,
@@ -244,7 +249,8 @@ class Cable(Curve):
             self.dx,
             self.law.quadratic,
             lambda e0, e1: self.law.pieces(e0, e1, self.constants),
-            parameters=numbers,
+            thermal=thermal,
+            parameters=numbers if thermal is None else numbers + thermal.parameters,
         )
 
     def density(self, e: Expr) -> Expr:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.bodies.meshed import Meshed
 from gossamer_fx.checks.errors import check
+from gossamer_fx.materials.thermal import ThermalExpansion
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Block
+
+if TYPE_CHECKING:
+    from gossamer_fx.terms.thermal_strain import ThermalStrain
 
 
 class Curve(Meshed):
@@ -36,3 +42,27 @@ class Curve(Meshed):
         # the strain of the element is taken where it does not lock
         self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": max(2 * (order - 1), 1)})
         self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})
+
+    def _take_expansion(self, kind: str, thermal: ThermalExpansion | None) -> None:
+        """Set the thermal expansion, which must be one along the line."""
+        self.thermal = thermal
+        if thermal is not None:
+            # Imported here: a body without thermal expansion does not load it.
+            from gossamer_fx.bodies.thermal_expansion import check_expansion, check_no_gradient
+
+            check_expansion(thermal, f"{kind} '{self.name}'", has_axes=False)
+            check_no_gradient(thermal, f"{kind} '{self.name}'")
+
+    def _thermal_strain(self, kind: str, components: int) -> ThermalStrain | None:
+        """The thermal strain, the first of `components`, for one compiled scene; None without expansion."""
+        if self.thermal is None:
+            return None
+        from gossamer_fx.bodies.thermal_expansion import metric_strain, thermal_strain
+
+        return thermal_strain(
+            self,
+            lambda alphas, ΔT: ufl.as_vector(
+                [metric_strain(alphas[0], ΔT)] + [0 * ΔT] * (components - 1)
+            ),
+            f"{kind} '{self.name}'",
+        )

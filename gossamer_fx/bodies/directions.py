@@ -45,9 +45,11 @@ def direction_field(mesh: Mesh, given: Any, name: str) -> fem.Function:
         function = cellwise(mesh, given, np.zeros(3), (3,), what)
     else:
         vector = np.asarray(given, dtype=float)[:, None]
-        function = cellwise(
-            mesh, lambda points: np.repeat(vector, points.shape[1], axis=1), vector, (3,), what
-        )
+
+        def everywhere(points: Array) -> Array:
+            return np.repeat(vector, points.shape[1], axis=1)
+
+        function = cellwise(mesh, everywhere, vector, (3,), what)
     _check_in_film(mesh, function, what)
     return function
 
@@ -56,6 +58,7 @@ def _check_in_film(mesh: Mesh, function: fem.Function, what: str) -> None:
     """Check that directions have a part in the film in all cells; collective."""
     owned = mesh.domain.topology.index_map(2).size_local
     nodes = cell_nodes(function.function_space)[:owned].ravel()
+    # Zero first: a vector without length would also fail the next check, with the wrong advice.
     directions = function.x.array.reshape(-1, 3)[nodes]
     lengths = np.linalg.norm(directions, axis=1)
     check_on_all(
@@ -76,6 +79,7 @@ def _check_in_film(mesh: Mesh, function: fem.Function, what: str) -> None:
 
 def set_axes(constants: SimpleNamespace, direction: fem.Function, frame: Expr) -> None:
     """Add direction, cosine and sine of the first axis in the frame (3, 2) of a film to its constants."""
+    # Projected in the form, not here: a sensitivity to the shape of the mesh turns the axes with it.
     projected = ufl.dot(frame.T, direction)
     length = ufl.sqrt(ufl.dot(projected, projected))
     constants.direction = direction

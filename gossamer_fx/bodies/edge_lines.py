@@ -108,6 +108,7 @@ class EdgeLine:
     def locate(self, fraction: float) -> tuple[int, float]:
         """The edge at σ, and the position on it from 0 to 1."""
         k = int(np.searchsorted(self.fractions, fraction, side="right")) - 1
+        # σ = 1 belongs to the last edge; the search puts it behind.
         k = min(max(k, 0), len(self.nodes) - 1)
         start = self.fractions[k]
         width = self.fractions[k + 1] - start
@@ -116,6 +117,7 @@ class EdgeLine:
     def port(self, fraction: float) -> Port:
         """The point at σ as a combination of the nodes of its edge; a node, if it is next to one."""
         k, ξ = self.locate(fraction)
+        # A port at a node depends on one node instead of two or three: fewer entries of the matrix.
         nearest = round(ξ * self.order)
         if abs(ξ - nearest / self.order) < NODE_FRACTION:
             return Port(self.body, (int(self.nodes[k, nearest]),))
@@ -220,6 +222,7 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
         edges_at.setdefault(last, []).append(i)
         point[first] = X[i, 0]
         point[last] = X[i, -1]
+    # A line has no vertex with three edges, and two ends or none; the walk finds several parts.
     most = max(len(meeting) for meeting in edges_at.values())
     ends = [vertex for vertex, meeting in edges_at.items() if len(meeting) == 1]
     check(

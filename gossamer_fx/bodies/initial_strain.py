@@ -99,6 +99,7 @@ class _GivenTensors:
             self._tensor = _tensor(given, what)
 
     def __call__(self, points: Array) -> Any:
+        """Tensors (3, 3, n) at points (3, n); numbers (n,) of a user's function become multiples of the unit tensor."""
         count = points.shape[1]
         if self._function is None:
             return np.repeat(self._tensor[:, :, None], count, axis=2)

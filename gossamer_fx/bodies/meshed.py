@@ -76,9 +76,14 @@ class Meshed(ABC):
 
 
 def checked(function: PointFunction | None, what: str, comm: MPI.Intracomm) -> PointFunction | None:
-    """The function, with a check of what it returns on all ranks; each calls it with its own points."""
+    """A function or None; see `checked_function`."""
     if function is None:
         return None
+    return checked_function(function, what, comm)
+
+
+def checked_function(function: PointFunction, what: str, comm: MPI.Intracomm) -> PointFunction:
+    """The function, with a check of what it returns on all ranks; each calls it with its own points."""
     check(
         callable(function),
         f"{what} is {function!r}; give a function of the points (3, n) that returns (3, n).",
@@ -91,11 +96,14 @@ def positions(
     space: fem.FunctionSpace, displacement: PointFunction | None, velocity: PointFunction | None
 ) -> tuple[Array, Array]:
     """Owned positions [m] and velocities [m/s] at the start, flattened, node by node."""
-    x, v = fem.Function(space), fem.Function(space)
+    x = fem.Function(space)
+    v = fem.Function(space)
+    # The mesh itself, at the nodes of the space: between its vertices where the order is 2.
     x.interpolate(lambda X: X)
     if displacement is not None:
         u = fem.Function(space)
         u.interpolate(displacement)
+        # Added as vectors: the user's function is asked for displacements at the nodes only.
         x.x.array[:] += u.x.array
     if velocity is not None:
         v.interpolate(velocity)

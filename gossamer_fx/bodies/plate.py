@@ -14,7 +14,7 @@ from gossamer_fx.bodies.initial_strain import Tensors
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.bodies.meshed import PointFunction, Property
 from gossamer_fx.bodies.properties import cellwise
-from gossamer_fx.bodies.triple_products import TripleProductEnergy
+from gossamer_fx.bodies.triple_products import TripleProductEnergy, Varying
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.checks.real_numbers import real_numbers
@@ -31,6 +31,7 @@ from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.forms.tied_strain import tied_strain
 from gossamer_fx.materials.film import FilmLaw
+from gossamer_fx.materials.thermal import ThermalExpansion
 from gossamer_fx.mesh.edges import EdgeTable
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.mesh.quality import area_vectors, corner_points
@@ -74,6 +75,7 @@ class Plate(Membrane):
         rest_curvature: H0 [1/m], a symmetric tensor (3, 3) in the plane of the mesh; or {group: tensor} of surfaces
             of the mesh; or a function of points (3, n) that returns (3, 3, n).  H0 is positive where the plate without
             moments bends towards the normal of the mesh.
+        thermal: thermal expansion; its `gradient` across the thickness changes the curvature without moments.
         properties, initial_stress, initial_strain, displacement, velocity: as of `Membrane`.
         name: name in messages and output.
 
@@ -100,9 +102,10 @@ class Plate(Membrane):
         bending: tuple[float, float, float, float] | None = None,
         rest_curvature: Tensor | Mapping[str, Tensor] | Callable[[Array], Array] | None = None,
         properties: Mapping[str, Property] | None = None,
+        thermal: ThermalExpansion | None = None,
         initial_stress: Tensors = None,
         initial_strain: Tensors = None,
-        displacement: PointFunction | None = None,
+        displacement: PointFunction | Mapping[str, PointFunction] | None = None,
         velocity: PointFunction | None = None,
         name: str = "plate",
     ) -> None:
@@ -116,13 +119,14 @@ class Plate(Membrane):
             law,
             order=2,
             properties=properties,
+            thermal=thermal,
             initial_stress=initial_stress,
             initial_strain=initial_strain,
             displacement=displacement,
             velocity=velocity,
             name=name,
         )
-        domain, c = self.mesh.domain, self.constants
+        domain = self.mesh.domain
         check(
             domain.geometry.cmap.degree == 1,
             f"Plate '{name}': its mesh is of order {domain.geometry.cmap.degree}; use plane triangles with straight "
@@ -141,13 +145,11 @@ class Plate(Membrane):
         self._hinged = np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *folds]))
         self._check_flat(table)
         self._bending = bending  # a restart compares it, see `outputs.arguments`
-        self.bending_stiffness = self.law.bending_stiffness(c)
+        self.bending_stiffness = self.law.bending_stiffness(self.constants)
         if bending is not None:
             self.bending_stiffness = self._given_bending(bending)
         rest = None if rest_curvature is None else self._rest(rest_curvature)
-        self.bending = Bending(
-            domain, self._frame, self.bending_stiffness, constant(domain, PENALTY), rest
-        )
+        self.bending = self._bending_about(rest)
 
     def _given_bending(self, bending: tuple[float, float, float, float]) -> OrthotropicBending:
         """The bending stiffness that was given, in the axes of the law."""
@@ -190,36 +192,64 @@ class Plate(Membrane):
     def terms(self, start: State) -> Iterable[Term]:
         """The energies of the film, the bending energy, and that of a curvature at rest."""
         yield from super().terms(start)
-        b, domain, name = self.bending, self.mesh.domain, f"{self.name} bending"
-        dx, dS = (
-            ufl.Measure("dx", domain, metadata={"quadrature_degree": DEGREE}),
-            self._transmitting(),
+        bending = self.bending
+        name = f"{self.name} bending"
+        dx = ufl.Measure("dx", self.mesh.domain, metadata={"quadrature_degree": DEGREE})
+        dS = self._transmitting()
+        yield QuadraticEnergy(
+            name, self, lambda x, w: bending.cells(x, w, dx) + bending.edges(x, w, dS)
         )
-        yield QuadraticEnergy(name, self, lambda x, w: b.cells(x, w, dx) + b.edges(x, w, dS))
-        if b.rest is not None:
-            area, length = ufl.CellVolume(domain), ufl.FacetArea(domain)("+")
-            D = self.bending_stiffness.reference
-            mean = (D("+") + D("-")) / 2
+        if bending.rest is None and not self.has_thermal_curvature:
+            return
+        yield self._rest_energy(name, dx, dS)
 
-            def scaled(
-                vectors: Callable[[Expr], Any], scale: Expr
-            ) -> Callable[[Expr], tuple[Expr, Expr, Expr]]:
-                """Vectors (u, v, s/scale), which are dimensionless, as a function of the
-                coordinates.
-                """
+    @property
+    def has_thermal_curvature(self) -> bool:
+        """Whether a difference of temperature across the thickness changes the curvature without moments."""
+        return self.thermal is not None and self.thermal.gradient is not None
 
-                def dimensionless(x: Expr) -> tuple[Expr, Expr, Expr]:
-                    u, v, s = vectors(x)
-                    return u, v, s / scale
+    def _rest_energy(self, name: str, dx: ufl.Measure, dS: ufl.Measure) -> TripleProductEnergy:
+        """What the curvature without moments adds to the energy: that at rest, and the thermal one."""
+        domain = self.mesh.domain
+        bending = self.bending
+        varying = None
+        if self.has_thermal_curvature:
+            from gossamer_fx.bodies.thermal_expansion import thermal_curvature
 
-                return dimensionless
+            thermal = thermal_curvature(self)
+            varying = Varying(thermal.difference, thermal.given.set)
+            rest = thermal.curvature
+            if bending.rest is not None:
+                rest += bending.rest
+            bending = self._bending_about(rest)
 
-            inside = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2})
-            products = [
-                (D / area, scaled(b.rest_in_cells, D / area), inside),
-                (mean / length, scaled(b.rest_at_edges, mean / length), dS),
-            ]
-            yield TripleProductEnergy(name, self, products, b.rest_energy(dx))
+        def scaled(
+            vectors: Callable[[Expr], Any], scale: Expr
+        ) -> Callable[[Expr], tuple[Expr, Expr, Expr]]:
+            """Vectors (u, v, s/scale), which are dimensionless, as a function of the coordinates."""
+
+            def dimensionless(x: Expr) -> tuple[Expr, Expr, Expr]:
+                u, v, s = vectors(x)
+                return u, v, s / scale
+
+            return dimensionless
+
+        area = ufl.CellVolume(domain)
+        length = ufl.FacetArea(domain)("+")
+        D = self.bending_stiffness.reference
+        mean = (D("+") + D("-")) / 2
+        inside = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2})
+        products = [
+            (D / area, scaled(bending.rest_in_cells, D / area), inside),
+            (mean / length, scaled(bending.rest_at_edges, mean / length), dS),
+        ]
+        return TripleProductEnergy(name, self, products, bending.rest_energy(dx), varying)
+
+    def _bending_about(self, rest: Expr | None) -> Bending:
+        """The bending forms of this plate with a curvature without moments; None: flat."""
+        domain = self.mesh.domain
+        penalty = constant(domain, PENALTY)
+        return Bending(domain, self._frame, self.bending_stiffness, penalty, rest)
 
     def _transmitting(self) -> ufl.Measure:
         """The interior edges that transmit bending moments."""

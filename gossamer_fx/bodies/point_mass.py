@@ -57,13 +57,15 @@ class PointMass:
                 is_vector(value),
                 f"PointMass '{name}': {what} is {value!r} {unit}; give three finite numbers.",
             )
-        self.mass, self.name, self.comm = mass, name, comm
-        # arguments that a restart compares, see `outputs.arguments`
+        self.mass = mass
+        self.name = name
+        self.comm = comm
         self._position = np.asarray(position, dtype=float)
         self._velocity = np.asarray(velocity, dtype=float)
         self.block = Block(IndexMap(comm, 1 if comm.rank == 0 else 0), 3)
 
     def initial_state(self) -> tuple[Array, Array]:
+        # All of it on rank 0, nothing elsewhere.
         here = 3 * self.block.index_map.size_local
         return self._position[:here].copy(), self._velocity[:here].copy()
 

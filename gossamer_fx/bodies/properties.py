@@ -43,6 +43,7 @@ def vary(
     Raises:
         InputError: a number that the law has not, or that would change derived ones; values out of their limits.
     """
+    # Numbers that a law computes from its arguments would stay those of the constant ones.
     derived = [f.name for f in fields(law) if not f.init]
     may_vary = [what for what in LIMITS if hasattr(law, what)]
     for what, given in properties.items():
@@ -58,13 +59,15 @@ def vary(
         function = cellwise(mesh, given, getattr(law, what), (), f"Membrane '{name}': its {what}")
         low, high = LIMITS[what]
         values = function.x.array
+        limits = f"above {low:g}"
+        if np.isfinite(high):
+            limits += f" and up to {high:g}"
+        # `cellwise` has refused infinite values.
+        is_within = bool(((values > low) & (values <= high)).all())
         check_on_all(
             mesh.comm,
-            bool(((values > low) & (values <= high)).all())
-            if np.isfinite(high)
-            else bool((values > low).all()),
-            f"Membrane '{name}': its {what} is not above {low:g}{f' and up to {high:g}' * bool(np.isfinite(high))} "
-            "everywhere; correct its values.",
+            is_within,
+            f"Membrane '{name}': its {what} is not {limits} everywhere; correct its values.",
         )
         setattr(constants, what, function)
 
@@ -84,6 +87,7 @@ def cellwise(
     function = fem.Function(fem.functionspace(mesh.domain, ("Discontinuous Lagrange", 0, shape)))
     dim = mesh.domain.topology.dim
     index_map = mesh.domain.topology.index_map(dim)
+    # Ghost cells are computed, not sent: each rank has the groups and midpoints of all its cells.
     cells = np.arange(index_map.size_local + index_map.num_ghosts)
     size = int(np.prod(shape, dtype=int))
     values = np.tile(np.asarray(base, dtype=float).ravel(), (len(cells), 1))
@@ -94,9 +98,8 @@ def cellwise(
         values[:] = found.reshape(size, -1).T
     else:
         for group, value in given.items():
-            values[_cells(mesh, group, what)] = _numbers(
-                value, shape, f"{what} in '{group}'"
-            ).ravel()
+            numbers = _numbers(value, shape, f"{what} in '{group}'")
+            values[_cells(mesh, group, what)] = numbers.ravel()
     check_on_all(
         mesh.comm,
         bool(np.isfinite(values).all()),
@@ -126,7 +129,6 @@ def _numbers(value: Any, shape: tuple[int, ...], what: str) -> Array:
     """The value as an array of this shape; `what` begins the message about another value."""
     numbers = real_numbers(value)
     if numbers is None or numbers.shape != shape:
-        raise InputError(
-            f"{what} is {value!r}; give {'a number' if not shape else f'numbers of shape {shape}'}."
-        )
+        wanted = f"numbers of shape {shape}" if shape else "a number"
+        raise InputError(f"{what} is {value!r}; give {wanted}.")
     return numbers

@@ -94,6 +94,7 @@ class TabulatedCable(BarLaw):
     line_density: float
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         self._check_line_density()
         strain = np.asarray(self.strain, dtype=float)
         force = np.asarray(self.force, dtype=float)
@@ -147,6 +148,7 @@ class TabulatedCable(BarLaw):
         """Stored energy per natural length [J/m] of e = (ε,), equation (2)."""
         x = _engineering_strain(e)
         total = ufl.as_ufl(0.0)
+        # A sum over corners, not a search of the segment: UFL has no branches with a table.
         for i, side in enumerate(self.corners.sides):
             beyond = ufl.max_value(float(side) * (x - c.strains[i]), 0.0)
             total += c.slope_changes[i] / 2 * beyond**2
@@ -160,11 +162,13 @@ class TabulatedCable(BarLaw):
         """S (1,) of equation (3)."""
         x0 = _engineering_strain(e0)
         x1 = _engineering_strain(e1)
+        # Sides are part of the kernel, as there are two of them; strains and slopes are constants.
         force = ufl.as_ufl(0.0)
         for i, side in enumerate(self.corners.sides):
             s = float(side)
             mean = _mean_of_positive_part(s * (x0 - c.strains[i]), s * (x1 - c.strains[i]))
             force += c.slope_changes[i] * s * mean
+        # Δε = λ_mean Δλ: a force along λ is divided by it to be a stress along ε.
         mean_stretch = 1 + (x0 + x1) / 2
         return ufl.as_vector([force / mean_stretch])
 
@@ -223,6 +227,7 @@ class TabulatedBars:
         return self.lengths * self.corners.energy(_stretch(e[:, 0]) - 1)
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        """Mean stress (n, 1) [N m] of a step between strains e0, e1 (n, 1), and its derivative (n, 1, 1) by e1."""
         λ0 = _stretch(e0[:, 0])
         λ1 = _stretch(e1[:, 0])
         mean_stretch = (λ0 + λ1) / 2
@@ -235,6 +240,7 @@ class TabulatedBars:
 
 def corners_of(strain: Array, force: Array) -> Corners:
     """The corners of the force through points (n,) that `_check_table` accepts."""
+    # The table is checked to have no force at zero strain, if only between two of its points.
     if not (strain == 0).any():
         at = int(np.searchsorted(strain, 0.0))
         strain = np.insert(strain, at, 0.0)
@@ -248,6 +254,7 @@ def corners_of(strain: Array, force: Array) -> Corners:
     changes = [np.diff(in_tension, prepend=0.0), np.diff(in_compression, prepend=0.0)]
     sides = [np.ones(len(in_tension)), -np.ones(len(in_compression))]
     slope_changes = np.concatenate(changes)
+    # A point where the slope stays costs an operation at every quadrature point.
     is_corner = slope_changes != 0
     return Corners(
         strains=np.concatenate(strains)[is_corner],
@@ -304,6 +311,7 @@ def _first(found: npt.NDArray[np.intp]) -> int:
 def _read_csv(path: Path) -> tuple[list[float], list[float]]:
     """Strains and forces [N] of a file."""
     check(path.is_file(), f"There is no table '{path}'; give the path of a CSV file.")
+    # Spreadsheets begin a CSV file with a byte order mark, which "utf-8-sig" drops.
     with path.open(newline="", encoding="utf-8-sig") as file:
         lines = [line for line in file if line.strip() and not line.lstrip().startswith("#")]
     rows = [[cell.strip() for cell in row] for row in csv.reader(lines)]

@@ -10,6 +10,13 @@ What is missing is given back at every quadrature point along the gradients at q
 
 all are invariant to rigid motions, so the momenta stay, and one of them changes in every motion that is not rigid.  The
 tangent leaves this part out: it is of third order in the step.
+
+A function of time c, on which one of the three vectors depends linearly, such as a temperature, has the value
+(1 - α) c0 + α c1 in a step from c0 to c1.  With the energy E(q; c) what changes c supplies
+
+    (1 - α) (E(q1; c1) - E(q1; c0)) + α (E(q0; c1) - E(q0; c0)),
+
+which is for α = ½ the change of the energy less the work of the forces, exactly.
 """
 
 from __future__ import annotations
@@ -25,7 +32,15 @@ from petsc4py import PETSc
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.body import Body, MeshBody
-from gossamer_fx.model.roles import Forces, StoredEnergies, TangentForms
+from gossamer_fx.model.roles import (
+    Forces,
+    StateObserver,
+    StepObserver,
+    StoredEnergies,
+    Supply,
+    TangentForms,
+    TimeDependence,
+)
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.discrete_gradient import gonzalez_correction
 
@@ -46,10 +61,27 @@ class _Compiled:
     tangent: fem.Form
     energy: fem.Form
     force: la.Vector
+    changing: _Changing | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Changing:
+    """A function of time at both ends of the step, and the form of what changes it supplies."""
+
+    varying: Varying
+    before: fem.Function
+    supplied: fem.Form
 
 
 class TripleProductEnergies(
-    Forces, TangentForms, StoredEnergies, CompiledTerms["TripleProductEnergy"]
+    StepObserver,
+    StateObserver,
+    TimeDependence,
+    Forces,
+    TangentForms,
+    StoredEnergies,
+    Supply,
+    CompiledTerms["TripleProductEnergy"],
 ):
     """All `TripleProductEnergy` terms of a scene."""
 
@@ -61,6 +93,7 @@ class TripleProductEnergies(
             residual = ufl.Form([])
             tangent = ufl.Form([])
             energy = term.constant
+            energy_at_end = term.constant
             for scale, vectors, dx in term.products:
                 mid = vectors(at.mid)
                 δ = vectors(at.w)
@@ -72,6 +105,20 @@ class TripleProductEnergies(
                 residual += scale * force * dx
                 tangent += at.α * scale * _second(mid, dq, δ) * dx
                 energy += scale * _triple(*vectors(at.q0)) * dx
+                energy_at_end += scale * _triple(*vectors(at.q1)) * dx
+            changing = None
+            if term.varying is not None:
+                after = term.varying.function
+                before = fem.Function(after.function_space)
+                in_step = {after: (1 - at.α) * before + at.α * after}
+                residual = ufl.replace(residual, in_step)
+                tangent = ufl.replace(tangent, in_step)
+                at_start = {after: before}
+                by_end = energy_at_end - ufl.replace(energy_at_end, at_start)
+                by_start = energy - ufl.replace(energy, at_start)
+                energy = ufl.replace(energy, at_start)
+                supplied = compile_form((1 - at.α) * by_end + at.α * by_start)
+                changing = _Changing(term.varying, before, supplied)
             compiled = _Compiled(
                 body=term.body,
                 name=term.name,
@@ -79,8 +126,27 @@ class TripleProductEnergies(
                 tangent=compile_form(tangent),
                 energy=compile_form(energy),
                 force=la.vector(term.body.block.index_map, term.body.block.size),
+                changing=changing,
             )
             self._compiled.append(compiled)
+
+    def begin_step(self, t: float) -> None:
+        self.take_time(self._system.time + self._system.h)
+
+    def take_time(self, t: float) -> None:
+        for changing in self._changing():
+            changing.varying.set(changing.varying.function, t)
+
+    def commit(self) -> None:
+        for changing in self._changing():
+            changing.before.x.array[:] = changing.varying.function.x.array
+
+    def supplied(self) -> float:
+        """Work [J] of what changes with time in the step, this rank's share."""
+        return sum(float(fem.assemble_scalar(one.supplied)) for one in self._changing())
+
+    def _changing(self) -> list[_Changing]:
+        return [one.changing for one in self._compiled if one.changing is not None]
 
     def add_forces(self, r: PETSc.Vec) -> None:
         """Add the forces [N] of all terms to r."""
@@ -107,18 +173,33 @@ class TripleProductEnergies(
 
 
 @dataclass(frozen=True, eq=False)
+class Varying:
+    """A function of time on which an energy depends.
+
+    Attributes:
+        function: symbol of it in the forms.
+        set: gives a function of the same space its values at a time [s].
+    """
+
+    function: fem.Function
+    set: Callable[[fem.Function, float], None]
+
+
+@dataclass(frozen=True, eq=False)
 class TripleProductEnergy:
     """Stored energy Σ ∫ scale (u×v)·s, and a constant.
 
     products: for each the scale, the vectors (u, v, s) as a linear function of the coordinates, dimensionless, and the
         measure, of cells or of interior edges.
     constant: energy [J] that does not depend on the coordinates, a form.
+    varying: a function of time on which one vector of each product depends linearly; None if there is none.
     """
 
     name: str
     body: MeshBody
     products: Iterable[tuple[Expr, Callable[[Expr], Vectors], ufl.Measure]]
     constant: ufl.Form
+    varying: Varying | None = None
     compiler: ClassVar[Compiler] = TripleProductEnergies
 
 

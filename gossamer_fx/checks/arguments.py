@@ -364,6 +364,7 @@ def _generic(origin: type, arguments: tuple[Any, ...]) -> Kind | None:
 
 
 def _mapping(key: Any, value: Any) -> Kind:
+    """Kind of a mapping, whose keys and values are each of the annotated kinds."""
     keys = kind_of(key)
     values = kind_of(value)
 
@@ -396,6 +397,7 @@ def _collection(entry: Any) -> Kind:
 
 
 def _class(kind: type) -> Kind:
+    """Kind of the instances of a class or of a protocol that can be checked at run time."""
     is_protocol = getattr(kind, "_is_protocol", False)
     if is_protocol and not getattr(kind, "_is_runtime_protocol", False):
         raise TypeError(f"the protocol {kind.__name__} is not runtime_checkable")

@@ -44,6 +44,7 @@ class AttachedMass:
 
     def __post_init__(self) -> None:
         """Check the arguments."""
+        # The weights of a direction add up to zero: it would have no mass in translation.
         check(
             bool(np.isclose(translation_weight(self.port), 1.0)),
             f"AttachedMass '{self.name}': its port is not a point of a body; give one, as film.port('tip').",

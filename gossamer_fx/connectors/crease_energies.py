@@ -68,6 +68,7 @@ class CreaseEnergies(
     """All `CreaseEnergy` terms of a scene; those with as many nodes a point are one array."""
 
     def __init__(self, terms: Sequence[CreaseEnergy], system: Assembly) -> None:
+        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
         self._system = system
         self.terms = terms
         # Terms of meshes of different order have different numbers of nodes.

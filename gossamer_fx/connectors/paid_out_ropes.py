@@ -8,7 +8,7 @@ over y0 ≤ y ≤ y1, so that exactly
     brake B      y1 = l1 - L0, T ≤ B       T_mean Δl = Δψ + B ΔL        the brake dissipates B ΔL
 
 with ΔL = max(y1 - B/k, 0).  Both are the slope of a convex potential of l1.  The rope on the reel
-ends at the length `most`; from there on the rope is stretched beyond B.
+ends at the length `total_length`; from there on the rope is stretched beyond B.
 """
 
 from __future__ import annotations
@@ -57,6 +57,7 @@ class PaidOutRopes(
     """All `PaidOutRope` terms of a scene, as arrays over those of this rank."""
 
     def __init__(self, terms: Sequence[PaidOutRope], system: Assembly) -> None:
+        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
         self._system = system
         self._terms = terms
         self._at = PointMeasures(system.numbering, system.bodies, [term.measure for term in terms])
@@ -64,7 +65,7 @@ class PaidOutRopes(
         mine = [terms[i] for i in self._at.owner]
         self._k = np.array([term.stiffness for term in mine], dtype=float)
         self._brake = np.array([term.brake for term in mine], dtype=float)
-        self._most = np.array([term.most for term in mine], dtype=float)
+        self._total_length = np.array([term.total_length for term in mine], dtype=float)
         self.length = np.array([term.length for term in mine], dtype=float)
         self._given = []
         for i, term in enumerate(terms):
@@ -171,13 +172,13 @@ class PaidOutRopes(
     # ---- history variables -----------------------------------------------------------------------
 
     def lengths(self) -> Array:
-        """L [m] of all terms, the same on every rank."""
+        """Natural length L (n,) [m] of the rope of each term, the same on every rank."""
         found = np.zeros(len(self._terms))
         found[self._at.owner] = self.length
         return np.asarray(self._system.comm.allreduce(found))
 
     def tensions(self) -> Array:
-        """T [N] of all terms in the accepted state, the same on every rank."""
+        """Tension (n,) [N] of the rope of each term in the accepted state, the same on every rank."""
         found = np.zeros(len(self._terms))
         found[self._at.owner] = self._k * np.maximum(self._l - self.length, 0.0)
         return np.asarray(self._system.comm.allreduce(found))
@@ -201,17 +202,21 @@ class PaidOutRopes(
 
     def _room(self) -> Array:
         """Lengths (n,) [m] that remain on the reels; zero without a brake."""
-        remaining = np.maximum(self._most - self.length, 0.0)
+        remaining = np.maximum(self._total_length - self.length, 0.0)
         return np.where(self._brakes, remaining, 0.0)
 
     def _slip(self, l1: Array) -> Array:
-        """ΔL (n,) [m] of the brakes when the ends come to the distance l1 (n,)."""
+        """Lengths ΔL (n,) [m] that brakes let out in a step that ends with the distances l1 (n,) [m]."""
         beyond = np.clip(l1 - self._next - self._yield, 0.0, self._room())
         slip: Array = np.where(self._brakes, beyond, 0.0)
         return slip
 
     def _pull(self, y: Array) -> Array:
-        """T(y) (n,) [N]: k y, but no more than B as long as rope remains on the reel."""
+        """Tensions (n,) [N] of ropes stretched by y (n,) [m] beyond their lengths at the start of the step.
+
+        They are k y, but no more than the brake force B as long as rope remains on the reel, and zero
+        for a slack rope.
+        """
         slip = np.clip(y - self._yield, 0.0, self._room())
         beyond = np.where(self._brakes, slip, 0.0)
         pull: Array = self._k * np.maximum(y - beyond, 0.0)
@@ -263,7 +268,7 @@ class PaidOutRope:
         length: L [m] at the start.
         history: L(t) [m], the same on every rank; without it a brake holds the rope.
         brake: B [N], at which the brake slips; infinite with a history.
-        most: L [m] at which the reel is empty.
+        total_length: L [m] at which the reel is empty.
     """
 
     name: str
@@ -272,5 +277,5 @@ class PaidOutRope:
     length: float
     history: Callable[[float], float] | None = None
     brake: float = np.inf
-    most: float = np.inf
+    total_length: float = np.inf
     compiler: ClassVar[Compiler] = PaidOutRopes

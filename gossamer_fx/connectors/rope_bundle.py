@@ -78,8 +78,14 @@ class RopeBundle:
         for pair in self.ends:
             yield from bodies_of(*pair)
 
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of each rope, for pictures."""
+        return self.ends
+
     def terms(self, start: State) -> Iterable[Term]:
         """Stored energy and, with damping, dissipation of each rope."""
+        # Terms of one name are summed in the energy balance; those of one kind are one array.
         for k, (pair, length) in enumerate(zip(self.ends, self.lengths, strict=True)):
             measure = half_distance_squared(*pair)
             density = LengthSpring(self.stiffness, float(length), side=1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar
 
@@ -50,7 +50,7 @@ class LengthSpring:
     """ψ = ½ k (l - L)² of the length l = √(2e), e = ½|x_a - x_b|²; none where l - L has not the sign of `side`.
 
     `side` 1 pulls only (a rope), -1 pushes only (a stop), 0 does both.  With l0 and l1 at the ends of the step,
-    S̄ = Δψ/Δe = k (1 - 2L/(l0 + l1)) while it acts; in a step that passes the natural length, the quotient itself.
+    S_mean = Δψ/Δe = k (1 - 2L/(l0 + l1)) while it acts; in a step that passes the natural length, the quotient itself.
     """
 
     k: float
@@ -87,7 +87,7 @@ class LengthSpring:
 
 @dataclass(frozen=True)
 class LengthDamper:
-    """Axial force c l̇ of the length l = √(2e): S̄ = 2 c (l1 - l0)/(h (l0 + l1))."""
+    """Axial force c l̇ of the length l = √(2e): S_mean = 2 c (l1 - l0)/(h (l0 + l1))."""
 
     c: float
     stacks: ClassVar[tuple[str, ...]] = ("c",)
@@ -103,8 +103,10 @@ class LengthDamper:
 
 @dataclass(frozen=True)
 class RopeDamper:
-    """What a rope of length L loses by its own viscosity: f = c ṡ of the stretch s = max(l - L, 0), but no less than
-    minus the mean tension k s̄ of the step, so that the rope pulls or is slack.  S̄ = 2 f/(l0 + l1); its loss f Δl ≥ 0.
+    """Viscous force f = c ds/dt of a rope of length L, with its stretch s = max(l - L, 0).
+
+    f is not below minus the mean tension k s_mean of the step, so that the rope pulls or is slack.  With
+    S_mean = 2 f/(l0 + l1) the loss f Δl is never negative.
     """
 
     c: float
@@ -189,6 +191,11 @@ class Spring(Between):
             f"Spring '{self.name}': length is {self.length!r} m; give none or a positive one.",
         )
 
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of the line, for pictures."""
+        return [(self.a, self.b)]
+
     def terms(self, start: State) -> Iterable[Term]:
         density = LengthSpring(self.stiffness, self.length)
         measure = half_distance_squared(self.a, self.b)
@@ -237,14 +244,19 @@ class Rope(Between):
             f"Rope '{self.name}': damping is {self.damping!r} N s/m; give none or a positive one.",
         )
 
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of the line, for pictures."""
+        return [(self.a, self.b)]
+
     def terms(self, start: State) -> Iterable[Term]:
         """Stored energy and, with damping, dissipation of the rope."""
-        density, measure = (
-            LengthSpring(self.stiffness, self.length, side=1),
-            half_distance_squared(self.a, self.b),
-        )
+        density = LengthSpring(self.stiffness, self.length, side=1)
+        measure = half_distance_squared(self.a, self.b)
         yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
         if self.damping:
+            # It knows stiffness and length: a damper that pushed would slacken the rope, so that the
+            # whole tension is kept from falling below zero.
             loss = RopeDamper(self.damping, self.stiffness, self.length)
             numbers = (STIFFNESS, LENGTH, Parameter("damping", "N s/m", "c"))
             yield PointDissipation(f"{self.name} damping", measure, loss, numbers)
@@ -376,6 +388,7 @@ class AxialSpring:
     def terms(self, start: State) -> Iterable[Term]:
         """The stored energy, with a measure along the direction."""
         n = unit(self.direction)
+        # Linear in x: exact for any step, and its matrix is constant.
         rest = -float(n @ np.asarray(self.origin, dtype=float))
         measure = PointMeasure([(self.port,)], np.zeros((1, 3, 3)), n[None], np.array([rest]))
         yield PointStoredEnergy(self.name, measure, Quadratic(self.stiffness), (STIFFNESS,))

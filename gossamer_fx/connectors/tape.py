@@ -16,7 +16,7 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.connectors.spring import Quadratic
-from gossamer_fx.model.body import Array, Port
+from gossamer_fx.model.body import Array, Attached, Port
 from gossamer_fx.model.ports import combine
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
@@ -27,7 +27,7 @@ from gossamer_fx.terms.point_masses import AttachedKineticEnergy
 
 @dataclass(frozen=True)
 class OneSided:
-    """ψ(e) = ½ ⟨e⟩², ⟨e⟩ the positive part; in a step that passes zero, S̄ = Δψ/Δe."""
+    """ψ(e) = ½ ⟨e⟩², ⟨e⟩ the positive part; in a step that passes zero, S_mean = Δψ/Δe."""
 
     def energy(self, e: Array) -> Array:
         return one_sided_energy(e[:, 0])
@@ -86,16 +86,18 @@ class Tape:
             0 < length_factor < math.inf,
             f"Tape '{name}': length_factor is {length_factor!r}; give a positive number.",
         )
-        table, space = body.mesh.edges, body.space
+        table = body.mesh.edges
+        space = body.space
         lines = body.mesh.curve(edges, f"Tape '{name}' on '{body.name}'")
         chains = table.nodes(space, lines[lines < table.owned])
         x = space.tabulate_dof_coordinates()
+        # An edge of order 2 is two bars, so that its middle node has a bar, too.
         ends = np.concatenate([chains[:, [k, k + 1]] for k in range(chains.shape[1] - 1)])
         own = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
         names = space.dofmap.index_map.local_to_global(ends.ravel()).reshape(-1, 2)
-        rows = body.comm.allgather(
-            list(zip(names[:, 0].tolist(), names[:, 1].tolist(), own.tolist(), strict=True))
-        )
+        # Bars name global nodes and are the same on every rank; a line is short compared with a film.
+        own_bars = list(zip(names[:, 0].tolist(), names[:, 1].tolist(), own.tolist(), strict=True))
+        rows = body.comm.allgather(own_bars)
         bars = [row for part in rows for row in part]
         pairs = [(Port(body, (a,)), Port(body, (b,))) for a, b, _ in bars]
         lengths = [length_factor * length for _, _, length in bars]
@@ -125,11 +127,10 @@ class Tape:
         )
         corners = np.asarray(points, dtype=float)
         steps = np.arange(bars_per_segment * (len(corners) - 1) + 1) / bars_per_segment
-        places = np.array(
-            [np.interp(steps, np.arange(len(corners)), corner) for corner in corners.T]
-        ).T
-        ports = [body.port_at(place) for place in places]
-        lengths = length_factor * np.linalg.norm(np.diff(places, axis=0), axis=1)
+        numbers = np.arange(len(corners))
+        nodes = np.column_stack([np.interp(steps, numbers, component) for component in corners.T])
+        ports = [body.port_at(node) for node in nodes]
+        lengths = length_factor * np.linalg.norm(np.diff(nodes, axis=0), axis=1)
         return Tape(body, law, bars=list(pairwise(ports)), lengths=lengths, name=name)
 
     def __post_init__(self) -> None:
@@ -149,13 +150,20 @@ class Tape:
         """The items that it refers to."""
         yield self.body
 
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of each bar, for pictures."""
+        return self.bars
+
     def terms(self, start: State) -> Iterable[Term]:
         """Kinetic and stored energy of the bars between points of the tape."""
         law = self.law
         L = np.asarray(self.lengths)
+        # A line with linear shape functions: ∫ N_i N_j ds = L/6 (1 + δ_ij).
         consistent = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6
         yield AttachedKineticEnergy(self.bars, law.line_density * L[:, None, None] * consistent)
         # e = √(EA L) ε, so that the energy of every bar is ½ e²; with a table e = ε.
+        # Equal energies are one array, evaluated at once.
         scale = np.sqrt(law.EA * L) if isinstance(law, CableLaw) else np.ones(len(L))
         vectors = [
             (_stretch(a, b, float(k)),) for (a, b), k in zip(self.bars, scale / L**2, strict=True)

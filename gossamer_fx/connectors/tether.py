@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 
 from gossamer_fx.bodies.between import Between
@@ -79,15 +79,29 @@ class Tether(Between):
             f"{self.length:g} m or more.",
         )
 
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of the line, for pictures."""
+        return [(self.a, self.b)]
+
     def terms(self, start: State) -> Iterable[Term]:
         """The rope, with a given length or a brake."""
-        measure, given = half_distance_squared(self.a, self.b), self.length
+        measure = half_distance_squared(self.a, self.b)
+        given = self.length
         if not callable(given):
+            # `__post_init__` refuses a number without a brake.
             assert self.brake_force is not None
             yield PaidOutRope(
-                self.name, measure, self.stiffness, given, None, self.brake_force, self.total_length
+                name=self.name,
+                measure=measure,
+                stiffness=self.stiffness,
+                length=given,
+                history=None,
+                brake=self.brake_force,
+                total_length=self.total_length,
             )
             return
+        # One of the ends is a port: `Between` refuses two points of the ground.
         comm = next(port.body.comm for port in (self.a, self.b) if isinstance(port, Port))
 
         def history(t: float) -> float:

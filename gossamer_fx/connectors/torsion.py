@@ -3,9 +3,9 @@
 With a direction a of one side and the pair b, c of the other, normal to the axis, the measures are cos φ = a·b and
 sin φ = a·c.  A law of the angle has the stress
 
-    S̄ = m̄ t,   t = Δφ/(2 sin(Δφ/2)) (-sin φm, cos φm),   φm = (φ0 + φ1)/2
+    S_mean = m_mean t,   t = Δφ/(2 sin(Δφ/2)) (-sin φm, cos φm),   φm = (φ0 + φ1)/2
 
-in them, with t·(Δcos, Δsin) = Δφ, so that S̄·Δe = m̄ Δφ is the work of the moment m̄ exactly.
+in them, with t·(Δcos, Δsin) = Δφ, so that S_mean·Δe = m_mean Δφ is the work of the moment m_mean exactly.
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ def angles(e0: Array, e1: Array) -> tuple[Array, Array]:
     """
     φ0 = np.arctan2(e0[:, 1], e0[:, 0])
     φ1 = np.arctan2(e1[:, 1], e1[:, 0])
+    # The shorter way round: a step that turns by more than half a turn cannot be told from one back.
     Δφ = np.remainder(φ1 - φ0 + np.pi, 2 * np.pi) - np.pi
     return φ0, Δφ
 
@@ -128,13 +129,22 @@ def hinge_angle(
     """(cos, sin) of the angle of b against a about the axis, zero where b is turned by `rest` from the start."""
     p, q = perpendicular_pair(unit(axis))
     moving = along(p, b)
-    c, s = math.cos(rest), math.sin(rest)
-    zero, quarter = along(c * p + s * q, a), along(c * q - s * p, a)
-    H = np.zeros((2, 3, 3))
-    H[0, 0, 1] = H[0, 1, 0] = H[1, 0, 2] = H[1, 2, 0] = 1.0
-    place = (moving, zero, quarter)
+    # Vectors of a at the rest angle and a quarter turn beyond it: the angle counts from rest, and its
+    # jump from π to -π is opposite to it.
+    c = math.cos(rest)
+    s = math.sin(rest)
+    zero = along(c * p + s * q, a)
+    quarter = along(c * q - s * p, a)
+    # Two measures, moving·zero and moving·quarter, of the stacked vectors.
+    cosine = np.zeros((3, 3))
+    cosine[0, 1] = cosine[1, 0] = 1.0
+    sine = np.zeros((3, 3))
+    sine[0, 2] = sine[2, 0] = 1.0
     return PointMeasure(
-        [place], np.array([np.kron(h, np.eye(3)) for h in H]), np.zeros((2, 9)), np.zeros(2)
+        ports=[(moving, zero, quarter)],
+        H=np.array([np.kron(cosine, np.eye(3)), np.kron(sine, np.eye(3))]),
+        L=np.zeros((2, 9)),
+        c=np.zeros(2),
     )
 
 

@@ -62,16 +62,17 @@ class Driven:
 
     def terms(self, start: State) -> Iterable[Term]:
         """The support whose directors turn with time."""
-        body, axis = self.body, unit(self.axis)
+        body = self.body
+        axis = unit(self.axis)
         first = start[body].coordinates().copy()
 
         def path(t: float) -> Array:
             """Coordinates of the body on this rank at a time t [s]."""
-            angle = ask_numbers(
-                body.comm, f"Angle of '{self.name}' at t = {t:.6g} s", lambda: self.angle(t)
-            )
-            placed = first.copy()
-            placed[:, 1:] = first[:, 1:] @ rotations(axis, float(angle)).T
-            return placed.ravel()
+            source = f"Angle of '{self.name}' at t = {t:.6g} s"
+            angle = ask_numbers(body.comm, source, lambda: self.angle(t))
+            # From the first state, not from the last step: errors do not add up.
+            turned = first.copy()
+            turned[:, 1:] = first[:, 1:] @ rotations(axis, float(angle)).T
+            return turned.ravel()
 
         yield Support(self.name, body, np.arange(first.size, dtype=np.int32), path)

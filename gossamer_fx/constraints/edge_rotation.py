@@ -6,7 +6,7 @@ energy; the work of what turns the edge counts as supplied.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,8 +49,8 @@ class EdgeRotation:
     edges: str
     direction: Vector | Callable[[Array, float], Array] | None
 
-    def term(self, start: State) -> Term:
-        """The energy by which Nitsche's method holds the direction."""
+    def terms(self, start: State) -> Iterable[Term]:
+        """The energies by which Nitsche's method holds the direction."""
         clamp = self.plate.bending.clamp
         ds = self._measure()
         name = f"{self.plate.name} bending"
@@ -58,13 +58,23 @@ class EdgeRotation:
             nodes = self.plate.nodes(self.edges)
             X = self.plate.space.tabulate_dof_coordinates()[nodes].T
             self._check_is_across(start, lambda midpoints: self._directions(midpoints, 0.0))
-            return MovingEnergy(
+            check(
+                not self.plate.has_thermal_curvature,
+                f"'{self.name}' turns with time, but '{self.plate.name}' has a gradient of temperature; clamp it in a "
+                "constant direction, or leave the gradient out.",
+            )
+
+            def set_directions(directions: fem.Function, t: float) -> None:
+                directions.x.array.reshape(-1, 3)[nodes] = self._directions(X, t)
+
+            yield MovingEnergy(
                 name=name,
                 body=self.plate,
                 form=lambda x, w, d: clamp(x, w, d, ds),
-                nodes=nodes,
-                values=lambda t: self._directions(X, t),
+                space=self.plate.space,
+                set=set_directions,
             )
+            return
         if self.direction is None:
             d = self._initial_direction()
         else:
@@ -73,7 +83,27 @@ class EdgeRotation:
                 start, lambda midpoints: np.tile(direction, (midpoints.shape[1], 1))
             )
             d = fem.Constant(self.plate.mesh.domain, direction)
-        return QuadraticEnergy(name, self.plate, lambda x, w: clamp(x, w, d, ds))
+        yield QuadraticEnergy(name, self.plate, lambda x, w: clamp(x, w, d, ds))
+        if self.plate.has_thermal_curvature:
+            yield self._thermal_moment(name, d, ds)
+
+    def _thermal_moment(self, name: str, d: Expr, ds: ufl.Measure) -> Term:
+        """The part of the energy that the thermal curvature adds."""
+        from gossamer_fx.bodies.thermal_expansion import thermal_curvature
+
+        thermal = thermal_curvature(self.plate)
+
+        def form(x: Expr, w: Expr, difference: Expr) -> ufl.Form:
+            curvature = ufl.replace(thermal.curvature, {thermal.difference: difference})
+            return self.plate.bending.rest_clamp(x, w, d, curvature, ds)
+
+        return MovingEnergy(
+            name=name,
+            body=self.plate,
+            form=form,
+            space=thermal.difference.function_space,
+            set=thermal.given.set,
+        )
 
     def _directions(self, X: Array, t: float) -> Array:
         """Unit directions (n, 3) at the points X (3, n) of the edge at time t [s]."""

@@ -174,7 +174,8 @@ class Fixed:
             if isinstance(self.body, Plate):
                 from gossamer_fx.constraints.edge_rotation import EdgeRotation
 
-                yield EdgeRotation(self.name, self.body, self.group, self.direction).term(start)
+                rotation = EdgeRotation(self.name, self.body, self.group, self.direction)
+                yield from rotation.terms(start)
         if self.normal is not None:
             yield self._plane(nodes, unit(self.normal), start)
         elif self.motion is not None:

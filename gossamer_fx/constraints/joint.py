@@ -33,7 +33,9 @@ from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_constraints import PointConstraint
 
-COINCIDE = 1e-8  # m
+# Distance [m] up to which two points coincide: above the round-off of coordinates of some metres,
+# below any gap that somebody would model.
+COINCIDE = 1e-8
 
 
 def check_coincide(
@@ -52,15 +54,19 @@ def check_coincide(
 
 def product(name: str, u: Attached, v: Attached) -> PointConstraint:
     """u·v = 0."""
+    # ½ (u, v)·H (u, v) = u·v
     H = np.kron(np.array([[0.0, 1.0], [1.0, 0.0]]), np.eye(3))
-    place = (u, v) if isinstance(u, Port) else (v, u)
-    return PointConstraint(name, PointMeasure([place], H[None], np.zeros((1, 6)), np.zeros(1)))
+    # A measure is owned by the rank of its first port, and a vector of the ground has none.
+    vectors = (u, v) if isinstance(u, Port) else (v, u)
+    measure = PointMeasure([vectors], H[None], np.zeros((1, 6)), np.zeros(1))
+    return PointConstraint(name, measure)
 
 
-def coincidence(name: str, *places: tuple[Attached, Attached]) -> PointConstraint:
+def coincidence(name: str, *pairs: tuple[Attached, Attached]) -> PointConstraint:
     """x_a - x_b = 0 at each of the pairs of points (a, b)."""
-    L = np.hstack([np.eye(3), -np.eye(3)])
-    return PointConstraint(name, PointMeasure(places, np.zeros((3, 6, 6)), L, np.zeros(3)))
+    difference = np.hstack([np.eye(3), -np.eye(3)])
+    measure = PointMeasure(pairs, np.zeros((3, 6, 6)), difference, np.zeros(3))
+    return PointConstraint(name, measure)
 
 
 def same_rotation(
@@ -71,9 +77,13 @@ def same_rotation(
 ) -> Iterable[PointConstraint]:
     """Three products that keep the relative rotation of two frames, one of which has three directors."""
     full, other = (a, b) if len(a.directors) == 3 else (b, a)
+    # Two directors of the other frame are enough: three products of orthogonal vectors fix three
+    # angles.  A third director would repeat what its rigidity already says, and make the
+    # constraints dependent.
     g2, g3 = other.directors[-2:]
     e2, e3 = start.vectors([g2, g3])
-    p1, p3 = along(np.cross(e2, e3), full, start.vector), along(e3, full, start.vector)
+    p1 = along(np.cross(e2, e3), full, start.vector)
+    p3 = along(e3, full, start.vector)
     yield product(f"{name} rotation 3", g2, p1)
     yield product(f"{name} rotation 2", g3, p1)
     yield product(f"{name} rotation 1", g2, p3)
@@ -87,8 +97,11 @@ def same_axis(
     start: State,
 ) -> Iterable[PointConstraint]:
     """Two products that keep a direction n of both frames alike; the first has three directors."""
+    # The axis is a vector of one frame, and two of the other stay normal to it.  A beam's section
+    # has no vector along its normal, but two across it.
     if is_normal(n, other, start.vector):
-        fixed, (p, q) = along(n, full, start.vector), other.directors
+        fixed = along(n, full, start.vector)
+        p, q = other.directors
     else:
         fixed = along(n, other, start.vector)
         p, q = (along(e, full, start.vector) for e in perpendicular_pair(n))
@@ -110,13 +123,14 @@ def on_axis(
         float(np.linalg.norm(np.cross(gap, n))) <= COINCIDE,
         f"{kind} '{name}': its second point is off the axis through the first; place both on it.",
     )
-    # of the stacked vectors (x_a, x_b, p), ports first
+    # ½ z·H z = (x_b - x_a)·p for the stacked vectors z = (x_a, x_b, p), ports first.
     H = np.zeros((3, 3))
     H[0, 2] = H[2, 0] = -1.0
     H[1, 2] = H[2, 1] = 1.0
     for k, e in enumerate(perpendicular_pair(n)):
-        places = [(a.origin, b.origin, along(e, a, start.vector))]
-        measure = PointMeasure(places, np.kron(H, np.eye(3))[None], np.zeros((1, 9)), np.zeros(1))
+        vectors = [(a.origin, b.origin, along(e, a, start.vector))]
+        H_of_vectors = np.kron(H, np.eye(3))[None]
+        measure = PointMeasure(vectors, H_of_vectors, np.zeros((1, 9)), np.zeros(1))
         yield PointConstraint(f"{name} slide {k + 1}", measure)
 
 
@@ -271,8 +285,11 @@ class RevoluteJoint(AxisJoint):
         """A frame with three directors, and one that holds the axis or is normal to it."""
         full, other = (self.a, self.b) if len(self.a.directors) == 3 else (self.b, self.a)
         n = unit(self.axis)
-        oblique = not (lies_in(n, other) or is_normal(n, other))
-        return full.complete, other.complete if oblique else other
+        # Two directors of a section span all vectors in it.  An axis that is neither in the section
+        # nor normal to it needs the third, which costs three unknowns and three constraints.
+        if lies_in(n, other) or is_normal(n, other):
+            return full.complete, other
+        return full.complete, other.complete
 
     def terms(self, start: State) -> Iterable[Term]:
         check_coincide(self.name, self.a.origin, self.b.origin, start)
@@ -309,6 +326,7 @@ class PrismaticJoint(AxisJoint):
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
         """The frames: one has three directors, the first holds the normals of the axis."""
+        # A section across the axis has both its normals already.
         enough = len(self.b.directors) == 3 and is_normal(unit(self.axis), self.a)
         return self.a if enough else self.a.complete, self.b
 
@@ -348,11 +366,13 @@ class CylindricalJoint(AxisJoint):
     def _sides(self) -> tuple[Frame, Frame]:
         """A frame with three directors, and one that holds the axis or is normal to it."""
         n = unit(self.axis)
-        return self.a.complete, self.b if lies_in(n, self.b) or is_normal(
-            n, self.b
-        ) else self.b.complete
+        # As of `RevoluteJoint`: a third director only for an oblique axis.
+        if lies_in(n, self.b) or is_normal(n, self.b):
+            return self.a.complete, self.b
+        return self.a.complete, self.b.complete
 
     def terms(self, start: State) -> Iterable[Term]:
-        n, (a, b) = unit(self.axis), self._sides
+        n = unit(self.axis)
+        a, b = self._sides
         yield from same_axis(self.name, n, a, b, start)
         yield from on_axis("CylindricalJoint", self.name, n, a, b, start)

@@ -1,4 +1,4 @@
-"""Energies ½ a(t; q, q) of a quadratic form that changes with time, such as those of clamps that turn."""
+"""Energies ½ a(t; q, q) of a quadratic form that changes with time, such as those of clamps that turn or heat up."""
 
 from __future__ import annotations
 
@@ -6,20 +6,34 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
 import ufl
 from dolfinx import fem, la
 from petsc4py import PETSc
 
 from gossamer_fx.forms.compilation import compile_form, constant
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.body import Array, Body, Indices, MeshBody
-from gossamer_fx.model.roles import Forces, StepObserver, StoredEnergies, Supply, TangentForms
+from gossamer_fx.model.body import Body, MeshBody
+from gossamer_fx.model.roles import (
+    Forces,
+    StateObserver,
+    StepObserver,
+    StoredEnergies,
+    Supply,
+    TangentForms,
+    TimeDependence,
+)
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 
 class MovingEnergies(
-    StepObserver, Forces, TangentForms, StoredEnergies, Supply, CompiledTerms["MovingEnergy"]
+    StepObserver,
+    StateObserver,
+    TimeDependence,
+    Forces,
+    TangentForms,
+    StoredEnergies,
+    Supply,
+    CompiledTerms["MovingEnergy"],
 ):
     """All `MovingEnergy` terms of a scene.
 
@@ -31,8 +45,8 @@ class MovingEnergies(
         self._system, self._compiled = system, []
         for term in terms:
             at = system.fields[term.body]
-            d0 = fem.Function(term.body.space)
-            d1 = fem.Function(term.body.space)
+            d0 = fem.Function(term.space)
+            d1 = fem.Function(term.space)
             # the matrices of both ends count alike; in statics only that of the end does
             share = constant(term.body.space.mesh, 1.0 if system.rule.alpha == 1.0 else 0.5)
             ends = (d1,) if system.rule.alpha == 1.0 else (d0, d1)
@@ -51,9 +65,15 @@ class MovingEnergies(
             )
 
     def begin_step(self, t: float) -> None:
+        self.take_time(self._system.time + self._system.h)
+
+    def take_time(self, t: float) -> None:
         for c in self._compiled:
-            _set(c.before, c.term, self._system.time)
-            _set(c.after, c.term, self._system.time + self._system.h)
+            c.term.set(c.after, t)
+
+    def commit(self) -> None:
+        for c in self._compiled:
+            c.before.x.array[:] = c.after.x.array
 
     def add_forces(self, r: PETSc.Vec) -> None:
         """Add the forces [N] of all terms to r."""
@@ -75,7 +95,6 @@ class MovingEnergies(
         """This rank's share of the stored energy [J] at the start of the step, by name."""
         found: dict[str, float] = {}
         for c in self._compiled:
-            _set(c.before, c.term, self._system.time)
             found[c.term.name] = (
                 found.get(c.term.name, 0.0) + float(fem.assemble_scalar(c.energy)) / 2
             )
@@ -84,16 +103,16 @@ class MovingEnergies(
 
 @dataclass(frozen=True, eq=False)
 class MovingEnergy:
-    """Stored energy ½ a(d; q, q) of a symmetric bilinear form, written form(q, w, d), that depends on moving vectors d.
+    """Stored energy ½ a(d; q, q) of a symmetric bilinear form, written form(q, w, d), with a function d of time.
 
-    d is `values(t)` (n, 3) at the local `nodes` (n,) of the body at time t.  The work of what moves it is supplied.
+    `set` gives a function of `space` the values of d at a time [s].  The work of what changes d is supplied.
     """
 
     name: str
     body: MeshBody
     form: Callable[[Expr, Expr, Expr], ufl.Form]
-    nodes: Indices
-    values: Callable[[float], Array]
+    space: fem.FunctionSpace
+    set: Callable[[fem.Function, float], None]
     compiler: ClassVar[Compiler] = MovingEnergies
 
 
@@ -107,7 +126,3 @@ class _Compiled:
     tangent: fem.Form
     work: fem.Form
     energy: fem.Form
-
-
-def _set(d: fem.Function, term: MovingEnergy, t: float) -> None:
-    d.x.array.reshape(-1, 3)[term.nodes] = np.asarray(term.values(t))

@@ -87,6 +87,7 @@ class Seam:
     name: str = ""
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         if not self.name:
             words = f"{self.a.name}/{self.edge_a} sewn to {self.b.name}/{self.edge_b}"
             object.__setattr__(self, "name", words)
@@ -121,6 +122,7 @@ class Seam:
     def _lines(self) -> tuple[EdgeLine, EdgeLine]:
         """Both edges, not yet aligned."""
         user = f"Seam '{self.name}'"
+        # Cached: following edges around a mesh is collective and takes time.
         return edge_line(self.a, self.edge_a, user), edge_line(self.b, self.edge_b, user)
 
     @property
@@ -139,6 +141,7 @@ class Seam:
         if self.closing is None:
             return 0.0
         begin, end = self.closing
+        # Rate and acceleration are zero at both ends, so that the sewing excites no vibration.
         τ = min(max((t - begin) / (end - begin), 0.0), 1.0)
         return 1 - τ**3 * (10 - 15 * τ + 6 * τ**2)
 
@@ -147,20 +150,26 @@ class Seam:
         yield self.b
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The constraint that nodes of the finer line meet their points of the other one, during `closing`."""
         pairs = self._pairs(start)
         difference = np.hstack([np.eye(3), -np.eye(3)])
         measure = PointMeasure(pairs, np.zeros((3, 6, 6)), difference, np.zeros(3))
         closing = None
         if self.closing is not None:
             closing = Closing(self.openness)
+        # Where seams meet, their constraints repeat each other; that is meant.
         yield PointConstraint(self.name, measure, closing=closing, may_repeat=True)
 
     def _pairs(self, start: State) -> list[tuple[Port, Port]]:
         """Nodes of the line with more nodes, and the points of the other that belong to them."""
         line_a, line_b = self.lines(start)
-        finer, coarser = line_a, line_b
+        # Nodes of the finer line on the coarser one: the other way round nodes of the finer line
+        # would stay free, and gaps would open between those that are sewn.
+        finer = line_a
+        coarser = line_b
         if len(line_b.nodes) * line_b.order > len(line_a.nodes) * line_a.order:
-            finer, coarser = line_b, line_a
+            finer = line_b
+            coarser = line_a
         nodes, fractions = finer.all_nodes()
         pairs = []
         for node, fraction in zip(nodes, fractions, strict=True):

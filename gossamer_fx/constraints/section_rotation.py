@@ -38,6 +38,7 @@ class SectionRotation:
     def support(self) -> Support:
         """The support of all coordinates of the sections, positions and directors."""
         size = self.beam.block.size
+        # Directors too: three numbers of a position and six of two directors.
         dofs = (size * self.nodes[:, None] + np.arange(size)).ravel().astype(np.int32)
         is_still = self.direction is None and self.motion is None and self.twist == 0
         return Support(self.name, self.beam, dofs, None if is_still else self._path())
@@ -49,13 +50,12 @@ class SectionRotation:
         motion = self.motion
 
         def path(t: float) -> Array:
-            """Coordinates (9 n,) of the n nodes at a time t [s]: moved, with directors that are
-            turned.
-            """
+            """Coordinates (9 n,) of the n nodes at a time t [s]: moved, with turned directors."""
             q = start.copy()
             if motion is not None:
                 what = f"Motion of '{self.name}' at t = {t:.6g} s"
                 q[:, 0] += ask_points(self.beam.comm, what, lambda: motion(X, t), X.shape).T
+            # From the stress-free section, not from the last step: errors do not add up.
             normals = np.cross(q[:, 1], q[:, 2])
             turns = self._rotations(X, normals, t)
             q[:, 1:] = np.einsum("nij,nkj->nki", turns, q[:, 1:])
@@ -68,6 +68,7 @@ class SectionRotation:
         when = f"of '{self.name}' at t = {t:.6g} s"
         wanted = self._directions(X, normals, t, when)
         length = np.linalg.norm(wanted, axis=1, keepdims=True)
+        # The check below refuses a length of zero, on all ranks at once.
         wanted = wanted / np.where(length > 0, length, 1.0)
         cosine = np.einsum("ni,ni->n", normals, wanted)
         check_on_all(

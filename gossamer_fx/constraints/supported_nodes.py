@@ -26,6 +26,7 @@ def check_support(
         f"{kind}: components are {components!r}; choose from 0, 1, 2.",
     )
     body.mesh.group(group)
+    # Owned nodes are counted once; a group may have no node on this rank, but not on all.
     nodes = body.nodes(group)
     owned = int((nodes < body.block.index_map.size_local).sum())
     check(
@@ -36,5 +37,6 @@ def check_support(
 
 def dofs_of(body: Meshed, nodes: Indices, components: tuple[int, ...]) -> Indices:
     """Scalar indices (n · components,) of components of the positions of nodes (n,), node by node."""
+    # The position is the first vector of a node, whatever else it has.
     dofs: Indices = (body.block.size * nodes[:, None] + np.array(components)).ravel()
     return dofs.astype(np.int32)

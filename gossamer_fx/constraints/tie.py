@@ -106,6 +106,7 @@ class Tie:
         nodes = np.arange(index_map.size_local)
         if self.group_a is not None:
             nodes = self.a.nodes(self.group_a)
+        # Each node is tied on the rank that owns it.
         own = np.asarray(nodes[nodes < index_map.size_local], dtype=np.int32)
         x = start[self.a].positions()[own]
         ends, segments = self._segments(start)

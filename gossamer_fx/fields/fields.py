@@ -2,7 +2,7 @@
 
     displacement            x - X, from the stress-free mesh [m]
     velocity                [m/s]
-    strain1 ≥ strain2       principal Green-Lagrange strains of a film
+    strain1 ≥ strain2       principal Green-Lagrange strains of a film, thermal strains included
     stress1 ≥ stress2       principal second Piola-Kirchhoff stresses of a film, ∂ψ/∂E over the
                             thickness [Pa]
     direction               F n/|F n| with n the direction of strain1: the direction of tension on the
@@ -10,7 +10,13 @@
     state                   0 slack, 1 wrinkled, 2 taut
     pressure                gas pressure inside less that outside [Pa]; on a film between two chambers
                             the difference of their pressures
+    temperature             of a film with thermal expansion or solar heating [K]; zero without
     group                   number of the cell's part among those of all films, see `fields.groups`
+
+    wrinkle_slope           largest slope of wrinkles that the mesh does not resolve, see
+                            `fields.wrinkles`: local means, where `state` may alternate between cells
+    wrinkle_amplitude       estimate of their amplitude [m]
+    wrinkle_direction       along their crests on the deformed film; zero without wrinkles
 
     fold_angle              angle of the creases at a cell [rad], zero in other cells
     mode_amplitude          distance from the equilibrium in the record of a mode [m], else zero
@@ -33,7 +39,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 import ufl
@@ -52,12 +57,13 @@ from gossamer_fx.model.body import Array, Body, MeshBody, has_nodal_unknowns
 from gossamer_fx.model.roles import CellFields, NodeFields, playing
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import gradient
+from gossamer_fx.terms.element_energies import thermal_strain_of
 
 # Values of the field "state" by name
 STATES = {"slack": SLACK, "wrinkled": WRINKLED, "taut": TAUT}
 
-# An expression of a body, its coordinates q and its velocities v
-Expression = Callable[[Any, Expr, Expr], Expr]
+# An expression of the shape of a body
+Expression = Callable[[BodyShape], Expr]
 
 # What sets a function on a body in a system to a field that is collected from the scene
 Collector = Callable[[fem.Function, MeshBody, System], None]
@@ -69,7 +75,7 @@ class Field:
 
     Attributes:
         shape: () for a scalar, (3,) for a vector.
-        expression: of (body, q, v); None for a field that is collected from the scene.
+        expression: of the shape of a body; None for a field that is collected from the scene.
         of_films: whether only films have it.  It may then jump between cells: strains are made of
             derivatives of q.
         of_plates: whether only films that bend have it.
@@ -89,30 +95,32 @@ def position(q: Expr) -> Expr:
     return ufl.as_vector([q[i] for i in range(3)])
 
 
-def film_state(film: Membrane, x: Expr) -> Expr:
+def film_state(shape: BodyShape) -> Expr:
     """State of a film: 0 slack, 1 wrinkled, 2 taut."""
+    film = shape.body
     # A law that never wrinkles has a number as its state; times `unit` it belongs to a mesh.
     unit = constant(film.space.mesh, 1.0)
-    return unit * film.law.state(film.measure(x), film.constants)
+    return unit * film.law.state(shape.elastic_strain(), film.constants)
 
 
-def _displacement(body: Any, q: Expr, v: Expr) -> Expr:
-    return position(q) - ufl.SpatialCoordinate(body.space.mesh)
+def _displacement(shape: BodyShape) -> Expr:
+    return position(shape.q) - ufl.SpatialCoordinate(shape.body.space.mesh)
 
 
-def _velocity(body: Any, q: Expr, v: Expr) -> Expr:
-    return position(v)
+def _velocity(shape: BodyShape) -> Expr:
+    return position(shape.v)
 
 
-def _strains(film: Membrane, x: Expr) -> tuple[Expr, Expr]:
+def _strains(shape: BodyShape) -> tuple[Expr, Expr]:
     """Principal strains, the larger one first."""
-    mean, radius = half_trace_and_radius(film.measure(x))
+    mean, radius = half_trace_and_radius(shape.body.measure(shape.q))
     return mean + radius, mean - radius
 
 
-def _stresses(film: Membrane, x: Expr) -> tuple[Expr, Expr]:
+def _stresses(shape: BodyShape) -> tuple[Expr, Expr]:
     """Principal stresses [Pa], the larger one first."""
-    S = gradient(film.density, film.measure(x)) / film.constants.thickness
+    film = shape.body
+    S = gradient(film.density, shape.elastic_strain()) / film.constants.thickness
     # `half_trace_and_radius` takes twice the shear, as strains have it.
     mean, radius = half_trace_and_radius(ufl.as_vector([S[0], S[1], 2 * S[2]]))
     return mean + radius, mean - radius
@@ -125,22 +133,26 @@ def _principal(tensor: Expr) -> tuple[Expr, Expr]:
     return mean + radius, mean - radius
 
 
-def _curvatures(plate: Any, x: Expr) -> tuple[Expr, Expr]:
+def _curvatures(shape: BodyShape) -> tuple[Expr, Expr]:
     """Principal curvatures [1/m]."""
-    return _principal(plate.curvature(x))
+    return _principal(shape.body.curvature(shape.q))
 
 
-def _moments(plate: Any, x: Expr) -> tuple[Expr, Expr]:
+def _moments(shape: BodyShape) -> tuple[Expr, Expr]:
     """Principal bending moments [N m/m]."""
-    return _principal(plate.moment(x))
+    plate = shape.body
+    moment = plate.moment(shape.q)
+    if shape.thermal_curvature is not None:
+        moment -= plate.bending_stiffness.moment(shape.thermal_curvature)
+    return _principal(moment)
 
 
-def _direction(film: Membrane, x: Expr, v: Expr) -> Expr:
-    """F n/|F n|, n the direction of the larger principal strain.
+def _direction(shape: BodyShape) -> Expr:
+    """F n/|F n|, n the direction of the larger principal strain, thermal strain not included.
 
     Where the principal strains are equal, n is the first vector of the film's frame.
     """
-    e = film.measure(x)
+    e = shape.elastic_strain()
     # The radius is kept above zero by its definition, so nothing is divided by zero below.
     _, radius = half_trace_and_radius(e)
     a = (e[0] - e[1]) / 2
@@ -153,22 +165,18 @@ def _direction(film: Membrane, x: Expr, v: Expr) -> Expr:
         ufl.as_vector([b, radius - a]),
     )
     unit_n = n / ufl.sqrt(ufl.dot(n, n))
-    tangent = ufl.dot(film.deformation(x), unit_n)
+    tangent = ufl.dot(shape.body.deformation(shape.q), unit_n)
     return tangent / ufl.sqrt(ufl.dot(tangent, tangent))
 
 
-def _state(film: Membrane, x: Expr, v: Expr) -> Expr:
-    return film_state(film, x)
-
-
-def _larger(values: Callable[[Any, Expr], tuple[Expr, Expr]]) -> Expression:
+def _larger(values: Callable[[BodyShape], tuple[Expr, Expr]]) -> Expression:
     """The expression of the larger of two principal values."""
-    return lambda body, x, v: values(body, x)[0]
+    return lambda shape: values(shape)[0]
 
 
-def _smaller(values: Callable[[Any, Expr], tuple[Expr, Expr]]) -> Expression:
+def _smaller(values: Callable[[BodyShape], tuple[Expr, Expr]]) -> Expression:
     """The expression of the smaller of two principal values."""
-    return lambda body, x, v: values(body, x)[1]
+    return lambda shape: values(shape)[1]
 
 
 FIELDS = {
@@ -179,7 +187,7 @@ FIELDS = {
     "stress1": Field((), _larger(_stresses), of_films=True),
     "stress2": Field((), _smaller(_stresses), of_films=True),
     "direction": Field((3,), _direction, of_films=True),
-    "state": Field((), _state, of_films=True),
+    "state": Field((), film_state, of_films=True),
     "curvature1": Field((), _larger(_curvatures), of_films=True, of_plates=True),
     "curvature2": Field((), _smaller(_curvatures), of_films=True, of_plates=True),
     "moment1": Field((), _larger(_moments), of_films=True, of_plates=True),
@@ -187,7 +195,11 @@ FIELDS = {
     # The gas has a separate state, and a fold may have turned more than once: neither is a function
     # of the film's coordinates.
     "group": Field((), of_films=True),
+    "wrinkle_slope": Field((), of_films=True),
+    "wrinkle_amplitude": Field((), of_films=True),
+    "wrinkle_direction": Field((3,), of_films=True),
     "pressure": Field((), of_films=True),
+    "temperature": Field((), of_films=True),
     "fold_angle": Field((), of_films=True),
     "contact_pressure": Field(()),
     "mode_amplitude": Field(()),
@@ -237,7 +249,7 @@ class FieldFunctions:
     def __init__(self, system: System, body: MeshBody, names: Sequence[str]) -> None:
         """Make one function for each name, and what computes its values; `update` computes them."""
         check_fields(body, names)
-        self._shape = BodyShape(system.state, body)
+        self._shape = BodyShape(system, body)
         self._element = self._element_of(names)
         self.functions: list[fem.Function] = []
         self._updates: list[Callable[[], None]] = []
@@ -268,7 +280,7 @@ class FieldFunctions:
             return partial(_COLLECTORS[function.name], function, body, system)
         points = interpolation_points(function.function_space)
         shape = self._shape
-        expression = field.expression(shape.body, shape.q, shape.v)
+        expression = field.expression(shape)
         return partial(function.interpolate, compile_expression(expression, points))
 
     def update(self) -> None:
@@ -307,6 +319,14 @@ def _collect_group(function: fem.Function, film: MeshBody, system: System) -> No
         if other is film:
             nodes = cell_nodes(function.function_space)[: len(parts)]
             function.x.array[nodes] = parts[:, None]
+
+
+def _collect_wrinkles(function: fem.Function, film: MeshBody, system: System) -> None:
+    """Set a function to a map of the wrinkles."""
+    # Imported here, as few outputs need it.
+    from gossamer_fx.fields.wrinkles import collect_wrinkles
+
+    collect_wrinkles(function, film, system)
 
 
 def _collect_cell_values(function: fem.Function, body: MeshBody, system: System) -> None:
@@ -351,9 +371,24 @@ def _collect_node_values(function: fem.Function, body: MeshBody, system: System)
     function.x.array[of_function] = at_nodes[of_body]
 
 
+def _collect_temperature(function: fem.Function, body: MeshBody, system: System) -> None:
+    """Set a discontinuous function to the temperature [K] of a film; zero if it has none."""
+    strain = thermal_strain_of(system, body)
+    if strain is None:
+        # Heated films without thermal expansion have a temperature in each cell.
+        _collect_cell_values(function, body, system)
+        return
+    # The function has the order of positions, temperatures have one less.
+    function.interpolate(strain.start_temperature)
+
+
 _COLLECTORS: dict[str, Collector] = {
     "pressure": _collect_pressure,
+    "temperature": _collect_temperature,
     "group": _collect_group,
+    "wrinkle_slope": _collect_wrinkles,
+    "wrinkle_amplitude": _collect_wrinkles,
+    "wrinkle_direction": _collect_wrinkles,
     "fold_angle": _collect_cell_values,
     "contact_pressure": _collect_node_values,
     "mode_amplitude": _collect_node_values,
@@ -395,10 +430,10 @@ class AreaFractions:
         """
         compiled = []
         for film in self._films:
-            shape = BodyShape(system.state, film)
+            shape = BodyShape(system, film)
             # One form with a constant serves the three states.
             which = constant(shape.body.space.mesh, 0.0)
-            is_state = ufl.eq(film_state(shape.body, shape.q), which)
+            is_state = ufl.eq(film_state(shape), which)
             area = ufl.conditional(is_state, 1.0, 0.0) * shape.body.dx
             compiled.append((shape, which, compile_form(area)))
         return compiled

@@ -282,13 +282,21 @@ class Bending:
             - ufl.dot(self._edge_moment(w), jump_x)
         )
         if self.rest is not None:
-            # -m0 (n·d), with the normal n = x,n × x,t of the surface at the edge, which is bilinear
-            # in x.
-            m0 = self._across(self.rest_moment)
-            normal_x = ufl.cross(self.slope(x), self._along(w))
-            normal_w = ufl.cross(self.slope(w), self._along(x))
-            form -= m0 * (ufl.dot(normal_x, d) + ufl.dot(normal_w, d))
+            return form * ds + self.rest_clamp(x, w, d, self.rest, ds)
         return form * ds
+
+    def rest_clamp(self, x: Expr, w: Expr, d: Expr, rest: Expr, ds: ufl.Measure) -> ufl.Form:
+        """The part of `clamp` that a curvature without moments adds [J].
+
+        Args:
+            x, w, d, ds: as of `clamp`.
+            rest: curvature (2, 2) [1/m].
+        """
+        # -m0 (n·d), with the normal n = x,n × x,t of the surface at the edge, which is bilinear in x.
+        m0 = self._across(self._moment(rest))
+        normal_x = ufl.cross(self.slope(x), self._along(w))
+        normal_w = ufl.cross(self.slope(w), self._along(x))
+        return -m0 * (ufl.dot(normal_x, d) + ufl.dot(normal_w, d)) * ds
 
     # ---- rest curvature --------------------------------------------------------------------------
 

@@ -35,6 +35,9 @@ Algorithm.  In every step:
 3. `derivatives` gives the Jacobian with respect to y and V, by which the bodies see the gas.
 4. `rates` gives the sums of (1) and (2) from which the accepted state is summed.
 
+The equations are written for any numbers that add, multiply and compare: for dual numbers in arrays
+of objects `residual` gives its derivatives with respect to the start of the step, too (`gas.adjoint`).
+
 Cost: one dense solve of 2n equations in an iteration for n chambers, which is negligible next to the
 bodies.  Arrays over chambers have the shape (n,) and SI units.
 """
@@ -42,18 +45,20 @@ bodies.  Arrays over chambers have the shape (n,) and SI units.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from gossamer_fx.algebra.dual_numbers import Dual, Number
 from gossamer_fx.gas.contract import Aperture, Holder, Opening, Wall
 from gossamer_fx.gas.ideal_gas import IdealGas
 from gossamer_fx.model.body import Array
 
 # Values at the first and the second end of an opening; complex for derivatives by complex steps.
-Pair = tuple[complex, complex]
+Pair = tuple[Number, Number]
 
 # Pressure [Pa] and temperature [K] at one place
-State = tuple[complex, complex]
+State = tuple[Number, Number]
 
 # An end of an opening: the number of a chamber, or a boundary of constant state.
 End = int | Holder
@@ -107,7 +112,7 @@ class Passage:
     opening: Opening
     ends: tuple[End, End]
     aperture: Aperture
-    area: float = 0.0
+    area: Number = 0.0
 
 
 @dataclass
@@ -138,6 +143,8 @@ class Balance:
 
     Attributes:
         h: length of the current step [s].
+        passages: the openings.
+        walls: the walls, each with the number of its chamber.
         temperatures: of the chambers at its start (n,) [K].
     """
 
@@ -157,8 +164,8 @@ class Balance:
         # Properties of the gas that are asked for each flow
         self._cv = gas.cv
         self._cp = gas.cp
-        self._passages = passages
-        self._walls = walls
+        self.passages = passages
+        self.walls = walls
         self._n = n
         # ½ is the midpoint rule; `begin` replaces it.
         self._weights: Array = np.full(n, 0.5)
@@ -187,7 +194,7 @@ class Balance:
         self._m0 = m
         self._U0 = U
         self.temperatures = U / (m * self._cv)
-        for passage in self._passages:
+        for passage in self.passages:
             passage.area = passage.aperture(h, t)
         self._choose_weights(p, self.temperatures, V)
 
@@ -228,12 +235,12 @@ class Balance:
         """
         n = self._n
         # Lists of numbers: for so few chambers NumPy takes three times as long.
-        mass = [0.0] * n
-        energy = [0.0] * n
-        mass_supplied = 0.0
-        energy_supplied = 0.0
+        mass: list[Number] = [0.0] * n
+        energy: list[Number] = [0.0] * n
+        mass_supplied: Number = 0.0
+        energy_supplied: Number = 0.0
         states = _states(*self._flow_state(y, V))
-        for passage in self._passages:
+        for passage in self.passages:
             at_ends = _at_ends(passage, states)
             mass_flow, energy_flow = self._flows(passage, *at_ends)
             for end, sign in zip(passage.ends, (-1, 1), strict=True):
@@ -244,8 +251,8 @@ class Balance:
                     mass_supplied -= sign * mass_flow.real
                     energy_supplied -= sign * energy_flow.real
         rates = Rates(np.array(mass), np.array(energy), mass_supplied, energy_supplied)
-        for (wall, k), weight in zip(self._walls, self._wall_weights, strict=True):
-            heat = self._heat(wall, k, float(weight), y, V)
+        for (wall, k), weight in zip(self.walls, self._wall_weights, strict=True):
+            heat = self._heat(wall, k, weight, y, V)
             rates.energy[k] += heat
             rates.energy_supplied += heat
         return rates
@@ -308,12 +315,12 @@ class Balance:
         p, T = self._flow_state(y, V)
         states = _states(p, T)
         # Lists of numbers, as in `rates`
-        end_pressure = [float(value) for value in y[:n]]
-        temperature = [float(value) for value in T]
-        total_mass = [float(value) for value in self._m0 + y[n:]]
-        volume = [float(value) for value in V]
-        weight = [float(value) for value in self._weights]
-        for passage in self._passages:
+        end_pressure: Any = y[:n].tolist()
+        temperature: Any = T.tolist()
+        total_mass: Any = (self._m0 + y[n:]).tolist()
+        volume: Any = V.tolist()
+        weight: Any = self._weights.tolist()
+        for passage in self.passages:
             at_ends = _at_ends(passage, states)
             for side, k in enumerate(passage.ends):
                 if not isinstance(k, int):
@@ -344,7 +351,7 @@ class Balance:
         """Subtract h times the derivatives of the heat of the walls."""
         n = self._n
         heat_factor = self._gas.gamma - 1
-        for (wall, k), weight in zip(self._walls, self._wall_weights, strict=True):
+        for (wall, k), weight in zip(self.walls, self._wall_weights, strict=True):
             p1 = y[k]
             m1 = y[n + k]
             # -h ∂Q/∂U1
@@ -359,7 +366,7 @@ class Balance:
         at_ends: tuple[Pair, Pair],
         side: int,
         quantity: str,
-    ) -> tuple[float, float]:
+    ) -> Pair:
         """Derivatives of mass flow and energy flow with respect to a state at one end.
 
         Args:
@@ -441,7 +448,7 @@ class Balance:
         T: Pair,
     ) -> Pair:
         """Mass flow [kg/s] and enthalpy flow [W] from the first to the second end."""
-        mass_flow = complex(passage.opening.flow(self._gas, passage.area, p, T))
+        mass_flow = passage.opening.flow(self._gas, passage.area, p, T)
         # The gas has the temperature of the end it comes from.
         upstream_temperature = T[0]
         if p[0].real < p[1].real:
@@ -452,17 +459,17 @@ class Balance:
         self,
         wall: Wall,
         k: int,
-        weight: float,
+        weight: Number,
         y: Array,
         V: Array,
-    ) -> float:
+    ) -> Number:
         """Heat flow [W] from a wall into chamber k."""
         cv = self._cv
         end_energy = y[k] * V[k] / (self._gas.gamma - 1)
         start_temperature = self._U0[k] / (self._m0[k] * cv)
         end_temperature = end_energy / (y[self._n + k] * cv)
         temperature = (1 - weight) * start_temperature + weight * end_temperature
-        return float(wall.conductance * (wall.temperature - temperature))
+        return wall.conductance * (wall.temperature - temperature)
 
     # ---- weights ------------------------------------------------------------------------------------
 
@@ -476,18 +483,21 @@ class Balance:
 
         The conductances at rest are summed too: they amplify the round-off of pressures, see `scales`.
         """
-        relaxation = np.zeros(self._n)  # ζ of (4)
-        equalisation = np.zeros(self._n)  # z of (5)
-        at_rest = np.zeros(self._n)
+        relaxation = np.zeros_like(p)  # ζ of (4)
+        equalisation = np.zeros_like(p)  # z of (5)
+        at_rest = np.zeros_like(p)
         states = _states(p, T)
-        for passage in self._passages:
+        for passage in self.passages:
             pressures, temperatures = _at_ends(passage, states)
-            p_low = min(pressures[0].real, pressures[1].real)
-            p_high, T_high = max(
-                (pressures[0].real, temperatures[0].real),
-                (pressures[1].real, temperatures[1].real),
-            )
-            if p_high == 0:
+            # Of equal pressures the hotter end counts as upstream.
+            is_first = pressures[0] >= pressures[1]
+            if is_first and pressures[0] <= pressures[1]:
+                is_first = temperatures[0] >= temperatures[1]
+            upstream = 0 if is_first else 1
+            p_high = pressures[upstream]
+            p_low = pressures[1 - upstream]
+            T_high = temperatures[upstream]
+            if p_high <= 0:
                 # Two vacuums exchange nothing.
                 continue
             # z of (5) has Δp in its denominator: it is taken at no smaller difference than this one.
@@ -509,7 +519,7 @@ class Balance:
         self._weights = 1 - 1 / (1 / (1 - fitted) + damping)
         self._amplification = at_rest
         wall_weights = []
-        for wall, k in self._walls:
+        for wall, k in self.walls:
             heat_capacity = self._m0[k] * self._cv
             cooling_rate = wall.conductance / heat_capacity
             wall_weights.append(_fitted_weight(self.h * cooling_rate))
@@ -518,20 +528,20 @@ class Balance:
     def _conductance(
         self,
         passage: Passage,
-        pu: float,
-        Tu: float,
-        pd: float,
-    ) -> float:
+        pu: Number,
+        Tu: Number,
+        pd: Number,
+    ) -> Number:
         """Mass flow over pressure difference [kg/(s Pa)] from pressure pu, temperature Tu to pd."""
         mass_flow = passage.opening.flow(self._gas, passage.area, (pu, pd), (Tu, Tu))
-        return float(mass_flow.real) / (pu - pd)
+        return mass_flow.real / (pu - pd)
 
 
 def _states(p: Array, T: Array) -> list[State]:
-    """Pressure [Pa] and temperature [K] of each chamber, as Python's numbers."""
-    return [
-        (complex(pressure), complex(temperature)) for pressure, temperature in zip(p, T, strict=True)
-    ]
+    """Pressure [Pa] and temperature [K] of each chamber, as Python's or dual numbers."""
+    pressures: Any = p.tolist()
+    temperatures: Any = T.tolist()
+    return list(zip(pressures, temperatures, strict=True))
 
 
 def _at_ends(passage: Passage, states: list[State]) -> tuple[Pair, Pair]:
@@ -546,12 +556,13 @@ def _state_at(end: End, states: list[State]) -> State:
     """Pressure [Pa] and temperature [K] of one end of an opening."""
     if isinstance(end, int):
         return states[end]
-    return complex(end.pressure), complex(end.temperature)
+    return end.pressure, end.temperature
 
 
-def _fitted_weight(rate: float) -> float:
+def _fitted_weight(rate: Number) -> Number:
     """The weight θ_e of (4) for relaxation by `rate` time constants a step: ½ at 0, 1 at infinity."""
     # Both terms of (4) grow as 1/rate; below 1e-3 the series is exact to 1e-12 and does not cancel.
     if rate < 1e-3:
         return 0.5 + rate / 12
-    return float(1 / -np.expm1(-rate) - 1 / rate)
+    decay = (-rate).expm1() if isinstance(rate, Dual) else np.expm1(-rate)
+    return -1 / decay - 1 / rate

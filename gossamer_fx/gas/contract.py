@@ -132,6 +132,24 @@ class Opening(Protocol):
 
 
 @runtime_checkable
+class Discharge(Opening, Protocol):
+    """An opening with a geometric area and a discharge coefficient, whose effective area is C_d A.
+
+    Gradients know derivatives by these two; of another opening they know none by its numbers.
+    """
+
+    @property
+    def area(self) -> object:
+        """A number [m²], a function of time [s], or a `ring.Ring`."""
+        ...
+
+    @property
+    def discharge_coefficient(self) -> float:
+        """C_d."""
+        ...
+
+
+@runtime_checkable
 class Wall(Protocol):
     """A wall of constant temperature that exchanges heat with a volume."""
 

@@ -3,8 +3,8 @@
 An enclosure is compiled when a scene is.  The compiled enclosure gives the volume V(q), its gradient
 G = ∂V/∂q, and the swept volume W of a step; it takes a pressure and adds the force pressure · G.
 
-The step goes from coordinates q0 to q1; forces act at q̄ = (1 - α) q0 + α q1, with α of the time
-stepping rule.  The work of the gas in the step is then pressure · W with W = G(q̄)·(q1 - q0), to the
+The step goes from coordinates q0 to q1; forces act at q_mid = (1 - α) q0 + α q1, with α of the time
+stepping rule.  The work of the gas in the step is then pressure · W with W = G(q_mid)·(q1 - q0), to the
 last digit, so film and gas exchange energy without loss.
 """
 
@@ -52,7 +52,7 @@ class CompiledEnclosure(Protocol):
 
     @property
     def swept(self) -> float:
-        """W = G(q̄)·(q1 - q0) [m³], or V(q1) - V(q0) if forces act at the end of the step."""
+        """W = G(q_mid)·(q1 - q0) [m³], or V(q1) - V(q0) if forces act at the end of the step."""
         ...
 
     def start(self) -> None:
@@ -64,11 +64,11 @@ class CompiledEnclosure(Protocol):
         ...
 
     def add_force(self, values: Array) -> None:
-        """Subtract the force of the gas, pressure · G(q̄) [N], from the owned part of a residual."""
+        """Subtract the force of the gas, pressure · G(q_mid) [N], from the owned part of a residual."""
         ...
 
     def gradients(self) -> tuple[Array, Array, Array]:
-        """G(q̄), ∂V/∂q1 and ∂W/∂q1 [m²]; read-only."""
+        """G(q_mid), ∂V/∂q1 and ∂W/∂q1 [m²]; read-only."""
         ...
 
     def add_tangents(self, A: PETSc.Mat) -> None:
@@ -277,6 +277,7 @@ class _CompiledFilm:
         return self._sign * float(self._surface.swept[self._index])
 
     def start(self) -> None:
+        """Choose the sign of the volume, so that a film with inward normals encloses a positive one."""
         # A flat film has a volume of either sign by round-off; it must not be turned by that.
         if self._surface.volume[self._index] < -ROUND_OFF * self.magnitude:
             self._sign = -1.0
@@ -384,6 +385,7 @@ class _CompiledPiston:
         return float(self._system.comm.allreduce(float(self._gradient @ q.array_r)))
 
     def follow(self) -> None:
+        """Compute volume, its magnitude for round-off, and swept volume [m³] of the present step."""
         end = self._height(self._system.q1)
         start = self._height(self._system.q0)
         self.volume = end - self._origin

@@ -41,7 +41,7 @@ from gossamer_fx.gas.geometry import Geometry
 from gossamer_fx.gas.state import ChamberState
 from gossamer_fx.model.body import Array, Body
 from gossamer_fx.terms.assembly import Assembly
-from gossamer_fx.terms.scalar_unknowns import ScalarTotals
+from gossamer_fx.terms.scalar_unknowns import ScalarsAdjoint, ScalarTotals
 
 # What stays constant in the chambers of an equilibrium; see `static_processes`.
 ADIABATIC = "adiabatic"
@@ -62,6 +62,13 @@ class GasNetwork:
 
     Attributes:
         size: number of unknowns, 2n for n chambers.
+        gas: the gas of all chambers.
+        chambers: states of the chambers after the last accepted step.
+        balance: their equations in a step.
+        geometry: volumes and rings of the running scene.
+        y: pressures [Pa] and masses [kg] of the last iterate (2n,).
+        volumes, swept: V and W of the last iterate (n,) [m³].
+        scale: energies [J] and masses [kg] by which the residual is divided (2n,).
 
     Raises:
         InputError: the scene has no chamber, chambers hold different gases, or two of them enclose
@@ -71,32 +78,32 @@ class GasNetwork:
     def __init__(self, items: list[Any], system: Assembly) -> None:
         chambers = [item for item in items if isinstance(item, Volume)]
         _check_chambers(chambers)
-        self._gas = chambers[0].gas
+        self.gas = chambers[0].gas
         self._alpha = system.rule.alpha
-        self._geometry = Geometry(system)
-        self._chambers = [
-            ChamberState(chamber, _compile_enclosure(chamber, system, self._geometry))
+        self.geometry = Geometry(system)
+        self.chambers = [
+            ChamberState(chamber, _compile_enclosure(chamber, system, self.geometry))
             for chamber in chambers
         ]
         n = len(chambers)
         # Two chambers may have equal values; they are told apart by identity.
         numbers = {id(chamber): k for k, chamber in enumerate(chambers)}
-        self._passages = _passages(items, numbers, self._geometry)
+        self._passages = _passages(items, numbers, self.geometry)
         self._walls = [
             (item, numbers[id(item.chamber)]) for item in items if isinstance(item, Wall)
         ]
         self._process = ADIABATIC
-        self._balance = self._make_balance(Balance)
+        self.balance = self._make_balance(Balance)
         self.size = 2 * n
         # Of the last iterate: volumes, sizes of the terms that add up to them, and swept volumes [m³]
-        self._V: Array = np.zeros(n)
+        self.volumes: Array = np.zeros(n)
         self._magnitude: Array = np.zeros(n)
-        self._W: Array = np.zeros(n)
+        self.swept: Array = np.zeros(n)
         # y that solves the balance, and y that Newton's method for the bodies proposed
-        self._y: Array = np.ones(2 * n)
-        self._proposed: Array = self._y
+        self.y: Array = np.ones(2 * n)
+        self._proposed: Array = self.y
         self._residual: Array = np.zeros(2 * n)
-        self._scale: Array = np.ones(2 * n)
+        self.scale: Array = np.ones(2 * n)
         self._accepted_magnitude: Array = np.zeros(n)
         # Energy [J] and mass [kg] from boundaries and walls since the start
         self._supplied = 0.0
@@ -105,10 +112,10 @@ class GasNetwork:
     def _make_balance(self, kind: type[Balance]) -> Balance:
         """The equations of all chambers."""
         return kind(
-            gas=self._gas,
+            gas=self.gas,
             passages=self._passages,
             walls=self._walls,
-            n=len(self._chambers),
+            n=len(self.chambers),
         )
 
     def set_static_process(self, process: str) -> None:
@@ -122,7 +129,7 @@ class GasNetwork:
             HELD_PRESSURE: HeldPressureBalance,
         }
         self._process = process
-        self._balance = self._make_balance(kinds[process])
+        self.balance = self._make_balance(kinds[process])
 
     def vibration_stiffness(self) -> list[tuple[Array, float]]:
         """Gradients of volumes g [m²] and stiffnesses κ = γ p/V [Pa/m³] of the closed films.
@@ -130,17 +137,17 @@ class GasNetwork:
         In a fast vibration no gas flows and no heat is exchanged, so that the pressure changes by -κ ΔV
         and the forces by the stiffness κ g⊗g.  Gradients are this rank's part; collective.
         """
-        return self._stiffness(self._gas.gamma)
+        return self._stiffness(self.gas.gamma)
 
     def static_stiffness(self) -> list[tuple[Array, float]]:
         """The same for slow changes by the process of an equilibrium: κ = γ p/V, p/V or none."""
-        exponents = {ADIABATIC: self._gas.gamma, ISOTHERMAL: 1.0, HELD_PRESSURE: 0.0}
+        exponents = {ADIABATIC: self.gas.gamma, ISOTHERMAL: 1.0, HELD_PRESSURE: 0.0}
         return self._stiffness(exponents[self._process])
 
     def _stiffness(self, exponent: float) -> list[tuple[Array, float]]:
         """Gradients of volumes and κ = exponent p/V of each enclosure, if the exponent is not zero."""
         found = []
-        for state in self._chambers:
+        for state in self.chambers:
             if state.enclosure is not None and exponent:
                 _, of_volume, _ = state.enclosure.gradients()
                 found.append((of_volume, exponent * state.pressure / state.volume))
@@ -154,9 +161,9 @@ class GasNetwork:
         Raises:
             InputError: a chamber encloses no volume.
         """
-        self._geometry.follow()
-        self._geometry.accept()
-        for state in self._chambers:
+        self.geometry.follow()
+        self.geometry.accept()
+        for state in self.chambers:
             if state.enclosure is not None:
                 state.enclosure.start()
             state.volume = _volume(state)
@@ -166,8 +173,8 @@ class GasNetwork:
                 "displacement or give it a dead_volume.",
             )
             state.pressure = state.chamber.initial_pressure
-            state.internal_energy = state.pressure * state.volume / (self._gas.gamma - 1)
-            specific_energy = self._gas.cv * state.chamber.initial_temperature
+            state.internal_energy = state.pressure * state.volume / (self.gas.gamma - 1)
+            specific_energy = self.gas.cv * state.chamber.initial_temperature
             state.mass = state.internal_energy / specific_energy
         self._accepted_magnitude = self._magnitudes()
 
@@ -176,20 +183,20 @@ class GasNetwork:
 
         The guess is the solution for bodies at rest: gas flows, and no film moves.
         """
-        pressures = np.array([state.pressure for state in self._chambers])
-        masses = np.array([state.mass for state in self._chambers])
-        energies = np.array([state.internal_energy for state in self._chambers])
-        volumes = np.array([state.volume for state in self._chambers])
-        self._balance.begin(h, t, p=pressures, m=masses, U=energies, V=volumes)
+        pressures = np.array([state.pressure for state in self.chambers])
+        masses = np.array([state.mass for state in self.chambers])
+        energies = np.array([state.internal_energy for state in self.chambers])
+        volumes = np.array([state.volume for state in self.chambers])
+        self.balance.begin(h, t, p=pressures, m=masses, U=energies, V=volumes)
         # The volumes of the last iterate are not used: they may be those of a step that failed.
-        self._V = volumes
-        self._W = np.zeros(len(volumes))
+        self.volumes = volumes
+        self.swept = np.zeros(len(volumes))
         self._magnitude = self._accepted_magnitude
         guess = np.concatenate([pressures, masses])
-        settled = self._balance.settle(guess, self._V, self._W, self._magnitude)
-        self._y = guess if settled is None else settled
-        self._proposed = self._y
-        return self._y
+        settled = self.balance.settle(guess, self.volumes, self.swept, self._magnitude)
+        self.y = guess if settled is None else settled
+        self._proposed = self.y
+        return self.y
 
     def residual(self, y: Array) -> Array:
         """Scaled residual (2n,) of the balance at the iterate; sets the pressures on the enclosures.
@@ -199,16 +206,16 @@ class GasNetwork:
         Args:
             y: pressures [Pa] and masses [kg] that Newton's method for the bodies proposes (2n,).
         """
-        self._geometry.follow()
-        self._V = np.array([_volume(state) for state in self._chambers])
-        self._W = np.array([_swept(state) for state in self._chambers])
+        self.geometry.follow()
+        self.volumes = np.array([_volume(state) for state in self.chambers])
+        self.swept = np.array([_swept(state) for state in self.chambers])
         self._magnitude = self._magnitudes()
-        self._y = self._solve_at_iterate(y)
+        self.y = self._solve_at_iterate(y)
         self._proposed = y
-        self._scale = self._balance.scales(self._y, self._V, self._magnitude)
-        self._residual = self._balance.residual(self._y, self._V, self._W) / self._scale
+        self.scale = self.balance.scales(self.y, self.volumes, self._magnitude)
+        self._residual = self.balance.residual(self.y, self.volumes, self.swept) / self.scale
         # The second half of y are the masses.
-        for state, end_pressure in zip(self._chambers, self._y, strict=False):
+        for state, end_pressure in zip(self.chambers, self.y, strict=False):
             if state.enclosure is not None:
                 acting = self._acting_pressure(state.pressure, float(end_pressure))
                 state.enclosure.set_pressure(acting - _outside_pressure(state))
@@ -216,56 +223,56 @@ class GasNetwork:
 
     def _solve_at_iterate(self, y: Array) -> Array:
         """The solution y of the balance at the volumes of the iterate; y itself if there is none."""
-        finite = np.isfinite(y).all() and np.isfinite(self._V + self._W).all()
-        if not (finite and (self._V > 0).all()):
+        finite = np.isfinite(y).all() and np.isfinite(self.volumes + self.swept).all()
+        if not (finite and (self.volumes > 0).all()):
             return y
         # Newton's update of y belongs to the y that was proposed; it is applied to the y that was used.
         update = y - self._proposed
-        guess = np.maximum(self._y + update, MIN_REMAINING_SHARE * abs(self._y))
-        settled = self._balance.settle(guess, self._V, self._W, self._magnitude)
+        guess = np.maximum(self.y + update, MIN_REMAINING_SHARE * abs(self.y))
+        settled = self.balance.settle(guess, self.volumes, self.swept, self._magnitude)
         return y if settled is None else settled
 
     def add_force(self, values: Array) -> None:
         """Subtract the forces of all chambers [N] from the owned part of a residual."""
-        for state in self._chambers:
+        for state in self.chambers:
             if state.enclosure is not None:
                 state.enclosure.add_force(values)
 
     def tangents(self, body: Body) -> Iterable[fem.Form]:
         """Bilinear forms of the derivative of the pressure forces on a film."""
-        yield from self._geometry.tangents(body)
+        yield from self.geometry.tangents(body)
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         """Add the derivatives of the pressure forces that no form gives, e.g. on strips of rings."""
-        for state in self._chambers:
+        for state in self.chambers:
             if state.enclosure is not None:
                 state.enclosure.add_tangents(A)
 
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
         """Owned parts of the columns of G and H (None for a zero column), and C (2n, 2n).  Collective."""
-        n = len(self._chambers)
+        n = len(self.chambers)
         G: list[Array | None] = [None] * (2 * n)
         H: list[Array | None] = [None] * (2 * n)
-        by_y, by_V = self._balance.derivatives(self._y, self._V, self._W)
-        C = by_y / self._scale[:, None]
+        by_y, by_V = self.balance.derivatives(self.y, self.volumes, self.swept)
+        C = by_y / self.scale[:, None]
         enclosures = {
             k: state.enclosure
-            for k, state in enumerate(self._chambers)
+            for k, state in enumerate(self.chambers)
             if state.enclosure is not None
         }
         if not enclosures:
             return G, H, C
-        by_V = by_V[:, list(enclosures)] / self._scale[:, None]
+        by_V = by_V[:, list(enclosures)] / self.scale[:, None]
         by_W = np.zeros_like(by_V)
         volume_gradients = []
         swept_gradients = []
         for i, (k, enclosure) in enumerate(enclosures.items()):
             at_middle, of_volume, of_swept = enclosure.gradients()
             G[k] = -self._alpha * at_middle
-            if self._balance.depends_on_swept_volume:
+            if self.balance.depends_on_swept_volume:
                 # ∂/∂W of p̄ W in the energy balance
-                total_pressure = self._chambers[k].pressure + float(self._y[k])
-                by_W[k, i] = total_pressure / (2 * self._scale[k])
+                total_pressure = self.chambers[k].pressure + float(self.y[k])
+                by_W[k, i] = total_pressure / (2 * self.scale[k])
             volume_gradients.append(of_volume)
             swept_gradients.append(of_swept)
         rows = by_V @ np.array(volume_gradients) + by_W @ np.array(swept_gradients)
@@ -281,20 +288,20 @@ class GasNetwork:
         Mass and energy are summed from the flows, not taken from y: so they are conserved to
         round-off whatever the tolerance of y.
         """
-        rates = self._balance.rates(self._y, self._V)
-        h = self._balance.h
-        for k, state in enumerate(self._chambers):
+        rates = self.balance.rates(self.y, self.volumes)
+        h = self.balance.h
+        for k, state in enumerate(self.chambers):
             if state.enclosure is not None:
                 # The surroundings receive the work of the swept volume at their pressure.
                 self._supplied -= _outside_pressure(state) * state.enclosure.swept
             state.volume = _volume(state)
             state.mass += h * float(rates.mass[k])
-            work = (state.pressure + float(self._y[k])) / 2 * _swept(state)
+            work = (state.pressure + float(self.y[k])) / 2 * _swept(state)
             state.internal_energy += h * float(rates.energy[k]) - work
             if self._process != ADIABATIC:
-                self._supply_at_rest(state, float(self._balance.temperatures[k]))
-            state.pressure = (self._gas.gamma - 1) * state.internal_energy / state.volume
-        self._geometry.accept()
+                self._supply_at_rest(state, float(self.balance.temperatures[k]))
+            state.pressure = (self.gas.gamma - 1) * state.internal_energy / state.volume
+        self.geometry.accept()
         self._accepted_magnitude = self._magnitude
         self._supplied += h * rates.energy_supplied
         self._mass_supplied += h * rates.mass_supplied
@@ -302,18 +309,32 @@ class GasNetwork:
     def _supply_at_rest(self, state: ChamberState, temperature: float) -> None:
         """Add the gas that holds the pressure of a chamber, and the heat that holds its temperature [K]."""
         if self._process == HELD_PRESSURE:
-            mass = state.pressure * state.volume / (self._gas.R * temperature)
+            mass = state.pressure * state.volume / (self.gas.R * temperature)
             self._mass_supplied += mass - state.mass
             state.mass = mass
-        energy = self._gas.cv * state.mass * temperature
+        energy = self.gas.cv * state.mass * temperature
         self._supplied += energy - state.internal_energy
         state.internal_energy = energy
+
+    # ---- scalar unknowns: gradients ------------------------------------------------------------------
+
+    def adjoint(self) -> ScalarsAdjoint:
+        """Derivatives of this gas, for gradients of runs."""
+        # Imported here: runs without gradients do not load it.
+        from gossamer_fx.gas.adjoint import GasAdjoint
+
+        return GasAdjoint(self)
+
+    def exchange_ends(self) -> None:
+        """Evaluate the geometry in the reversed step, which starts at the end of the present one.  Collective."""
+        self.geometry.accept()
+        self.geometry.follow()
 
     # ---- scalar unknowns: checks --------------------------------------------------------------------
 
     def inadmissible(self) -> str:
         """Which chamber has a volume or pressure that is not positive, in words; empty if none has."""
-        for state, volume, pressure in zip(self._chambers, self._V, self._y, strict=False):
+        for state, volume, pressure in zip(self.chambers, self.volumes, self.y, strict=False):
             if volume <= 0 or pressure <= 0:
                 return (
                     f"'{state.chamber.name}' would have a volume of {volume:.3g} m³ and a pressure of "
@@ -330,8 +351,8 @@ class GasNetwork:
         if largest[k] <= ACCEPTABLE_RESIDUAL:
             return ""
         return (
-            f"the gas of '{self._chambers[k].chamber.name}' is not in balance (volume {self._V[k]:.3g} m³, pressure "
-            f"{self._y[k]:.3g} Pa)"
+            f"the gas of '{self.chambers[k].chamber.name}' is not in balance (volume {self.volumes[k]:.3g} m³, "
+            f"pressure {self.y[k]:.3g} Pa)"
         )
 
     # ---- scalar unknowns: energies and state --------------------------------------------------------
@@ -339,21 +360,21 @@ class GasNetwork:
     def totals(self) -> ScalarTotals:
         """Internal energy of each chamber, mass, and what boundaries and walls supplied."""
         return ScalarTotals(
-            stored={state.chamber.name: state.internal_energy for state in self._chambers},
+            stored={state.chamber.name: state.internal_energy for state in self.chambers},
             supplied=self._supplied,
-            mass=sum(state.mass for state in self._chambers),
+            mass=sum(state.mass for state in self.chambers),
             mass_supplied=self._mass_supplied,
         )
 
     def states(self) -> dict[str, ChamberState]:
         """State of each chamber by its name."""
-        return {state.chamber.name: state for state in self._chambers}
+        return {state.chamber.name: state for state in self.chambers}
 
     def get_state(self) -> dict[str, Any]:
         """State for a checkpoint: numbers, words and lists; the same on every rank."""
         chambers = [
             [state.chamber.name, state.pressure, state.mass, state.internal_energy, state.volume]
-            for state in self._chambers
+            for state in self.chambers
         ]
         return {
             "chambers": chambers,
@@ -363,9 +384,9 @@ class GasNetwork:
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Restore what `get_state` returned; the bodies have been restored.  Collective."""
-        self._geometry.follow()
-        self._geometry.accept()
-        for chamber, row in zip(self._chambers, state["chambers"], strict=True):
+        self.geometry.follow()
+        self.geometry.accept()
+        for chamber, row in zip(self.chambers, state["chambers"], strict=True):
             # The name is for readers of the file; the order of chambers does not change.
             _, chamber.pressure, chamber.mass, chamber.internal_energy, chamber.volume = row
         self._accepted_magnitude = self._magnitudes()
@@ -380,8 +401,8 @@ class GasNetwork:
 
     def _magnitudes(self) -> Array:
         """For each chamber the sum of the sizes of the terms of its volume [m³], 0 for a rigid one."""
-        magnitudes = np.zeros(len(self._chambers))
-        for k, state in enumerate(self._chambers):
+        magnitudes = np.zeros(len(self.chambers))
+        for k, state in enumerate(self.chambers):
             if state.enclosure is not None:
                 magnitudes[k] = state.enclosure.magnitude
         return magnitudes
@@ -420,6 +441,7 @@ def _compile_enclosure(
     system: Assembly,
     geometry: Geometry,
 ) -> CompiledEnclosure | None:
+    """The compiled enclosure of a chamber; None if its volume is not bounded by bodies."""
     if chamber.enclosure is None:
         return None
     return chamber.enclosure.compile(system, geometry)

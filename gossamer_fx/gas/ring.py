@@ -295,11 +295,41 @@ class Loop:
         That is the middle of the coming step to second order.  The middle of the iterate is not
         taken: then the flow would depend on the film, and the tangent on the flow.
         """
+        xs, xr = self._strip_tangents(self._predicted(h))
+        return float(np.linalg.norm(self._area_vector(xs, xr)))
+
+    def aperture_gradient(self, h: float) -> Array:
+        """∂|a|/∂q0 (nodes, 3) [m] of `aperture`; that by v0 is ½ h times as large.  Collective.
+
+        With e = a/|a| the change of |a| is e·δa, and by (1) e·δa = ∫∫ δx,s·(x,r × e) + δx,r·(e × x,s) ds dr.
+        """
+        X = self._predicted(h)
+        xs, xr = self._strip_tangents(X)
+        area_vector = self._area_vector(xs, xr)
+        size = float(np.linalg.norm(area_vector))
+        gradient = np.zeros_like(X)
+        if size == 0:
+            # A closed ring opens in no direction more than in another.
+            return gradient
+        e = np.broadcast_to(area_vector / size, xs.shape)
+        weights = self._weights[:, None]
+        by_xs = weights * _cross(xr, e)
+        by_xr = weights * _cross(e, xs)
+        of_strips = self._ds.T @ by_xs + self._dr.T @ by_xr
+        np.add.at(gradient, self._strips, of_strips)
+        return gradient
+
+    def _predicted(self, h: float) -> Array:
+        """Positions q0 + ½ h v0 (nodes, 3) [m] of the nodes.  Collective."""
         positions = self._gather(self._system.q0)[0]
         velocities = self._gather(self._system.v0)[0]
-        xs, xr = self._strip_tangents(positions + h / 2 * velocities)
-        area_vector = np.einsum("g,ngd->d", self._weights, _cross(xs, xr))
-        return float(np.linalg.norm(area_vector))
+        predicted: Array = positions + h / 2 * velocities
+        return predicted
+
+    def _area_vector(self, xs: Array, xr: Array) -> Array:
+        """a (3,) [m²] of (1) for the tangents of the strips."""
+        area_vector: Array = np.einsum("g,ngd->d", self._weights, _cross(xs, xr))
+        return area_vector
 
     def follow(self) -> None:
         """Evaluate the gradients at q̄ and q1 of the system.  Collective."""
@@ -357,6 +387,10 @@ class Loop:
             G: a gradient at all nodes of the ring.
         """
         values[self._own - start] += G[self._mine]
+
+    def add_to_vector(self, values: Array, G: Array) -> None:
+        """Add a gradient G (nodes, 3) to this rank's part of a system vector."""
+        values[self._own] += G[self._mine]
 
     def add_tangent(self, A: PETSc.Mat, scale: float) -> None:
         """Add scale · α · ∂G/∂q at q̄, the derivative of scale · G(q̄) by q1; each rank adds its rows."""

@@ -159,7 +159,7 @@ class SeamStrip:
         self._initial_volume = self.volume
 
     def gradients(self) -> tuple[Array, Array, Array]:
-        """G(q̄), ∂V/∂q1 and ∂W/∂q1 [m²], this rank's parts of system vectors."""
+        """G(q_mid), ∂V/∂q1 and ∂W/∂q1 [m²], this rank's parts of system vectors."""
         of_swept = self._at_end
         if self._alpha != 1.0:
             change = self._at_end - self._initial_gradient
@@ -171,7 +171,7 @@ class SeamStrip:
         )
 
     def add_tangent(self, A: PETSc.Mat, scale: float) -> None:
-        """Add scale · α · ∂G/∂q at q̄, the derivative of scale · G(q̄) by q1; each rank adds its rows."""
+        """Add scale · α · ∂G/∂q at q_mid, the derivative of scale · G(q_mid) by q1; each rank adds its rows."""
         xs, xr = self._tangents(self._middle())
         # δG_i = Σ_j a_ij × δx_j, as in `gas.ring`
         by_xr = np.einsum("ngi,ngj,ngd->nijd", self._test, self._dr, xs, optimize=True)

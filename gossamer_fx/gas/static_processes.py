@@ -30,6 +30,7 @@ class IsothermalBalance(Balance):
         return np.concatenate([pressure_energy - thermal_energy, mass])
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
+        """Derivatives (2n, 2n) and (2n, n) of the residual [J, kg] by pressures and masses y, and by volumes V [m³]."""
         n = self._n
         by_y, by_V = super().derivatives(y, V, W)
         heat_factor = self._gas.gamma - 1
@@ -49,6 +50,7 @@ class HeldPressureBalance(Balance):
         return np.concatenate([excess_pressure * V / (self._gas.gamma - 1), excess_mass])
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
+        """Derivatives (2n, 2n) and (2n, n) of the residual [J, kg] by pressures and masses y, and by volumes V [m³]."""
         n = self._n
         by_y = np.diag(np.concatenate([V / (self._gas.gamma - 1), np.ones(n)]))
         by_V = np.zeros((2 * n, n))

@@ -77,6 +77,7 @@ class FilmSurface:
     """
 
     def __init__(self, film: Membrane, system: Assembly) -> None:
+        """Prepare a surface without chambers; those that it bounds are added one by one."""
         self.film = film
         self.pressures: Array = np.zeros(0)
         self._comm = film.comm

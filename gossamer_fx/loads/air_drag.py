@@ -20,7 +20,8 @@ from gossamer_fx.model.body import Vector
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 
-SMALLEST = 1e-30  # (da/dA)² of a cell that has collapsed, on which nothing acts
+# (da/dA)² below which a cell has collapsed: nothing acts on it, and nothing is divided by zero.
+MIN_SQUARED_AREA_RATIO = 1e-30
 
 
 @check_arguments
@@ -76,22 +77,23 @@ class AirDrag:
 
     def terms(self, start: State) -> Iterable[Term]:
         """The drag as a load that depends on velocities."""
-        film, mesh = self.body, self.body.space.mesh
+        film = self.body
+        mesh = film.space.mesh
         half_ρC = constant(mesh, self.density * self.drag_coefficient / 2)
-        u = fem.Constant(mesh, tuple(map(float, self.wind))) if any(self.wind) else None
+        # Still air has no term for the work of a wind, which would cost an integral a step.
+        u = None
+        if any(self.wind):
+            u = fem.Constant(mesh, tuple(map(float, self.wind)))
+        # Exact for a flat film and velocities of one sign; where the sign changes no degree is exact.
         dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": 3 * film.order})
 
         def work(x: Expr, v: Expr, w: Expr) -> ufl.Form:
             """Virtual work [J] at positions x and velocities v [m/s] along test functions w."""
             a = area_vector(film.deformation(x))  # n da/dA
-            va = ufl.dot(v if u is None else v - u, a)  # vₙ da/dA
-            return (
-                -half_ρC
-                * abs(va)
-                * va
-                * ufl.dot(a, w)
-                / ufl.max_value(ufl.dot(a, a), SMALLEST)
-                * dx
-            )
+            relative = v if u is None else v - u
+            va = ufl.dot(relative, a)  # vₙ da/dA
+            # |vₙ| vₙ n·w da = |va| va (a·w)/|a|² dA: no root, whose derivative is infinite at zero.
+            squared_ratio = ufl.max_value(ufl.dot(a, a), MIN_SQUARED_AREA_RATIO)
+            return -half_ρC * abs(va) * va * ufl.dot(a, w) / squared_ratio * dx
 
         yield FilmDrag(self.name, film, work, u)

@@ -44,6 +44,7 @@ class AttachedLoads(
     """All `AttachedLoad` terms of a scene: forces M (a + A (X - c)) on the attached vectors X of masses M."""
 
     def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:
+        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
         self._system = system
         self._name = terms[0].name
         # P, offsets, M and A of one kinetic energy.
@@ -54,6 +55,7 @@ class AttachedLoads(
             for masses in system.terms:
                 if isinstance(masses, AttachedKineticEnergy):
                     self._add(term, masses, system)
+        # Set by the first step; the shapes have to be right before it.
         self._X0: list[Array] = [np.zeros(constant.shape) for constant in self._constant]
         self._gather = Gather(system.numbering, self._indices) if self._indices else None
 
@@ -61,6 +63,7 @@ class AttachedLoads(
         """Prepare the load of a body on one term of attached masses, if any is on it."""
         if not any(port.body is term.body for place in masses.ports for port in place):
             return
+        # Each tuple of ports is evaluated on one rank, so that its load counts once.
         own = evaluated_here(masses.ports)
         k = masses.mass.shape[1]
         n = len(own)
@@ -76,6 +79,7 @@ class AttachedLoads(
         M = M.reshape(n, 3 * k, 3 * k)
         A = np.einsum("nj,ij,ab->niajb", is_on_body * 1.0, np.eye(k), term.gradient)
         A = A.reshape(n, 3 * k, 3 * k)
+        # a + A (x - c) = (a - A c) + A x
         at_origin = term.acceleration - term.gradient @ term.centre
         a = (points[:, :, None] * at_origin).reshape(n, 3 * k)
         self._masses.append((P, o, M, A))
@@ -91,6 +95,7 @@ class AttachedLoads(
 
     def _forces(self) -> list[Array]:
         """Forces (n, 3k) [N] on the attached vectors of each term in the middle of the step."""
+        # Where all forces of the step act; linear in X, so the work of the step is exact.
         α = self._system.rule.alpha
         found = []
         X1_of_all = self._vectors(self._system.q1)
@@ -117,6 +122,7 @@ class AttachedLoads(
         """Subtract the derivatives [N/m] of these loads from A, where they depend on positions."""
         α = self._system.rule.alpha
         for (P, _, M, gradient), indices in zip(self._masses, self._indices, strict=True):
+            # Zero for gravity, whose acceleration is the same everywhere.
             if gradient.any():
                 K = -α * np.einsum("nax,nab,nbc,ncy->nxy", P, M, gradient, P, optimize=True)
                 add_blocks(A, indices, indices, K)

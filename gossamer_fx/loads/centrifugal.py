@@ -36,7 +36,7 @@ class _OnVectors:
         X: Array,
         V: Array,
     ) -> None:
-        pass
+        """Nothing to prepare: the force depends on positions only."""
 
     def force(self, X: Array) -> Array:
         force: Array = self._K @ (X - self._c)
@@ -91,12 +91,15 @@ class Centrifugal:
 
     def terms(self, start: State) -> Iterable[Term]:
         """The load on every mass: of meshes, nodes, and masses attached to the body."""
-        Ω, c = np.asarray(self.spin, dtype=float), np.asarray(self.centre, dtype=float)
+        Ω = np.asarray(self.spin, dtype=float)
+        c = np.asarray(self.centre, dtype=float)
+        # -Ω × (Ω × r) = (|Ω|² 1 - Ω Ωᵀ) r
         A = Ω @ Ω * np.eye(3) - np.outer(Ω, Ω)
         for part in terms_of(self.body, start):
             if isinstance(part, KineticEnergy):
                 yield self._on_mesh(part, A, c)
             elif isinstance(part, NodeKineticEnergy):
+                # Point loads name global nodes and are the same on every rank.
                 masses = np.concatenate(part.body.comm.allgather(part.mass))
                 for node, mass in enumerate(masses):
                     ports = tuple(

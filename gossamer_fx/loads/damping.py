@@ -78,10 +78,11 @@ class Damping:
         """Dissipation by the mass and by the stiffness, for factors above zero."""
         body = self.body
         both = self.mass_factor > 0 and self.stiffness_factor > 0
-        by_mass, by_stiffness = (
-            self.name + (f" ({part})" if both else "") for part in ("mass", "stiffness")
-        )
+        # Two terms need two names in the energy balance; one alone keeps that of the item.
+        by_mass = f"{self.name} (mass)" if both else self.name
+        by_stiffness = f"{self.name} (stiffness)" if both else self.name
         if self.mass_factor > 0:
+            # Constants, so that other factors need no new kernel.
             α = constant(body.space.mesh, self.mass_factor)
             inertia = ufl.as_vector(_inertia(body))
             yield ViscousDissipation(
@@ -94,6 +95,7 @@ class Damping:
         if self.stiffness_factor > 0:
             β = constant(body.space.mesh, self.stiffness_factor)
             if self.tension_only and isinstance(body, Membrane):
+                # Imported here: few scenes need it, and it compiles another form.
                 from gossamer_fx.loads.present_stiffness import PresentStiffness
 
                 yield (now := PresentStiffness(body, body.measure, body.density, body.dx))
@@ -101,6 +103,8 @@ class Damping:
                 viscous = lambda e_rate: β / 2 * ufl.dot(e_rate, ufl.dot(C, e_rate))  # noqa: E731
                 yield ViscousDissipation(by_stiffness, body, body.measure, viscous, body.dx)
                 return
+            # The energy ψ of the taut body at the rates of its measures: β ψ(ė) is the dissipation
+            # potential of the Kelvin-Voigt stress β C ė.
             measure, energy = _unwrinkled(body)
             yield ViscousDissipation(
                 by_stiffness, body, measure, lambda e_rate: β * energy(e_rate), body.dx
@@ -114,12 +118,14 @@ def _inertia(body: Body) -> list[Expr]:
     c = body.constants
     if isinstance(body, Cable):
         return [body.per_mesh_length(c.line_density)] * 3
+    # Of the position and both directors of a beam's section.
     return [c.line_density] * 3 + [c.rotary2] * 3 + [c.rotary3] * 3
 
 
 def _unwrinkled(body: Body) -> tuple[Callable[[Expr], Expr], Callable[[Expr], Expr]]:
     """The measure of a body, and the density of its stored energy as it is in tension."""
     if isinstance(body, Membrane):
+        # A wrinkled film would have no stiffness across its wrinkles, and their flutter no damping.
         linear = body.law.unwrinkled()
         return body.measure, lambda e: linear.energy(e, body.constants)
     if isinstance(body, Cable):

@@ -123,6 +123,7 @@ class EdgeLoad:
         given: tuple[float, ...] = (0.0, 0.0, 0.0)
         if force is not None and not callable(force):
             given = tuple(float(component) for component in force)
+        # A constant, so that other values need no new kernel.
         f = fem.Constant(self.body.mesh.domain, given)
 
         def at(t: float) -> None:
@@ -136,6 +137,7 @@ class EdgeLoad:
             parts = []
             if ds is not None:
                 parts.append(ufl.dot(f, w) * ds)
+            # Test functions are continuous: the mean of both sides is the value on the edge.
             if dS is not None:
                 parts.append(ufl.dot(f, ufl.avg(w)) * dS)
             return sum(parts[1:], parts[0])
@@ -163,6 +165,7 @@ class EdgeLoad:
 
         def work(x: Expr, w: Expr) -> ufl.Form:
             """δW [J] at positions x along test functions w."""
+            # Dead load: normal and length of the edge are those of the mesh.
             if not self.following:
                 return f * ufl.dot(ν, w) * ds
             # The deformed edge has this tangent; its product with the film's normal is along -ν.

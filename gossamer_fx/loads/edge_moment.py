@@ -70,22 +70,26 @@ class EdgeMoment:
 
     def terms(self, start: State) -> Iterable[Term]:
         """The moment as a load that follows the edge."""
-        plate, value = self.body, self.moment
+        plate = self.body
+        value = self.moment
         domain = plate.mesh.domain
         edges = plate.mesh.curve(self.edges, "EdgeMoment")
         tags = meshtags(domain, 1, edges, edges * 0 + 1)
-        ds = ufl.Measure("ds", domain, subdomain_data=tags, metadata={"quadrature_degree": 3})(1)
+        # The normal is a quotient of polynomials, for which no degree is exact; a flat plate of
+        # order 2 needs 1.
+        measure = ufl.Measure("ds", domain, subdomain_data=tags, metadata={"quadrature_degree": 3})
+        ds = measure(1)
+        # A function of time is evaluated first by `at`, before any step.
         m = constant(domain, 0.0 if callable(value) else value)
 
         def at(t: float) -> None:
             """Set the moment per length [N] to its value at a time t [s]."""
             if callable(value):
-                m.value = float(
-                    ask_numbers(
-                        plate.comm, f"EdgeMoment '{self.name}' at t = {t:.6g} s", lambda: value(t)
-                    )
-                )
+                source = f"EdgeMoment '{self.name}' at t = {t:.6g} s"
+                m.value = float(ask_numbers(plate.comm, source, lambda: value(t)))
 
+        # A couple on the rotation of the edge: the slope of the virtual displacement across the edge,
+        # along the normal of the deformed plate.
         def work(x: Expr, w: Expr) -> ufl.Form:
             return m * ufl.dot(plate.bending.edge_normal(x), plate.bending.slope(w)) * ds
 

@@ -26,20 +26,31 @@ class Drags(Loads, Dissipation):
     """
 
     def __init__(self, terms: Sequence[FilmDrag], system: Assembly) -> None:
-        at = [system.fields[term.body] for term in terms]
-        super().__init__(
-            [at_rate(term, place) for term, place in zip(terms, at, strict=True)], system
-        )
-        self.losses, self._steps = [term.name for term in terms], [place.h for place in at]
+        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
+        coordinates = [system.fields[term.body] for term in terms]
+        loads = []
+        for term, at in zip(terms, coordinates, strict=True):
+            loads.append(at_rate(term, at))
+        super().__init__(loads, system)
+        self.losses = [term.name for term in terms]
+        # The step is a constant of the forms: another one needs no new kernel.
+        self._steps = [at.h for at in coordinates]
         self._lost: list[fem.Form] = []
         self._given: list[fem.Form] = []
-        for term, place in zip(terms, at, strict=True):
-            h, x, v, u = place.h, place.mid, rate_of(place), term.wind
-            self._lost.append(compile_form(-h * term.work(x, v, v if u is None else v - u)))
-            if u is not None:
-                self._given.append(compile_form(h * term.work(x, v, u)))
+        for term, at in zip(terms, coordinates, strict=True):
+            v = rate_of(at)
+            relative = v
+            if term.wind is not None:
+                relative = v - term.wind
+                # What the wind does at its own velocity is supplied; the rest is lost.  The two add
+                # up to the work of the force, so that the balance of energy closes exactly.
+                supplied = at.h * term.work(at.mid, v, term.wind)
+                self._given.append(compile_form(supplied))
+            lost = -at.h * term.work(at.mid, v, relative)
+            self._lost.append(compile_form(lost))
 
     def begin_step(self, t: float) -> None:
+        # Before the loads are assembled: their velocity is a difference over this step.
         for h in self._steps:
             h.value = self._system.h
         super().begin_step(t)

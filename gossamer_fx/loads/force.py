@@ -37,7 +37,7 @@ class ConstantForce:
         X: Array,
         V: Array,
     ) -> None:
-        pass
+        """Nothing to prepare: the force is constant."""
 
     def force(self, X: Array) -> Array:
         return self.value
@@ -52,7 +52,9 @@ class ForceInTime:
     depends_on_position_only = True
 
     def __init__(self, comm: MPI.Intracomm, name: str, value: History) -> None:
-        self._comm, self._name, self._value = comm, name, value
+        self._comm = comm
+        self._name = name
+        self._value = value
         self._now: Array = np.zeros(3)
 
     def begin(
@@ -62,6 +64,8 @@ class ForceInTime:
         X: Array,
         V: Array,
     ) -> None:
+        """Ask the user's function for the force of a step from t [s], which acts `lag` [s] later."""
+        # Once a step: the user's function is asked on rank 0 only, which costs a broadcast.
         self._now = at_time(self._comm, self._name, self._value, t + lag)
 
     def force(self, X: Array) -> Array:
@@ -103,7 +107,7 @@ class Couple:
         X: Array,
         V: Array,
     ) -> None:
-        pass
+        """Nothing to prepare: the torque is constant."""
 
     def _spread(self, r: Array) -> tuple[Array, Array]:
         """The matrix (tr S 1 - S)⁻¹ (3, 3) and F (3,) of vectors r (k, 3)."""
@@ -124,6 +128,7 @@ class Couple:
         """Derivative (3k, 3k) of the forces on the k vectors X (3k,) of the torque."""
         r = X.reshape(-1, 3)
         inverse, F = self._spread(r)
+        # Of f_i = F × r_i with F constant; the change of F follows.
         K: Array = np.kron(np.eye(len(r)), cross_matrices(F))
         for j, d in enumerate(r):
             # dS F for a change of vector j, and with it dF = -(tr S 1 - S)⁻¹ (tr dS F - dS F)
@@ -149,7 +154,9 @@ class TorqueInTime(Couple):
 
     def __init__(self, comm: MPI.Intracomm, name: str, value: History) -> None:
         super().__init__()
-        self._comm, self._name, self._value = comm, name, value
+        self._comm = comm
+        self._name = name
+        self._value = value
 
     def begin(
         self,
@@ -158,6 +165,7 @@ class TorqueInTime(Couple):
         X: Array,
         V: Array,
     ) -> None:
+        """Ask the user's function for the torque of a step from t [s], which acts `lag` [s] later."""
         self.torque = at_time(self._comm, self._name, self._value, t + lag)
 
 
@@ -191,16 +199,15 @@ class Force:
 
     def terms(self, start: State) -> Iterable[Term]:
         """The force as a load on its port."""
-        value, comm = self.force, self.port.body.comm
-        law: PointForce = (
-            ForceInTime(comm, self.name, value)
-            if callable(value)
-            else ConstantForce(np.asarray(value, dtype=float))
-        )
-        parameters: tuple[Parameter, ...] = ()
-        if not callable(value):
-            parameters = (Parameter("force", "N", "value"),)
-        yield PointLoad(self.name, (self.port,), law, parameters)
+        value = self.force
+        if callable(value):
+            law = ForceInTime(self.port.body.comm, self.name, value)
+            yield PointLoad(self.name, (self.port,), law)
+            return
+        # Only a number can be a parameter of a gradient; a function of time belongs to its user.
+        constant_force = ConstantForce(np.asarray(value, dtype=float))
+        parameters = (Parameter("force", "N", "value"),)
+        yield PointLoad(self.name, (self.port,), constant_force, parameters)
 
 
 @check_arguments
@@ -234,10 +241,11 @@ class Torque:
     def terms(self, start: State) -> Iterable[Term]:
         """The torque as a load on the directors of its frame."""
         vectors: tuple[Attached, ...] = self.frame.directors
-        value, comm = self.torque, next(iter(self.requires())).comm
-        law: PointForce = (
-            TorqueInTime(comm, self.name, value)
-            if callable(value)
-            else ConstantTorque(np.asarray(value, dtype=float))
-        )
+        value = self.torque
+        law: PointForce
+        if callable(value):
+            comm = next(iter(self.requires())).comm
+            law = TorqueInTime(comm, self.name, value)
+        else:
+            law = ConstantTorque(np.asarray(value, dtype=float))
         yield PointLoad(self.name, vectors, law)

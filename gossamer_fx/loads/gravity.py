@@ -66,13 +66,18 @@ class Gravity:
                 yield self._on_mesh(part)
             elif isinstance(part, NodeKineticEnergy):
                 yield from self._on_points(part)
+        # Masses that other items attach are not among the terms of the body; the system knows them.
         g = np.asarray(self.g, dtype=float)
         yield AttachedLoad(f"{self.name} (attached)", self.body, g, np.zeros((3, 3)), np.zeros(3))
 
     def _on_mesh(self, part: KineticEnergy) -> Term:
         """The weight of a mass of a mesh: the body's mass form applied to g."""
-        size, g = part.body.block.size, tuple(float(c) for c in self.g)
-        acceleration = fem.Constant(part.body.space.mesh, g + (0.0,) * (size - 3))
+        size = part.body.block.size
+        # Directors of a beam are directions: a uniform acceleration does not turn them.
+        on_directors = (0.0,) * (size - 3)
+        g = tuple(float(c) for c in self.g)
+        # A constant, so that another g needs no new kernel.
+        acceleration = fem.Constant(part.body.space.mesh, g + on_directors)
 
         def work(q: Expr, w: Expr) -> ufl.Form:
             return part.mass(acceleration, w)
@@ -85,9 +90,12 @@ class Gravity:
 
     def _on_points(self, part: NodeKineticEnergy) -> Iterable[Term]:
         """The weight of the masses of nodes without a mesh.  Collective."""
+        # Point loads name global nodes and are the same on every rank; such bodies have few nodes.
         masses = np.concatenate(part.body.comm.allgather(part.mass))
         for node, mass in enumerate(masses):
             ports = tuple(
                 Port(part.body, (node,), weights=(1.0,), vectors=(k,)) for k in range(len(mass))
             )
-            yield PointLoad(self.name, ports, ConstantForce(np.outer(mass[:, 0], self.g).ravel()))
+            # Only the position, vector 0, is accelerated: the first column couples it to the others.
+            force = np.outer(mass[:, 0], self.g)
+            yield PointLoad(self.name, ports, ConstantForce(force.ravel()))

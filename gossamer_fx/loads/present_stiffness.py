@@ -18,6 +18,7 @@ from gossamer_fx.forms.strain_path import gradient
 from gossamer_fx.model.body import MeshBody
 from gossamer_fx.model.roles import OnMeshes, StateObserver
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
+from gossamer_fx.terms.element_energies import thermal_strain_of
 
 STRAINS = 3  # E11, E22, 2 E12
 
@@ -28,7 +29,11 @@ class PresentStiffnesses(OnMeshes, StateObserver, CompiledTerms["PresentStiffnes
     def __init__(self, terms: Sequence[PresentStiffness], system: Assembly) -> None:
         self._made = []
         for term in terms:
-            e = ufl.variable(term.measure(system.fields[term.body].q0))
+            strain = term.measure(system.fields[term.body].q0)
+            thermal = thermal_strain_of(system, term.body)
+            if thermal is not None:
+                strain -= thermal.start
+            e = ufl.variable(strain)
             S = gradient(term.density, e)
             C = ufl.diff(S, e)
             entries = ufl.as_vector([C[i, j] for i in range(STRAINS) for j in range(STRAINS)])

@@ -14,7 +14,7 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.forms.compilation import constant
-from gossamer_fx.forms.kinematics import area_vector
+from gossamer_fx.forms.kinematics import Expr, area_vector
 from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
@@ -39,7 +39,7 @@ class Pressure:
         'pressure'
     """
 
-    # suction is a negative pressure
+    # Suction is a negative pressure.  1e9 Pa tears any film: a value beyond it is one in a wrong unit.
     USUAL: ClassVar = {"pressure": (-1e9, 1e9, "Pa")}
 
     body: Membrane
@@ -60,24 +60,28 @@ class Pressure:
 
     def terms(self, start: State) -> Iterable[Term]:
         """The pressure as a load that follows the film."""
-        film, value = self.body, self.pressure
-        p = constant(film.space.mesh, 0.0 if callable(value) else value)
-        dx = ufl.Measure(
-            "dx", film.space.mesh, metadata={"quadrature_degree": 2 * (film.order - 1) + film.order}
-        )
+        film = self.body
+        value = self.pressure
+        mesh = film.space.mesh
+        p = constant(mesh, 0.0 if callable(value) else value)
+        # Exact: the area vector is a product of two gradients, and w has the order of the film.
+        degree = 2 * (film.order - 1) + film.order
+        dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": degree})
 
         def at(t: float) -> None:
             """Set the pressure [Pa] to its value at a time t [s]."""
             if callable(value):
-                p.value = ask_numbers(
-                    film.comm, f"Pressure '{self.name}' at t = {t:.6g} s", lambda: value(t)
-                )
+                source = f"Pressure '{self.name}' at t = {t:.6g} s"
+                p.value = ask_numbers(film.comm, source, lambda: value(t))
 
-        yield Load(
-            self.name,
-            film,
-            lambda x, w: p * ufl.dot(area_vector(film.deformation(x)), w) * dx,
-            follows=True,
-            at=at if callable(value) else None,
-            parameters=() if callable(value) else (Parameter("pressure", "Pa", p),),
-        )
+        def work(x: Expr, w: Expr) -> ufl.Form:
+            """δW [J] at positions x along test functions w."""
+            # The area vector is n da/dA: the integral over the mesh is one over the deformed film.
+            return p * ufl.dot(area_vector(film.deformation(x)), w) * dx
+
+        if callable(value):
+            yield Load(self.name, film, work, follows=True, at=at)
+            return
+        # Only a number can be a parameter of a gradient; a function of time belongs to its user.
+        parameters = (Parameter("pressure", "Pa", p),)
+        yield Load(self.name, film, work, follows=True, parameters=parameters)

@@ -5,3 +5,4 @@ from .film import TensionField as TensionField
 from .orthotropic import AroundAxis as AroundAxis
 from .orthotropic import LinearOrthotropic as LinearOrthotropic
 from .orthotropic import Orthotropic as Orthotropic
+from .thermal import ThermalExpansion as ThermalExpansion

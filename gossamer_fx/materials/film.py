@@ -97,6 +97,7 @@ class FilmLaw:
     quadratic = False
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         law = type(self).__name__
         for name in ("density", "thickness"):
             value = getattr(self, name)
@@ -156,6 +157,7 @@ class IsotropicFilm(FilmLaw):
     nu: float
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         law = type(self).__name__
         check(
             math.isfinite(self.E) and self.E > 0,
@@ -165,6 +167,7 @@ class IsotropicFilm(FilmLaw):
         check(-1 < self.nu <= 0.5, f"{law}: nu is {self.nu!r}; Poisson's ratio lies in (-1, 0.5].")
 
     def taut_strain(self, S: Expr, c: Any) -> Expr:
+        """Strain (E11, E22, 2 E12) of a stress resultant S (3,) [N/m]: plane stress, Hooke's law inverted."""
         stiffness = c.E * c.thickness
         return ufl.as_vector(
             [
@@ -249,6 +252,7 @@ class Miyazaki(IsotropicFilm):
     residual_stiffness: float = 1e-6
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         super().__post_init__()
         check(
             0 <= self.residual_stiffness <= 1,
@@ -380,6 +384,7 @@ class TensionField(Miyazaki):
     residual_stiffness: float = 0.0
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         super().__post_init__()
         check(
             self.residual_stiffness == 0,

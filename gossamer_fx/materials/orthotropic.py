@@ -139,6 +139,7 @@ class LinearOrthotropic(FilmLaw):
     quadratic = True
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         super().__post_init__()
         law = type(self).__name__
         for name in ("E1", "E2", "G12"):
@@ -234,6 +235,7 @@ class LinearOrthotropic(FilmLaw):
         return ufl.dot(_taut_stress(e, c), e) / 2
 
     def taut_strain(self, S: Expr, c: Any) -> Expr:
+        """Strain (E11, E22, 2 E12) of a stress resultant S (3,) [N/m], by the compliance in the axes of the law."""
         # `in_axes` takes twice the shear, as strains have it.
         stress = in_axes(ufl.as_vector([S[0], S[1], 2 * S[2]]), c)
         F11 = 1 / (c.E1 * c.thickness)
@@ -290,6 +292,7 @@ class Orthotropic(LinearOrthotropic):
     quadratic = False
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         super().__post_init__()
         check(
             0 <= self.residual_stiffness <= 1,
@@ -335,6 +338,7 @@ class Orthotropic(LinearOrthotropic):
         )
 
     def unwrinkled(self) -> FilmLaw:
+        """The law without wrinkles: the same stiffness in compression as in tension."""
         return LinearOrthotropic(
             self.E1,
             self.E2,

@@ -25,7 +25,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.drawing.solids import Solid
-from gossamer_fx.model.body import Array, Block, Body, Indices
+from gossamer_fx.model.body import Array, Block, Body, Indices, MeshBody
 
 # ---- equations -------------------------------------------------------------------------------------
 
@@ -138,6 +138,16 @@ class StepObserver(Protocol):
 
 
 @runtime_checkable
+class TimeDependence(Protocol):
+    """Has quantities at the end of a step that depend on time, or on history variables, and not on q1."""
+
+    @abstractmethod
+    def take_time(self, t: float) -> None:
+        """A state of time t [s] is about to be set, as the end of a step: take these quantities from it."""
+        ...
+
+
+@runtime_checkable
 class IterateObserver(Protocol):
     """Has to know when the Newton iteration changes q1."""
 
@@ -218,6 +228,19 @@ class HistoryVariables(Protocol):
     @abstractmethod
     def set_state(self, state: dict[str, Any]) -> None:
         """Restore what `get_state` returned; coordinates and velocities have been restored."""
+        ...
+
+
+@runtime_checkable
+class CellHistory(Protocol):
+    """Has history variables in the cells of bodies, on which strains may depend."""
+
+    @abstractmethod
+    def cell_history(self) -> dict[str, tuple[MeshBody, Array]]:
+        """By name: a body, and the values (n,) in the n cells that this rank owns.
+
+        The arrays are those at work: they are written to when a state is restored, before strains follow.
+        """
         ...
 
 

@@ -7,5 +7,8 @@ from .free_molecular import Air as Air
 from .magnetic_dipole import MagneticDipole as MagneticDipole
 from .optics import Optics as Optics
 from .orbit import Orbit as Orbit
+from .solar_heating import HeatBalance as HeatBalance
+from .solar_heating import SolarHeating as SolarHeating
+from .solar_heating import ThermalProperties as ThermalProperties
 from .solar_pressure import SolarPressure as SolarPressure
 from .surface_forces import Surface as Surface

@@ -199,7 +199,7 @@ class _FlowOnFaces(FacesForce):
     def prepare(self, flight: Flight) -> None:
         self._air, self._wind = self._drag.flow(flight)
 
-    def on_faces(self, areas: Array, places: Array, rates: Array) -> Array:
+    def on_faces(self, areas: Array, positions: Array, rates: Array) -> Array:
         """Forces (..., n, 3) [N] on area vectors [m²] that move with rates [m/s], all (..., n, 3)."""
         how, air = self._drag.accommodation, self._air
         wall = math.sqrt(how.wall_temperature / air.temperature)

@@ -138,8 +138,8 @@ class Environment:
             E = self.earth(t)
             # Harmonics are functions of Earth-fixed coordinates.
             a += E.T @ self._harmonics.gradient(E @ r)
-        for place, mu in self._bodies(t):
-            a += third_body(r, place, mu)
+        for position, mu in self._bodies(t):
+            a += third_body(r, position, mu)
         return a
 
     def gradient(self, r: Array, t: float) -> Array:
@@ -148,8 +148,8 @@ class Environment:
         if self._harmonics is not None:
             E = self.earth(t)
             G += E.T @ self._harmonics.second_gradient(E @ r) @ E
-        for place, mu in self._bodies(t):
-            G += third_body_gradient(r, place, mu)
+        for position, mu in self._bodies(t):
+            G += third_body_gradient(r, position, mu)
         return G
 
     def tide(self, r: Array) -> Array:

@@ -61,10 +61,14 @@ class Flight:
         self.centre: Array = np.zeros(3)
 
     def prepare(self, system: Assembly) -> None:
-        """Compute the step of the origin, once in every step of the system.  Collective.
+        """Compute the motion of the moving origin in the present step, once in every step.  Collective.
 
-        The field acts at the middle of the step, which depends on the end; a fixed-point iteration
-        solves that.
+        Sets position `R` [m] and velocity `V` [m/s] of the origin in the middle of the step, the
+        perturbing acceleration `field` [m/s²] there, and its `gradient` [1/s²].  The field acts at the
+        middle of the step, which depends on the end; a fixed-point iteration solves that.
+
+        Raises:
+            InputError: the step is so long that the motion of the origin cannot be solved.
         """
         # Several loads share one flight; the first one prepares it.
         if self._for == (system.time, system.h):

@@ -32,10 +32,7 @@ class FlyingLoads(Loads):
     def __init__(self, terms: Sequence[FlyingLoad], system: Assembly) -> None:
         """Compile the terms as loads that depend on the mean velocity of the step."""
         self._flying = terms
-        at = [system.fields[term.body] for term in terms]
-        super().__init__(
-            [at_rate(term, place) for term, place in zip(terms, at, strict=True)], system
-        )
+        super().__init__([at_rate(term, system.fields[term.body]) for term in terms], system)
 
     def begin_step(self, t: float) -> None:
         """Set the constants of all loads for the step that is evaluated at time t [s]."""
@@ -170,6 +167,6 @@ class FacesForce:
         total: Array = np.swapaxes(f, -1, -2) @ self._arms
         return np.swapaxes(total, -1, -2)
 
-    def on_faces(self, areas: Array, places: Array, rates: Array) -> Array:
-        """Forces (..., n, 3) on area vectors at places with velocities."""
+    def on_faces(self, areas: Array, positions: Array, rates: Array) -> Array:
+        """Forces (..., n, 3) [N] on area vectors [m²] at positions [m] with velocities [m/s], all (..., n, 3)."""
         raise NotImplementedError

@@ -66,6 +66,7 @@ class FileLocks:
         _release_all(self._locks)
 
     def _acquire_all(self) -> None:
+        """Lock every file on this rank; if one is locked by another run, release all and raise."""
         try:
             for path in self._paths:
                 if path not in self._locks:
@@ -126,6 +127,7 @@ def _lock(path: Path) -> FileLock:
 
 
 def _release_all(locks: dict[Path, FileLock]) -> None:
+    """Release locks and remove their files; `locks` is empty then."""
     while locks:
         path, lock = locks.popitem()
         # The files are removed while they are still locked, so that nobody else's are; their folder may be gone.

@@ -55,14 +55,14 @@ def _escaped(text: str) -> str:
 
 
 def segment(path: Path, number: int) -> Path:
-    """The segment of a file that a run begins when it continues for the `number`-th time."""
+    """The file `film_0002.bp` that a run writes in place of `film.bp` after its second restart."""
     if number == 0:
         return path
     return path.with_stem(f"{path.stem}_{number:04d}")
 
 
 def segment_number(path: Path, other: Path) -> int | None:
-    """The number of another file as a segment of `path`; None if it is not a segment of it."""
+    """2 for `film_0002.bp` as a segment of `film.bp`, 0 for `film.bp` itself; None for any other file."""
     if other == path:
         return 0
     if other.parent != path.parent or other.suffix != path.suffix:
@@ -77,7 +77,10 @@ def segment_number(path: Path, other: Path) -> int | None:
 
 
 def segments(path: Path) -> list[Path]:
-    """The existing segments of a file, in their order."""
+    """The existing files of one output, in the order in which a run and its restarts wrote them.
+
+    These are `film.bp`, `film_0001.bp`, and so on; an empty list if there is none.
+    """
     if not path.parent.is_dir():
         return []
     found = []

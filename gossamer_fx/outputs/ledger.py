@@ -58,6 +58,7 @@ class Ledger:
         self._table.cut(run.comm, list(self._row(run)), cursor)
 
     def _row(self, run: Run) -> dict[str, Any]:
+        """The present state as columns by name; energies in J, momenta in kg m/s and kg m²/s."""
         t = run.totals
         row: dict[str, Any] = {"time": t.time, "step": run.step, "iterations": run.last_iterations}
         row |= {"substeps": run.substeps, "kinetic": t.kinetic}

@@ -21,6 +21,9 @@ _REMEDY = "write the run again, or put back a copy of the file."
 # Larger integers do not fit into the arrays of NumPy.
 _MAX_INTEGER = 2**63
 
+# Keys of statistics that older versions wrote, and their present names.
+_OLD_STATISTICS = {"halved": "rejected"}
+
 # Characters of a value in a message: the file may contain a text of any length.
 _MAX_SHOWN = 60
 
@@ -64,6 +67,7 @@ _BODY = {
     "box": Several(Several(NUMBER, 3), 2),
     "cells?": int,
     "order?": int,
+    "groups?": Several(str),
     "area?": NUMBER,
     "length?": NUMBER,
     "law?": Row((str, Each(_ANYTHING))),
@@ -100,13 +104,15 @@ _RUN = {
         "time": NUMBER,
         "until": NUMBER,
         "steps": int,
-        "halved": int,
+        "rejected": int,
         "iterations": int,
         "iterations a step": NUMBER,
         "seconds": NUMBER,
         "seconds of compilation": NUMBER,
         "at rest?": bool,
         "energy error": NUMBER,
+        "energy defect?": NUMBER,
+        "largest energy?": NUMBER,
         "mass error": NUMBER,
     },
 }
@@ -139,6 +145,7 @@ def read_run_file(folder: Path) -> dict[str, Any]:
         not isinstance(version, int) or version == FORMAT,
         f"'{path}' is of format {version}, not {FORMAT}; read it with the program that wrote it.",
     )
+    _rename_old_keys(about)
     _check_kind(path, "the file", about, _RUN)
     for solid in about.get("solids", []):
         point_count = len(solid["X"])
@@ -150,6 +157,17 @@ def read_run_file(folder: Path) -> dict[str, Any]:
             f"'{path}': a solid has {point_count} points, but its faces use others; {_REMEDY}",
         )
     return dict(about)
+
+
+def _rename_old_keys(about: Any) -> None:
+    """Give the statistics of an older version their present names; other contents are left as they are."""
+    # Not yet checked: the file may hold anything.
+    if not isinstance(about, dict) or not isinstance(about.get("statistics"), dict):
+        return
+    statistics = about["statistics"]
+    for old, new in _OLD_STATISTICS.items():
+        if old in statistics:
+            statistics.setdefault(new, statistics.pop(old))
 
 
 def _check_kind(

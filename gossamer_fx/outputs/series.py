@@ -66,6 +66,7 @@ class Series:
         return self._column(0)
 
     def __getitem__(self, name: str) -> Array:
+        """Values (n,) of a probe at the times of `time`; an unknown name is refused."""
         check(
             name in self.probes,
             f"The series has no '{name}'; its names are: {', '.join(self.probes) or 'none'}.",

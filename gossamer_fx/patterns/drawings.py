@@ -117,9 +117,9 @@ def panels_of(drawing: Drawing, path: str) -> list[Panel]:
             if i in others and len(others) == len(within[i]) + 1
         ]
         name = f"panel {number}"
-        for text, place in drawing.labels:
-            in_hole = any(_is_inside(place, polygons[j]) for j in holes)
-            if _is_inside(place, polygons[i]) and not in_hole:
+        for text, position in drawing.labels:
+            in_hole = any(_is_inside(position, polygons[j]) for j in holes)
+            if _is_inside(position, polygons[i]) and not in_hole:
                 name = text
         panels.append(Panel([loops[i], *(loops[j] for j in holes)], name))
     _check_names(panels, path)
@@ -172,8 +172,10 @@ def _take(entity: Any, scale: float, drawing: Drawing) -> None:
             _take(part, scale, drawing)
     elif kind in TEXTS:
         text = entity.plain_text() if kind == "MTEXT" else entity.dxf.text
-        place = entity.dxf.insert
-        drawing.labels.append((str(text).strip(), scale * np.array([place[0], place[1]])))
+        position = entity.dxf.insert
+        # A label is in the plane of the drawing.
+        in_plane = np.array([position[0], position[1]])
+        drawing.labels.append((str(text).strip(), scale * in_plane))
 
 
 def _halves(curve: DrawnCurve) -> list[DrawnCurve]:
@@ -188,23 +190,24 @@ def _halves(curve: DrawnCurve) -> list[DrawnCurve]:
 
 def _loops(curves: Sequence[DrawnCurve], tolerance: float, path: str) -> list[list[DrawnCurve]]:
     """Closed loops of curves, each turned so that it begins where the one before ends."""
-    places: list[Array] = []
+    # Points at which curves end, and the curves that end at each of them.
+    joints: list[Array] = []
     meeting: list[list[int]] = []
     ends = []
     for i, curve in enumerate(curves):
         both = []
         for point in (curve.points[0], curve.points[-1]):
             near = [
-                k for k, place in enumerate(places) if np.linalg.norm(place - point) <= tolerance
+                k for k, joint in enumerate(joints) if np.linalg.norm(joint - point) <= tolerance
             ]
             if not near:
-                near = [len(places)]
-                places.append(point)
+                near = [len(joints)]
+                joints.append(point)
                 meeting.append([])
             meeting[near[0]].append(i)
             both.append(near[0])
         ends.append((both[0], both[1]))
-    for point, there in zip(places, meeting, strict=True):
+    for point, there in zip(joints, meeting, strict=True):
         layer = curves[there[0]].layer
         check(
             len(there) == 2,
@@ -215,19 +218,20 @@ def _loops(curves: Sequence[DrawnCurve], tolerance: float, path: str) -> list[li
     left = set(range(len(curves)))
     while left:
         i = min(left)
-        start, place = ends[i]
+        start, joint = ends[i]
         loop = [curves[i]]
         left.remove(i)
-        while place != start:
-            first, second = meeting[place]
+        # Two curves meet at each joint: walk along the one that has not yet been passed.
+        while joint != start:
+            first, second = meeting[joint]
             i = second if i == first else first
             left.remove(i)
             curve = curves[i]
-            if ends[i][0] == place:
-                place = ends[i][1]
+            if ends[i][0] == joint:
+                joint = ends[i][1]
             else:
                 curve = DrawnCurve(curve.points[::-1], curve.layer)
-                place = ends[i][0]
+                joint = ends[i][0]
             loop.append(curve)
         loops.append(_counterclockwise(loop))
     return loops

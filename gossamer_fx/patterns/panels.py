@@ -158,14 +158,13 @@ class Gores:
             rows = []
             for i in range(along + 1):
                 is_tip = (i == 0 and is_pointed[0]) or (i == along and is_pointed[1])
-                nodes_here = 1 if is_tip else across + 1
-                y = (
-                    np.zeros(1)
-                    if is_tip
-                    else np.linspace(-half_width[i], half_width[i], across + 1)
-                )
-                place = np.stack([np.full(nodes_here, s[i]), y + k * self.pitch, 0 * y], axis=1)
-                points.append(place)
+                # All nodes of a row would coincide at a tip: it has one.
+                y = np.zeros(1)
+                if not is_tip:
+                    y = np.linspace(-half_width[i], half_width[i], across + 1)
+                nodes_here = len(y)
+                x = np.full(nodes_here, s[i])
+                points.append(np.stack([x, y + k * self.pitch, 0 * y], axis=1))
                 rows.append(count + 1 + np.arange(nodes_here))
                 count += nodes_here
             panels.append(rows)

@@ -38,7 +38,7 @@ class Points:
         past: strains (q, 3) at the start of the last step.
         start: strains (q, 3) at the start of this step.
         strain: strains (q, 3) of the iterate.
-        response: mean stress S̄ [N/m] and its derivatives D̄ at start and strain (q, 12).
+        response: mean stress S_mean [N/m] and its derivatives D_mean at start and strain (q, 12).
         law: the law at these points.
     """
 

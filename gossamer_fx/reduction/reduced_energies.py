@@ -1,9 +1,9 @@
 """The stored energy of a reduced film: forces and tangents of its modes as products of full matrices.
 
-    forces    f = Σ_a G_aᵀ N_a,         N_a = Σ_b S_ab F̄_b dA                               (1)
-    tangent   K = Σ_ac G_aᵀ T_ac G_c,   T_ac = (Σ_bd D_abcd F̄_b ⊗ F_d + α S_ac 1) dA        (2)
+    forces    f = Σ_a G_aᵀ N_a,         N_a = Σ_b S_ab F_mean_b dA                               (1)
+    tangent   K = Σ_ac G_aᵀ T_ac G_c,   T_ac = (Σ_bd D_abcd F_mean_b ⊗ F_d + α S_ac 1) dA        (2)
 
-G are the gradients of the modes (`mode_gradients`), F and F̄ the gradients at q1 and at q̄.  The
+G are the gradients of the modes (`mode_gradients`), F and F_mean the gradients at q1 and at q_mid.  The
 stress S and its derivatives D are those of the mixed iteration in strains, which
 `terms.element_energies` describes; `points` evaluates them at the quadrature points.
 

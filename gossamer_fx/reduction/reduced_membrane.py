@@ -220,6 +220,10 @@ def check_reducible(film: Membrane) -> None:
     Raises:
         InputError: it has other terms, for which the reduced film has no form.
     """
+    check(
+        film.thermal is None,
+        f"reduce: '{film.name}' has a thermal expansion, which sampled cells do not have; leave thermal out.",
+    )
     start = InitialState([film], film.comm)
     has_own_terms = type(film).terms is not Membrane.terms
     check(

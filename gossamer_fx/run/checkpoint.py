@@ -45,7 +45,7 @@ from gossamer_fx.checks.errors import InputError, check, on_rank_zero, write_on_
 from gossamer_fx.model.roles import HistoryVariables
 from gossamer_fx.outputs.output import Output, cursors_of, make_parent
 from gossamer_fx.probes.run import Run
-from gossamer_fx.run.node_keys import all_names
+from gossamer_fx.run.node_keys import all_names, cell_names
 from gossamer_fx.run.same_scene import compare, compare_energies
 from gossamer_fx.system.totals import Totals
 from gossamer_fx.version import VERSION
@@ -59,7 +59,14 @@ CHECKSUM_BLOCK = 1 << 20
 MISSING_NODES = (
     "The checkpoint lacks nodes of this scene; restart the scene by which it was written."
 )
-EQUAL_NAMES = "Two nodes of the checkpoint have the same name."
+MISSING_CELLS = (
+    "The checkpoint lacks temperatures of this scene; restart the scene by which it was written."
+)
+EQUAL_NAMES = "Two nodes or cells of the checkpoint have the same name."
+
+# Beginnings of the keys of arrays with one row for each cell.
+CELL_NAMES = "names of cells"
+CELL_VALUES = "cells"
 
 # Kinds of outputs, and where they stand in their files.
 Cursors = list[tuple[str, dict[str, Any]]]
@@ -279,7 +286,7 @@ class Checkpoints:
                 shutil.rmtree(path, ignore_errors=True)
 
     def _arrays(self, run: SavedRun) -> dict[str, Any]:
-        """This rank's share: the names (n,) of its n nodes, and (n, size) of every vector, by block."""
+        """This rank's share: names (n,) of its n nodes with (n, size) of every vector, by block; cells likewise."""
         numbering = run.system.numbering
         arrays: dict[str, Any] = {}
         for k, names in enumerate(self._names):
@@ -288,6 +295,9 @@ class Checkpoints:
             for k, block in enumerate(numbering.blocks):
                 values = vector.array_r[numbering.owned(k)]
                 arrays[f"{name} {k}"] = values.reshape(-1, block.size)
+        for name, (body, cell_values) in run.history.cells.items():
+            arrays[f"{CELL_NAMES} {name}"] = cell_names(body)
+            arrays[f"{CELL_VALUES} {name}"] = cell_values[:, None]
         return arrays
 
     def _state(self, run: SavedRun) -> dict[str, Any]:
@@ -302,6 +312,7 @@ class Checkpoints:
             "scene": self._scene,
             "ranks": run.comm.size,
             "vectors": list(run.history.vectors),
+            "cells": list(run.history.cells),
             "time": system.time,
             "supplied": run.comm.allreduce(system.supplied_energy),
             "run": run.get_state(),
@@ -422,6 +433,26 @@ def _restore_vectors(run: SavedRun, arrays: dict[str, Any]) -> None:
                     twice=EQUAL_NAMES,
                 )
                 values[numbering.owned(k)] = rows.reshape(-1, block.size).ravel()
+    _restore_cells(run, arrays)
+
+
+def _restore_cells(run: SavedRun, arrays: dict[str, Any]) -> None:
+    """Set the values in cells from what all ranks have loaded.
+
+    Raises:
+        InputError: the checkpoint has no values for a cell of this scene.
+    """
+    for name, (body, values) in run.history.cells.items():
+        nothing = np.zeros(0, dtype=np.uint64)
+        rows = fetch(
+            run.comm,
+            names=arrays.get(f"{CELL_NAMES} {name}", nothing),
+            values=arrays.get(f"{CELL_VALUES} {name}", np.zeros((0, 1))),
+            wanted=cell_names(body),
+            lacks=MISSING_CELLS,
+            twice=EQUAL_NAMES,
+        )
+        values[:] = rows[:, 0]
 
 
 def _open(path: Path) -> tuple[Path, dict[str, Any]]:
@@ -493,11 +524,23 @@ def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
         empty: dict[str, Any] = {f"names {k}": np.zeros(0, dtype=np.uint64)}
         for name in state["vectors"]:
             empty[f"{name} {k}"] = np.zeros((0, block.size))
-        for key, no_rows in empty.items():
-            arrays[key] = no_rows
-            if shares:
-                arrays[key] = np.concatenate([share[key] for share in shares])
+        _join(shares, empty, arrays)
+    # Checkpoints of earlier versions have no cells.
+    for name in state.get("cells", ()):
+        no_cells: dict[str, Any] = {
+            f"{CELL_NAMES} {name}": np.zeros(0, dtype=np.uint64),
+            f"{CELL_VALUES} {name}": np.zeros((0, 1)),
+        }
+        _join(shares, no_cells, arrays)
     return arrays
+
+
+def _join(shares: list[dict[str, Any]], empty: dict[str, Any], arrays: dict[str, Any]) -> None:
+    """Put the arrays of all shares together, by the keys of `empty`, which stand where there is no share."""
+    for key, no_rows in empty.items():
+        arrays[key] = no_rows
+        if shares:
+            arrays[key] = np.concatenate([share[key] for share in shares])
 
 
 def _plain(totals: Totals) -> dict[str, Any]:

@@ -71,12 +71,16 @@ def cell_vertices(body: MeshBody) -> npt.NDArray[np.int64]:
     return vertices
 
 
-def mesh_name(body: MeshBody) -> int:
-    """A number that depends on the cells of a mesh and not on their order; the same on every rank."""
+def cell_names(body: MeshBody) -> Names:
+    """Names (n,) of the n cells that this rank owns."""
     topology = body.space.mesh.topology
     own_count = topology.index_map(topology.dim).size_local
-    cells = cell_vertices(body)[:own_count]
-    hashes = hash_rows(np.sort(cells, axis=1))
+    return hash_rows(np.sort(cell_vertices(body)[:own_count], axis=1))
+
+
+def mesh_name(body: MeshBody) -> int:
+    """A number that depends on the cells of a mesh and not on their order; the same on every rank."""
+    hashes = cell_names(body)
     # A sum does not depend on the order, nor on the partition.
     sum_of_rank = int(hashes.sum(dtype=np.uint64))
     total = sum(body.comm.allgather(sum_of_rank))

@@ -15,6 +15,15 @@ With a = dJ/dq1, b = dJ/dv1 and the tangent A = c M + ∂f/∂q1 of the solved s
 The rule is symmetric in time, f(q0, q1; h) = f(q1, q0; -h).  So B is the tangent of the reversed step,
 which starts at q1 and ends at q0: no term provides anything for it (`roles.Reversible`).
 
+Scalar unknowns, e.g. the pressures and masses of gas, have equations s(y1; q0, q1, y0) = 0 and act in r.
+With c = dJ/dy1 and the blocks G = ∂r/∂y1, Hᵀ = ∂s/∂q1, C = ∂s/∂y1 of Newton's method, (3) becomes
+
+    [ Aᵀ  H  ] [μ]   [ a + 2 b/h ]
+    [ Gᵀ  Cᵀ ] [ν] = [ c         ]                                                                (7)
+
+whose solution takes one solve with Aᵀ for each column of H.  What they give to the start of the step is
+theirs to say (`terms.scalar_unknowns.ScalarsAdjoint`).
+
 Lagrange multipliers are part of q1 and have neither mass nor rate.  Those of the step act in the
 reversed step, too, and their equations e(q1) = 0 do not depend on q0: their rows of μ do not count in (4).
 
@@ -24,14 +33,16 @@ Fixed and prescribed coordinates are given functions of time, so that their entr
 from __future__ import annotations
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.checks.errors import StepFailure
+from gossamer_fx.checks.errors import StepFailure, check
 from gossamer_fx.model import roles
 from gossamer_fx.model.body import Array
 from gossamer_fx.sensitivity.tape import Node, RunTape
 from gossamer_fx.sensitivity.transposed import TransposedSolver
 from gossamer_fx.system.system import System
+from gossamer_fx.terms.scalar_unknowns import DifferentiableScalars, ScalarsAdjoint
 
 # Largest residual of a step that was made again, over the inertia in it.  More means that something
 # changed the scene between the steps, e.g. an event, which the tape does not know.
@@ -50,6 +61,7 @@ class BackwardSteps:
         μ: the adjoint vector of the last step.
         inertia: z = c (q1 - q0 - h v0) [m/s²] of the last step, of which M z is in (1).
         residual: the largest residual of the steps so far, over the inertia in it.
+        scalars: adjoints of the scalar unknowns.
     """
 
     def __init__(self, tape: RunTape) -> None:
@@ -65,6 +77,7 @@ class BackwardSteps:
         self._scratch = numbering.vector()
         self._solver: TransposedSolver | None = None
         self._exchanging = roles.playing(roles.ExchangesEnds, self._system.compiled)
+        self.scalars = ScalarParts(self._system)
 
     # ---- the step itself -------------------------------------------------------------------------------
 
@@ -125,6 +138,28 @@ class BackwardSteps:
         self._right_side.waxpy(2 / end.h, b, a)
         self._right_side.array[system.supports.held] = 0
         self._solver.solve(self._right_side, self.μ)
+        if self.scalars.size:
+            self._solve_with_scalars(end.h)
+
+    def _solve_with_scalars(self, h: float) -> None:
+        """Replace μ, the solution without scalar unknowns, by that of (7).  Collective."""
+        assert self._solver is not None
+        system = self._system
+        scalars = self.scalars
+        G, H, C = system.coupling()
+        # Z = A⁻ᵀ H, of which zero columns need no solve.
+        Z = np.zeros((scalars.size, len(self.μ.array_r)))
+        for k, column in enumerate(H):
+            if column is not None:
+                self._right_side.array[:] = column
+                self._solver.solve(self._right_side, self._scratch)
+                Z[k] = self._scratch.array_r
+        columns = np.array([np.zeros(Z.shape[1]) if one is None else one for one in G])
+        products = np.column_stack([columns @ Z.T, columns @ self.μ.array_r])
+        system.comm.Allreduce(MPI.IN_PLACE, products, op=MPI.SUM)
+        ν = np.linalg.solve(C.T - products[:, :-1], scalars.c - products[:, -1])
+        self.μ.array[:] -= ν @ Z
+        scalars.take(ν, self.μ.array_r, h)
 
     def carry(self, start: Node, end: Node, a: PETSc.Vec, b: PETSc.Vec) -> None:
         """Replace (a, b) by the derivatives with respect to the start of the step; after `solve`.  Collective."""
@@ -139,6 +174,10 @@ class BackwardSteps:
         a.axpy(-2 / h, b)
         b.scale(-1.0)
         b.axpy(h * c, self._Mμ)
+        if self.scalars.size:
+            # The system stands in the reversed step now.
+            with a as by_position, b as by_velocity:
+                self.scalars.carry(by_position, by_velocity)
         self.clear(a)
         self.clear(b)
 
@@ -170,3 +209,61 @@ class BackwardSteps:
         if constraints:
             q[constraints.owned] = end.q[constraints.owned]
         return q
+
+
+class ScalarParts:
+    """The adjoints of all scalar unknowns of a scene, one after the other.
+
+    Args:
+        system: the compiled scene.
+
+    Attributes:
+        parts: the adjoints.
+        size: number of scalar unknowns.
+        c: derivatives of the result by them at the end of the present step (size,).
+
+    Raises:
+        InputError: scalar unknowns without derivatives.
+    """
+
+    def __init__(self, system: System) -> None:
+        self.parts: list[ScalarsAdjoint] = []
+        self._sizes: list[int] = []
+        for scalars in system.scalar_unknowns:
+            check(
+                isinstance(scalars, DifferentiableScalars),
+                f"gradient: '{type(scalars).__name__}' of the scene has no derivatives; leave it out.",
+            )
+            assert isinstance(scalars, DifferentiableScalars)
+            self.parts.append(scalars.adjoint())
+            self._sizes.append(scalars.size)
+        self.size = sum(self._sizes)
+        self.c: Array = np.zeros(self.size)
+
+    def start(self) -> None:
+        """Begin new sums."""
+        self.c = np.zeros(self.size)
+        for part in self.parts:
+            part.start()
+
+    def take(self, ν: Array, μ: Array, h: float) -> None:
+        """Sum up parameters at the solved step of length h, and carry c to its start.  Collective."""
+        at_start = []
+        for part, own in zip(self.parts, self._split(ν), strict=True):
+            part.linearise(h)
+            at_start.append(part.take(own, μ))
+        self.c = np.concatenate(at_start)
+
+    def carry(self, by_position: Array, by_velocity: Array) -> None:
+        """Add what the geometry at the start of the step gives, in the reversed step.  Collective."""
+        for part in self.parts:
+            part.carry(by_position, by_velocity)
+
+    def finish(self, by_position: Array) -> None:
+        """Add what the initial state gives; the system stands at it.  Collective."""
+        for part, own in zip(self.parts, self._split(self.c), strict=True):
+            part.finish(own, by_position)
+
+    def _split(self, values: Array) -> list[Array]:
+        """The shares of the parts in values of all scalar unknowns."""
+        return np.split(values, np.cumsum(self._sizes)[:-1])

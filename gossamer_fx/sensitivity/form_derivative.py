@@ -34,8 +34,8 @@ class MeshNodes:
     def get(self) -> Array:
         """Positions (k,) of the owned nodes, flattened."""
         owned = self.space.dofmap.index_map.size_local
-        places: Array = self.mesh.geometry.x[self._row[:owned]]
-        return places.ravel()
+        positions: Array = self.mesh.geometry.x[self._row[:owned]]
+        return positions.ravel()
 
     def set(self, values: Array) -> None:
         """Move the owned nodes to positions (k,), and their ghosts with them.  Collective."""

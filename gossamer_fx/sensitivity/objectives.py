@@ -6,8 +6,8 @@ respect to coordinates and velocities.  `probes.Position` and its relatives are 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 import ufl
@@ -16,12 +16,16 @@ from petsc4py import PETSc
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
-from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.errors import InputError, check
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr, area_vector
 from gossamer_fx.model import roles
 from gossamer_fx.model.body import Array, MeshBody
 from gossamer_fx.system.system import System
+
+if TYPE_CHECKING:
+    # A scene without gas does not load it.
+    from gossamer_fx.gas.state import ChamberState
 
 
 class HasScene(Protocol):
@@ -60,6 +64,15 @@ class FormObjective(Protocol):
 
     def forms(self, system: System) -> list[ufl.Form]:
         """Forms whose sum, at `fields[body].q1`, is the part of the result with parameters."""
+        ...
+
+
+@runtime_checkable
+class ScalarObjective(Protocol):
+    """An objective that depends on scalar unknowns, e.g. on the pressure of gas."""
+
+    def add_scalar_derivative(self, system: System, by_scalars: Array) -> None:
+        """Add ∂J/∂y of the present state, y the scalar unknowns of the system in their order."""
         ...
 
 
@@ -154,14 +167,12 @@ class EnclosedVolume(Integral):
 
 @check_arguments
 class Energy:
-    """Energy [J] of a scene, stored and kinetic; of an equilibrium the stored energy.
-
-    The energy of gas is not in it: what a gradient needs of that depends on the gas alone.
+    """Energy [J] of a scene: stored, kinetic, and the internal energy of gas; of an equilibrium the stored one.
 
     Example:
         >>> energy = gx.analysis.Energy()
-        >>> energy(run)
-        0.0
+        >>> energy(run) == run.totals.kinetic + sum(run.totals.stored.values())
+        True
     """
 
     unit = "J"
@@ -169,19 +180,30 @@ class Energy:
     def __call__(self, run: HasScene) -> float:
         """The energy in the present state of a run."""
         totals = run.system.totals()
-        gas = {name for scalars in run.system.scalar_unknowns for name in scalars.states()}
-        stored = sum(energy for name, energy in totals.stored.items() if name not in gas)
-        return float(totals.kinetic + stored)
+        return float(totals.kinetic + sum(totals.stored.values()))
 
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Add ψ'(q), the forces of stored energies in a step of no length, and M v."""
+        """Add ψ'(q), the forces of stored energies in a step of no length, and M v.
+
+        The internal energy U = p V/(γ - 1) of a chamber adds p/(γ - 1) ∂V/∂q.
+        """
         forces = system.stored_forces()
         by_position.axpy(1.0, forces)
+        with by_position as values:
+            for gas in chambers_of(system):
+                if gas.enclosure is not None:
+                    _, of_volume, _ = gas.enclosure.gradients()
+                    values += gas.pressure / (gas.chamber.gas.gamma - 1) * of_volume
         momenta = system.numbering.vector()
         system.M.mult(system.v0, momenta)
         by_velocity.axpy(1.0, momenta)
+
+    def add_scalar_derivative(self, system: System, by_scalars: Array) -> None:
+        """Add ∂U/∂p = V/(γ - 1) of each chamber."""
+        for k, gas in enumerate(chambers_of(system)):
+            by_scalars[k] += gas.volume / (gas.chamber.gas.gamma - 1)
 
     def forms(self, system: System) -> list[ufl.Form]:
         """The stored energy of forms; the kinetic energy depends on masses, see `kinetic_forms`."""
@@ -190,6 +212,79 @@ class Energy:
             for body in system.fields:
                 found += kind.energy_forms(body)
         return found
+
+
+def chambers_of(system: System) -> list[ChamberState]:
+    """The gas of all chambers in the order of the scalar unknowns, of which the pressures are the first."""
+    found: list[ChamberState] = []
+    for scalars in system.scalar_unknowns:
+        found += scalars.states().values()
+    return found
+
+
+@check_arguments
+class CrossingTime:
+    """Time [s] at which another result of a run first passes a value, e.g. at which a tube is open.
+
+    Between two steps the result counts as linear, so that the time has an error of second order in h.
+
+    Args:
+        of: the result that is observed.
+        value: the value that it passes.
+
+    Raises:
+        InputError: when derived: the result did not pass the value in the recorded steps.
+
+    Example:
+        >>> opened = gx.analysis.CrossingTime(gx.analysis.ChamberPressure(tank), 500.0)
+        >>> opened.unit
+        's'
+    """
+
+    unit = "s"
+
+    def __init__(self, of: Objective, value: float) -> None:
+        self.of = of
+        self.value = value
+
+    def __call__(self, run: HasScene) -> float:
+        """Not known from one state; `gx.analysis.gradient` finds it in a tape."""
+        raise InputError(
+            "CrossingTime: one state does not know when a value was passed; use it in gx.analysis.gradient(tape, ...)."
+        )
+
+    def add_derivative(
+        self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Refuse, as `__call__` does."""
+        self(_View(system))
+
+    def found(
+        self, times: Sequence[float], values: Sequence[float]
+    ) -> tuple[float, dict[int, float]]:
+        """The time, and its derivative with respect to the observed result at each of the states.
+
+        Args:
+            times: of the recorded states [s].
+            values: of the observed result in them.
+
+        Raises:
+            InputError: no two neighbouring values have the wanted one between them.
+        """
+        excess = np.asarray(values) - self.value
+        passed = np.flatnonzero((excess[:-1] * excess[1:] <= 0) & (excess[:-1] != excess[1:]))
+        check(
+            len(passed) > 0,
+            f"CrossingTime: the result does not pass {self.value!r}; in the recorded steps it is between "
+            f"{min(values):.6g} and {max(values):.6g}.",
+        )
+        first = int(passed[0])
+        before, after = excess[first : first + 2]
+        h = times[first + 1] - times[first]
+        change = after - before
+        time = times[first] - before / change * h
+        # d/d(before) and d/d(after) of t - h before/(after - before)
+        return time, {first: -h * after / change**2, first + 1: h * before / change**2}
 
 
 @check_arguments

@@ -79,6 +79,7 @@ class Gradient:
     growth: float | None = None
 
     def __getitem__(self, name: str) -> Derivative:
+        """The derivative by a parameter, named as in `by`; KeyError for another name."""
         for derivative in self.derivatives:
             if derivative.name == name:
                 return derivative

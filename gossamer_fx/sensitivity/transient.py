@@ -20,9 +20,15 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.model import roles
 from gossamer_fx.sensitivity.backward import BackwardSteps
 from gossamer_fx.sensitivity.form_derivative import FormDerivative
-from gossamer_fx.sensitivity.objectives import Energy, FormObjective, Objective
+from gossamer_fx.sensitivity.objectives import (
+    CrossingTime,
+    Energy,
+    FormObjective,
+    Objective,
+    ScalarObjective,
+)
 from gossamer_fx.sensitivity.results import Gradient, collected
-from gossamer_fx.sensitivity.tape import RunTape
+from gossamer_fx.sensitivity.tape import Node, RunTape
 from gossamer_fx.sensitivity.variables import (
     AdjointFields,
     FormVariable,
@@ -54,10 +60,6 @@ class TransientGradients:
             len(tape.nodes) > 1,
             "gradient: the tape has no step; make it before run.run().",
         )
-        check(
-            not system.scalar_unknowns,
-            "gradient: gas chambers have no gradient yet; give the pressure as Pressure.",
-        )
         for kind in system.compiled:
             is_reversible = isinstance(kind, roles.Reversible | roles.Mass)
             check(
@@ -68,8 +70,10 @@ class TransientGradients:
         self._tape = tape
         self._system = system
         self._adjoint = AdjointFields(system)
-        self.variables = find_variables(system, by, self._adjoint, in_time=True)
         self.steps = BackwardSteps(tape)
+        self.variables = find_variables(
+            system, by, self._adjoint, in_time=True, scalars=self.steps.scalars.parts
+        )
         self._a = system.numbering.vector()
         self._b = system.numbering.vector()
         self.norms: list[float] = []
@@ -78,65 +82,106 @@ class TransientGradients:
         """The gradient of one result; the system is as before afterwards.  Collective.
 
         Raises:
+            InputError: a result that was never reached.
             StepFailure: a step of the tape cannot be repeated.
         """
         system = self._system
         nodes = self._tape.nodes
         remainder = system.increment.remainder.copy()
-        value = objective(_View(self._tape))
+        value, observed, shares = self._observed(objective)
         for variable in self.variables:
             variable.start()
-        self._start(objective)
+        self.steps.scalars.start()
+        self._a.set(0.0)
+        self._b.set(0.0)
+        last = max(shares)
+        self._add_result(observed, nodes[last], shares[last])
         self.norms = [float(self._b.norm())]
-        for k in range(len(nodes) - 1, 0, -1):
+        for k in range(last, 0, -1):
             self.steps.solve(nodes[k - 1], nodes[k], self._a, self._b)
             self._adjoint.set(self.steps.μ)
             self._adjoint.set_inertia(self.steps.inertia)
             for variable in self.variables:
                 variable.add_residual(self.steps.μ, with_inertia=True)
             self.steps.carry(nodes[k - 1], nodes[k], self._a, self._b)
+            if k - 1 in shares:
+                self._add_result(observed, nodes[k - 1], shares[k - 1])
             self.norms.append(float(self._b.norm()))
+        self._finish_scalars()
         for variable in self.variables:
             variable.add_start(self._a, self._b)
         self._tape.restore(nodes[-1])
         remainder.copy(system.increment.remainder)
         growth = growth_of(self.norms)
-        self._warn(growth)
+        self._warn(growth, nodes[last].time - nodes[0].time)
         return collected(value, objective.unit, self.variables, system.comm, growth)
 
-    def _start(self, objective: Objective) -> None:
-        """Take the derivatives of the result at the end, also those by parameters."""
-        system = self._system
-        self._a.set(0.0)
-        self._b.set(0.0)
-        objective.add_derivative(system, self._a, self._b)
+    def _observed(self, objective: Objective) -> tuple[float, Objective, dict[int, float]]:
+        """The value of a result, what is observed for it, and the share of each node in its derivative."""
+        nodes = self._tape.nodes
+        if not isinstance(objective, CrossingTime):
+            return objective(_View(self._tape)), objective, {len(nodes) - 1: 1.0}
+        view = _View(self._tape)
+        values = []
+        for node in nodes:
+            self._tape.restore(node)
+            values.append(objective.of(view))
+        times = [node.time for node in nodes]
+        value, shares = objective.found(times, values)
+        return value, objective.of, shares
+
+    def _finish_scalars(self) -> None:
+        """Add what the initial state of the scalar unknowns gives; the system then stands at the start."""
+        scalars = self.steps.scalars
+        if not scalars.size:
+            return
+        self._tape.restore(self._tape.nodes[0])
+        with self._a as by_position:
+            scalars.finish(by_position)
         self.steps.clear(self._a)
-        self.steps.clear(self._b)
+
+    def _add_result(self, objective: Objective, node: Node, share: float) -> None:
+        """Add a share of the derivatives of a result in the state of a node, also those by parameters."""
+        system = self._system
+        self._tape.restore(node)
+        by_position = system.numbering.vector()
+        by_velocity = system.numbering.vector()
+        objective.add_derivative(system, by_position, by_velocity)
+        self.steps.clear(by_position)
+        self.steps.clear(by_velocity)
+        self._a.axpy(share, by_position)
+        self._b.axpy(share, by_velocity)
+        scalars = self.steps.scalars
+        if scalars.size and isinstance(objective, ScalarObjective):
+            by_scalars = np.zeros(scalars.size)
+            objective.add_scalar_derivative(system, by_scalars)
+            scalars.c += share * by_scalars
         forms = objective.forms(system) if isinstance(objective, FormObjective) else []
         for variable in self.variables:
             if isinstance(variable, FormVariable):
                 for coefficient in variable.coefficients:
-                    variable.sum += FormDerivative(forms, coefficient).assemble()
+                    variable.sum += share * FormDerivative(forms, coefficient).assemble()
             if isinstance(objective, Energy):
-                self._add_energy(variable)
+                self._add_energy(variable, share)
+        if isinstance(objective, Energy):
+            for part in scalars.parts:
+                part.add_energy_derivative(share)
 
-    def _add_energy(self, variable: object) -> None:
-        """Add the derivative of the energy that is not in its forms: of points, and of masses."""
+    def _add_energy(self, variable: object, share: float) -> None:
+        """Add a share of the derivative of the energy that is not in its forms: of points, and of masses."""
         system = self._system
         if isinstance(variable, PointVariable):
-            variable.sum += variable.energy_derivative()
+            variable.sum += share * variable.energy_derivative()
         elif isinstance(variable, FormVariable):
             # ½ v·∂M v, by the forms of the inertia with the velocity in place of both vectors.
             self._adjoint.set(system.v0)
             self._adjoint.set_inertia(system.v0)
-            variable.sum += variable.inertia_derivative() / 2
+            variable.sum += share * variable.inertia_derivative() / 2
 
-    def _warn(self, growth: float) -> None:
+    def _warn(self, growth: float, duration: float) -> None:
         """Say for how long the gradient predicts anything, if that is shorter than the run."""
         if growth < GROWTH_TO_WARN_OF:
             return
-        nodes = self._tape.nodes
-        duration = nodes[-1].time - nodes[0].time
         rate = math.log(growth) / duration
         if self._system.comm.rank == 0:
             LOGGER.warning(

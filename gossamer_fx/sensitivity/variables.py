@@ -29,6 +29,7 @@ from gossamer_fx.sensitivity.form_derivative import (
     size_of,
 )
 from gossamer_fx.system.system import System
+from gossamer_fx.terms.scalar_unknowns import ScalarsAdjoint
 
 # Names of variables that are not parameters of terms.
 SHAPE = "shape"
@@ -128,7 +129,7 @@ class Variable(ABC):
 
 
 class FormVariable(Variable):
-    """A coefficient of forms: a constant, a field, or the stress-free places of mesh nodes."""
+    """A coefficient of forms: a constant, a field, or the stress-free positions of mesh nodes."""
 
     def __init__(
         self, name: str, unit: str, coefficients: Sequence[Coefficient], adjoint: AdjointFields
@@ -143,6 +144,7 @@ class FormVariable(Variable):
         self._inertia: list[FormDerivative] | None = None
 
     def get(self) -> Array:
+        """Present values (k,) of the constant, of the function on this rank, or of the nodes of the mesh."""
         first = self.coefficients[0]
         if isinstance(first, MeshNodes):
             return first.get()
@@ -152,6 +154,7 @@ class FormVariable(Variable):
         return values
 
     def set(self, values: Array) -> None:
+        """Give the coefficients the values (k,), on this rank and on ghosts."""
         for one in self.coefficients:
             if isinstance(one, MeshNodes):
                 one.set(values)
@@ -178,6 +181,7 @@ class FormVariable(Variable):
         return found
 
     def function(self, values: Array) -> fem.Function | None:
+        """Values (k,) as a function on the mesh, for output; None for a constant."""
         first = self.coefficients[0]
         if isinstance(first, fem.Constant):
             return None
@@ -192,11 +196,11 @@ class PointVariable(Variable):
         self,
         name: str,
         unit: str,
-        places: Sequence[tuple[roles.PointParameters, Any, Parameter]],
+        uses: Sequence[tuple[roles.PointParameters, Any, Parameter]],
     ) -> None:
-        self._places = places
-        entries = [parameter.entry or 0 for _, _, parameter in places]
-        kind, term, first = places[0]
+        self._uses = uses
+        entries = [parameter.entry or 0 for _, _, parameter in uses]
+        kind, term, first = uses[0]
         self._width = len(kind.get_number(term, str(first.source)))
         super().__init__(name, unit, False, (max(entries) + 1) * self._width)
 
@@ -207,22 +211,22 @@ class PointVariable(Variable):
 
     def get(self) -> Array:
         values = np.zeros(len(self.sum))
-        for kind, term, parameter in self._places:
+        for kind, term, parameter in self._uses:
             values[self._part(parameter)] = kind.get_number(term, str(parameter.source))
         return values
 
     def set(self, values: Array) -> None:
-        for kind, term, parameter in self._places:
+        for kind, term, parameter in self._uses:
             kind.set_number(term, str(parameter.source), values[self._part(parameter)])
 
     def add_residual(self, μ: PETSc.Vec, with_inertia: bool) -> None:
-        for kind, term, parameter in self._places:
+        for kind, term, parameter in self._uses:
             self.sum[self._part(parameter)] -= kind.work_by_number(term, str(parameter.source), μ)
 
     def energy_derivative(self) -> Array:
         """∂ψ/∂θ (k,) of the energies of its terms, this rank's share."""
         found = np.zeros(len(self.sum))
-        for kind, term, parameter in self._places:
+        for kind, term, parameter in self._uses:
             found[self._part(parameter)] += kind.energy_by_number(term, str(parameter.source))
         return found
 
@@ -259,6 +263,30 @@ class InitialVariable(Variable):
         return None
 
 
+class ScalarVariable(Variable):
+    """A number of scalar unknowns: of a chamber, an orifice, a wall or a reservoir of gas."""
+
+    def __init__(self, name: str, adjoint: ScalarsAdjoint, item: Any, system: System) -> None:
+        self._what = name.rpartition(".")[2]
+        self._item = item
+        self._adjoint = adjoint
+        self._is_first = system.comm.rank == 0
+        super().__init__(name, adjoint.units[id(item), self._what], False, 1)
+
+    def get(self) -> Array:
+        return np.array([self._adjoint.value(self._item, self._what)])
+
+    def set(self, values: Array) -> None:
+        raise InputError(
+            f"'{self.name}' belongs to the gas of a run; make a scene with another one."
+        )
+
+    def add_start(self, by_position: PETSc.Vec, by_velocity: PETSc.Vec) -> None:
+        # Every rank has the whole sum; the sums of the ranks are added up.
+        if self._is_first:
+            self.sum[0] += self._adjoint.sums[id(self._item), self._what]
+
+
 def _function(space: fem.FunctionSpace, values: Array) -> fem.Function:
     function = fem.Function(space)
     function.x.array[: len(values)] = values
@@ -270,9 +298,14 @@ def _function(space: fem.FunctionSpace, values: Array) -> fem.Function:
 
 
 def find_variables(
-    system: System, names: Sequence[str], adjoint: AdjointFields, *, in_time: bool
+    system: System,
+    names: Sequence[str],
+    adjoint: AdjointFields,
+    *,
+    in_time: bool,
+    scalars: Sequence[ScalarsAdjoint] = (),
 ) -> list[Variable]:
-    """The variables of a scene with these names.
+    """The variables of a scene with these names; `scalars` are the adjoints of its scalar unknowns.
 
     Raises:
         InputError: a name that the scene has not, with those that it has; a part of the scene without a
@@ -283,7 +316,7 @@ def find_variables(
         f"gradient: by is {names!r}; give a list of names, e.g. by=['film.thickness'].",
     )
     refuse_unknown_kinds(system)
-    return [_find(system, name, adjoint, in_time) for name in names]
+    return [_find(system, name, adjoint, in_time, scalars) for name in names]
 
 
 def refuse_unknown_kinds(system: System) -> None:
@@ -317,7 +350,14 @@ def _brought_by(system: System, kind: object) -> str:
     return type(kind).__name__
 
 
-def _find(system: System, name: str, adjoint: AdjointFields, in_time: bool) -> Variable:
+def _find(
+    system: System,
+    name: str,
+    adjoint: AdjointFields,
+    in_time: bool,
+    scalars: Sequence[ScalarsAdjoint],
+) -> Variable:
+    """The variable of a parameter that is named 'item.parameter'; refuses unknown items and parameters."""
     check(
         isinstance(name, str) and "." in name,
         f"gradient: by has {name!r}; give 'item.parameter', e.g. 'film.thickness'.",
@@ -335,6 +375,9 @@ def _find(system: System, name: str, adjoint: AdjointFields, in_time: bool) -> V
         return _shape(system, name, item, adjoint)
     if in_time and item in system.bodies and what in (INITIAL_VELOCITY, INITIAL_POSITION):
         return InitialVariable(name, item, system, what == INITIAL_VELOCITY)
+    for part in scalars:
+        if what in part.names_of(item):
+            return ScalarVariable(name, part, item, system)
     found = [
         (term, parameter)
         for term in system.terms_of(item)
@@ -344,26 +387,30 @@ def _find(system: System, name: str, adjoint: AdjointFields, in_time: bool) -> V
     check(
         bool(found),
         f"gradient: '{item_name}' has no parameter '{what}' that results can be derived by; it has: "
-        f"{', '.join(_names_of(system, item, in_time)) or 'none'}.",
+        f"{', '.join(_names_of(system, item, in_time, scalars)) or 'none'}.",
     )
     unit = found[0][1].unit
     coefficients = {id(p.source): p.source for _, p in found if not isinstance(p.source, str)}
     if coefficients:
         return FormVariable(name, unit, list(coefficients.values()), adjoint)
-    places: list[tuple[Any, Any, Parameter]] = []
+    uses: list[tuple[Any, Any, Parameter]] = []
     for term, parameter in found:
         kind = next(kind for kind in system.compiled if type(kind) is term.compiler)
-        places.append((kind, term, parameter))
-    return PointVariable(name, unit, places)
+        uses.append((kind, term, parameter))
+    return PointVariable(name, unit, uses)
 
 
-def _names_of(system: System, item: Any, in_time: bool) -> list[str]:
+def _names_of(
+    system: System, item: Any, in_time: bool, scalars: Sequence[ScalarsAdjoint]
+) -> list[str]:
     """Names of the variables of an item."""
     names = {
         parameter.name
         for term in system.terms_of(item)
         for parameter in getattr(term, "parameters", ())
     }
+    for part in scalars:
+        names.update(part.names_of(item))
     if _has_shape(item):
         names.add(SHAPE)
     if in_time and item in system.bodies:
@@ -377,7 +424,7 @@ def _has_shape(item: object) -> bool:
 
 
 def _shape(system: System, name: str, body: MeshBody, adjoint: AdjointFields) -> Variable:
-    """The stress-free places of the nodes of a body.
+    """The stress-free positions of the nodes of a body.
 
     Raises:
         InputError: a part of the scene measures the stress-free shape in another way than by forms.

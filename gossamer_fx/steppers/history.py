@@ -7,7 +7,8 @@ from typing import Any, Protocol, runtime_checkable
 
 from petsc4py import PETSc
 
-from gossamer_fx.model.roles import HistoryVariables
+from gossamer_fx.model.body import Array, MeshBody
+from gossamer_fx.model.roles import CellHistory, HistoryVariables, playing
 from gossamer_fx.system.system import System
 
 
@@ -35,6 +36,7 @@ class History:
     Attributes:
         vectors: all vectors of the state by name, not copies; coordinates include the Lagrange
             multipliers.
+        cells: bodies with values (n,) in this rank's own cells by name, not copies.
     """
 
     def __init__(self, system: System, carriers: Iterable[object]) -> None:
@@ -47,10 +49,14 @@ class History:
             "velocities": system.v0,
             "coordinates before": system.previous,
         }
+        self.cells: dict[str, tuple[MeshBody, Array]] = {}
+        for kind in playing(CellHistory, system.compiled):
+            self.cells |= kind.cell_history()
         self._variables: dict[str, HistoryVariables] = {}
         self._find_carriers(carriers)
         self._find_terms()
         self._committed: dict[str, PETSc.Vec] = {}
+        self._committed_cells: dict[str, Array] = {}
 
     def _find_carriers(self, carriers: Iterable[object]) -> None:
         """Add the history variables of the stepper and of the step control."""
@@ -80,7 +86,7 @@ class History:
         return {name: variables.get_state() for name, variables in self._variables.items()}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned; the caller has restored `vectors` before."""
+        """Restore what `get_state` returned; the caller has restored `vectors` and `cells` before."""
         # Quantities derived from the coordinates first: history variables may depend on them.
         self._system.restart()
         for name, variables in self._variables.items():
@@ -95,6 +101,8 @@ class History:
                 self._committed[name] = vector.duplicate()
         for name, vector in self.vectors.items():
             vector.copy(self._committed[name])
+        for name, (_, values) in self.cells.items():
+            self._committed_cells[name] = values.copy()
         self._time = system.time
         self._supplied_energy = system.supplied_energy
         # A copy, as the system changes its dictionary in place.
@@ -106,6 +114,8 @@ class History:
         system = self._system
         for name, vector in self.vectors.items():
             self._committed[name].copy(vector)
+        for name, (_, values) in self.cells.items():
+            values[:] = self._committed_cells[name]
         system.time = self._time
         system.supplied_energy = self._supplied_energy
         system.losses = dict(self._losses)

@@ -160,7 +160,7 @@ def _tied(
     counts: Callable[[Port], bool],
     centre: Array,
 ) -> Array:
-    """This rank's share of what a constraint exerts on those of its ports that count: -De(q̄)ᵀλ."""
+    """This rank's share of what a constraint exerts on those of its ports that count: -De(q_mid)ᵀλ."""
     α = system.rule.alpha
     total = np.zeros((2, 3))
     own = [measure.ports[i] for i in evaluated_here(measure.ports)]

@@ -149,6 +149,7 @@ class System:
         self._tangents = roles.playing(roles.Tangents, compiled)
         self._tangent_forms = roles.playing(roles.TangentForms, compiled)
         self._step_observers = roles.playing(roles.StepObserver, compiled)
+        self._time_dependent = roles.playing(roles.TimeDependence, compiled)
         self._iterate_observers = roles.playing(roles.IterateObserver, compiled)
         self._state_observers = roles.playing(roles.StateObserver, compiled)
         self._checks = roles.playing(roles.StepCheck, compiled)
@@ -209,6 +210,7 @@ class System:
 
         Both are needed: histories and extrapolations follow from the last step.
         """
+        self._take_time()
         for q in (self.previous, self.q0):
             self.set_end(q)
             self._commit()
@@ -233,15 +235,22 @@ class System:
         self.restart()
 
     def reverse_step(self, start: Array, rates: Array, t: float, end: Array) -> None:
-        """Turn the present step round, of length h: it is to go from `start` at t to `end`, of length -h.
+        """Set the system to the present step run backwards in time, for gradients of a run.
 
-        Kinds with active sets retain the pairs (`roles.ExchangesEnds`); the others take the start as if
-        it had been accepted.
+        A step of length h from t - h to t becomes one of length -h from t to t - h.  Terms with active
+        sets retain their pairs (`roles.ExchangesEnds`); all others start as from an accepted state.
+
+        Args:
+            start: coordinates of this rank at time t [s], where the reversed step begins.
+            rates: velocities there.
+            t: time [s] of the start.
+            end: coordinates of this rank where the reversed step ends.
         """
         self.time = t
         self.v0.array[:] = rates
         self.q0.array[:] = start
         self.h = -self.h
+        self._take_time()
         self.set_end(self.q0)
         for field in self.fields.values():
             field.q0.x.array[:] = field.q1.x.array
@@ -488,8 +497,14 @@ class System:
         self.v0.array[:] = v
         self.q0.array[:] = q
         self.q0.copy(self.previous)
+        self._take_time()
         self.set_end(self.q0)
         self._commit()
+
+    def _take_time(self) -> None:
+        """Terms that depend on time take that of the accepted state."""
+        for kind in self._time_dependent:
+            kind.take_time(self.time)
 
     def _commit(self) -> None:
         """q1 and its strains are the start of the next step."""

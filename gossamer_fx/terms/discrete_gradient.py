@@ -1,21 +1,57 @@
-"""The rule that discretises energies in time.
+"""Stress rules: the stress of a time step, such that energy and momenta are conserved exactly.
 
-One step from q0 to q1 of length h, q̄ = (1-α) q0 + α q1, with a quadratic measure e(q):
+Problem.  A time step from q0 to q1 needs one force for the whole step.  With the midpoint rule, the
+force of the middle configuration, the work of the step differs from the change of the stored energy;
+in stiff films the difference adds up until the motion explodes.
 
-    residual   ∫ S̄·De(q̄)[w] dx,     S̄ = stress rule(e0, e1)
+Idea.  Strains e(q) are quadratic in the coordinates, so that with q_mid = (1 - α) q0 + α q1 and α = 1/2
 
-`PathAverage` (α = ½) takes S̄ = ∫₀¹ ψ'(e0 + s(e1 - e0)) ds.  Then S̄·(e1 - e0) = ψ(e1) - ψ(e0) and
-De(q̄)(q1 - q0) = e1 - e0, so energy is conserved; invariance of e conserves momentum and angular momentum.  The
-average of a convex ψ is the gradient of a convex function of e1: its tangent is symmetric and positive semi-definite,
-so a film that switches between taut, wrinkled and slack does not make Newton's iteration cycle.  The integral is exact
-where the law tells the pieces of the path between which its state switches, and taken with Gauss points elsewhere; what
-is missed, c = (Δψ - S̄·Δe)/(Δe·Δe), is added along Δe, and its derivative to the tangent.  Gauss points miss so much
-that the tangent gets indefinite: on fine meshes a slack film is so soft that the iteration then cycles.
+    De(q_mid)(q1 - q0) = e1 - e0,    e0 = e(q0), e1 = e(q1)                                      (1)
 
-`EndPoint` (α = 1) takes S̄ = ψ'(e1): statics, and steppers to compare with.
+holds exactly.  A stress S_mean with
 
-Measured on the free sheet of `demos/spinning_sheet.py` by `demos/studies/stress_rule.py`; its table is in
-`docs/theory/step.md`.
+    S_mean·(e1 - e0) = ψ(e1) - ψ(e0)                                                             (2)
+
+then makes the work of the step equal to the change of the energy ψ.  Strains do not change in rigid
+motions, so that the force has no resultant and no moment: momentum and angular momentum are conserved.
+
+Algorithm.
+
+1. The forces of a step are those of the residual
+
+       ∫ S_mean·De(q_mid)[w] dx                                                                  (3)
+
+2. `PathAverage` takes the stress averaged along the straight path in strain space,
+
+       S_mean = ∫₀¹ ψ'(e0 + s (e1 - e0)) ds,                                                     (4)
+
+   which satisfies (2) if the integral is exact.
+3. Where the law names the pieces of the path between which its state switches (`forms.strain_path`),
+   each piece is integrated in closed form.  Elsewhere Gauss points approximate (4).
+4. What the quadrature misses of (2) is added along Δe = e1 - e0 (Gonzalez's correction, `defect`):
+
+       S_mean + (ψ(e1) - ψ(e0) - S_mean·Δe)/|Δe|² Δe                                             (5)
+
+5. UFL takes the derivative of S_mean by e1, correction included, for the tangent.
+
+`EndPoint` has α = 1 and S_mean = ψ'(e1): for statics, and for steppers to compare with.
+
+Why the integral has to be exact.  The average (4) of a convex ψ is the gradient of a convex function of
+e1: its derivative is symmetric and positive semi-definite.  A film that switches between taut, wrinkled
+and slack then does not make Newton's iteration cycle.  With Gauss points (5) is so large that the
+derivative is indefinite; on fine meshes a slack film is so soft that the iteration cycles.
+
+Cost.  One evaluation of the stress of a piece for each piece of the path; a path that stays in one state
+has a cheaper expression (`cases`).
+
+Limits.  A law that is not convex has an indefinite tangent.  The rule is for energies of quadratic
+measures: (1) does not hold for others.
+
+Measured on the free sheet of `demos/spinning_sheet.py` by `demos/studies/stress_rule.py`; its table is
+in `docs/theory/step.md`.  Sources: the path average, A. Harten, P. D. Lax & B. van Leer, SIAM Rev. 25
+(1983) 35, doi:10.1137/1025002; the correction, O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449,
+doi:10.1007/BF02440162; conservation by quadratic strains, J. C. Simo & N. Tarnow, Z. angew. Math. Phys.
+43 (1992) 757, doi:10.1007/BF00913408.
 """
 
 from __future__ import annotations
@@ -34,7 +70,8 @@ from gossamer_fx.forms.strain_path import Piece
 from gossamer_fx.forms.strain_path import gradient as gradient
 from gossamer_fx.materials.c_law import CLaw
 
-ROUND_OFF = 4 * np.finfo(float).eps  # of a difference of energies, over their sum
+# Round-off of a difference of energies, over their sum.
+ROUND_OFF = 4 * np.finfo(float).eps
 
 
 class PathEnergy(Protocol):
@@ -59,19 +96,19 @@ class StressRule(Protocol):
 
     @property
     def alpha(self) -> float:
-        """Weight of the end in the configuration q̄ at which forces act."""
+        """Weight of the end in the configuration q_mid at which forces act."""
         ...
 
     def stress(self, energy: PathEnergy, e0: Expr, e1: Expr) -> Expr:
-        """S̄, an expression of e0 and the UFL variable e1."""
+        """S_mean, an expression of e0 and the UFL variable e1."""
         ...
 
     def cases(self, energy: PathEnergy, e0: Expr, e1: Expr) -> list[tuple[Expr, Expr]]:
-        """Conditions under which S̄ costs less, and S̄ under each of them; the first that holds counts."""
+        """Conditions under which S_mean costs less, and S_mean under each of them; the first that holds counts."""
         return []
 
     def function_of(self, law: CLaw) -> int:
-        """Address of the C function for S̄ of a law that is written in C.
+        """Address of the C function for S_mean of a law that is written in C.
 
         Raises:
             InputError: the rule has none; it then works only with laws in UFL.
@@ -105,20 +142,22 @@ class PathAverage(StressRule):
         )
 
     def stress(self, energy: PathEnergy, e0: Expr, e1: Expr) -> Expr:
-        """Mean stress S_mean of the step from strain e0 to e1, with S_mean·(e1 - e0) = ψ(e1) -
-        ψ(e0).
-        """
-        ψ, Δe = energy.density, e1 - e0
+        """Mean stress S_mean of the step from strain e0 to e1, which satisfies (2)."""
+        ψ = energy.density
+        Δe = e1 - e0
+        # The average (4) of a linear stress is that in the middle: exact, without a correction.
         if energy.quadratic:
             return gradient(ψ, (e0 + e1) / 2)
         S = ufl.zero(Δe.ufl_shape)
-        # where the pieces meet they have the same stress, so that the points need not be derived
+        # Step 3.  Where two pieces meet they have the same stress: the derivative of a point at which the
+        # integral is divided cancels, and need not be taken.
         pieces = energy.pieces(e0, e1.expression()) if energy.pieces else []
         for piece in pieces:
             S += (piece.end - piece.start) * piece.stress(
                 e0 + piece.start * Δe, e0 + piece.end * Δe
             )
         if not pieces:
+            # Gauss points are on [-1, 1] with weights that add up to 2; the path is on [0, 1].
             for p, w in zip(*np.polynomial.legendre.leggauss(self.points), strict=True):
                 S += float(w) / 2 * gradient(ψ, e0 + float(1 + p) / 2 * Δe)
         return S + defect(ψ, S, e0, e1)
@@ -132,16 +171,17 @@ class PathAverage(StressRule):
             return []
         pieces = energy.pieces(e0, e1.expression())
         if len(pieces) <= 1:
-            return []  # one expression serves every path
+            # One expression serves every path.
+            return []
         lengths: dict[Callable[[Expr, Expr], Expr], list[Expr]] = {}
         for piece in pieces:
             lengths.setdefault(piece.stress, []).append(piece.end - piece.start)
         found = []
         for stress, parts in lengths.items():
+            # Pieces of one state that fill the path: the average needs no division of it.
+            fills_path = ufl.ge(sum(parts[1:], parts[0]), 1.0)
             S = stress(e0, e1)
-            found.append(
-                (ufl.ge(sum(parts[1:], parts[0]), 1.0), S + defect(energy.density, S, e0, e1))
-            )
+            found.append((fills_path, S + defect(energy.density, S, e0, e1)))
         return found
 
 
@@ -189,16 +229,18 @@ def defect(
     e0: Expr,
     e1: Expr,
 ) -> Expr:
-    """Gonzalez correction of the stress S along Δe: ((Δψ - S·Δe)/|Δe|²) Δe.
+    """Gonzalez correction (5) of the stress S along Δe: ((Δψ - S·Δe)/|Δe|²) Δe.
 
     There is no correction within the round-off of the energies, or for |Δe| < 1e-5 |e|: it would only
     amplify noise, and keep a film that is taut all the way (where nothing is missing) from converging.
     """
     Δe = e1 - e0
+    # 1e-40 stands for a film at rest, both of whose strains are zero.
     smallest = ufl.max_value(1e-10 * (ufl.dot(e0, e0) + ufl.dot(e1, e1)), 1e-40)
     ψ0 = ψ(e0)
     ψ1 = ψ(e1)
     missing = ψ1 - ψ0 - ufl.dot(S, Δe)
+    # What is within round-off is cut off, not rounded: the correction stays continuous.
     noise = ROUND_OFF * (ψ0 + ψ1)
     missing -= ufl.max_value(ufl.min_value(missing, noise), -noise)
     components = [Δe[i] for i in range(Δe.ufl_shape[0])]

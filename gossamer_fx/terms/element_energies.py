@@ -29,6 +29,13 @@ strain that has the stress σ:
     (D + k I)(ê - e_lin) = σ - S(e_lin),    |ê - e_lin| <= |e_lin - ê_before|                       (5)
 
 with k a fraction of the largest stiffness.  Stiff points then follow the strain and soft points the stress.
+
+Cost.  The law is evaluated once at each point and iteration, as without this method.  ê, S and D are stored:
+15 numbers at each quadrature point of a film.  (5) is one linear system of the size of the strain at each
+point that asks for it.
+
+Limits.  The measure e has to be quadratic, so that step 3 is exact.  The choice of strains changes the way to
+the solution, not the solution: at its end ê = e(q1) to the tolerance of the iteration.
 """
 
 from __future__ import annotations
@@ -62,7 +69,9 @@ from gossamer_fx.model.roles import (
     StateObserver,
     StepObserver,
     StoredEnergies,
+    Supply,
     TangentForms,
+    TimeDependence,
 )
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.coordinates import Coordinates
@@ -70,6 +79,7 @@ from gossamer_fx.terms.discrete_gradient import StressRule
 
 if TYPE_CHECKING:
     from gossamer_fx.terms.law_kernel.point_law import PointLaw
+    from gossamer_fx.terms.thermal_strain import ThermalStrain
 
 # Weight α of the midpoint rules, the only ones for which strains are chosen.
 MIDPOINT = 0.5
@@ -80,10 +90,12 @@ class ElementEnergies(
     StepObserver,
     IterateObserver,
     StateObserver,
+    TimeDependence,
     Forces,
     TangentForms,
     StoredEnergies,
     Dissipation,
+    Supply,
     ResidualForms,
     GradientLimits,
     Reversible,
@@ -106,7 +118,12 @@ class ElementEnergies(
     def begin_step(self, t: float) -> None:
         for force in self.elements:
             self._system.fields[force.term.body].h.value = self._system.h
-            force.begin_step()
+            force.begin_step(self._system.time + self._system.h)
+
+    def take_time(self, t: float) -> None:
+        for force in self.elements:
+            if force.thermal is not None:
+                force.thermal.set_end(t)
 
     def update(self, linearly: bool) -> None:
         for force in self.elements:
@@ -131,6 +148,10 @@ class ElementEnergies(
 
     def dissipated(self) -> Array:
         return np.array([force.dissipated() for force in self._dissipating])
+
+    def supplied(self) -> float:
+        """Work [J] of heat on thermal strains in the step, this rank's share."""
+        return sum(force.heat() for force in self.elements)
 
     def commit(self) -> None:
         for force in self.elements:
@@ -164,8 +185,8 @@ class StoredEnergy:
     """Stored energy ∫ψ(e(q)) dx: `measure` is quadratic in q, `density` ψ is a function of the strain alone.
 
     `pieces` cuts the path between two strains where ψ is not smooth; `pulling` is the part of a stress of which the
-    geometric stiffness is positive; `c_law` computes stresses in place of derivatives of `density`; `parameters`
-    are coefficients of the density.
+    geometric stiffness is positive; `c_law` computes stresses in place of derivatives of `density`; `thermal` is
+    subtracted from the measure; `parameters` are coefficients of the density and of the thermal strain.
     """
 
     name: str
@@ -177,6 +198,7 @@ class StoredEnergy:
     pieces: Callable[[Expr, Expr], list[Piece]] | None = None
     pulling: Callable[[Expr], Expr] | None = None
     c_law: CLaw | None = None
+    thermal: ThermalStrain | None = None
     parameters: tuple[Parameter, ...] = ()
     compiler: ClassVar[Compiler] = ElementEnergies
 
@@ -191,6 +213,7 @@ class ViscousDissipation:
     density: Callable[[Expr], Expr]
     dx: ufl.Measure
     parameters: tuple[Parameter, ...] = ()
+    thermal: ClassVar[None] = None
     compiler: ClassVar[Compiler] = ElementEnergies
 
 
@@ -204,6 +227,7 @@ class ElementForces:
 
     Attributes:
         residual, tangent: the compiled forms 1 and 2 of the module.
+        thermal: thermal strain that is subtracted from the measure of the term; None without expansion.
     """
 
     def __init__(
@@ -212,7 +236,8 @@ class ElementForces:
         self.term = term
         self._at = at
         self._rule = rule
-        e = term.measure(at.q1)
+        self.thermal: ThermalStrain | None = term.thermal
+        e = self._strain_at_end()
         self._size = m = e.ufl_shape[0]
         mesh = at.q1.function_space.mesh
         self._metadata = term.dx.metadata()
@@ -245,6 +270,13 @@ class ElementForces:
         self._true_strain = compile_expression(e, self._points)
         self._linearised_strain = compile_expression(e - second_variation / 2, self._points)
         self._compile_forms(e, S, D, at, rule)
+
+    def _strain_at_end(self) -> Expr:
+        """The measure of the term at q1, less the thermal strain."""
+        e = self.term.measure(self._at.q1)
+        if self.thermal is not None:
+            e -= self.thermal.end
+        return e
 
     def _at_points(self, mesh: Any, *shape: int) -> fem.Function:
         """A function with values of a shape at each quadrature point."""
@@ -291,6 +323,9 @@ class ElementForces:
         second_variation = ufl.derivative(first_variation, at.q1, at.dq)
         stress = S + ufl.dot(D, e - self._strain_variable)
         self.residual = compile_form(ufl.dot(stress, at_middle) * term.dx)
+        if self.thermal is not None:
+            expansion = self.thermal.end - self.thermal.start
+            self._work_of_expansion = compile_form(ufl.dot(stress, expansion) * term.dx)
         stress_in_tangent = at.γ * S
         if isinstance(term, StoredEnergy) and term.pulling is not None and rule.alpha == 1.0:
             stress_in_tangent += (1 - at.γ) * term.pulling(S)
@@ -300,8 +335,10 @@ class ElementForces:
 
     # ---- the course of a step --------------------------------------------------------------------------
 
-    def begin_step(self) -> None:
-        """Start a step: nothing is known of its stress yet."""
+    def begin_step(self, end: float) -> None:
+        """Start a step that ends at the time `end` [s]: nothing is known of its stress yet."""
+        if self.thermal is not None:
+            self.thermal.set_end(end)
         if self._law is not None:
             self._law.begin_step()
 
@@ -309,6 +346,8 @@ class ElementForces:
         """End a step: the strain of its end is that of the next one's start."""
         self._strain_before[:] = self._e0.x.array
         self._e0.x.array[:] = self._strain_variable.x.array
+        if self.thermal is not None:
+            self.thermal.commit()
 
     def linearise(self) -> None:
         """Take ê from the strain at the last iterate and its linear change, then the response."""
@@ -353,6 +392,12 @@ class ElementForces:
         """Energy [J] dissipated in the step, this rank's share; asked before `commit`."""
         return float(fem.assemble_scalar(self._work))
 
+    def heat(self) -> float:
+        """Energy [J] that heat supplies in the step, -∫ S_mean·Δe_th dx; this rank's share."""
+        if self.thermal is None:
+            return 0.0
+        return -float(fem.assemble_scalar(self._work_of_expansion))
+
     # ---- sensitivities ---------------------------------------------------------------------------------
 
     def residual_form(self, w: Expr) -> ufl.Form:
@@ -364,7 +409,9 @@ class ElementForces:
         at = self._at
         term = self.term
         e0 = term.measure(at.q0)
-        e1 = ufl.variable(term.measure(at.q1))
+        if self.thermal is not None:
+            e0 -= self.thermal.start
+        e1 = ufl.variable(self._strain_at_end())
         if isinstance(term, StoredEnergy):
             S_mean = self._rule.stress(term, e0, e1)
         else:
@@ -375,13 +422,21 @@ class ElementForces:
 
     def energy_form(self) -> ufl.Form:
         """The stored energy at q1."""
-        return self.term.density(self.term.measure(self._at.q1)) * self.term.dx
+        return self.term.density(self._strain_at_end()) * self.term.dx
 
     @property
     def strain(self) -> Array:
         """Strains at the quadrature points, owned and ghost, flattened."""
         array: Array = self._strain_variable.x.array
         return array
+
+
+def thermal_strain_of(system: Assembly, body: Body) -> ThermalStrain | None:
+    """The thermal strain of a body in a compiled scene; None without thermal expansion."""
+    for term in system.terms:
+        if isinstance(term, StoredEnergy) and term.body is body and term.thermal is not None:
+            return term.thermal
+    return None
 
 
 def _vector_of(at: Coordinates) -> la.Vector:

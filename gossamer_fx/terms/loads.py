@@ -1,4 +1,4 @@
-"""Loads on mesh bodies: their force at q̄ and their work over a step."""
+"""Loads on mesh bodies: their force at q_mid and their work over a step."""
 
 from __future__ import annotations
 
@@ -75,6 +75,7 @@ class Loads(
         return found
 
     def energy_forms(self, body: Body) -> list[ufl.Form]:
+        # A load stores nothing: its work is supplied.
         return []
 
     def parameters_changed(self) -> None:
@@ -97,17 +98,22 @@ class Loads(
         """Force [N] and moment about the origin [N m] (2, 3) of each load in the last step, by
         name.
         """
-        system, found = self._system, dict[str, Array]()
+        system = self._system
+        found = dict[str, Array]()
         α = system.rule.alpha
         for load in self._loads:
             body = load.term.body
             owned = system.block(body).owned
-            q = ((1 - α) * system.previous.array_r[owned] + α * system.q0.array_r[owned]).reshape(
-                -1, 3
-            )
+            # The step is committed: its start is `previous`, its end is q0.
+            start = system.previous.array_r[owned]
+            end = system.q0.array_r[owned]
+            q = ((1 - α) * start + α * end).reshape(-1, 3)
             f = load.force.array[: owned.stop - owned.start].reshape(-1, 3)
-            total = np.array([f[:: body.block.size // 3].sum(axis=0), np.cross(q, f).sum(axis=0)])
-            found[load.term.name] = found.get(load.term.name, 0.0) + total
+            # Of the vectors of a node the first is its position; directors have a moment only.
+            vectors_per_node = body.block.size // 3
+            force = f[::vectors_per_node].sum(axis=0)
+            moment = np.cross(q, f).sum(axis=0)
+            found[load.term.name] = found.get(load.term.name, 0.0) + np.array([force, moment])
         return found
 
 
@@ -121,7 +127,8 @@ class Load:
     name: str
     body: MeshBody
     work: Callable[[Expr, Expr], ufl.Form]
-    follows: bool = False  # whether the work form depends on the configuration q
+    # Whether the work form depends on the configuration q: then it has a tangent.
+    follows: bool = False
     at: Callable[[float], None] | None = None
     parameters: tuple[Parameter, ...] = ()
     compiler: ClassVar[Compiler] = Loads
@@ -146,7 +153,7 @@ def rate_of(at: Coordinates) -> Expr:
 
 
 def at_rate(term: RateWork, at: Coordinates) -> Load:
-    """It as a load on these coordinates, whose h is to be set before each step."""
+    """The term as a load on these coordinates, whose step h [s] is to be set before each step."""
 
     def work(q: Expr, w: Expr) -> ufl.Form:
         return term.work(q, rate_of(at), w)
@@ -158,12 +165,17 @@ class LoadForces:
     """A load, compiled."""
 
     def __init__(self, term: Load, at: Coordinates) -> None:
-        self.term, self._at = term, at
+        self.term = term
+        self._at = at
         δW = term.work(at.mid, at.w)
         self.form = compile_form(δW)
-        self.tangent = compile_form(-ufl.derivative(δW, at.q1, at.dq)) if term.follows else None
+        # Compiling a zero derivative would take a kernel, and assembling it time.
+        self.tangent = None
+        if term.follows:
+            self.tangent = compile_form(-ufl.derivative(δW, at.q1, at.dq))
         dofmap = at.q0.function_space.dofmap
         self.force = la.vector(dofmap.index_map, dofmap.index_map_bs)
+        # A dead load is assembled once in a run.
         self._changes = term.follows or term.at is not None
         self._assembled = False
 
@@ -182,18 +194,20 @@ class LoadForces:
     def path_average(self) -> Array:
         """The force whose product with Δq is the work of the step, owned and ghost.
 
-        The midpoint rule does its work with the force at q̄.  Of a force at the end of the step, the work along the
+        The midpoint rule does its work with the force at q_mid.  Of a force at the end of the step, the work along the
         straight path is taken, by Simpson's rule: exact for forces that are at most cubic in q, such as pressure.
         """
         end: Array = self.force.array.copy()
         α = self._at.α
         if not self.term.follows or α.value != 1:
             return end
+        # α is a constant of the form: the same kernel gives the force anywhere on the path.
         average = end / 6
-        for weight, place in ((1 / 6, 0.0), (4 / 6, 0.5)):
-            α.value = place
+        for weight, position in ((1 / 6, 0.0), (4 / 6, 0.5)):
+            α.value = position
             self.assemble()
             average += weight * self.force.array
+        # Others read the force and α of the end of the step.
         α.value = 1.0
         self.force.array[:] = end
         return average

@@ -99,6 +99,7 @@ class PointConstraints(
         return blocks
 
     def __init__(self, terms: Sequence[PointConstraint], system: Assembly) -> None:
+        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
         numbering = system.numbering
         self._system = system
         self._comm = system.comm

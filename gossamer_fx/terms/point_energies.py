@@ -38,7 +38,8 @@ from gossamer_fx.model.roles import (
 )
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
-# Complex steps do not cancel, so that the step is so small that its square is round-off of any number.
+# Size of complex steps.  They do not cancel, so that the step may be so small that its square is
+# below the round-off of any number.
 COMPLEX_STEP = 1e-30
 
 
@@ -117,6 +118,7 @@ class Stencil:
         slope = self.at.slope(self._middle(Y, on), on)
         forces_on_vectors = S[on][:, None] @ slope
         forces = self.at.forces(forces_on_vectors, on)[:, 0]
+        # All rows have stress: nothing is to be scattered.
         if isinstance(on, slice):
             return forces
         found = np.zeros_like(q1)
@@ -151,6 +153,8 @@ class Stencil:
         on = _all_or_some(S.any(axis=1) | dS.any(axis=(1, 2)))
         slope_mid = self.at.slope(self._middle(Y, on), on)
         slope_end = self.at.slope(Y[on], on)
+        # The derivative of S·De(q_mid): S depends on the end, De on the middle.  Not symmetric where
+        # the two slopes differ.
         material = slope_mid.transpose(0, 2, 1) @ (dS[on] @ slope_end)
         geometric = self._α * self.at.geometric(S[on], on)
         return material + geometric, on
@@ -194,6 +198,7 @@ class Stencil:
         Y, e1, _ = self._end(q1)
         density = self.density
         self.density = self._varied(key, 1j * COMPLEX_STEP)
+        # The stencil is whole again even if the density refuses a complex number.
         try:
             S, _ = self._average(e1)
         finally:
@@ -252,8 +257,10 @@ class PointEnergies(
     def __init__(
         self, terms: Sequence[PointStoredEnergy | PointDissipation], system: Assembly
     ) -> None:
+        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
         self._system = system
         self._names = [term.name for term in terms if isinstance(term, PointStoredEnergy)]
+        # Terms of one kind become arrays: a thousand ropes cost little more than one.
         groups: dict[Any, list[PointStoredEnergy | PointDissipation]] = {}
         for term in terms:
             groups.setdefault(_kind(term), []).append(term)

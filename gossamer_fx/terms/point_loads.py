@@ -73,13 +73,17 @@ class PointLoads(
     IndependentOfShape,
     CompiledTerms["PointLoad"],
 ):
-    """All `PointLoad` terms of a scene: force f(X̄) on attached vectors X = P q + o, work f·(X1 - X0)."""
+    """All `PointLoad` terms of a scene: force f(X_mid) on attached vectors X = P q + o, work f·(X1 - X0)."""
 
     def __init__(self, terms: Sequence[PointLoad], system: Assembly) -> None:
-        self._system, self._terms, self._laws = system, terms, [term.law for term in terms]
+        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
+        self._system = system
+        self._terms = terms
+        self._laws = [term.law for term in terms]
         attached = [attach(system.numbering, system.bodies, term.ports) for term in terms]
         self._indices = [indices for indices, _, _ in attached]
         self._maps = [(P, o) for _, P, o in attached]
+        # Every rank asks the laws, which may be functions of users; one rank adds the force.
         self._mine = [is_evaluated_here(term.ports) for term in terms]
         self._X0 = [o for _, o in self._maps]
         self._gather = Gather(system.numbering, self._indices)
@@ -117,6 +121,7 @@ class PointLoads(
         for k, X in enumerate(self._middle()):
             if self._mine[k]:
                 P, _ = self._maps[k]
+                # The force acts at (1 - α) X0 + α X1, of which the derivative by X1 is α.
                 K = -self._system.rule.alpha * P.T @ self._laws[k].tangent(X) @ P
                 indices = self._indices[k]
                 A.setValues(indices, indices, K, addv=PETSc.InsertMode.ADD_VALUES)
@@ -128,6 +133,7 @@ class PointLoads(
 
     def set_number(self, term: PointLoad, key: str, value: Array) -> None:
         k = self._terms.index(term)
+        # Laws are values that scenes share: a changed number needs another law.
         self._laws[k] = replace(cast(Any, self._laws[k]), **{key: np.array(value, dtype=float)})
 
     def work_by_number(self, term: PointLoad, key: str, w: PETSc.Vec) -> Array:
@@ -165,8 +171,10 @@ class PointLoads(
         found: dict[str, Array] = {}
         for k, X in enumerate(self._middle()):
             if self._mine[k]:
-                term, r = self._terms[k], X.reshape(-1, 3)
+                term = self._terms[k]
+                r = X.reshape(-1, 3)
                 f = self._laws[k].force(X).reshape(-1, 3)
+                # A force on a director is a couple: it has a moment, but pushes no point.
                 pushed = np.array([translation_weight(port) for port in term.ports])
                 total = np.array([pushed @ f, np.cross(r, f).sum(axis=0)])
                 found[term.name] = found.get(term.name, 0.0) + total

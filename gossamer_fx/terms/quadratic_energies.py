@@ -23,14 +23,17 @@ class QuadraticEnergies(
     """All `QuadraticEnergy` terms of a scene: a constant matrix, and nothing in an iteration."""
 
     def __init__(self, terms: Sequence[QuadraticEnergy], system: Assembly) -> None:
+        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
         self._system = system
         self._terms = terms
-        self._stiffness, self._energies = [], []
+        self._stiffness = []
+        self._energies = []
         for term in terms:
             at = system.fields[term.body]
             self._stiffness.append((term.body, compile_form(term.form(at.dq, at.w))))
             self._energies.append((term.name, compile_form(term.form(at.q0, at.q0))))
 
+    # The matrix is assembled once; the system multiplies it with the coordinates for the forces.
     def add_stiffness(self, K: PETSc.Mat) -> None:
         for body, form in self._stiffness:
             self._system.block(body).assemble(K, [form])
@@ -54,6 +57,7 @@ class QuadraticEnergies(
 
     def energies(self) -> dict[str, float]:
         """This rank's share of the stored energy [J] at the start of the step, by name."""
+        # Several terms may have one name, e.g. the bending of a plate and that of its clamped edge.
         found: dict[str, float] = {}
         for name, form in self._energies:
             found[name] = found.get(name, 0.0) + float(fem.assemble_scalar(form)) / 2
@@ -64,7 +68,8 @@ class QuadraticEnergies(
 class QuadraticEnergy:
     """Stored energy ½ a(q, q) of a constant symmetric bilinear form a(q, w), which may hold interior facets.
 
-    The force at q̄ is linear, so energy is conserved; momenta are, if a(q, q) is the same for all rigid motions of q.
+    The force at q_mid is linear, so that energy is conserved.  Momenta are conserved if a(q, q) is the same
+    for all rigid motions of q.
     """
 
     name: str

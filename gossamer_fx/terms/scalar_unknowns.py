@@ -103,6 +103,63 @@ class ScalarUnknowns(Protocol):
         ...
 
 
+class ScalarsAdjoint(Protocol):
+    """Derivatives of scalar unknowns, for gradients of runs; see `gas.adjoint` for the equations.
+
+    Parameters are named by the item of the scene and by what the item calls them.
+
+    Attributes:
+        units: unit of each parameter, by (id of the item, name).
+        sums: derivatives of the result by the parameters, so far.
+    """
+
+    units: dict[tuple[int, str], str]
+    sums: dict[tuple[int, str], float]
+
+    def start(self) -> None:
+        """Begin new sums."""
+        ...
+
+    def value(self, item: Any, name: str) -> float:
+        """The present value of a parameter."""
+        ...
+
+    def names_of(self, item: object) -> list[str]:
+        """Names of the parameters of an item."""
+        ...
+
+    def linearise(self, h: float) -> None:
+        """Take the derivatives of the residual at the solved step of length h [s]."""
+        ...
+
+    def take(self, ν: Array, μ: Array) -> Array:
+        """Sum up parameters; the derivatives (size,) of the result by the scalars at the start of the step."""
+        ...
+
+    def carry(self, by_position: Array, by_velocity: Array) -> None:
+        """Add what the geometry at the start of the step gives, in the reversed step."""
+        ...
+
+    def add_energy_derivative(self, share: float) -> None:
+        """Add a share of the derivative of the stored energy by parameters, at given scalars."""
+        ...
+
+    def finish(self, by_start: Array, by_position: Array) -> None:
+        """Add what the initial state of the run gives."""
+        ...
+
+
+@runtime_checkable
+class DifferentiableScalars(Protocol):
+    """Scalar unknowns of which gradients are known."""
+
+    size: int
+
+    def adjoint(self) -> ScalarsAdjoint:
+        """Their derivatives."""
+        ...
+
+
 @runtime_checkable
 class ChangesWithVolume(Protocol):
     """Scalar unknowns that are gas: at rest a process is chosen, and vibrations have its stiffness."""

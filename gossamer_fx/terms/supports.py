@@ -26,11 +26,13 @@ class Supports(CompiledTerms["Support"]):
     """
 
     def __init__(self, terms: Sequence[Support], system: Assembly) -> None:
+        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
         self._numbering = system.numbering
         found = [np.zeros(0, dtype=np.int64)]
         self._moved: list[tuple[npt.NDArray[np.int64], Motion]] = []
         for term in terms:
             owned = system.block(term.body).owned
+            # A ghost coordinate is fixed by its owner.
             mine = term.dofs < owned.stop - owned.start
             at = term.dofs[mine].astype(np.int64) + owned.start
             found.append(at)
@@ -42,6 +44,7 @@ class Supports(CompiledTerms["Support"]):
 
     def _refuse_contradictions(self, terms: Sequence[Support], system: Assembly) -> None:
         """Raise `InputError` if two terms would have different values for one coordinate."""
+        # Two that fix a coordinate at its initial value agree; one that moves it agrees with none.
         moved = [term for term in terms if term.motion is not None]
         for mover in moved:
             for other in terms:
@@ -57,6 +60,7 @@ class Supports(CompiledTerms["Support"]):
     def hold(self, positions: npt.NDArray[np.integer]) -> None:
         """Hold these positions, too; on all ranks together."""
         self.held = np.union1d(self.held, positions)
+        # Asked once, as `clear` is called in each iteration.
         self._any = self._numbering.comm.allreduce(len(self.held)) > 0
         self.reactions: Array = np.zeros(len(self.held))
 

@@ -23,7 +23,8 @@ def angular_frequencies(scene: gx.Scene, direction: int | None = None) -> np.nda
     system: System = scene.compile(gx.steppers.EndPoint())
     system.set_inertia(0.0)
     system.begin_step(1.0)
-    K, M = dense(system.tangent()), dense(system.M)
+    K = dense(system.tangent())
+    M = dense(system.M)
     free = np.setdiff1d(np.arange(len(K)), system.supports.held)
     coordinates = free
     Z = np.eye(len(K))
@@ -32,7 +33,8 @@ def angular_frequencies(scene: gx.Scene, direction: int | None = None) -> np.nda
         coordinates = free[free < owned.start]
         multipliers = free[free >= owned.start]
         Z = null_space(K[np.ix_(multipliers, coordinates)])
-        K, M = K[np.ix_(coordinates, coordinates)], M[np.ix_(coordinates, coordinates)]
+        K = K[np.ix_(coordinates, coordinates)]
+        M = M[np.ix_(coordinates, coordinates)]
         return roots(Z.T @ K @ Z, Z.T @ M @ Z)
     if direction is not None:
         coordinates = coordinates[coordinates % 3 == direction]
@@ -41,4 +43,9 @@ def angular_frequencies(scene: gx.Scene, direction: int | None = None) -> np.nda
 
 def roots(K: np.ndarray, M: np.ndarray) -> np.ndarray:
     """√ of the eigenvalues of the pencil; negative ones (round-off of rigid motions) count as zero."""
-    return np.sqrt(np.maximum(eigh((K + K.T) / 2, (M + M.T) / 2, eigvals_only=True), 0.0))
+    return np.sqrt(
+        np.maximum(
+            eigh((K + K.T) / 2, (M + M.T) / 2, eigvals_only=True),
+            0.0,
+        )
+    )

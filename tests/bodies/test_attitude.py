@@ -21,7 +21,11 @@ def controlled(
     """A rigid body whose angle about z is controlled to `target` [rad]; inertia [kg m²], period [s]."""
     body = gx.RigidBody(1.0, np.full(3, inertia))
     control = gx.control.AttitudeControl(
-        body.frame(), (0, 0, target), stiffness=kp, damping=kd, period=period
+        body.frame(),
+        (0, 0, target),
+        stiffness=kp,
+        damping=kd,
+        period=period,
     )
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     return gx.Simulation(gx.Scene(body, control), stepper)
@@ -48,17 +52,30 @@ RESPONSES = [
 @pytest.mark.parametrize(("gains", "degrees"), RESPONSES)
 def test_step_response(gains: tuple[float, float, float], degrees: tuple[float, ...]) -> None:
     """I θ'' = -K_p (θ - θ_c) - K_d θ' from rest, θ_c = 8°; the ledger closes with the control's work as supplied."""
-    run = controlled(*gains, target=np.radians(8.0), period=0.0, dt=0.05)
+    run = controlled(
+        *gains,
+        target=np.radians(8.0),
+        period=0.0,
+        dt=0.05,
+    )
     run.run(until=0.5)
     for t, exact in zip(TIMES, degrees, strict=True):
         run.run(until=t)
-        assert np.degrees(angle_and_rate(run)[0]) == pytest.approx(exact, rel=5e-3)
+        measured = np.degrees(angle_and_rate(run)[0])
+        assert measured == pytest.approx(exact, rel=5e-3)
         assert abs(run.energy_error) < 1e-9
 
 
 def test_torque_held_between_samples() -> None:
     """I = 1, K_p = 0.25, K_d = 0.5, θ_c = 1 rad, sampled every 0.1 s."""
-    run = controlled(1.0, 0.25, 0.5, target=1.0, period=0.1, dt=0.02)
+    run = controlled(
+        1.0,
+        0.25,
+        0.5,
+        target=1.0,
+        period=0.1,
+        dt=0.02,
+    )
     for t, exact in (
         (1.0, (0.1069307, 0.19332098)),
         (2.0, (0.34818193, 0.27242071)),
@@ -102,7 +119,8 @@ def test_patch_has_the_mean_gradient_of_the_triangles_around_its_centre() -> Non
         moved = np.array([x[i] - x[4], x[j] - x[4]])
         gradients.append(moved.T @ np.linalg.inv(edges[:, :2]).T)
     F = position_gradient(x[:4] - x[4], square[:4])
-    assert F[:, :2] == pytest.approx(np.mean(gradients, axis=0), abs=1e-12)
+    expected = np.mean(gradients, axis=0)
+    assert F[:, :2] == pytest.approx(expected, abs=1e-12)
 
 
 def test_axes_of_the_angles() -> None:
@@ -117,20 +135,30 @@ def test_axes_of_the_angles() -> None:
         step = ε * np.eye(3)[i]
         derivative = (R(angles + step) - R(angles - step)) / (2 * ε)
         W = derivative @ R(angles).T
-        assert np.array([W[2, 1], W[0, 2], W[1, 0]]) == pytest.approx(axis, abs=1e-9)
+        measured = np.array([W[2, 1], W[0, 2], W[1, 0]])
+        assert measured == pytest.approx(axis, abs=1e-9)
 
 
 def test_the_error_of_an_angle_is_the_short_way_round() -> None:
     """Target 170°, angle 181°, which is measured as -179°: the torque acts on an error of -11°, not 349°."""
     body = gx.RigidBody(1.0, (1.0, 1.0, 1.0))
     control = gx.control.AttitudeControl(
-        body.frame(), np.radians([170.0, 0.0, -175.0]), stiffness=2.0, damping=0.0
+        body.frame(),
+        np.radians([170.0, 0.0, -175.0]),
+        stiffness=2.0,
+        damping=0.0,
     )
     torques = control.law(np.radians([-179.0, 10.0, 179.0]), np.zeros(3))
-    assert torques == pytest.approx(2.0 * np.radians([-11.0, -10.0, 6.0]), rel=1e-12)
+    expected = 2.0 * np.radians([-11.0, -10.0, 6.0])
+    assert torques == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_point_has_no_attitude() -> None:
     mass = gx.PointMass(1.0, comm=MPI.COMM_WORLD)
     with pytest.raises(gx.InputError, match="frame is of the kind Port; give a Frame"):
-        gx.control.AttitudeControl(mass.port(), (0, 0, 0.1), stiffness=1.0, damping=1.0)
+        gx.control.AttitudeControl(
+            mass.port(),
+            (0, 0, 0.1),
+            stiffness=1.0,
+            damping=1.0,
+        )

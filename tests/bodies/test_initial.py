@@ -19,9 +19,19 @@ def dumbbell() -> tuple[gx.Beam, gx.RigidBody, gx.PointMass, list]:
     """A soft beam between a rigid body and a point mass."""
     beam = gx.Beam(
         line(COMM, [(-1, 0, 0), (1, 0, 0)], 4),
-        gx.sections.solid_circle(0.01, E=1e7, nu=0.3, density=1000.0),
+        gx.sections.solid_circle(
+            0.01,
+            E=1e7,
+            nu=0.3,
+            density=1000.0,
+        ),
     )
-    hub = gx.RigidBody(0.5, (0.01, 0.01, 0.01), position=(-1, 0, 0), name="hub")
+    hub = gx.RigidBody(
+        0.5,
+        (0.01, 0.01, 0.01),
+        position=(-1, 0, 0),
+        name="hub",
+    )
     tip = gx.PointMass(0.5, (1, 0, 0), name="tip")
     joints = [
         gx.constraints.FixedJoint(hub.frame(), beam.frame("start")),
@@ -34,7 +44,11 @@ def dumbbell() -> tuple[gx.Beam, gx.RigidBody, gx.PointMass, list]:
 def test_spin_of_a_whole_scene_has_the_momenta_of_a_rigid_body() -> None:
     """P = m (v + Ω × (c - c0)), L = P-moment + I Ω of beam, body and mass."""
     beam, hub, tip, joints = dumbbell()
-    motion = gx.RigidMotion(spin=SPIN, velocity=(1.0, 2.0, 3.0), centre=(0.0, 1.0, 0.0))
+    motion = gx.RigidMotion(
+        spin=SPIN,
+        velocity=(1.0, 2.0, 3.0),
+        centre=(0.0, 1.0, 0.0),
+    )
     run = gx.Simulation(gx.Scene(beam, hub, tip, *joints, motion), gx.Midpoint(dt=1e-3))
     mass = 1.0 + beam.section.line_density * 2
     velocity = np.array([1.0, 2.0, 3.0]) + np.cross(SPIN, (0, -1.0, 0))
@@ -42,7 +56,8 @@ def test_spin_of_a_whole_scene_has_the_momenta_of_a_rigid_body() -> None:
         2 * 0.5 + 0.01 + beam.section.line_density * 2**3 / 12 + 2 * 2 * beam.section.rotary2 / 2
     )
     assert run.first.momentum == pytest.approx(mass * velocity, rel=1e-12)
-    assert run.first.angular_momentum[2] == pytest.approx(inertia * 5.0, rel=1e-10)
+    measured = run.first.angular_momentum[2]
+    assert measured == pytest.approx(inertia * 5.0, rel=1e-10)
 
 
 def test_steady_spin_stays_steady() -> None:
@@ -75,19 +90,26 @@ def test_steady_spin_stays_steady() -> None:
 @pytest.mark.mpi
 def test_a_function_of_the_start_is_asked_once() -> None:
     """So that joints, which measure their length at the start, see the film that is moved: it may be a random one."""
-    random, asked = np.random.default_rng(3), []
+    random = np.random.default_rng(3)
+    asked = []
 
     def rough(x: np.ndarray) -> np.ndarray:
         asked.append(len(x))
         return 1e-3 * random.standard_normal(x.shape)
 
     film = gx.Membrane(
-        sheet(COMM, 4, 4), gx.Linear(1e9, 0.3, density=1e3, thickness=1e-4), displacement=rough
+        sheet(COMM, 4, 4),
+        gx.Linear(1e9, 0.3, density=1e3, thickness=1e-4),
+        displacement=rough,
     )
     places = [(x, 0.5, 0.0) for x in (0.25, 0.5, 0.75)]
     gx.Scene(
         *(
-            gx.constraints.Link(film.port_at(x), gx.Ground((0.0, 0.0, 1.0)), name=f"link {x}")
+            gx.constraints.Link(
+                film.port_at(x),
+                gx.Ground((0.0, 0.0, 1.0)),
+                name=f"link {x}",
+            )
             for x in places
         )
     ).compile()

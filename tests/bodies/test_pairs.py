@@ -42,15 +42,31 @@ def test_alone(name: str, numbers: tuple[float, ...]) -> None:
 @given(numbers=numbers)
 def test_pair_with_joint(first: str, second: str, kind: str, numbers: tuple[float, ...]) -> None:
     motion = Motion(numbers)
-    a, b = BODIES[first](motion, "first"), BODIES[second](motion, "second")
+    a = BODIES[first](motion, "first")
+    b = BODIES[second](motion, "second")
     conserves(gx.Scene(a, b, joint(kind, a, b), *spring(a, loose_mass())))
 
 
 DISTANCES = {
     "link": lambda p, q: gx.constraints.Link(p, q),
-    "spring": lambda p, q: gx.connectors.Spring(p, q, stiffness=200.0, length=0.3),
-    "rope": lambda p, q: gx.connectors.Rope(p, q, length=0.6, stiffness=500.0),
-    "stop": lambda p, q: gx.connectors.Stop(p, q, length=0.5, stiffness=500.0),
+    "spring": lambda p, q: gx.connectors.Spring(
+        p,
+        q,
+        stiffness=200.0,
+        length=0.3,
+    ),
+    "rope": lambda p, q: gx.connectors.Rope(
+        p,
+        q,
+        length=0.6,
+        stiffness=500.0,
+    ),
+    "stop": lambda p, q: gx.connectors.Stop(
+        p,
+        q,
+        length=0.5,
+        stiffness=500.0,
+    ),
 }
 
 
@@ -62,7 +78,12 @@ def test_pair_at_a_distance(name: str, kind: str, numbers: tuple[float, ...]) ->
     motion = Motion(numbers)
     item = BODIES[name](motion, name)
     place = np.array([0.3, 0.4, 0.2])
-    other = gx.PointMass(0.5, tuple(place), velocity=motion.at(place), name="other")
+    other = gx.PointMass(
+        0.5,
+        tuple(place),
+        velocity=motion.at(place),
+        name="other",
+    )
     conserves(
         gx.Scene(item, DISTANCES[kind](port(item), other.port()), *spring(item, loose_mass()))
     )
@@ -73,7 +94,8 @@ def scenes(draw: st.DrawFn) -> tuple[gx.Scene, bool, bool]:
     """Two joined bodies with anything that can act on them; whether the system is closed, and loses nothing."""
     first, second, kind = draw(st.sampled_from(JOINTED))
     motion = Motion(draw(numbers))
-    a, b = BODIES[first](motion, "first"), BODIES[second](motion, "second")
+    a = BODIES[first](motion, "first")
+    b = BODIES[second](motion, "second")
     chosen = draw(st.sets(st.sampled_from([*INTERNAL, *EXTERNAL]), min_size=1))
     loose = loose_mass()
     items = [joint(kind, a, b)]
@@ -109,7 +131,11 @@ def test_hinge_with_torsional_spring(axis: tuple[float, float, float], angle: fl
     motion = Motion((0.0, 0.0, 0.0, 1.0, 2.0, 0.5))
     a, b = (BODIES["body"](motion, name) for name in ("first", "second"))
     spiral = gx.connectors.TorsionSpring(
-        frame(a), frame(b), axis=axis, stiffness=2.0, rest_angle=angle
+        frame(a),
+        frame(b),
+        axis=axis,
+        stiffness=2.0,
+        rest_angle=angle,
     )
     conserves(
         gx.Scene(
@@ -130,7 +156,12 @@ def test_dampers_lose_what_is_booked() -> None:
         a,
         b,
         gx.constraints.RevoluteJoint(frame(a), frame(b), axis=AXIS),
-        gx.connectors.TorsionDamper(frame(a), frame(b), axis=AXIS, damping=0.5),
+        gx.connectors.TorsionDamper(
+            frame(a),
+            frame(b),
+            axis=AXIS,
+            damping=0.5,
+        ),
         gx.connectors.Damper(port(b), loose.port(), damping=0.5),
         *spring(a, loose),
     )
@@ -138,4 +169,5 @@ def test_dampers_lose_what_is_booked() -> None:
     run.run(until=1.0)
     assert run.totals.dissipated > 0.1
     assert abs(run.energy_error) < 1e-9
-    assert np.abs(run.totals.angular_momentum - run.first.angular_momentum).max() < 1e-10
+    error = np.abs(run.totals.angular_momentum - run.first.angular_momentum).max()
+    assert error < 1e-10

@@ -10,13 +10,20 @@ import pytest
 import gossamer_fx as gx
 from gossamer_fx.connectors.spring import RopeDamper
 
-K, C, MASS, L = 400.0, 1.0, 0.5, 1.0
+K = 400.0
+C = 1.0
+MASS = 0.5
+L = 1.0
 
 
 def scene(x, v, *more, damping=C):
     mass = gx.PointMass(MASS, (x, 0.0, 0.0), velocity=(v, 0.0, 0.0))
     rope = gx.connectors.Rope(
-        gx.Ground((0.0, 0.0, 0.0)), mass.port(), length=L, stiffness=K, damping=damping
+        gx.Ground((0.0, 0.0, 0.0)),
+        mass.port(),
+        length=L,
+        stiffness=K,
+        damping=damping,
     )
     return gx.Scene(mass, rope, *[make(mass) for make in more]), mass
 
@@ -34,28 +41,34 @@ def test_a_slack_rope_is_free_and_a_plain_damper_is_not():
     damped, mass = scene(
         0.2,
         0.5,
-        lambda m: gx.connectors.Damper(gx.Ground((0.0, 0.0, 0.0)), m.port(), damping=C),
+        lambda m: gx.connectors.Damper(
+            gx.Ground((0.0, 0.0, 0.0)),
+            m.port(),
+            damping=C,
+        ),
         damping=0.0,
     )
     run = gx.Simulation(damped, gx.Midpoint(dt=1e-2))
     run.run(until=0.5)
-    assert gx.probes.Velocity(mass.port(), "x")(run) < 0.3
+    measured = gx.probes.Velocity(mass.port(), "x")(run)
+    assert measured < 0.3
 
 
 @pytest.mark.mpi
 def test_a_taut_rope_decays_as_a_damped_oscillator():
     """Under a steady pull that keeps it taut: ẍ = -ω² x - 2ζω ẋ about the stretched length."""
-    pull, x0 = 40.0, 0.05
+    pull = 40.0
+    x0 = 0.05
     start = L + pull / K + x0
     made, mass = scene(start, 0.0, lambda m: gx.loads.Force(m.port(), (pull, 0.0, 0.0)))
     run = gx.Simulation(made, gx.Midpoint(dt=1e-3))
     run.run(until=0.1)
-    ω, δ = math.sqrt(K / MASS), C / (2 * MASS)
+    ω = math.sqrt(K / MASS)
+    δ = C / (2 * MASS)
     ωd = math.sqrt(ω**2 - δ**2)
     exact = x0 * math.exp(-δ * 0.1) * (math.cos(ωd * 0.1) + δ / ωd * math.sin(ωd * 0.1))
-    assert gx.probes.Position(mass.port(), "x")(run) - L - pull / K == pytest.approx(
-        exact, abs=2e-5
-    )
+    measured = gx.probes.Position(mass.port(), "x")(run) - L - pull / K
+    assert measured == pytest.approx(exact, abs=2e-5)
     assert abs(run.energy_error) < 1e-12
 
 
@@ -65,7 +78,8 @@ def test_a_bounce_on_a_rope_loses_energy_and_nothing_pushes(damping):
     """However strong the viscosity: the loss never falls, the ledger closes, the mass is never pushed outwards."""
     made, mass = scene(0.9, 2.0, damping=damping)
     run = gx.Simulation(made, gx.Midpoint(dt=2e-3))
-    speeds, losses = [], []
+    speeds = []
+    losses = []
     for k in range(1, 100):
         run.run(until=k * 2e-3)
         speeds.append(gx.probes.Velocity(mass.port(), "x")(run))
@@ -79,10 +93,14 @@ def test_the_tangent_of_a_damped_rope_is_the_derivative():
     rng = np.random.default_rng(1)
     damper = RopeDamper(3.0, 50.0, 1.0)
     l0, l1 = 1 + 0.2 * rng.standard_normal((2, 200, 1))
-    e0, e1, δ = l0**2 / 2, l1**2 / 2, 1e-6
+    e0 = l0**2 / 2
+    e1 = l1**2 / 2
+    δ = 1e-6
     S, D = damper.average(e0, e1, 0.1)
-    above, below = damper.average(e0, e1 + δ, 0.1)[0], damper.average(e0, e1 - δ, 0.1)[0]
+    above = damper.average(e0, e1 + δ, 0.1)[0]
+    below = damper.average(e0, e1 - δ, 0.1)[0]
     difference = (above - below) / (2 * δ)
     smooth = abs(l1 - 1) > 1e-4
-    assert D[:, 0][smooth] == pytest.approx(difference[smooth], rel=1e-4, abs=1e-3)
+    measured = D[:, 0][smooth]
+    assert measured == pytest.approx(difference[smooth], rel=1e-4, abs=1e-3)
     assert (S * (e1 - e0) >= 0).all()

@@ -12,27 +12,42 @@ from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
 
-LAW = gx.Linear(E=1e6, nu=0.3, density=1000.0, thickness=1e-3)
+LAW = gx.Linear(
+    E=1e6,
+    nu=0.3,
+    density=1000.0,
+    thickness=1e-3,
+)
 
 
 def strip(comm, name, n=2, *, angle=0.0, order=1, stretch=0.0):
     """A strip of 0.2 x 0.1 m that hangs on the y axis, turned about it."""
-    c, s = math.cos(angle), math.sin(angle)
+    c = math.cos(angle)
+    s = math.sin(angle)
 
     def moved(X):
         x = (1 + stretch) * X[0]
         return np.vstack([c * x, X[1], -s * x]) - X
 
     mesh = sheet(comm, 4, n, 0.2, 0.1)
-    return gx.Membrane(mesh, LAW, name=name, order=order, displacement=moved)
+    return gx.Membrane(
+        mesh,
+        LAW,
+        name=name,
+        order=order,
+        displacement=moved,
+    )
 
 
 def conserved(run, energy=1e-10, momentum=1e-10):
-    first, now = run.first, run.totals
+    first = run.first
+    now = run.totals
     assert abs(run.energy_error) < energy
     size = np.abs(first.angular_momentum).max() + 0.1 * np.abs(first.momentum).max()
-    assert np.abs(now.momentum - first.momentum).max() < momentum * 10 * size
-    assert np.abs(now.angular_momentum - first.angular_momentum).max() < momentum * size
+    error = np.abs(now.momentum - first.momentum).max()
+    assert error < momentum * 10 * size
+    error = np.abs(now.angular_momentum - first.angular_momentum).max()
+    assert error < momentum * size
 
 
 @pytest.mark.mpi
@@ -60,7 +75,16 @@ def test_two_halves_move_as_the_whole(comm, order: int) -> None:
     spin = gx.RigidMotion(spin=(0.0, 0.0, 3.0), centre=(0.2, 0.05, 0.0))
     one = gx.Simulation(gx.Scene(whole, spin), gx.Midpoint(dt=1e-3))
     two = gx.Simulation(
-        gx.Scene(*halves, gx.Tie(halves[0], halves[1], group_a="right", group_b="left"), spin),
+        gx.Scene(
+            *halves,
+            gx.Tie(
+                halves[0],
+                halves[1],
+                group_a="right",
+                group_b="left",
+            ),
+            spin,
+        ),
         gx.Midpoint(dt=1e-3),
     )
     for run in (one, two):
@@ -69,18 +93,31 @@ def test_two_halves_move_as_the_whole(comm, order: int) -> None:
     for group, half in (("top left", halves[0]), ("bottom right", halves[1])):
         for axis in "xyz":
             there = gx.probes.Position(half.port(group), axis)(two)
-            assert there == pytest.approx(
-                gx.probes.Position(whole.port(group), axis)(one), abs=1e-8
-            )
+            expected = gx.probes.Position(whole.port(group), axis)(one)
+            assert there == pytest.approx(expected, abs=1e-8)
 
 
 @pytest.mark.mpi
 def test_three_films_of_different_meshes_on_a_line(comm) -> None:
     films = [
-        strip(comm, f"film {k}", n, angle=2 * math.pi * k / 3, stretch=0.01)
+        strip(
+            comm,
+            f"film {k}",
+            n,
+            angle=2 * math.pi * k / 3,
+            stretch=0.01,
+        )
         for k, n in enumerate((2, 3, 4))
     ]
-    ties = [gx.Tie(film, films[0], group_a="left", group_b="left") for film in films[1:]]
+    ties = [
+        gx.Tie(
+            film,
+            films[0],
+            group_a="left",
+            group_b="left",
+        )
+        for film in films[1:]
+    ]
     run = gx.Simulation(
         gx.Scene(*films, *ties, gx.RigidMotion(spin=(1.0, 5.0, 2.0))), gx.Midpoint(dt=1e-3)
     )
@@ -113,9 +150,8 @@ def test_a_cable_along_an_edge_and_a_film_on_a_tube(comm) -> None:
     run.run(until=3e-3)
     conserved(run)
     end = [gx.probes.Position(cable.port("end"), axis)(run) for axis in "xyz"]
-    assert end == pytest.approx(
-        [gx.probes.Position(film.port("top left"), axis)(run) for axis in "xyz"], abs=1e-9
-    )
+    expected = [gx.probes.Position(film.port("top left"), axis)(run) for axis in "xyz"]
+    assert end == pytest.approx(expected, abs=1e-9)
 
     width = math.pi * 0.03 / 2
     tube = gx.Membrane(flat_tube(comm, 0.1, 0.03, 4), LAW, name="tube")
@@ -139,7 +175,12 @@ def test_a_cable_along_an_edge_and_a_film_on_a_tube(comm) -> None:
             "has dimension 2; name curves",
         ),
         (
-            lambda a, b: gx.Tie(gx.PointMass(1.0), group_a="left", b=b, group_b="left"),
+            lambda a, b: gx.Tie(
+                gx.PointMass(1.0),
+                group_a="left",
+                b=b,
+                group_b="left",
+            ),
             "a is|no film or cable",
         ),
         (

@@ -46,7 +46,8 @@ class Collisions(
 
     def __init__(self, terms: Sequence[CollidingSpheres], system: Assembly) -> None:
         [self.spheres] = terms
-        self._system, self._ports = system, self.spheres.ports
+        self._system = system
+        self._ports = self.spheres.ports
         self.found = 0  # most pairs of a step
         self.widened = 0
         self._take(frozenset())
@@ -60,8 +61,13 @@ class Collisions(
             self._system.bodies,
             [PointMeasure(places, like.H, like.L, like.c)],
         )
-        density = LengthSpring(self.spheres.stiffness, 2 * self.spheres.radius, side=-1)
-        self.pairs, self._stencil = pairs, Stencil(at, density, False, self._system.rule.alpha)
+        density = LengthSpring(
+            self.spheres.stiffness,
+            2 * self.spheres.radius,
+            side=-1,
+        )
+        self.pairs = pairs
+        self._stencil = Stencil(at, density, False, self._system.rule.alpha)
         self._gather = Gather(self._system.numbering, [at.indices])
         self.commit()
 
@@ -99,7 +105,11 @@ class Collisions(
     def add_forces(self, r: PETSc.Vec) -> None:
         [q] = self._gather(self._system.q1)
         rows = self._stencil.at.indices.ravel()
-        r.setValues(rows, self._stencil.force(q).ravel(), addv=PETSc.InsertMode.ADD_VALUES)
+        r.setValues(
+            rows,
+            self._stencil.force(q).ravel(),
+            addv=PETSc.InsertMode.ADD_VALUES,
+        )
         r.assemble()
 
     def coupling_matrices(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:

@@ -12,24 +12,44 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.meshes.tube_section import capped_cylinder
 
-FILM = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-6)
+FILM = gx.Miyazaki(
+    E=2.5e9,
+    nu=0.34,
+    density=1420.0,
+    thickness=25e-6,
+    residual_stiffness=1e-6,
+)
 NITROGEN = gx.IdealGas(gamma=1.4, R=296.8)
 
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_cylinder_without_caps_holds_the_volume_of_its_polygon(order):
-    radius, length, sides = 0.1, 0.5, 16
+    radius = 0.1
+    length = 0.5
+    sides = 16
     film = gx.Membrane(capped_cylinder(MPI.COMM_WORLD, radius, length, sides, 6), FILM, order=order)
     rims = tuple(gx.gas.Ring(film, name) for name in ("first rim", "last rim"))
     bag = gx.Chamber(
-        film, gas=NITROGEN, pressure=1e3, temperature=300.0, surface=("wall",), rings=rims
+        film,
+        gas=NITROGEN,
+        pressure=1e3,
+        temperature=300.0,
+        surface=("wall",),
+        rings=rims,
     )
-    outlet = gx.Orifice(bag, gx.gas.Ambient(), area=rims[1], discharge_coefficient=0.5)
+    outlet = gx.Orifice(
+        bag,
+        gx.gas.Ambient(),
+        area=rims[1],
+        discharge_coefficient=0.5,
+    )
     run = gx.Simulation(gx.Scene(film, bag, outlet), gx.Midpoint(dt=1e-5))
     polygon = sides / 2 * radius**2 * math.sin(2 * math.pi / sides)
-    assert pytest.approx(polygon * length, rel=1e-12) == run.chamber("chamber").volume
-    assert gx.probes.RingArea(rims[1])(run) == pytest.approx(polygon, rel=1e-12)
+    measured = pytest.approx(polygon * length, rel=1e-12)
+    assert measured == run.chamber("chamber").volume
+    measured = gx.probes.RingArea(rims[1])(run)
+    assert measured == pytest.approx(polygon, rel=1e-12)
     run.run(until=1e-5)
     choked = polygon / 2 * 1e3 / math.sqrt(296.8 * 300.0) * math.sqrt(1.4) * (2 / 2.4) ** 3
     assert run.totals.mass_supplied == pytest.approx(-choked * 1e-5, rel=0.02)
@@ -74,16 +94,18 @@ def compartments(order: int = 1, cells: int = 6, law=FILM):
 def test_two_compartments_conserve_everything_in_free_flight(order):
     run = compartments(order, cells=6 if order == 1 else 4)
     run.run(until=6e-3 if order == 1 else 3e-3)
-    first, now = run.first, run.totals
-    assert run.chamber("compartment 2").mass > 10 * 10.0 * 1e-6 / (
-        296.8 * 300.0
-    )  # gas has passed the ring
+    first = run.first
+    now = run.totals
+    measured = run.chamber("compartment 2").mass
+    limit = 10 * 10.0 * 1e-6 / (296.8 * 300.0)
+    assert measured > limit  # gas has passed the ring
     assert abs(run.energy_error) < 1e-9 and abs(run.mass_error) < 1e-13
-    assert np.abs(now.momentum - first.momentum).max() < 1e-10 * np.abs(first.momentum).max()
-    assert (
-        np.abs(now.angular_momentum - first.angular_momentum).max()
-        < 1e-9 * np.abs(first.angular_momentum).max()
-    )
+    error = np.abs(now.momentum - first.momentum).max()
+    limit = 1e-10 * np.abs(first.momentum).max()
+    assert error < limit
+    error = np.abs(now.angular_momentum - first.angular_momentum).max()
+    limit = 1e-9 * np.abs(first.angular_momentum).max()
+    assert error < limit
 
 
 @pytest.mark.mpi
@@ -102,7 +124,8 @@ def test_the_tangent_contains_the_share_of_the_rings(order, monkeypatch):
     )  # the gas would not have them
 
     def forces(step):
-        z, r = system.q0.copy(), system.q0.duplicate()
+        z = system.q0.copy()
+        r = system.q0.duplicate()
         z.array[:] += step * direction
         system.set_end(z)
         system.residual(y, r)
@@ -112,11 +135,13 @@ def test_the_tangent_contains_the_share_of_the_rings(order, monkeypatch):
     difference = forces(ε)
     difference.axpy(-1.0, forces(-ε))
     forces(0.0)
-    δ, product = system.q0.duplicate(), system.q0.duplicate()
+    δ = system.q0.duplicate()
+    product = system.q0.duplicate()
     δ.array[:] = direction
     system.tangent().mult(δ, product)
     product.axpy(-1 / (2 * ε), difference)
-    assert product.norm() < 1e-8 * difference.norm() / (2 * ε)
+    limit = 1e-8 * difference.norm() / (2 * ε)
+    assert product.norm() < limit
 
 
 def test_a_ring_is_walked_once_for_both_chambers_and_the_orifice(monkeypatch):

@@ -19,7 +19,12 @@ from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.outputs.output import Output
 from gossamer_fx.outputs.run_file import read_run_file
 
-LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
+LAW = gx.Miyazaki(
+    E=1e9,
+    nu=0.3,
+    density=1400.0,
+    thickness=1e-4,
+)
 SHEET = sheet(MPI.COMM_WORLD, 5, 5)
 
 
@@ -28,7 +33,12 @@ SHEET = sheet(MPI.COMM_WORLD, 5, 5)
     "order, n, dt, steps", [(1, 8, 1e-3, 60), (2, 4, 1e-3, 40), (1, 8, 4e-3, 30)]
 )
 def test_free_sheet(order: int, n: int, dt: float, steps: int) -> None:
-    drift = spinning_sheet.main(n=n, dt=dt, steps=steps, order=order)
+    drift = spinning_sheet.main(
+        n=n,
+        dt=dt,
+        steps=steps,
+        order=order,
+    )
     assert drift["energy_drift"] < 1e-10
     assert drift["linear_momentum_drift"] < 1e-12
     assert drift["angular_momentum_drift"] < 1e-12
@@ -36,7 +46,12 @@ def test_free_sheet(order: int, n: int, dt: float, steps: int) -> None:
 
 @pytest.mark.mpi
 def test_tube_deployed_from_a_tank(comm, folder: Path) -> None:
-    seen = inflate_tube.main(cells=4, until=4e-3, dt=2e-4, output=folder)
+    seen = inflate_tube.main(
+        cells=4,
+        until=4e-3,
+        dt=2e-4,
+        output=folder,
+    )
     assert seen["energy_error"] < 1e-9
     assert seen["mass_error"] < 1e-12
     assert seen["volume"] > 1e-3
@@ -55,17 +70,31 @@ def test_gas_keeps_the_momenta_of_a_free_film(comm) -> None:
         LAW,
         velocity=lambda x: np.cross(spin, x.T).T + np.array([[1.0], [2.0], [3.0]]),
     )
-    bag = gx.Chamber(film, gas=gas, pressure=10.0, temperature=293.0, dead_volume=1e-6, name="bag")
-    tank = gx.Tank(1e-5, gas=gas, pressure=1e5, temperature=293.0)
+    bag = gx.Chamber(
+        film,
+        gas=gas,
+        pressure=10.0,
+        temperature=293.0,
+        dead_volume=1e-6,
+        name="bag",
+    )
+    tank = gx.Tank(
+        1e-5,
+        gas=gas,
+        pressure=1e5,
+        temperature=293.0,
+    )
     run = gx.Simulation(gx.Scene(film, bag, gx.Orifice(tank, bag, area=1e-7)), gx.Midpoint(dt=2e-4))
     run.run(until=1e-2)
-    first, last = run.first, run.totals
+    first = run.first
+    last = run.totals
     assert abs(run.energy_error) < 1e-12
-    assert np.abs(last.momentum - first.momentum).max() < 1e-12 * np.abs(first.momentum).max()
-    assert (
-        np.abs(last.angular_momentum - first.angular_momentum).max()
-        < 1e-11 * np.abs(first.angular_momentum).max()
-    )
+    error = np.abs(last.momentum - first.momentum).max()
+    limit = 1e-12 * np.abs(first.momentum).max()
+    assert error < limit
+    error = np.abs(last.angular_momentum - first.angular_momentum).max()
+    limit = 1e-11 * np.abs(first.angular_momentum).max()
+    assert error < limit
 
 
 @pytest.mark.mpi
@@ -92,7 +121,10 @@ def test_the_error_is_over_the_largest_energy_also_if_nobody_looked(comm) -> Non
     def fall(*outputs: Output) -> gx.Simulation:
         mass = gx.PointMass(2.0, position=(0.0, 0.0, -1.0), comm=comm)
         spring = gx.connectors.Spring(
-            mass.port(), gx.Ground((0, 0, 0)), stiffness=100.0, length=1.0
+            mass.port(),
+            gx.Ground((0, 0, 0)),
+            stiffness=100.0,
+            length=1.0,
         )
         scene = gx.Scene(spring, gx.Gravity(mass, (0.0, 0.0, -9.81)))
         run = gx.Simulation(scene, gx.Midpoint(dt=5e-3), outputs=outputs)
@@ -100,8 +132,10 @@ def test_the_error_is_over_the_largest_energy_also_if_nobody_looked(comm) -> Non
         return run
 
     errors = gx.Series({"error": lambda run: run.energy_error, "size": lambda run: run.totals.size})
-    watched, alone = fall(errors), fall()
-    assert alone.totals.size < 1e-2 * errors["size"].max()
+    watched = fall(errors)
+    alone = fall()
+    limit = 1e-2 * errors["size"].max()
+    assert alone.totals.size < limit
     assert alone.energy_error == errors["error"][-1] == watched.energy_error != 0
 
 
@@ -120,10 +154,17 @@ def test_any_sequence_of_steps(steps: list[float]) -> None:
 @pytest.mark.mpi
 def test_a_step_that_fails_says_where_and_leaves_the_ledger(comm, folder: Path) -> None:
     """One Newton iteration is not enough once the film flutters; the rows up to there are on file."""
-    film = gx.Membrane(sheet(comm, 6, 6), LAW, velocity=spinning_sheet.throw)
+    film = gx.Membrane(
+        sheet(comm, 6, 6),
+        LAW,
+        velocity=spinning_sheet.throw,
+    )
     stepper = gx.Midpoint(dt=2e-3, tolerances=gx.Tolerances(max_iterations=3))
     run = gx.Simulation(
-        gx.Scene(film), stepper, outputs=[gx.Ledger(folder / "ledger.csv")], halvings=1
+        gx.Scene(film),
+        stepper,
+        outputs=[gx.Ledger(folder / "ledger.csv")],
+        halvings=1,
     )
     with pytest.raises(gx.StepFailure) as caught:
         run.run(until=1.0)
@@ -133,12 +174,15 @@ def test_a_step_that_fails_says_where_and_leaves_the_ledger(comm, folder: Path) 
     if comm.rank == 0:
         rows = list(csv.DictReader((folder / "ledger.csv").open()))
         assert len(rows) == run.step + 1
-        assert float(rows[-1]["time"]) == pytest.approx(run.time)
+        measured = float(rows[-1]["time"])
+        assert measured == pytest.approx(run.time)
 
 
 def test_a_run_that_goes_on_continues_the_ledger(folder: Path) -> None:
     run = gx.Simulation(
-        gx.Scene(gx.PointMass(1.0)), gx.Midpoint(dt=0.1), outputs=[gx.Ledger(folder / "ledger.csv")]
+        gx.Scene(gx.PointMass(1.0)),
+        gx.Midpoint(dt=0.1),
+        outputs=[gx.Ledger(folder / "ledger.csv")],
     )
     run.run(until=0.2)
     run.run(until=0.5)
@@ -153,7 +197,9 @@ def test_a_film_at_rest_is_said_to_be_at_rest(comm, folder: Path) -> None:
     recording = gx.Recording(folder)
     outputs = [recording, gx.outputs.Progress(words, seconds=0.0)]
     run = gx.Simulation(
-        gx.Scene(film, gx.Fixed(film, "left")), gx.Midpoint(dt=1e-3), outputs=outputs
+        gx.Scene(film, gx.Fixed(film, "left")),
+        gx.Midpoint(dt=1e-3),
+        outputs=outputs,
     )
     run.run(until=0.03)
     # what there is, is round-off, of which any share is without meaning
@@ -174,7 +220,11 @@ def test_a_film_at_rest_is_said_to_be_at_rest(comm, folder: Path) -> None:
 @pytest.mark.mpi
 def test_a_film_that_hardly_moves_is_not_at_rest(comm) -> None:
     """A strain of 1e-10 is far below all that is computed, and far above round-off."""
-    film = gx.Membrane(sheet(comm, 6, 6), LAW, displacement=lambda X: 1e-10 * X)
+    film = gx.Membrane(
+        sheet(comm, 6, 6),
+        LAW,
+        displacement=lambda X: 1e-10 * X,
+    )
     run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3))
     run.run(until=0.03)
     assert not run.at_rest

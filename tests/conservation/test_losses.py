@@ -12,19 +12,41 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD
-LAW = gx.Linear(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
-DT, DRAG, BRAKE, STIFFNESS, MASS, SPEED = 5e-3, 3.0, 2.0, 400.0, 0.5, 1.2
+LAW = gx.Linear(
+    E=1e9,
+    nu=0.3,
+    density=1400.0,
+    thickness=1e-4,
+)
+DT = 5e-3
+DRAG = 3.0
+BRAKE = 2.0
+STIFFNESS = 400.0
+MASS = 0.5
+SPEED = 1.2
 CAUSES = ["air", "strain", "rope damping", "reel"]
 
 
 def scene(comm: MPI.Comm = COMM) -> gx.Scene:
     """A film that drifts as a whole, a mass that a brake stops, and one that swings on a damped rope."""
-    film = gx.Membrane(sheet(comm, 2, 2), LAW, velocity=lambda x: 0 * x + [[1.0], [0.0], [2.0]])
+    film = gx.Membrane(
+        sheet(comm, 2, 2),
+        LAW,
+        velocity=lambda x: 0 * x + [[1.0], [0.0], [2.0]],
+    )
     at_reel = gx.PointMass(
-        MASS, (1.0, 0.0, 0.0), velocity=(SPEED, 0.0, 0.0), comm=comm, name="at reel"
+        MASS,
+        (1.0, 0.0, 0.0),
+        velocity=(SPEED, 0.0, 0.0),
+        comm=comm,
+        name="at reel",
     )
     at_rope = gx.PointMass(
-        MASS, (0.0, 1.0, 0.0), velocity=(0.0, 0.1, 0.0), comm=comm, name="at rope"
+        MASS,
+        (0.0, 1.0, 0.0),
+        velocity=(0.0, 0.1, 0.0),
+        comm=comm,
+        name="at rope",
     )
     ground = gx.Ground((0.0, 0.0, 0.0))
     return gx.Scene(
@@ -34,10 +56,20 @@ def scene(comm: MPI.Comm = COMM) -> gx.Scene:
         gx.Damping(film, mass_factor=DRAG, name="air"),
         gx.Damping(film, stiffness_factor=1e-4, name="strain"),
         gx.connectors.Tether(
-            ground, at_reel.port(), length=1.0, stiffness=STIFFNESS, brake_force=BRAKE, name="reel"
+            ground,
+            at_reel.port(),
+            length=1.0,
+            stiffness=STIFFNESS,
+            brake_force=BRAKE,
+            name="reel",
         ),
         gx.connectors.Rope(
-            ground, at_rope.port(), length=1.0, stiffness=STIFFNESS, damping=4.0, name="rope"
+            ground,
+            at_rope.port(),
+            length=1.0,
+            stiffness=STIFFNESS,
+            damping=4.0,
+            name="rope",
         ),
     )
 
@@ -51,17 +83,23 @@ def run_to(step: int, made: gx.Scene, **given: object) -> gx.Simulation:
 @pytest.mark.mpi
 def test_each_cause_takes_what_its_closed_form_says(folder: Path) -> None:
     steps = 90
-    run = run_to(steps, scene(), outputs=[gx.Ledger(folder / "ledger.csv")])
+    run = run_to(
+        steps,
+        scene(),
+        outputs=[gx.Ledger(folder / "ledger.csv")],
+    )
     lost = run.totals.losses
     assert sorted(lost) == sorted(CAUSES)
     # the midpoint rule slows a film in drift by the same factor in each step
     factor = (1 - DRAG * DT / 2) / (1 + DRAG * DT / 2)
     film = LAW.density * LAW.thickness * (1 + 4) / 2
-    assert lost["air"] == pytest.approx(film * (1 - factor ** (2 * steps)), rel=1e-10)
+    expected = film * (1 - factor ** (2 * steps))
+    assert lost["air"] == pytest.approx(expected, rel=1e-10)
     assert abs(lost["strain"]) < 1e-15  # nothing is strained
     # the brake pulls with B from where the tether is stretched by B/k
     elastic = BRAKE**2 / 2 / STIFFNESS
-    assert lost["reel"] == pytest.approx(MASS * SPEED**2 / 2 - elastic, rel=1e-3)
+    expected = MASS * SPEED**2 / 2 - elastic
+    assert lost["reel"] == pytest.approx(expected, rel=1e-3)
     # the other mass flies back when its rope is slack again
     v = gx.probes.Velocity(
         next(body for body in run.system.bodies if body.name == "at rope").port(), "y"
@@ -72,16 +110,25 @@ def test_each_cause_takes_what_its_closed_form_says(folder: Path) -> None:
     assert run.totals.dissipated == sum(lost.values()) and abs(run.energy_error) < 1e-12
     COMM.barrier()
     row = list(csv.DictReader((folder / "ledger.csv").open(encoding="utf-8")))[-1]
-    assert [float(row[f"dissipated {name}"]) for name in lost] == list(lost.values())
+    measured = [float(row[f"dissipated {name}"]) for name in lost]
+    assert measured == list(lost.values())
     assert float(row["dissipated"]) == run.totals.dissipated
 
 
 @pytest.mark.mpi
 def test_one_cause_is_the_sum_and_none_is_nothing(folder: Path) -> None:
     mass = gx.PointMass(1.0, velocity=(1.0, 0.0, 0.0), comm=COMM)
-    damper = gx.connectors.Damper(mass.port(), gx.Ground((-1.0, 0.0, 0.0)), damping=0.5)
+    damper = gx.connectors.Damper(
+        mass.port(),
+        gx.Ground((-1.0, 0.0, 0.0)),
+        damping=0.5,
+    )
     for items, lost in ((mass,), []), ((mass, damper), ["damper"]):
-        run = run_to(2, gx.Scene(*items), outputs=[gx.Ledger(folder / "ledger.csv")])
+        run = run_to(
+            2,
+            gx.Scene(*items),
+            outputs=[gx.Ledger(folder / "ledger.csv")],
+        )
         COMM.barrier()
         assert list(run.totals.losses) == lost
         assert (
@@ -108,19 +155,33 @@ def test_a_step_that_is_made_anew_loses_once() -> None:
 def test_restarts_go_on_with_each_cause(folder: Path) -> None:
     """On as many ranks, and on others: 2 → 1 and 1 → 2 under mpirun -n 2."""
     whole = run_to(20, scene()).totals.losses
-    run_to(10, scene(), checkpoints=gx.Checkpoints(folder / "all"))
-    run_to(10, scene(MPI.COMM_SELF), checkpoints=gx.Checkpoints(folder / f"own {COMM.rank}"))
+    run_to(
+        10,
+        scene(),
+        checkpoints=gx.Checkpoints(folder / "all"),
+    )
+    run_to(
+        10,
+        scene(MPI.COMM_SELF),
+        checkpoints=gx.Checkpoints(folder / f"own {COMM.rank}"),
+    )
     COMM.barrier()
     for comm, written in ((COMM, "all"), (MPI.COMM_SELF, "all"), (COMM, "own 0")):
         again = run_to(20, scene(comm), restart=folder / written).totals.losses
         assert list(again) == list(whole)
-        assert list(again.values()) == pytest.approx(list(whole.values()), rel=1e-9, abs=1e-14)
+        measured = list(again.values())
+        assert measured == pytest.approx(list(whole.values()), rel=1e-9, abs=1e-14)
 
 
 @pytest.mark.mpi
 def test_what_a_part_took_before_it_was_changed_stays_booked(folder: Path) -> None:
     def swing(damping: float) -> gx.Scene:
-        mass = gx.PointMass(MASS, (0.0, 1.0, 0.0), velocity=(0.0, 0.1, 0.0), comm=COMM)
+        mass = gx.PointMass(
+            MASS,
+            (0.0, 1.0, 0.0),
+            velocity=(0.0, 0.1, 0.0),
+            comm=COMM,
+        )
         return gx.Scene(
             mass,
             gx.connectors.Rope(
@@ -134,5 +195,10 @@ def test_what_a_part_took_before_it_was_changed_stays_booked(folder: Path) -> No
 
     lost = run_to(10, swing(4.0), checkpoints=gx.Checkpoints(folder)).totals.losses
     assert lost["rope damping"] > 0
-    after = run_to(20, swing(0.0), restart=folder, changes=["rope"])
+    after = run_to(
+        20,
+        swing(0.0),
+        restart=folder,
+        changes=["rope"],
+    )
     assert after.totals.losses == lost and abs(after.energy_error) < 1e-12

@@ -14,17 +14,29 @@ def touching(comm, body: str) -> gx.Simulation:
     """Films in the middle of a collision; one of them is held at an edge; with a body they rub, too."""
     lower = film(comm, name="lower")
     upper = film(
-        comm, height=1.2e-3, velocity=(0.2, 0.1, -2.0), turn=0.4, name="upper", at=(0.01, 0.005)
+        comm,
+        height=1.2e-3,
+        velocity=(0.2, 0.1, -2.0),
+        turn=0.4,
+        name="upper",
+        at=(0.01, 0.005),
     )
     items = [gx.Fixed(lower, "left")]
     if body:
         turned = np.array([(0.36, 0.48, -0.8), (-0.8, 0.6, 0.0), (0.48, 0.64, 0.6)])
         block = gx.RigidBody(
-            0.02, (1e-5, 1e-5, 1e-5), position=(0, 0, -0.0209), attitude=turned, comm=comm
+            0.02,
+            (1e-5, 1e-5, 1e-5),
+            position=(0, 0, -0.0209),
+            attitude=turned,
+            comm=comm,
         )
         if body == "ball":
             solid = gx.contact.Sphere(
-                centre=(0.0, 0.0, -0.0209), radius=0.02, body=block, friction=0.3
+                centre=(0.0, 0.0, -0.0209),
+                radius=0.02,
+                body=block,
+                friction=0.3,
             )
         elif body == "cylinder":
             solid = gx.contact.Cylinder(
@@ -36,7 +48,10 @@ def touching(comm, body: str) -> gx.Simulation:
             )
         else:
             solid = gx.contact.Plane(
-                point=(0.0, 0.0, -0.0009), normal=(0.0, 0.0, 1.0), body=block, friction=0.3
+                point=(0.0, 0.0, -0.0009),
+                normal=(0.0, 0.0, 1.0),
+                body=block,
+                friction=0.3,
             )
         return simulate(
             [gx.Contact(lower, upper, solid, distance=1e-3, friction=0.2), *items], 2e-4

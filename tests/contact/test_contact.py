@@ -25,7 +25,12 @@ from tests.contact.scenes import (
 def test_two_films_collide(comm, law):
     lower = film(comm, name="lower")
     upper = film(
-        comm, height=2e-3, velocity=(0.2, 0.1, -2.0), turn=0.4, name="upper", at=(0.01, 0.005)
+        comm,
+        height=2e-3,
+        velocity=(0.2, 0.1, -2.0),
+        turn=0.4,
+        name="upper",
+        at=(0.01, 0.005),
     )
     run = simulate([gx.Contact(lower, upper, distance=1e-3, law=law)], 2e-3)
     assert contact_set_of(run).closest < 1e-3
@@ -39,7 +44,15 @@ def test_two_films_collide(comm, law):
 def test_films_of_order_two_touch_by_linear_pieces():
     comm = MPI.COMM_SELF
     lower = film(comm, 2, order=2, name="lower")
-    upper = film(comm, 2, height=2e-3, velocity=(0.0, 0.0, -2.0), turn=0.4, order=2, name="upper")
+    upper = film(
+        comm,
+        2,
+        height=2e-3,
+        velocity=(0.0, 0.0, -2.0),
+        turn=0.4,
+        order=2,
+        name="upper",
+    )
     run = simulate([gx.Contact(lower, upper, distance=1e-3)], 1.5e-3)
     assert contact_set_of(run).closest < 1e-3
     assert count_intersections(run) == 0
@@ -54,14 +67,23 @@ def test_a_film_falls_edge_on_edge_and_cables_on_a_film():
         mesh = line(comm, [(*a, 0.003), (*b, 0.003)], 3)
         cables.append(
             gx.Cable(
-                mesh, gx.CableLaw(EA=1e4, line_density=0.01), velocity=_down, name=f"cable {k}"
+                mesh,
+                gx.CableLaw(EA=1e4, line_density=0.01),
+                velocity=_down,
+                name=f"cable {k}",
             )
         )
     cables[1]._start[0].reshape(-1, 3)[:, 2] += 0.004
-    contact = gx.Contact(flat, *cables, distance=5e-4, radius={"cable 0": 5e-4, "cable 1": 5e-4})
+    contact = gx.Contact(
+        flat,
+        *cables,
+        distance=5e-4,
+        radius={"cable 0": 5e-4, "cable 1": 5e-4},
+    )
     run = simulate([contact], 4e-3)
     assert_conserved(run)
-    assert gx.probes.Velocity(flat.port_at((0.05, 0.05, 0.0)), "z")(run) < -0.1
+    measured = gx.probes.Velocity(flat.port_at((0.05, 0.05, 0.0)), "z")(run)
+    assert measured < -0.1
     contact_set = contact_set_of(run)
     assert contact_set.closest < 5e-4
     assert count_intersections(run) == 0
@@ -76,15 +98,27 @@ def _down(X):
 )
 def test_films_hit_solids(kind):
     comm = MPI.COMM_SELF
-    thrown = film(comm, height=0.0, velocity=(0.1, 0.0, -2.0), name="thrown")
-    block = gx.RigidBody(0.02, (1e-5, 1e-5, 1e-5), position=(0.0, 0.0, -0.022), comm=comm)
+    thrown = film(
+        comm,
+        height=0.0,
+        velocity=(0.1, 0.0, -2.0),
+        name="thrown",
+    )
+    block = gx.RigidBody(
+        0.02,
+        (1e-5, 1e-5, 1e-5),
+        position=(0.0, 0.0, -0.022),
+        comm=comm,
+    )
     solid = obstacle_of(kind, block)
     run = simulate([gx.Contact(thrown, solid, distance=1e-3)], 4e-3)
     contact_set = contact_set_of(run)
     assert contact_set.closest < 1e-3
-    assert run.totals.momentum[2] == pytest.approx(run.first.momentum[2], rel=1e-11)
+    measured = run.totals.momentum[2]
+    assert measured == pytest.approx(run.first.momentum[2], rel=1e-11)
     assert_conserved(run, momentum=1e-10)
-    assert gx.probes.Velocity(block.port(), "z")(run) < -1e-8
+    measured = gx.probes.Velocity(block.port(), "z")(run)
+    assert measured < -1e-8
     assert count_intersections(run) == 0
 
 
@@ -92,7 +126,9 @@ def test_a_moved_obstacle_supplies_its_work():
     comm = MPI.COMM_SELF
     rest = film(comm, name="rest")
     ram = gx.contact.Sphere(
-        centre=(0.0, 0.0, -0.012), radius=0.01, motion=lambda t: (0.0, 0.0, 2.0 * t)
+        centre=(0.0, 0.0, -0.012),
+        radius=0.01,
+        motion=lambda t: (0.0, 0.0, 2.0 * t),
     )
     run = simulate([gx.Contact(rest, ram, distance=1e-3)], 3e-3)
     assert run.totals.supplied > 1e-6
@@ -102,7 +138,13 @@ def test_a_moved_obstacle_supplies_its_work():
 def test_layers_that_start_near_each_other_have_no_energy_and_part_freely():
     comm = MPI.COMM_SELF
     lower = film(comm, name="lower")
-    upper = film(comm, height=1e-5, velocity=(0, 0, 0.5), turn=0.3, name="upper")
+    upper = film(
+        comm,
+        height=1e-5,
+        velocity=(0, 0, 0.5),
+        turn=0.3,
+        name="upper",
+    )
     run = simulate([gx.Contact(lower, upper, distance=1e-3)], 3e-3)
     assert run.first.stored["contact"] == 0
     assert run.totals.kinetic == pytest.approx(run.first.kinetic, rel=1e-12)
@@ -114,7 +156,13 @@ def test_layers_that_start_near_each_other_have_no_energy_and_part_freely():
 def test_restart_in_the_middle_of_contact(comm, folder):
     def scene():
         lower = film(comm, name="lower")
-        upper = film(comm, height=1.2e-3, velocity=(0.2, 0.1, -2.0), turn=0.4, name="upper")
+        upper = film(
+            comm,
+            height=1.2e-3,
+            velocity=(0.2, 0.1, -2.0),
+            turn=0.4,
+            name="upper",
+        )
         return [gx.Contact(lower, upper, distance=1e-3)]
 
     through = simulate(scene(), 1.2e-3)
@@ -132,17 +180,25 @@ def test_restart_in_the_middle_of_contact(comm, folder):
 def test_ranks_agree(comm, friction):
     def run(on):
         lower = film(on, name="lower")
-        upper = film(on, height=1.2e-3, velocity=(0.2, 0.1, -2.0), turn=0.4, name="upper")
+        upper = film(
+            on,
+            height=1.2e-3,
+            velocity=(0.2, 0.1, -2.0),
+            turn=0.4,
+            name="upper",
+        )
         return simulate([gx.Contact(lower, upper, distance=1e-3, friction=friction)], 2e-3)
 
-    ours, alone = run(comm), run(MPI.COMM_SELF)
+    ours = run(comm)
+    alone = run(MPI.COMM_SELF)
     assert (ours.totals.dissipated > 0) == (friction > 0)
     for name in ("kinetic", "angular_momentum", "dissipated"):
         assert np.allclose(
             getattr(ours.totals, name), getattr(alone.totals, name), rtol=1e-8, atol=1e-12
         )
     points = [contact_set_of(r).points.at(r.system.q0, 0.0) for r in (ours, alone)]
-    assert np.abs(points[0] - points[1]).max() < 1e-9
+    error = np.abs(points[0] - points[1]).max()
+    assert error < 1e-9
 
 
 def _two(comm, **second):
@@ -166,12 +222,20 @@ def test_bad_input_is_refused():
         gx.Contact(one, gx.PointMass(1.0), distance=1e-3)
     with pytest.raises(gx.InputError, match="radius of 'line'"):
         gx.Contact(
-            gx.Cable(line(comm, [(0, 0, 0), (1, 0, 0)], 2), gx.CableLaw(1e4, 0.1), name="line"),
+            gx.Cable(
+                line(comm, [(0, 0, 0), (1, 0, 0)], 2),
+                gx.CableLaw(1e4, 0.1),
+                name="line",
+            ),
             distance=1e-3,
         )
     with pytest.raises(gx.InputError, match="has no length"):
         gx.Scene(
-            gx.Contact(one, gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 0)), distance=1e-3)
+            gx.Contact(
+                one,
+                gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 0)),
+                distance=1e-3,
+            )
         ).compile()
     with pytest.raises(gx.InputError, match="'body' and 'motion'"):
         gx.contact.Sphere(
@@ -194,14 +258,24 @@ def test_bad_input_is_refused():
         gx.Scene(gx.Contact(*_two(comm, height=0.0), distance=1e-3)).compile()
     with pytest.raises(gx.InputError, match="within it"):
         gx.Scene(
-            gx.Contact(one, gx.contact.Plane(point=(0, 0, 0.01), normal=(0, 0, 1)), distance=1e-3)
+            gx.Contact(
+                one,
+                gx.contact.Plane(point=(0, 0, 0.01), normal=(0, 0, 1)),
+                distance=1e-3,
+            )
         ).compile()
 
 
 @pytest.mark.mpi
 def test_probes_tell_force_gap_and_penetrations(comm):
     lower = film(comm, name="lower")
-    upper = film(comm, height=1.2e-3, velocity=(0.0, 0.0, -2.0), turn=0.4, name="upper")
+    upper = film(
+        comm,
+        height=1.2e-3,
+        velocity=(0.0, 0.0, -2.0),
+        turn=0.4,
+        name="upper",
+    )
     contact = gx.Contact(lower, upper, distance=1e-3)
     names = {"down": (lower, "z"), "up": (upper, "z")}
     probes = {
@@ -225,13 +299,18 @@ def test_probes_tell_force_gap_and_penetrations(comm):
     with pytest.raises(gx.InputError, match="no component"):
         gx.probes.ContactForce(contact, lower, axis="w")
     with pytest.raises(gx.InputError, match="which holds: lower, upper"):
-        gx.probes.ContactForce(contact, film(comm, name="other"), axis="z")
+        gx.probes.ContactForce(
+            contact,
+            film(comm, name="other"),
+            axis="z",
+        )
     with pytest.raises(gx.InputError, match="not in the scene"):
         gx.probes.ContactGap(gx.Contact(lower, distance=1e-3))(run)
 
 
 def test_films_that_rest_node_over_node_do_not_believe_to_have_passed():
-    one, other = film(MPI.COMM_SELF, name="one"), film(MPI.COMM_SELF, height=1.2e-3, name="other")
+    one = film(MPI.COMM_SELF, name="one")
+    other = film(MPI.COMM_SELF, height=1.2e-3, name="other")
     run = simulate([gx.Contact(one, other, distance=1e-3)], 2e-4)
     assert run.substeps == 0
     assert run.totals.kinetic < 1e-20

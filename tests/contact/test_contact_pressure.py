@@ -21,7 +21,13 @@ def integral(body, function: fem.Function) -> float:
 @pytest.mark.mpi
 @pytest.mark.parametrize("order", [1, 2])
 def test_pressure_integrates_to_the_force(comm, order) -> None:
-    body = film(comm, 2, height=2e-5, order=order, name="film")
+    body = film(
+        comm,
+        2,
+        height=2e-5,
+        order=order,
+        name="film",
+    )
 
     def softly(t: float) -> float:
         y = min(t / 0.01, 1.0)
@@ -36,7 +42,8 @@ def test_pressure_integrates_to_the_force(comm, order) -> None:
     (alone,) = fields.functions
     beside = FieldFunctions(run.system, body, ["stress1", "contact_pressure"])
     beside.update()
-    assert integral(body, beside.functions[1]) == pytest.approx(integral(body, alone), rel=1e-12)
+    measured = integral(body, beside.functions[1])
+    assert measured == pytest.approx(integral(body, alone), rel=1e-12)
     assert alone.x.array.min(initial=0.0) >= 0
     if order == 1:  # the shares of points of order 2 are not those of their shape functions
         assert integral(body, alone) == pytest.approx(4.0 * 0.01, rel=0.05)
@@ -44,10 +51,15 @@ def test_pressure_integrates_to_the_force(comm, order) -> None:
 
 @pytest.mark.mpi
 def test_pressure_is_zero_where_nothing_touches(comm) -> None:
-    one, other = film(comm, 2, name="one"), film(comm, 2, height=0.01, name="other")
+    one = film(comm, 2, name="one")
+    other = film(comm, 2, height=0.01, name="other")
     run = simulate(
         [
-            gx.Contact(one, gx.contact.Plane(point=(0, 0, -1), normal=(0, 0, 1)), distance=1e-3),
+            gx.Contact(
+                one,
+                gx.contact.Plane(point=(0, 0, -1), normal=(0, 0, 1)),
+                distance=1e-3,
+            ),
             other,
         ],
         1e-4,

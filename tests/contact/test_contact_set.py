@@ -15,7 +15,8 @@ from tests.contact.scenes import contact_set_of, count_intersections, film, simu
 
 @pytest.mark.mpi
 def test_updates_go_no_farther_than_contact_can_follow(comm):
-    lower, upper = film(comm, name="lower"), film(comm, height=2e-3, name="upper", order=2)
+    lower = film(comm, name="lower")
+    upper = film(comm, height=2e-3, name="upper", order=2)
     alone = film(comm, height=0.5, name="alone")
     run = gx.Simulation(
         gx.Scene(gx.Contact(lower, upper, distance=1e-3), alone), gx.Midpoint(dt=1e-4)
@@ -28,7 +29,8 @@ def test_updates_go_no_farther_than_contact_can_follow(comm):
     system.limit_update(update)
     for k, body in enumerate(system.bodies):
         owned = system.numbering.owned(k)
-        before, after = given[owned].reshape(-1, 3), update[owned].reshape(-1, 3)
+        before = given[owned].reshape(-1, 3)
+        after = update[owned].reshape(-1, 3)
         ways = np.linalg.norm(before, axis=1)
         longest = np.inf if body is alone else MAX_UPDATE * contact_set_of(run).activation_distance
         expected = before * np.minimum(1.0, longest / ways)[:, None] if len(ways) else before
@@ -43,9 +45,16 @@ def test_a_scene_without_contact_limits_nothing(comm):
 def test_tangents_have_their_geometric_stiffness_near_the_solution(monkeypatch):
     monkeypatch.setattr(midpoint, "GEOMETRIC_STIFFNESS_DELAYS", (20,))
     lower = film(MPI.COMM_SELF, name="lower")
-    upper = film(MPI.COMM_SELF, height=1.2e-3, velocity=(0.2, 0.1, -2.0), turn=0.4, name="upper")
+    upper = film(
+        MPI.COMM_SELF,
+        height=1.2e-3,
+        velocity=(0.2, 0.1, -2.0),
+        turn=0.4,
+        name="upper",
+    )
     run = gx.Simulation(gx.Scene(gx.Contact(lower, upper, distance=1e-3)), gx.Midpoint(dt=1e-4))
-    newton, shares = run.solver.newton, []
+    newton = run.solver.newton
+    shares = []
     tangent = run.system.tangent
 
     def seen():
@@ -61,12 +70,17 @@ def test_tangents_have_their_geometric_stiffness_near_the_solution(monkeypatch):
 
 def test_a_predictor_that_passed_through_is_no_measure_of_the_residual():
     comm = MPI.COMM_SELF
-    lower, upper = (
-        film(comm, name="lower"),
-        film(comm, height=3e-3, velocity=(0.2, 0.1, -100.0), turn=0.4, name="upper"),
+    lower = film(comm, name="lower")
+    upper = film(
+        comm,
+        height=3e-3,
+        velocity=(0.2, 0.1, -100.0),
+        turn=0.4,
+        name="upper",
     )
     run = gx.Simulation(gx.Scene(gx.Contact(lower, upper, distance=1e-3)), gx.Midpoint(dt=1e-4))
-    newton, first = run.solver.newton, []
+    newton = run.solver.newton
+    first = []
     solved = newton._is_solved
 
     def seen():
@@ -92,7 +106,16 @@ def test_a_predictor_that_passed_through_is_no_measure_of_the_residual():
 def test_edges_nearer_than_their_barrier_lets_them_are_refused(comm, gap, words):
     """In the middle of edges a barrier is infinite at 0.16 of the distance at which contact begins."""
     d = 1e-3
-    films = [film(comm, n=2, name="lower"), film(comm, n=2, height=1.2 * d, turn=0.4, name="upper")]
+    films = [
+        film(comm, n=2, name="lower"),
+        film(
+            comm,
+            n=2,
+            height=1.2 * d,
+            turn=0.4,
+            name="upper",
+        ),
+    ]
     run = simulate([*films, gx.Contact(*films, distance=d)], 1e-6, dt=1e-6)
     system = run.system
     system.begin_step(1e-6)

@@ -16,8 +16,16 @@ OMEGA = 10.0  # rad/s
 
 def oscillator(h: float, steps: int) -> tuple[np.ndarray, np.ndarray, gx.Simulation]:
     """x and ẋ after every step of a mass that is let go at x = 1 m."""
-    mass = gx.PointMass(2.0, position=(1.0, 0.0, 0.0), comm=MPI.COMM_SELF)
-    spring = gx.connectors.AxialSpring(mass.port(), 2.0 * OMEGA**2, direction=(1.0, 0.0, 0.0))
+    mass = gx.PointMass(
+        2.0,
+        position=(1.0, 0.0, 0.0),
+        comm=MPI.COMM_SELF,
+    )
+    spring = gx.connectors.AxialSpring(
+        mass.port(),
+        2.0 * OMEGA**2,
+        direction=(1.0, 0.0, 0.0),
+    )
     run = gx.Simulation(gx.Scene(mass, spring), gx.Midpoint(dt=h))
     history = []
     for step in range(1, steps + 1):
@@ -34,11 +42,14 @@ def test_midpoint_keeps_the_amplitude_and_has_its_exact_frequency(h, frequency):
     """x_n = cos(ω_h n h) with ω_h = (2/h) atan(ωh/2); energy is kept to round-off."""
     steps = 200
     x, v, run = oscillator(h, steps)
-    assert frequency == pytest.approx(2 / h * math.atan(OMEGA * h / 2), rel=1e-9)
+    expected = 2 / h * math.atan(OMEGA * h / 2)
+    assert frequency == pytest.approx(expected, rel=1e-9)
     phase = frequency * h * np.arange(1, steps + 1)
     assert x == pytest.approx(np.cos(phase), abs=1e-6)
-    assert v == pytest.approx(-OMEGA * np.sin(phase), abs=1e-5)
-    assert x**2 + (v / OMEGA) ** 2 == pytest.approx(np.ones(steps), rel=1e-12)
+    expected = -OMEGA * np.sin(phase)
+    assert v == pytest.approx(expected, abs=1e-5)
+    measured = x**2 + (v / OMEGA) ** 2
+    assert measured == pytest.approx(np.ones(steps), rel=1e-12)
     assert abs(run.energy_error) <= 1e-12
 
 
@@ -51,21 +62,30 @@ def test_phase_is_of_second_order():
 def test_free_masses_fly_straight_in_one_iteration_at_most():
     masses = [
         gx.PointMass(
-            m, position=(m, 0.0, 1.0), velocity=(0.0, m, -1.0), comm=MPI.COMM_SELF, name=f"mass {m}"
+            m,
+            position=(m, 0.0, 1.0),
+            velocity=(0.0, m, -1.0),
+            comm=MPI.COMM_SELF,
+            name=f"mass {m}",
         )
         for m in (1.0, 3.0)
     ]
     run = gx.Simulation(gx.Scene(*masses), gx.Midpoint(dt=0.5))
     run.run(until=50.0)
     x = run.system.q0.array_r.reshape(-1, 3)
-    assert x == pytest.approx(np.array([(1.0, 50.0, -49.0), (3.0, 150.0, -49.0)]), rel=1e-12)
+    expected = np.array([(1.0, 50.0, -49.0), (3.0, 150.0, -49.0)])
+    assert x == pytest.approx(expected, rel=1e-12)
     assert run.iterations <= run.step
     assert run.totals.momentum == pytest.approx([0.0, 10.0, -4.0], rel=1e-14)
 
 
 def test_fall_is_exact_whatever_the_step():
     """The midpoint rule integrates a constant force exactly; its work counts as supplied."""
-    mass = gx.PointMass(2.0, velocity=(1.0, 0.0, 3.0), comm=MPI.COMM_SELF)
+    mass = gx.PointMass(
+        2.0,
+        velocity=(1.0, 0.0, 3.0),
+        comm=MPI.COMM_SELF,
+    )
     run = gx.Simulation(gx.Scene(mass, gx.Gravity(mass)), gx.Midpoint(dt=0.7))
     run.run(until=10.0)
     z = 30.0 - 9.80665 * 50.0

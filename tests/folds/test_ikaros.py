@@ -17,7 +17,7 @@ RPM = ikaros.RPM
 @pytest.mark.mpi
 def test_the_cross_is_released(comm) -> None:
     found = ikaros.main(comm=comm, until=0.02 if comm.size == 1 else 6e-3)
-    assert found["penetrations"] == 0 and found["halved"] == 0
+    assert found["penetrations"] == 0 and found["rejected"] == 0
     assert found["energy_error"] < 1e-8 and found["angular_momentum_drift"] < 1e-9
     assert found["spin_of_sail"] < ikaros.ARM_END
 
@@ -26,11 +26,23 @@ def test_the_cross_has_the_inertia_of_the_closed_form(comm) -> None:
     """Hub, arms and tips: within 1e-3, for both meshes and another hub."""
     for pitch, rpm in ((0.64, 7.4), (0.32, 5.0)):
         inner, outer, bends = ikaros.rows(pitch)
-        run = ikaros.build(comm, pitch=pitch, rpm=rpm, contact=0.0, gap=1e-4).simulation([])
-        a, b = outer * pitch, inner * pitch
+        run = ikaros.build(
+            comm,
+            pitch=pitch,
+            rpm=rpm,
+            contact=0.0,
+            gap=1e-4,
+        ).simulation([])
+        a = outer * pitch
+        b = inner * pitch
         radius = pitch / 2 / math.sin(math.pi / 8 / bends)
-        closed = ikaros.arm_inertia(a - bends * pitch, half_edges=(a, b), radius=radius)
-        assert run.totals.angular_momentum[2] / (rpm * RPM) == pytest.approx(closed, rel=1e-3)
+        closed = ikaros.arm_inertia(
+            a - bends * pitch,
+            half_edges=(a, b),
+            radius=radius,
+        )
+        measured = run.totals.angular_momentum[2] / (rpm * RPM)
+        assert measured == pytest.approx(closed, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -39,10 +51,12 @@ def test_the_cross_has_the_inertia_of_the_closed_form(comm) -> None:
 def test_the_budget_of_the_spin(hub: float, spins: tuple[float, float, float]) -> None:
     """25 rpm wound; arms of 5.2 m and 6.37 m out; the open square.  The published figures have two digits."""
     momentum = 25.0 * ikaros.arm_inertia(0.0, hub)
-    a, b = 7.0, 1.6
+    a = 7.0
+    b = 1.6
     square = hub + 14.0 / (4 * (a**2 - b**2)) * 8 / 3 * (a**4 - b**4) + 4 * 0.5 * 2 * a**2
     inertias = ikaros.arm_inertia(5.2, hub), ikaros.arm_inertia(6.37, hub), square
-    assert [momentum / inertia for inertia in inertias] == pytest.approx(spins, abs=0.051)
+    measured = [momentum / inertia for inertia in inertias]
+    assert measured == pytest.approx(spins, abs=0.051)
 
 
 @pytest.mark.mpi
@@ -54,14 +68,17 @@ def test_the_spin_follows_the_budget_where_masses_are_paid_out_slowly(
 ) -> None:
     """Four masses on tethers, from 1 m to 3 m in four minutes: ω = L/(I + 4 m r²) within 1e-3 at every step."""
     body = gx.RigidBody(290.0, (hub, hub, hub), name="hub")
-    ω, duration, count = 15.0 * RPM, 240.0, 200
+    ω = 15.0 * RPM
+    duration = 240.0
+    count = 200
     steps = count if comm.size == 1 else 5
 
     def length(t: float) -> float:
         part = min(t / duration, 1.0)
         return 0.2 + 2.0 * part**3 * (10 - 15 * part + 6 * part**2)
 
-    items, masses = [], []
+    items = []
+    masses = []
     for k in range(4):
         e = np.array([math.cos(math.pi / 2 * k), math.sin(math.pi / 2 * k), 0.0])
         r = 1.0 / (1 - mass * ω**2 / 1e5)  # where the tether bears it
@@ -77,7 +94,11 @@ def test_the_spin_follows_the_budget_where_masses_are_paid_out_slowly(
         )
     scene = gx.Scene(body, *masses, *items, gx.RigidMotion(spin=(0.0, 0.0, ω)))
     spin = gx.probes.AngularVelocity(body.frame(), "z")
-    radius = gx.probes.PolarPosition(masses[0].port(), body.frame(), quantity="radius")
+    radius = gx.probes.PolarPosition(
+        masses[0].port(),
+        body.frame(),
+        quantity="radius",
+    )
     run = gx.Simulation(
         scene,
         gx.Midpoint(dt=duration / count),
@@ -92,23 +113,35 @@ def test_the_spin_follows_the_budget_where_masses_are_paid_out_slowly(
         assert series["radius"][-1] == pytest.approx(3.0, abs=0.01) and series["spin"][-1] < 0.5 * ω
 
 
-@pytest.mark.parametrize("held", [True, False], ids=["hub held", "hub free"])
+@pytest.mark.parametrize(
+    "held",
+    [True, False],
+    ids=["hub held", "hub free"],
+)
 def test_the_lowest_modes_of_the_steady_sail(comm, held: bool) -> None:
     """Swing and tilt as of a sail that is rigid in its plane, with the tensions of the tethers."""
     search, stiffness, inertia = ikaros.steady(comm, held=held)
-    ω, hub = 2.5 * RPM, ikaros.HUB_INERTIA[2]
+    ω = 2.5 * RPM
+    hub = ikaros.HUB_INERTIA[2]
     found = np.array(
         [
             2 * math.pi * mode.frequency
-            for mode in gx.analysis.modes(search, 8 if held else 14, spin=(0.0, 0.0, ω))
+            for mode in gx.analysis.modes(
+                search,
+                8 if held else 14,
+                spin=(0.0, 0.0, ω),
+            )
         ]
     )
     swing = math.sqrt(stiffness * (1 / inertia + (0.0 if held else 1 / hub)))
     tilt = math.sqrt(ω**2 + stiffness / inertia)
-    assert np.abs(found / swing - 1).min() < 1e-3
-    assert np.abs(found / tilt - 1).min() < 0.02
+    error = np.abs(found / swing - 1).min()
+    assert error < 1e-3
+    error = np.abs(found / tilt - 1).min()
+    assert error < 0.02
     if not held:  # the motion of the whole, seen from turning axes
-        assert np.sort(np.abs(found / ω - 1))[:2].max() < 1e-3
+        error = np.sort(np.abs(found / ω - 1))[:2].max()
+        assert error < 1e-3
 
 
 @pytest.mark.slow
@@ -124,42 +157,52 @@ def test_the_hub_swings_in_the_open_sail_as_the_closed_form_says(dampers: float)
 def test_a_damped_swing_is_fitted() -> None:
     t = np.linspace(0.0, 200.0, 400)
     s = 0.3 * np.exp(-0.01 * t) * np.cos(0.2 * t + 0.4) + 0.02
-    assert ikaros_swing.fit(t, s) == pytest.approx((0.01, 0.2, 0.0), abs=1e-8)
+    measured = ikaros_swing.fit(t, s)
+    assert measured == pytest.approx((0.01, 0.2, 0.0), abs=1e-8)
 
 
 def test_the_steady_sail_is_found_from_far_out_of_its_plane(comm) -> None:
     flat, bent = (ikaros.steady(comm, bent=out)[0] for out in (0.0, 0.3))
     film = next(body for body in flat.system.bodies if body.name == "sail")
     other = next(body for body in bent.system.bodies if body.name == "sail")
-    assert (
-        np.abs(gx.fields.positions(flat, film) - gx.fields.positions(bent, other)).max(initial=0.0)
-        < 1e-9
+    error = np.abs(gx.fields.positions(flat, film) - gx.fields.positions(bent, other)).max(
+        initial=0.0
     )
+    assert error < 1e-9
 
 
 @pytest.mark.slow
 def test_the_sail_opens_in_stage_2(tmp_path) -> None:
     found = ikaros.main(tmp_path, until=3.0)
     assert found["largest_radius"] > 8.0 and found["penetrations"] == 0
-    assert found["halved"] <= 0.02 * found["steps"]
+    assert found["rejected"] <= 0.02 * found["steps"]
     assert found["energy_error"] < 1e-8 and found["angular_momentum_drift"] < 1e-9
     for name in ("ikaros.png", "ikaros_spin.png"):
-        assert (tmp_path / name).read_bytes()[1:4] == b"PNG"
+        measured = (tmp_path / name).read_bytes()[1:4]
+        assert measured == b"PNG"
 
 
 @pytest.mark.mpi
 def test_the_ring_of_guides_is_braked_against_the_hub(comm) -> None:
     """Turned by a couple, the ring's rate against the hub grows to M/c as exp(-c t (1/I + 1/I'))."""
-    hub, c, moment, mass, radius = (
-        gx.RigidBody(10.0, (2.0, 2.0, 2.0), name="hub"),
-        3.0,
-        0.5,
-        2.0,
-        0.8,
+    hub = gx.RigidBody(10.0, (2.0, 2.0, 2.0), name="hub")
+    c = 3.0
+    moment = 0.5
+    mass = 2.0
+    radius = 0.8
+    guides = gx.assemblies.RotationGuides(
+        hub,
+        4,
+        radius=radius,
+        mass=mass,
+        brake_damping=c,
     )
-    guides = gx.assemblies.RotationGuides(hub, 4, radius=radius, mass=mass, brake_damping=c)
     pair = [
-        gx.loads.Torque(body.frame(), (0, 0, sign * moment), name=f"on {body.name}")
+        gx.loads.Torque(
+            body.frame(),
+            (0, 0, sign * moment),
+            name=f"on {body.name}",
+        )
         for body, sign in ((guides.ring, 1), (hub, -1))
     ]
     run = gx.Simulation(
@@ -170,9 +213,11 @@ def test_the_ring_of_guides_is_braked_against_the_hub(comm) -> None:
         hub.frame(), "z"
     )(run)
     decay = c * (1 / 2.0 + 1 / (mass * radius**2))
-    assert rate == pytest.approx(moment / c * (1 - math.exp(-decay * 0.3)), rel=1e-3)
+    expected = moment / c * (1 - math.exp(-decay * 0.3))
+    assert rate == pytest.approx(expected, rel=1e-3)
     assert abs(run.energy_error) < 1e-12 and len(guides.rods) == 4
-    assert run.totals.angular_momentum[2] == pytest.approx(run.first.angular_momentum[2], rel=1e-12)
+    measured = run.totals.angular_momentum[2]
+    assert measured == pytest.approx(run.first.angular_momentum[2], rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -193,11 +238,20 @@ def test_arms_wound_round_the_hub_are_isometric_and_apart(
     energies = []
     for gap in (0.0, 1e-3):
         folds = gx.fold.Ikaros(
-            n=n, inner=inner, outer=outer, pitch=0.5, bends=bends, hub_gap=gap, wound=True, out=out
+            n=n,
+            inner=inner,
+            outer=outer,
+            pitch=0.5,
+            bends=bends,
+            hub_gap=gap,
+            wound=True,
+            out=out,
         )
         mesh = folds.mark(trapezoids(comm, n, inner, outer, 0.5))
         film = gx.Membrane(
-            mesh, gx.Miyazaki(**ikaros.FILM, density=1420.0, residual_stiffness=1e-6), name="sail"
+            mesh,
+            gx.Miyazaki(**ikaros.FILM, density=1420.0, residual_stiffness=1e-6),
+            name="sail",
         )
         start = folds.start(film)
         energies.append(start.strain_energy())
@@ -216,12 +270,28 @@ def test_arms_wound_round_the_hub_are_isometric_and_apart(
 @pytest.mark.mpi
 def test_the_wound_sail_leaves_the_hub(comm) -> None:
     """Released at once, without guides: the tips begin as free particles."""
-    folds = gx.fold.Ikaros(n=4, inner=2, outer=5, pitch=0.5, bends=1, hub_gap=2e-3, wound=True)
+    folds = gx.fold.Ikaros(
+        n=4,
+        inner=2,
+        outer=5,
+        pitch=0.5,
+        bends=1,
+        hub_gap=2e-3,
+        wound=True,
+    )
     law = gx.Miyazaki(**ikaros.FILM, density=7000.0, residual_stiffness=1e-6)
-    film = gx.Membrane(folds.mark(trapezoids(comm, 4, 2, 5, 0.5)), law, name="sail")
-    contact, spin = gx.Contact(film, distance=1e-3), gx.RigidMotion(spin=(0.0, 0.0, 2.6))
+    film = gx.Membrane(
+        folds.mark(trapezoids(comm, 4, 2, 5, 0.5)),
+        law,
+        name="sail",
+    )
+    contact = gx.Contact(film, distance=1e-3)
+    spin = gx.RigidMotion(spin=(0.0, 0.0, 2.6))
     run = gx.Simulation(gx.Scene(film, folds.start(film), contact, spin), gx.Midpoint(dt=1e-3))
     run.run(until=0.02 if comm.size == 1 else 2e-3)
     assert gx.probes.Penetrations(contact)(run) == 0 and abs(run.energy_error) < 1e-8
-    first, now = run.first.angular_momentum, run.totals.angular_momentum
-    assert np.abs(now - first).max() < 1e-9 * np.abs(first).max()
+    first = run.first.angular_momentum
+    now = run.totals.angular_momentum
+    error = np.abs(now - first).max()
+    limit = 1e-9 * np.abs(first).max()
+    assert error < limit

@@ -16,8 +16,11 @@ def test_the_arms_turn_the_ring_and_nothing_passes_through(comm) -> None:
     run.run(until=0.2 if comm.size == 1 else 0.02)
     assert series["penetrations"].max() == 0 and run.substeps <= 2
     assert abs(run.energy_error) < 1e-8
-    first, now = run.first.angular_momentum, run.totals.angular_momentum
-    assert np.abs(now - first).max() < 1e-9 * np.abs(first).max()
+    first = run.first.angular_momentum
+    now = run.totals.angular_momentum
+    error = np.abs(now - first).max()
+    limit = 1e-9 * np.abs(first).max()
+    assert error < limit
     if comm.size == 1:
         assert series["ring against hub [rad/s]"][-1] > 0.01 and run.totals.dissipated > 0
 
@@ -28,17 +31,26 @@ def test_the_closed_form_begins_as_the_scene_does(comm) -> None:
     corners = ikaros_arms.wound(24)[0]
     tips = np.array([np.linalg.norm(corners[-1])])
     ω = ikaros_arms.START * ikaros_arms.RPM
-    assert ikaros_arms.closed_form(tips, run.totals.angular_momentum[2], 24) == pytest.approx(
-        ω, rel=0.01
-    )
+    measured = ikaros_arms.closed_form(tips, run.totals.angular_momentum[2], 24)
+    assert measured == pytest.approx(ω, rel=0.01)
 
 
 @pytest.mark.mpi
 def test_a_reel_draws_the_guides_away(comm) -> None:
     """Its work counts as supplied, the damper's loss as dissipated; both momenta are conserved."""
-    hub = gx.RigidBody(10.0, (2.0, 2.0, 2.0), name="hub", comm=comm)
+    hub = gx.RigidBody(
+        10.0,
+        (2.0, 2.0, 2.0),
+        name="hub",
+        comm=comm,
+    )
     guides = gx.assemblies.RotationGuides(
-        hub, 4, radius=0.8, mass=2.0, drawn=lambda t: 0.5 * min(t / 0.4, 1.0), reel_depth=0.7
+        hub,
+        4,
+        radius=0.8,
+        mass=2.0,
+        drawn=lambda t: 0.5 * min(t / 0.4, 1.0),
+        reel_depth=0.7,
     )
     run = gx.Simulation(
         gx.Scene(guides, gx.RigidMotion(spin=(0.0, 0.0, 1.0))), gx.Midpoint(dt=1e-3)
@@ -49,7 +61,8 @@ def test_a_reel_draws_the_guides_away(comm) -> None:
     )
     assert height == pytest.approx(-0.5, abs=0.02)
     assert run.totals.supplied > 1.0 and abs(run.energy_error) < 1e-10
-    assert np.abs(run.totals.momentum).max() < 1e-12
+    error = np.abs(run.totals.momentum).max()
+    assert error < 1e-12
     assert run.totals.angular_momentum == pytest.approx(run.first.angular_momentum, abs=1e-12)
 
 
@@ -57,7 +70,8 @@ def test_a_reel_draws_the_guides_away(comm) -> None:
 def test_the_arms_are_let_out(tmp_path) -> None:
     found = ikaros_arms.main(tmp_path, until=3.0)
     assert found["radius"] > 1.5 and found["penetrations"] == 0
-    assert found["halved"] <= 0.02 * found["steps"]
+    assert found["rejected"] <= 0.02 * found["steps"]
     assert 0 < found["spin"] < found["budget"]  # the arms lag behind the hub that they stop
     assert found["energy_error"] < 1e-8 and found["angular_momentum_drift"] < 1e-9
-    assert (tmp_path / "ikaros_arms.png").read_bytes()[1:4] == b"PNG"
+    measured = (tmp_path / "ikaros_arms.png").read_bytes()[1:4]
+    assert measured == b"PNG"

@@ -11,12 +11,13 @@ from demos import ikaros_stages
 @pytest.mark.mpi
 def test_the_roll_is_held_and_nothing_passes_through(comm) -> None:
     found = ikaros_stages.main(comm=comm, until=0.1 if comm.size == 1 else 6e-3)
-    assert found["penetrations"] == 0 and found["halved"] == 0
+    assert found["penetrations"] == 0 and found["rejected"] == 0
     assert found["energy_error"] < 1e-8 and found["angular_momentum_drift"] < 1e-9
     assert found["spin_of_hub"] == pytest.approx(ikaros_stages.START, rel=0.01)
     if comm.size == 1:
         assert found["spin_of_sail"] < ikaros_stages.START
-        assert found["radius"] > ikaros_stages.roll_radius(0.64) + ikaros_stages.OUT
+        limit = ikaros_stages.roll_radius(0.64) + ikaros_stages.OUT
+        assert found["radius"] > limit
 
 
 def test_the_closed_form_begins_as_the_scene_does(comm) -> None:
@@ -32,9 +33,10 @@ def test_the_closed_form_begins_as_the_scene_does(comm) -> None:
 def test_both_stages(tmp_path) -> None:
     """Half an hour.  At the release the arms stand out, and hub and sail turn almost as one."""
     found = ikaros_stages.main(tmp_path)
-    assert found["penetrations"] == 0 and found["halved"] < 0.02 * found["steps"]
+    assert found["penetrations"] == 0 and found["rejected"] < 0.02 * found["steps"]
     assert found["energy_error"] < 1e-8 and found["angular_momentum_drift"] < 1e-9
     assert found["released_radius"] > 7.0 and found["largest_radius"] > 9.0
     assert found["released_spin"] == pytest.approx(found["released_as_one"], rel=0.1)
     for name in ("ikaros_stages.png", "ikaros_stages_spin.png"):
-        assert (tmp_path / name).read_bytes()[1:4] == b"PNG"
+        measured = (tmp_path / name).read_bytes()[1:4]
+        assert measured == b"PNG"

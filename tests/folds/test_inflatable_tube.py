@@ -12,9 +12,15 @@ from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN
 
-LENGTH, DIAMETER = 0.16, 0.03
+LENGTH = 0.16
+DIAMETER = 0.03
 FOLDS = gx.fold.Zigzag(
-    length=LENGTH, panels=2, angle=1.4, width=math.pi * DIAMETER / 2, opening=1e-3, lift=1e-4
+    length=LENGTH,
+    panels=2,
+    angle=1.4,
+    width=math.pi * DIAMETER / 2,
+    opening=1e-3,
+    lift=1e-4,
 )
 FLOOR = gx.contact.Plane(point=(0.0, 0.0, -1.0), normal=(0.0, 0.0, 1.0))
 
@@ -22,35 +28,61 @@ FLOOR = gx.contact.Plane(point=(0.0, 0.0, -1.0), normal=(0.0, 0.0, 1.0))
 def tube(comm, **options):
     mesh = flat_tube(comm, LENGTH, DIAMETER, 4, compartments=2)
     return gx.assemblies.InflatableTube(
-        mesh, KAPTON_HN.law(25e-6, residual_stiffness=1e-6), gas=NITROGEN, **options
+        mesh,
+        KAPTON_HN.law(25e-6, residual_stiffness=1e-6),
+        gas=NITROGEN,
+        **options,
     )
 
 
 def tank():
-    return gx.Tank(1e-6, gas=NITROGEN, pressure=1.5e6, temperature=293.0)
+    return gx.Tank(
+        1e-6,
+        gas=NITROGEN,
+        pressure=1.5e6,
+        temperature=293.0,
+    )
 
 
 @pytest.mark.mpi
 def test_its_parts(comm) -> None:
-    it = tube(comm, folds=FOLDS, crease_stiffness=1e-3, set_angle_ratio=0.5, contact_distance=5e-4)
+    it = tube(
+        comm,
+        folds=FOLDS,
+        crease_stiffness=1e-3,
+        set_angle_ratio=0.5,
+        contact_distance=5e-4,
+    )
     scene = gx.Scene(it, it.inlet(tank(), 1e-8), it.vent(gx.gas.Ambient(), 0.0))
     for part in (it.film, *it.chambers, *it.passages, it.clamp, it.start, it.contact, *it.creases):
         assert any(part is item for item in scene.items)
     assert len(it.chambers) == 2 and len(it.passages) == 1 and len(it.creases) == 2
-    assert [math.degrees(c.rest_angle) for c in it.creases] == pytest.approx([-80.2, 80.2], abs=0.1)
-    turned = tube(comm, folds=FOLDS, origin=(0.0, 0.0, 1.0), turn=(0.0, 0.0, math.pi / 2)).start
+    measured = [math.degrees(c.rest_angle) for c in it.creases]
+    assert measured == pytest.approx([-80.2, 80.2], abs=0.1)
+    turned = tube(
+        comm,
+        folds=FOLDS,
+        origin=(0.0, 0.0, 1.0),
+        turn=(0.0, 0.0, math.pi / 2),
+    ).start
     straight = tube(comm, folds=FOLDS).start
     assert turned is not None and straight is not None
     x, y, z = straight.positions().T
     assert np.allclose(turned.positions(), np.column_stack([-y, x, z + 1.0]), atol=1e-12)
     plain = tube(comm)
     assert plain.start is None and plain.contact is None and not plain.creases
-    assert sum(1 for _ in plain.requires()) == 5
+    measured = sum(1 for _ in plain.requires())
+    assert measured == 5
 
 
 @pytest.mark.mpi
 def test_a_folded_tube_begins_to_deploy(comm) -> None:
-    it = tube(comm, folds=FOLDS, crease_stiffness=1e-3, contact_distance=5e-4)
+    it = tube(
+        comm,
+        folds=FOLDS,
+        crease_stiffness=1e-3,
+        contact_distance=5e-4,
+    )
     series = gx.Series(
         {
             "ring": gx.probes.RingArea(it.rings[0]),
@@ -58,40 +90,54 @@ def test_a_folded_tube_begins_to_deploy(comm) -> None:
         }
     )
     run = gx.Simulation(
-        gx.Scene(it, it.inlet(tank(), 1e-7)), gx.Midpoint(dt=5e-5), outputs=[series]
+        gx.Scene(it, it.inlet(tank(), 1e-7)),
+        gx.Midpoint(dt=5e-5),
+        outputs=[series],
     )
     run.run(until=4e-4 if comm.size == 1 else 5e-5)
     assert abs(run.energy_error) < 1e-10 and abs(run.mass_error) < 1e-13
     assert series["penetrations"].max() == 0
     first, second = (run.chamber(bag.name).pressure for bag in it.chambers)
     assert first > second > 0.99
-    assert series["ring"].max() < 0.5 * math.pi * DIAMETER**2 / 4
+    measured = series["ring"].max()
+    limit = 0.5 * math.pi * DIAMETER**2 / 4
+    assert measured < limit
 
 
 @pytest.mark.mpi
 def test_caps_keep_the_ends_straight(comm) -> None:
     """A free tube, one end of which is on a heavy block, the other on a bar that lies where the folded tube ends."""
-    block = gx.RigidBody(1.0, (1e-3, 1e-3, 1e-3), name="block", comm=comm)
+    block = gx.RigidBody(
+        1.0,
+        (1e-3, 1e-3, 1e-3),
+        name="block",
+        comm=comm,
+    )
     it = tube(
-        comm, folds=FOLDS, contact_distance=5e-4, clamp=None, caps={"inlet": block, "tip": 2e-3}
+        comm,
+        folds=FOLDS,
+        contact_distance=5e-4,
+        clamp=None,
+        caps={"inlet": block, "tip": 2e-3},
     )
     bar = next(item for item in gx.Scene(it).items if item.name == "tube tip bar")
-    assert [cap.rigid_body.name for cap in it.caps] == ["block", "tube tip bar"]
+    measured = [cap.rigid_body.name for cap in it.caps]
+    assert measured == ["block", "tube tip bar"]
     run = gx.Simulation(gx.Scene(it, it.inlet(tank(), 1e-7)), gx.Midpoint(dt=5e-5))
-    width, start = (
-        math.pi * DIAMETER / 2,
-        [gx.probes.Position(bar.port(), axis)(run) for axis in "xyz"],
-    )
+    width = math.pi * DIAMETER / 2
+    start = [gx.probes.Position(bar.port(), axis)(run) for axis in "xyz"]
     run.run(until=4e-4 if comm.size == 1 else 1e-4)
     ends = [
         np.array([gx.probes.Position(it.film.port(f"tip {side}"), axis)(run) for axis in "xyz"])
         for side in ("left", "right")
     ]
-    assert np.linalg.norm(ends[0] - ends[1]) == pytest.approx(width, rel=1e-9)
-    assert np.mean(ends, axis=0) == pytest.approx(
-        [gx.probes.Position(bar.port(), axis)(run) for axis in "xyz"], abs=1e-9
-    )
-    assert np.linalg.norm(np.mean(ends, axis=0) - start) > 1e-7  # it moves
+    measured = np.linalg.norm(ends[0] - ends[1])
+    assert measured == pytest.approx(width, rel=1e-9)
+    measured = np.mean(ends, axis=0)
+    expected = [gx.probes.Position(bar.port(), axis)(run) for axis in "xyz"]
+    assert measured == pytest.approx(expected, abs=1e-9)
+    measured = np.linalg.norm(np.mean(ends, axis=0) - start)
+    assert measured > 1e-7  # it moves
     assert abs(run.energy_error) < 1e-10 and np.abs(run.totals.momentum).max() < 1e-12
 
 
@@ -122,7 +168,12 @@ def test_gravity_air_outside_and_gas_that_was_left_inside(comm) -> None:
     """The tube begins to open by what was left in it, against the air; the work of gravity and air is in the ledger."""
     from demos import folded_tube
 
-    case = folded_tube.build(comm, gravity=9.81, air=1e3, residual=200.0)
+    case = folded_tube.build(
+        comm,
+        gravity=9.81,
+        air=1e3,
+        residual=200.0,
+    )
     run = case.simulation([])
     volumes = [sum(run.chamber(f"tube {k}").volume for k in (1, 2, 3))]
     run.run(until=4e-4 if comm.size == 1 else 1e-4)
@@ -139,7 +190,8 @@ def test_the_demo(tmp_path) -> None:
     assert found["energy_error"] < 1e-8 and found["mass_error"] < 1e-12
     assert found["penetrations"] == 0
     assert np.isfinite(found["pressure_3"]) and found["pressure_1"] > found["pressure_3"]
-    assert (tmp_path / "folded_tube.png").read_bytes()[1:4] == b"PNG"
+    measured = (tmp_path / "folded_tube.png").read_bytes()[1:4]
+    assert measured == b"PNG"
 
 
 @pytest.mark.slow
@@ -158,4 +210,4 @@ def test_a_deployment_to_its_end_on_any_ranks(comm) -> None:
     ] == pytest.approx(5.7, rel=0.1)
     pressures = [found[f"pressure_{k}"] for k in (1, 2, 3)]
     assert pressures == pytest.approx([pressures[0]] * 3, rel=0.02)
-    assert found["halved"] < 0.05 * found["steps"]
+    assert found["rejected"] < 0.05 * found["steps"]

@@ -47,16 +47,19 @@ def test_egm2008_at_three_places(degree: int) -> None:
 def test_zonal_coefficients_of_egm2008() -> None:
     c = egm2008().coefficients
     for n, J in ZONALS.items():
-        assert -c[n, 0].real == pytest.approx(J, rel=1e-7)
+        measured = -c[n, 0].real
+        assert measured == pytest.approx(J, rel=1e-7)
     assert len(c) == 21
-    assert np.count_nonzero(c) == sum(n + 1 for n in range(2, 21))
+    expected = sum(n + 1 for n in range(2, 21))
+    assert np.count_nonzero(c) == expected
 
 
 def test_oblateness() -> None:
     known = [(-0.01096739, 0, 0), (0, 0, 0.02193478), (0.00893762, 0.00670321, -0.00372401)]
     places = 1e6 * np.array([(7, 0, 0), (0, 0, 7), (4, 3, 5)])
     assert np.allclose(oblateness().gradient(places), known, rtol=0, atol=1e-8 / 2)
-    r, z = np.linalg.norm(places, axis=1)[:, None], places[:, 2:]
+    r = np.linalg.norm(places, axis=1)[:, None]
+    z = places[:, 2:]
     factor = np.hstack([1 - 5 * z**2 / r**2] * 2 + [3 - 5 * z**2 / r**2])
     formula = -1.5 * 1.08262668e-3 * 3.986004418e14 * 6378137.0**2 / r**5 * places * factor
     assert np.allclose(oblateness().gradient(places), formula, rtol=1e-13, atol=1e-17)
@@ -73,7 +76,8 @@ def test_oblateness() -> None:
 def test_igrf_at_three_places(
     r: float, colatitude: float, longitude: float, known: tuple[float, ...]
 ) -> None:
-    θ, λ = math.radians(colatitude), math.radians(longitude)
+    θ = math.radians(colatitude)
+    λ = math.radians(longitude)
     e_r = np.array([math.sin(θ) * math.cos(λ), math.sin(θ) * math.sin(λ), math.cos(θ)])
     e_θ = np.array([math.cos(θ) * math.cos(λ), math.cos(θ) * math.sin(λ), -math.sin(θ)])
     e_λ = np.array([-math.sin(λ), math.cos(λ), 0.0])
@@ -93,9 +97,11 @@ def test_igrf_between_epochs_is_their_mean() -> None:
 def spherical(harmonics: SolidHarmonics, r: np.ndarray) -> np.ndarray:
     """The gradient by another route: spherical components, Legendre functions in closed form by differentiation of
     (x² - 1)^n, derivative by colatitude from their own recursion."""
-    N, a = len(harmonics.coefficients), harmonics.radius
+    N = len(harmonics.coefficients)
+    a = harmonics.radius
     distance = np.linalg.norm(r)
-    θ, λ = math.acos(r[2] / distance), math.atan2(r[1], r[0])
+    θ = math.acos(r[2] / distance)
+    λ = math.atan2(r[1], r[0])
     g = np.zeros(3)
     for n in range(N):
         rodrigues = np.polynomial.Polynomial([-1, 0, 1]) ** n / (2**n * math.factorial(n))
@@ -103,8 +109,10 @@ def spherical(harmonics: SolidHarmonics, r: np.ndarray) -> np.ndarray:
             c = harmonics.coefficients[n, m]
             if c == 0:
                 continue
-            P, dP = rodrigues.deriv(n + m), rodrigues.deriv(n + m + 1)
-            x, s = math.cos(θ), math.sin(θ)
+            P = rodrigues.deriv(n + m)
+            dP = rodrigues.deriv(n + m + 1)
+            x = math.cos(θ)
+            s = math.sin(θ)
             value = s**m * P(x)
             slope = m * s ** (m - 1) * x * P(x) - s ** (m + 1) * dP(x) if m else -s * dP(x)
             wave = c * np.exp(1j * m * λ)
@@ -125,23 +133,33 @@ def test_two_routes_agree(place: tuple[float, float, float]) -> None:
     r = np.array(place)
     for harmonics in (egm2008(10, central=True), Igrf(2026.0).harmonics):
         g = harmonics.gradient(r)
-        assert np.abs(g - spherical(harmonics, r)).max() < 1e-12 * np.linalg.norm(g)
+        error = np.abs(g - spherical(harmonics, r)).max()
+        limit = 1e-12 * np.linalg.norm(g)
+        assert error < limit
 
 
 def test_second_derivatives() -> None:
-    field, r = egm2008(20), np.array([4e6, 3e6, 5e6])
-    G, step = field.second_gradient(r), 200.0
+    field = egm2008(20)
+    r = np.array([4e6, 3e6, 5e6])
+    G = field.second_gradient(r)
+    step = 200.0
     ahead, behind = (field.gradient(r + s * step * np.eye(3)) for s in (1, -1))
-    assert np.abs(G - (ahead - behind) / (2 * step)).max() < 1e-7 * np.abs(G).max()
-    assert abs(np.trace(G)) < 1e-13 * np.abs(G).max()
+    error = np.abs(G - (ahead - behind) / (2 * step)).max()
+    limit = 1e-7 * np.abs(G).max()
+    assert error < limit
+    error = abs(np.trace(G))
+    limit = 1e-13 * np.abs(G).max()
+    assert error < limit
     slope = [(field.potential(r + s * step * np.eye(3))) for s in (1, -1)]
     assert np.allclose(field.gradient(r), (slope[0] - slope[1]) / (2 * step), rtol=1e-6, atol=1e-9)
 
 
 def test_poles_are_places_like_others() -> None:
-    field, north = egm2008(20, central=True), np.array([0.0, 0.0, 7e6])
+    field = egm2008(20, central=True)
+    north = np.array([0.0, 0.0, 7e6])
     aside = field.gradient(north + np.array([1.0, 0, 0]))
-    assert np.linalg.norm(field.gradient(north) - aside) < 3 * EGM_MU / 7e6**3
+    error = np.linalg.norm(field.gradient(north) - aside)
+    assert error < 3 * EGM_MU / 7e6**3
     assert np.isfinite(field.second_gradient(north)).all()
 
 

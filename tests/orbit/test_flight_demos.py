@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
-from demos import deorbit, orbit_sail, windmill
+from demos import deorbit, orbit_sail, sail_eclipse, windmill
 from demos.studies import orbit
 
 
@@ -30,9 +30,9 @@ def test_pitched_petals_brake_the_spin_as_in_flight(folder: Path) -> None:
     )
     assert 0.5 < result["torque over the flight's"] < 2
     assert (folder / "windmill.png").exists()
-    assert abs(windmill.main(steps=30, pitch=0.0)["torque [N m]"]) < 1e-3 * abs(
-        result["torque [N m]"]
-    )
+    error = abs(windmill.main(steps=30, pitch=0.0)["torque [N m]"])
+    limit = 1e-3 * abs(result["torque [N m]"])
+    assert error < limit
 
 
 def test_a_deorbit_sail_falls_as_the_formula() -> None:
@@ -46,3 +46,18 @@ def test_a_case_of_the_study_of_orbits(scene: str, comm: MPI.Intracomm) -> None:
     result = orbit.problem(comm, scene, 30.0)
     assert result["result/exact"] == pytest.approx(1.0, abs=2e-3)
     assert result["momentum"] < 1e-12
+
+
+def test_a_sail_cools_shrinks_and_pulls_in_an_eclipse(folder: Path) -> None:
+    result = sail_eclipse.main(cells=5, dt=20.0, until=3600.0, output=folder)
+    lit = result["mean temperature before the eclipse [K]"]
+    dark = result["mean temperature a minute into it [K]"]
+    assert 280 < lit < 295
+    assert 140 < dark < 230
+    # The film shrinks by α ΔT against the springs of two edges, on which it is far stiffer.
+    half_shrinkage = sail_eclipse.ALPHA * (lit - dark) * sail_eclipse.SIDE / 2
+    pull = result["tension a minute into it [N/m]"] - result["tension before the eclipse [N/m]"]
+    assert 0.7 < pull / (sail_eclipse.SPRING * half_shrinkage) < 1.0
+    assert abs(result["heat_error"]) < 1e-12
+    assert abs(result["energy_error"]) < 1e-9
+    assert (folder / "sail_eclipse.png").exists()

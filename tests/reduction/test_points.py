@@ -26,20 +26,35 @@ from gossamer_fx.reduction.points import Points
 from gossamer_fx.terms.discrete_gradient import PathAverage
 from gossamer_fx.terms.element_energies import quadrature_element
 
-LAW = gx.Miyazaki(E=2e8, nu=0.3, density=1400.0, thickness=1e-5)
+LAW = gx.Miyazaki(
+    E=2e8,
+    nu=0.3,
+    density=1400.0,
+    thickness=1e-5,
+)
 HEAVY = {"thickness": lambda X: np.where(X[0] > 1.0, 3e-5, 1e-5)}
 
 
 def strains(F: np.ndarray) -> np.ndarray:
     """(E11, E22, 2 E12) of F (q, 2, 3)."""
-    a, b = F[:, 0], F[:, 1]
+    a = F[:, 0]
+    b = F[:, 1]
     return np.stack([((a * a).sum(1) - 1) / 2, ((b * b).sum(1) - 1) / 2, (a * b).sum(1)], axis=1)
 
 
 @pytest.mark.parametrize(("order", "properties"), [(1, None), (2, None), (1, HEAVY)])
 def test_the_kernel_is_what_numpy_says(order, properties) -> None:
     film = gx.Membrane(
-        sheet(MPI.COMM_SELF, 3, 3, 2.0, 2.0), LAW, order=order, properties=properties
+        sheet(
+            MPI.COMM_SELF,
+            3,
+            3,
+            2.0,
+            2.0,
+        ),
+        LAW,
+        order=order,
+        properties=properties,
     )
     rng = np.random.default_rng(1)
     shapes = gx.reduction.Snapshots(film)
@@ -50,7 +65,8 @@ def test_the_kernel_is_what_numpy_says(order, properties) -> None:
     energies = next(c for c in system.compiled if type(c).__name__ == "ReducedEnergies")
     force = energies._forces[0][1]
     points: Points = force.points
-    c0, c1 = reduced.basis.examples[0], reduced.basis.examples[1]
+    c0 = reduced.basis.examples[0]
+    c1 = reduced.basis.examples[1]
     points.move(c0)
     points.set_true_strains()
     points.keep()
@@ -59,8 +75,10 @@ def test_the_kernel_is_what_numpy_says(order, properties) -> None:
     points.set_true_strains()
 
     at, dA = points_and_areas(film)
-    dA, G = dA.ravel(), mode_gradients(film, reduced.basis.values, at)
-    F0, F1 = G @ c0, G @ c1
+    dA = dA.ravel()
+    G = mode_gradients(film, reduced.basis.values, at)
+    F0 = G @ c0
+    F1 = G @ c1
     assert np.allclose(points.start, strains(F0), atol=1e-13) and np.allclose(
         points.strain, strains(F1), atol=1e-13
     )
@@ -68,7 +86,8 @@ def test_the_kernel_is_what_numpy_says(order, properties) -> None:
     Q = fem.functionspace(
         film.space.mesh, quadrature_element(film.space.mesh, film.dx.metadata(), (3,))
     )
-    e0, e1 = fem.Function(Q), fem.Function(Q)
+    e0 = fem.Function(Q)
+    e1 = fem.Function(Q)
     e0.x.array[:], e1.x.array[:] = strains(F0).ravel(), strains(F1).ravel()
     e_chosen = ufl.variable(e1)
     stress = PathAverage().stress(
@@ -80,7 +99,8 @@ def test_the_kernel_is_what_numpy_says(order, properties) -> None:
 
     # the stress that is linear in the strain, about a strain that is not the true one
     points.strain[:] *= 0.9
-    S, D = points.response[:, :3], points.response[:, 3:].reshape(-1, 3, 3)
+    S = points.response[:, :3]
+    D = points.response[:, 3:].reshape(-1, 3, 3)
     s = (S + np.einsum("qij,qj->qi", D, strains(F1) - points.strain)) * dA[:, None]
     mid = (F0 + F1) / 2
     N = np.stack(

@@ -14,18 +14,24 @@ from gossamer_fx.meshes.sheet import sheet
 
 WORLD = MPI.COMM_WORLD
 LAW = gx.Miyazaki(E=2e8, nu=0.3, density=1400.0, thickness=1e-5)
-SIDE, DT = 2.0, 0.05
+SIDE = 2.0
+DT = 0.05
 
 
 def sail(
     comm: MPI.Intracomm, cells: int = 4, order: int = 1, name: str = "the sail"
 ) -> gx.Membrane:
     def velocity(X: np.ndarray) -> np.ndarray:
-        x, y = X[0] - SIDE / 2, X[1] - SIDE / 2
+        x = X[0] - SIDE / 2
+        y = X[1] - SIDE / 2
         return np.stack([-y, x, 0.05 * x * y])
 
     return gx.Membrane(
-        sheet(comm, cells, cells, SIDE, SIDE), LAW, order=order, velocity=velocity, name=name
+        sheet(comm, cells, cells, SIDE, SIDE),
+        LAW,
+        order=order,
+        velocity=velocity,
+        name=name,
     )
 
 
@@ -37,13 +43,21 @@ def flown(
     shapes = gx.reduction.Snapshots(film, every=2)
     outputs = [gx.Recording(folder / "run", every=2), shapes]
     points = gx.Checkpoints(folder / "points", every=4)
-    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT), outputs=outputs, checkpoints=points)
+    run = gx.Simulation(
+        gx.Scene(film),
+        gx.Midpoint(dt=DT),
+        outputs=outputs,
+        checkpoints=points,
+    )
     run.run(until=4 * DT if halves else 8 * DT)
     if halves:
         kept = list(shapes.positions)
         again = gx.Recording(folder / "run", every=2), gx.reduction.Snapshots(film, every=2)
         gx.Simulation(
-            gx.Scene(film), gx.Midpoint(dt=DT), outputs=again, restart=folder / "points"
+            gx.Scene(film),
+            gx.Midpoint(dt=DT),
+            outputs=again,
+            restart=folder / "points",
         ).run(until=8 * DT)
         shapes.positions = kept + again[1].positions
     return shapes
@@ -73,8 +87,10 @@ def test_a_run_on_one_rank_is_read_on_all(folder: Path) -> None:
     read = gx.reduction.RecordedShapes(film, folder / "run")
     run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT))
     run.run(until=8 * DT)
-    assert np.abs(read.positions[-1].ravel() - run.system.q0.array_r).max(initial=0.0) < 1e-8
-    assert gx.reduction.reduce(film, [read], modes=2).basis.size == 5
+    error = np.abs(read.positions[-1].ravel() - run.system.q0.array_r).max(initial=0.0)
+    assert error < 1e-8
+    measured = gx.reduction.reduce(film, [read], modes=2).basis.size
+    assert measured == 5
 
 
 @pytest.mark.mpi

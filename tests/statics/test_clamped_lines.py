@@ -10,22 +10,36 @@ import pytest
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
 
-TUBE = gx.sections.tube(0.002, 5e-5, E=1e11, nu=0.3, density=1560.0)
+TUBE = gx.sections.tube(
+    0.002,
+    5e-5,
+    E=1e11,
+    nu=0.3,
+    density=1560.0,
+)
 L = 1.0
 
 
 def beam_along_x(comm, cells=8, **options):
-    return gx.Beam(line(comm, [(0, 0, 0), (L, 0, 0)], cells), TUBE, **options)
+    return gx.Beam(
+        line(comm, [(0, 0, 0), (L, 0, 0)], cells),
+        TUBE,
+        **options,
+    )
 
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("by", ["vector", "function"])
 def test_moments_of_a_beam_whose_end_is_turned(comm, by):
     """4 EI θ/L at the end that is turned, 2 EI θ/L at the other, forces 6 EI θ/L²."""
-    θ, beam = 1e-4, beam_along_x(comm)
+    θ = 1e-4
+    beam = beam_along_x(comm)
     if by == "vector":
         turned = gx.Fixed(
-            beam, "end", rotation=True, direction=(3 * math.cos(θ), 3 * math.sin(θ), 0.0)
+            beam,
+            "end",
+            rotation=True,
+            direction=(3 * math.cos(θ), 3 * math.sin(θ), 0.0),
         )
     else:
         turned = gx.Fixed(
@@ -40,29 +54,41 @@ def test_moments_of_a_beam_whose_end_is_turned(comm, by):
     moments = [equilibrium.reaction(still)[1], equilibrium.reaction(turned, (L, 0.0, 0.0))[1]]
     exact = 2 * TUBE.EI2 * θ / L
     assert moments[0] == pytest.approx([0, 0, exact], rel=1e-3, abs=1e-6 * exact)
-    assert moments[1] == pytest.approx([0, 0, 2 * exact], rel=1e-3, abs=1e-6 * exact)
-    assert equilibrium.reaction(still)[0][1] == pytest.approx(3 * exact / L, rel=1e-3)
+    expected = [0, 0, 2 * exact]
+    assert moments[1] == pytest.approx(expected, rel=1e-3, abs=1e-6 * exact)
+    measured = equilibrium.reaction(still)[0][1]
+    assert measured == pytest.approx(3 * exact / L, rel=1e-3)
 
 
 @pytest.mark.mpi
 def test_torque_of_a_twisted_beam(comm):
     """GJ φ/L, also of a large angle."""
-    beam, φ = beam_along_x(comm), 2.0
-    still, twisted = (
-        gx.Fixed(beam, "start", rotation=True),
-        gx.Fixed(beam, "end", rotation=True, twist=lambda t: φ * t),
+    beam = beam_along_x(comm)
+    φ = 2.0
+    still = gx.Fixed(beam, "start", rotation=True)
+    twisted = gx.Fixed(
+        beam,
+        "end",
+        rotation=True,
+        twist=lambda t: φ * t,
     )
     slides = gx.Equilibrium(gx.Scene(still, twisted))
     for t in (0.25, 0.5, 0.75, 1.0):
         slides.find(at=t)
-    assert slides.reaction(twisted, (L, 0.0, 0.0))[1][0] == pytest.approx(TUBE.GJ * φ / L, rel=2e-3)
+    measured = slides.reaction(twisted, (L, 0.0, 0.0))[1][0]
+    assert measured == pytest.approx(TUBE.GJ * φ / L, rel=2e-3)
 
 
 @pytest.mark.mpi
 def test_a_root_that_turns_and_moves_books_its_work(comm):
     """A boom whose root turns about z and moves along y as the boom does at the start: the ledger closes."""
-    ω, u = 2.0, 0.5
-    beam = beam_along_x(comm, 4, velocity=lambda X: np.vstack([-ω * X[1], ω * X[0] + u, 0 * X[0]]))
+    ω = 2.0
+    u = 0.5
+    beam = beam_along_x(
+        comm,
+        4,
+        velocity=lambda X: np.vstack([-ω * X[1], ω * X[0] + u, 0 * X[0]]),
+    )
 
     def turning(X, t):
         return np.vstack(
@@ -105,9 +131,11 @@ def test_lines_slide_in_planes_of_any_direction(comm, kind):
     scene = gx.Scene(*(spin or ends[:1]), *ends[1:], gx.Gravity(body, (0.0, 0.0, -1.0)))
     equilibrium = gx.Equilibrium(scene)
     equilibrium.find()
-    pin, slope = equilibrium.reaction((spin or ends)[0])[0], equilibrium.reaction(ends[1])[0]
+    pin = equilibrium.reaction((spin or ends)[0])[0]
+    slope = equilibrium.reaction(ends[1])[0]
     assert pin + slope == pytest.approx([0, 0, weight], abs=1e-6 * weight)
-    assert np.cross(slope, n) == pytest.approx([0, 0, 0], abs=1e-9 * weight)
+    measured = np.cross(slope, n)
+    assert measured == pytest.approx([0, 0, 0], abs=1e-9 * weight)
     x = np.array([gx.probes.Displacement(body.port("end"), axis)(equilibrium) for axis in "xyz"])
     assert x @ n == pytest.approx(0, abs=1e-12) and np.linalg.norm(x) > 0
 
@@ -117,25 +145,33 @@ def test_a_cable_is_moved_as_films_are(comm):
     """Pulled by 1 %: N = EA λ ε."""
     cable = gx.Cable(line(comm, [(0, 0, 0), (L, 0, 0)], 4), gx.CableLaw(1e3, 0.1))
     pulled = gx.Fixed(
-        cable, "end", motion=lambda X, t: np.vstack([0.01 * t + 0 * X[0], 0 * X[0], 0 * X[0]])
+        cable,
+        "end",
+        motion=lambda X, t: np.vstack([0.01 * t + 0 * X[0], 0 * X[0], 0 * X[0]]),
     )
     held = gx.Fixed(cable, "start")
     equilibrium = gx.Equilibrium(gx.Scene(held, pulled))
     equilibrium.find(at=1.0)
-    assert equilibrium.reaction(pulled)[0][0] == pytest.approx(
-        1e3 * 1.01 * (1.01**2 - 1) / 2, rel=1e-8
-    )
+    measured = equilibrium.reaction(pulled)[0][0]
+    expected = 1e3 * 1.01 * (1.01**2 - 1) / 2
+    assert measured == pytest.approx(expected, rel=1e-8)
 
 
 def test_what_cannot_be_clamped_is_refused(comm):
-    beam, cable = (
-        beam_along_x(comm),
-        gx.Cable(line(comm, [(0, 0, 0), (L, 0, 0)], 2), gx.CableLaw(1e3, 0.1)),
-    )
+    beam = beam_along_x(comm)
+    cable = gx.Cable(line(comm, [(0, 0, 0), (L, 0, 0)], 2), gx.CableLaw(1e3, 0.1))
 
     def compiled(**options):
         return gx.Simulation(
-            gx.Scene(gx.Fixed(beam, "start", rotation=True, **options)), gx.Midpoint(dt=1e-3)
+            gx.Scene(
+                gx.Fixed(
+                    beam,
+                    "start",
+                    rotation=True,
+                    **options,
+                )
+            ),
+            gx.Midpoint(dt=1e-3),
         )
 
     for act, words in (
@@ -143,8 +179,24 @@ def test_what_cannot_be_clamped_is_refused(comm):
             lambda: gx.Fixed(cable, "start", direction=(0.0, 0.0, 1.0)),
             "no stiffness in bending",
         ),
-        (lambda: gx.Fixed(beam, "start", rotation=True, direction=(0.0, 0.0, 0.0)), "not all zero"),
-        (lambda: gx.Fixed(beam, "start", rotation=True, twist=math.nan), "twist is nan"),
+        (
+            lambda: gx.Fixed(
+                beam,
+                "start",
+                rotation=True,
+                direction=(0.0, 0.0, 0.0),
+            ),
+            "not all zero",
+        ),
+        (
+            lambda: gx.Fixed(
+                beam,
+                "start",
+                rotation=True,
+                twist=math.nan,
+            ),
+            "twist is nan",
+        ),
         (lambda: compiled(direction=(-1.0, 0.0, 0.0)), "opposite"),
         (lambda: compiled(direction=lambda X, t: 0 * X), "is zero"),
         (lambda: compiled(direction=lambda X, t: X[:2]), "Direction of"),

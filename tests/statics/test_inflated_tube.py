@@ -36,7 +36,8 @@ def test_bent_tube_wrinkles_at_the_moment_of_stein_and_hedgepeth(comm, element):
     assert result["M(½κ_w)/exact"] == pytest.approx(1, abs=5e-3)
     assert result["M_w/exact"] == pytest.approx(1, abs=3e-2)
     for ratio in bent_tube.BENT:
-        assert result[f"M({ratio:g}κ_w)/exact"] == pytest.approx(1, abs=1e-2)
+        measured = result[f"M({ratio:g}κ_w)/exact"]
+        assert measured == pytest.approx(1, abs=1e-2)
     assert result["residual"] < 1e-8
 
 
@@ -44,7 +45,16 @@ def test_bent_tube_wrinkles_at_the_moment_of_stein_and_hedgepeth(comm, element):
 @pytest.mark.parametrize(("order", "error"), [(1, 0.03), (2, 1e-3)])
 def test_normals_of_the_cylinder_point_outwards(comm, order, error):
     film = gx.Membrane(
-        capped_cylinder(comm, 1.0, 2.0, 16, 8, order), inflated_tube.LAW, order=order
+        capped_cylinder(
+            comm,
+            1.0,
+            2.0,
+            16,
+            8,
+            order,
+        ),
+        inflated_tube.LAW,
+        order=order,
     )
     x = fem.Function(film.space)
     x.interpolate(lambda X: X)

@@ -16,8 +16,17 @@ from gossamer_fx.meshes.disc import quarter_disc, ring
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import EDGES, sheet
 
-N0, THICKNESS, E, NU = 10.0, 2e-5, 2.3e9, 0.3  # N/m, m, Pa
-TENSIONED = gx.Miyazaki(E, NU, density=0.028 / THICKNESS, thickness=THICKNESS)
+# N/m, m, Pa
+N0 = 10.0
+THICKNESS = 2e-5
+E = 2.3e9
+NU = 0.3
+TENSIONED = gx.Miyazaki(
+    E,
+    NU,
+    density=0.028 / THICKNESS,
+    thickness=THICKNESS,
+)
 STRETCH = N0 * (1 - NU) / (E * THICKNESS)
 
 
@@ -27,26 +36,37 @@ def stretched(X):
 
 @pytest.mark.mpi
 @pytest.mark.parametrize(
-    ("order", "cells", "tolerance"), [(1, 16, 0.02), (2, 8, 2e-3)], ids=["P1", "P2"]
+    ("order", "cells", "tolerance"),
+    [(1, 16, 0.02), (2, 8, 2e-3)],
+    ids=["P1", "P2"],
 )
 def test_square_film_under_tension(comm, order, cells, tolerance):
     """f = ½√(N0/ρt) √((m/a)² + (n/a)²) for a = 2.1 m."""
     film = gx.Membrane(
-        sheet(comm, cells, cells, 2.1, 2.1), TENSIONED, order=order, displacement=stretched
+        sheet(comm, cells, cells, 2.1, 2.1),
+        TENSIONED,
+        order=order,
+        displacement=stretched,
     )
     equilibrium = Equilibrium(gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES)))
     equilibrium.find()
     found = modes(equilibrium, 4)
-    assert [mode.frequency for mode in found] == pytest.approx(
-        [6.363363, 10.06136, 10.06136, 12.726726], rel=tolerance
-    )
+    measured = [mode.frequency for mode in found]
+    expected = [6.363363, 10.06136, 10.06136, 12.726726]
+    assert measured == pytest.approx(expected, rel=tolerance)
     assert max(mode.growth for mode in found) < 1e-6
-    assert len(found[0].shape) == equilibrium.system.numbering.size_local
+    measured = len(found[0].shape)
+    assert measured == equilibrium.system.numbering.size_local
 
 
 def test_round_film_under_tension(comm):
     """f = j_mn/(2πa) √(N0/ρt) for a = 1 m; a quarter has the modes of even m: j01, j21, j02."""
-    film = gx.Membrane(quarter_disc(comm, 8, 1.0, 2), TENSIONED, order=2, displacement=stretched)
+    film = gx.Membrane(
+        quarter_disc(comm, 8, 1.0, 2),
+        TENSIONED,
+        order=2,
+        displacement=stretched,
+    )
     held = [
         gx.Fixed(film, "rim"),
         gx.Fixed(film, "x axis", components=(1,)),
@@ -62,7 +82,11 @@ SPIN = 10.0
 SPUN = gx.Miyazaki(1e9, NU, density=5e-5 * 1e9 / SPIN**2, thickness=1e-4)  # ρΩ²a²/E = 5e-5
 
 
-@pytest.mark.parametrize("turning", [False, True], ids=["without Coriolis", "with Coriolis"])
+@pytest.mark.parametrize(
+    "turning",
+    [False, True],
+    ids=["without Coriolis", "with Coriolis"],
+)
 def test_disc_that_spins_about_a_hub(comm, turning):
     """(ω/Ω)² in the disc's frame, b/a = 0.2, for 0, 1, 1, 2, 2, 3, 3 nodal diameters.
 
@@ -87,20 +111,29 @@ def test_disc_that_spins_freely(comm):
     assert found.free == ("translation z",)
     x = equilibrium.system.q0.array_r.reshape(-1, 3)
     rim = comm.allreduce(float(np.hypot(x[:, 0], x[:, 1]).max()), max)
-    assert rim - 1 == pytest.approx((1 - NU) / 4 * 5e-5, rel=1e-2)  # u(a)
+    expected = (1 - NU) / 4 * 5e-5
+    assert rim - 1 == pytest.approx(expected, rel=1e-2)  # u(a)
     squares = [
         (2 * np.pi * mode.frequency / SPIN) ** 2 for mode in modes(equilibrium, 4, above=0.1)
     ]
-    assert squares == pytest.approx([0.0, 2.35, 3.3, 6.1], abs=1e-2)
+    expected = [0.0, 2.35, 3.3, 6.1]
+    assert squares == pytest.approx(expected, abs=1e-2)
 
 
 def test_coriolis_force_turns_the_plane_of_a_pendulum(comm):
     """A mass on equal springs: λ² + ω0² ± 2iΩλ = 0, so ω = √(Ω² + ω0²) ± Ω; across the plane ω0."""
-    mass, k, Ω = 2.0, 50.0, 3.0
+    mass = 2.0
+    k = 50.0
+    Ω = 3.0
     point = gx.PointMass(mass, (0.0, 0.0, 0.0), comm=comm)
     axes = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
     springs = [
-        gx.connectors.AxialSpring(point.port(), k, direction=axis, name=f"spring {axis}")
+        gx.connectors.AxialSpring(
+            point.port(),
+            k,
+            direction=axis,
+            name=f"spring {axis}",
+        )
         for axis in axes
     ]
     equilibrium = Equilibrium(gx.Scene(point, *springs))
@@ -108,9 +141,9 @@ def test_coriolis_force_turns_the_plane_of_a_pendulum(comm):
     ω0 = (k / mass) ** 0.5
     found = modes(equilibrium, 3, spin=(0.0, 0.0, Ω))
     root = (Ω**2 + ω0**2) ** 0.5
-    assert [2 * np.pi * mode.frequency for mode in found] == pytest.approx(
-        [root - Ω, ω0, root + Ω], rel=1e-8
-    )
+    measured = [2 * np.pi * mode.frequency for mode in found]
+    expected = [root - Ω, ω0, root + Ω]
+    assert measured == pytest.approx(expected, rel=1e-8)
 
 
 def test_coriolis_matrix_of_a_film(comm):
@@ -130,7 +163,11 @@ def test_coriolis_matrix_of_a_film(comm):
 @pytest.mark.mpi
 def test_a_mass_on_a_gas_spring(comm):
     """ω² = γ p A²/(m V) of a piston with gas, and the frequencies of springs across are those without gas."""
-    mass, area, volume, pressure, k = 2.0, 0.01, 2e-3, 1e5, 50.0
+    mass = 2.0
+    area = 0.01
+    volume = 2e-3
+    pressure = 1e5
+    k = 50.0
     piston = gx.PointMass(mass, (0.0, 0.0, 0.0), comm=comm)
     gas = gx.Chamber(
         gx.gas.Piston(piston.port(), area, direction=(0.0, 0.0, 1.0)),
@@ -141,7 +178,12 @@ def test_a_mass_on_a_gas_spring(comm):
         outside=gx.gas.Ambient(pressure),
     )
     across = [
-        gx.connectors.AxialSpring(piston.port(), k, direction=axis, name=f"spring {axis}")
+        gx.connectors.AxialSpring(
+            piston.port(),
+            k,
+            direction=axis,
+            name=f"spring {axis}",
+        )
         for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     ]
     scene = gx.Scene(piston, gas, *across)
@@ -153,7 +195,8 @@ def test_a_mass_on_a_gas_spring(comm):
         (k / mass) ** 0.5,
         (1.4 * pressure * area**2 / mass / volume) ** 0.5,
     ]
-    assert [2 * np.pi * mode.frequency for mode in found] == pytest.approx(exact, rel=1e-9)
+    measured = [2 * np.pi * mode.frequency for mode in found]
+    assert measured == pytest.approx(exact, rel=1e-9)
     assert found[2].effective_mass == pytest.approx([0.0, 0.0, mass], abs=1e-9)
     with pytest.raises(gx.InputError, match="in a turning frame"):
         modes(equilibrium, 1, spin=(0.0, 0.0, 1.0))
@@ -164,7 +207,12 @@ def test_a_drum_over_closed_air(comm):
     bag = airbag(comm, 1.0, 8)
     frequencies = {}
     for closed in (False, True):
-        film = gx.Membrane(bag, TENSIONED, order=2, initial_stress=N0 / THICKNESS)
+        film = gx.Membrane(
+            bag,
+            TENSIONED,
+            order=2,
+            initial_stress=N0 / THICKNESS,
+        )
         items = [film, gx.Fixed(film, "seam"), gx.Fixed(film, "bottom")]
         if closed:
             items.append(
@@ -202,12 +250,17 @@ def test_a_drum_over_closed_air(comm):
 def test_effective_masses(comm):
     """The mode (1, 1) of a square drum moves 64/π⁴ of its mass; without supports all is in rigid motions."""
     film = gx.Membrane(
-        sheet(comm, 8, 8), TENSIONED, order=2, initial_stress=N0 / THICKNESS, name="drum"
+        sheet(comm, 8, 8),
+        TENSIONED,
+        order=2,
+        initial_stress=N0 / THICKNESS,
+        name="drum",
     )
     equilibrium = Equilibrium(gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES)))
     equilibrium.find()
     first = modes(equilibrium, 1)[0]
-    assert first.effective_mass == pytest.approx([0, 0, 64 / np.pi**4 * 0.028], rel=1e-3, abs=1e-9)
+    expected = [0, 0, 64 / np.pi**4 * 0.028]
+    assert first.effective_mass == pytest.approx(expected, rel=1e-3, abs=1e-9)
     φ = first.displacements["drum"]
     assert φ.shape == (film.block.index_map.size_local, 3)
     largest = comm.allreduce(float(φ.real.max(initial=0.0)), MPI.MAX)
@@ -216,7 +269,11 @@ def test_effective_masses(comm):
 
 
 def test_slack_film_has_no_frequencies_that_can_be_trusted(comm, caplog):
-    film = gx.Membrane(sheet(comm, 3, 3), TENSIONED, displacement=lambda X: -1e-3 * X)
+    film = gx.Membrane(
+        sheet(comm, 3, 3),
+        TENSIONED,
+        displacement=lambda X: -1e-3 * X,
+    )
     equilibrium = Equilibrium(gx.Scene(film, gx.Fixed(film, "left")))
     found = equilibrium.find()
     assert not found.regular
@@ -228,7 +285,11 @@ def test_slack_film_has_no_frequencies_that_can_be_trusted(comm, caplog):
 def test_film_in_contact(comm):
     """A sheet that lies on the ground vibrates across it by the stiffness of contact alone."""
     law = gx.Linear(E, NU, density=1400.0, thickness=THICKNESS)
-    film = gx.Membrane(sheet(comm, 3, 3), law, initial_stress=N0 / THICKNESS)
+    film = gx.Membrane(
+        sheet(comm, 3, 3),
+        law,
+        initial_stress=N0 / THICKNESS,
+    )
     items = [film, gx.Gravity(film), *(gx.Fixed(film, edge, components=(0, 1)) for edge in EDGES)]
     floor = gx.contact.Plane(point=(0.0, 0.0, -2e-3), normal=(0.0, 0.0, 1.0))
     equilibrium = Equilibrium(gx.Scene(*items, gx.Contact(film, floor, distance=1e-3)))
@@ -245,7 +306,11 @@ def test_film_in_contact(comm):
 def test_hanging_cable_with_a_mass_on_a_joint(comm, tip, exact):
     """ω√(L/g), twice each, of a cable of 1 m and 1 kg found in equilibrium under its weight."""
     down = (0.0, 0.0, -1.0)
-    cable = gx.Cable(line(comm, [(0, 0, 0), down], 32), gx.CableLaw(1e5, 1.0), order=2)
+    cable = gx.Cable(
+        line(comm, [(0, 0, 0), down], 32),
+        gx.CableLaw(1e5, 1.0),
+        order=2,
+    )
     items = [gx.Fixed(cable, "start"), gx.Gravity(cable, down)]
     if tip:
         mass = gx.PointMass(tip, down, comm=comm)
@@ -258,13 +323,19 @@ def test_hanging_cable_with_a_mass_on_a_joint(comm, tip, exact):
 
 def test_cantilever(comm):
     """βL of a beam, whose sections stay rigid by multipliers, in both of its planes."""
-    section = gx.sections.solid_circle(1e-2, E=1e9, nu=0.3, density=1000.0)
+    section = gx.sections.solid_circle(
+        1e-2,
+        E=1e9,
+        nu=0.3,
+        density=1000.0,
+    )
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 8), section)
     equilibrium = Equilibrium(gx.Scene(beam, gx.Fixed(beam, "start", rotation=True)))
     equilibrium.find()
     scale = (section.line_density / section.EI2) ** 0.5
     βL = [(2 * np.pi * mode.frequency * scale) ** 0.5 for mode in modes(equilibrium, 4)]
-    assert βL == pytest.approx(np.repeat((1.87510407, 4.69409113), 2), rel=1e-3)
+    expected = np.repeat((1.87510407, 4.69409113), 2)
+    assert βL == pytest.approx(expected, rel=1e-3)
 
 
 @pytest.mark.mpi
@@ -274,24 +345,48 @@ def test_a_free_hub_with_tethers_in_a_turning_frame(comm, above):
 
     The hub of radius R is free: at zero frequency the stiffness is singular.
     """
-    Ω, R, L, m, k = 3.0, 0.2, 1.0, 0.05, 1e5
-    hub = gx.RigidBody(2.0, (0.3, 0.3, 0.5), comm=comm, name="hub")
+    Ω = 3.0
+    R = 0.2
+    L = 1.0
+    m = 0.05
+    k = 1e5
+    hub = gx.RigidBody(
+        2.0,
+        (0.3, 0.3, 0.5),
+        comm=comm,
+        name="hub",
+    )
     spin = (0.0, 0.0, Ω)
     items = [Centrifugal(hub, spin)]
     for i, e in enumerate(np.array([(1.0, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)])):
-        tip = gx.PointMass(m, tuple((R + L) * e), comm=comm, name=f"tip {i}")
+        tip = gx.PointMass(
+            m,
+            tuple((R + L) * e),
+            comm=comm,
+            name=f"tip {i}",
+        )
         length = L - m * Ω**2 * (R + L) / k
         items += [
             gx.connectors.Rope(
-                hub.port(tuple(R * e)), tip.port(), length=length, stiffness=k, name=f"tether {i}"
+                hub.port(tuple(R * e)),
+                tip.port(),
+                length=length,
+                stiffness=k,
+                name=f"tether {i}",
             ),
             Centrifugal(tip, spin),
         ]
     equilibrium = Equilibrium(gx.Scene(*items))
     result = equilibrium.find()
     assert result.free == ("translation z", "rotation z")
-    planar, across = np.sqrt(R / L), np.sqrt(1 + R / L)
-    near = modes(equilibrium, 2 if above else 12, spin=spin, above=above * planar * Ω / (2 * np.pi))
+    planar = np.sqrt(R / L)
+    across = np.sqrt(1 + R / L)
+    near = modes(
+        equilibrium,
+        2 if above else 12,
+        spin=spin,
+        above=above * planar * Ω / (2 * np.pi),
+    )
     found = np.array([2 * np.pi * mode.frequency / Ω for mode in near])
     for exact in [planar, across] if above == 0 else [planar] if above < 2 else [across]:
         assert abs(found - exact).min() < 1e-5 * exact
@@ -305,26 +400,38 @@ def test_modes_near_a_frequency_in_a_turning_frame(comm):
     spin = (0.0, 0.0, SPIN)
     equilibrium = Equilibrium(gx.Scene(film, gx.Fixed(film, "hub"), Centrifugal(film, spin)))
     equilibrium.find()
-    found = modes(equilibrium, 2, spin=spin, above=1.5 * SPIN / (2 * np.pi))
-    assert [(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in found] == pytest.approx(
-        [2.276136] * 2, rel=2e-3
+    found = modes(
+        equilibrium,
+        2,
+        spin=spin,
+        above=1.5 * SPIN / (2 * np.pi),
     )
+    measured = [(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in found]
+    assert measured == pytest.approx([2.276136] * 2, rel=2e-3)
 
 
 def test_a_film_on_a_free_hub_in_a_turning_frame(comm):
     """A rigid hub, much heavier than its film, is as good as held: the disc's own frequencies, hub free."""
     film = gx.Membrane(ring(comm, 0.2, 1.0, 4, 24, 2), SPUN, order=2)
     mass = 1e4 * 5e-5 * 1e9 / SPIN**2 * 1e-4 * np.pi
-    hub = gx.RigidBody(mass, (mass, mass, 2 * mass), comm=comm, name="hub")
+    hub = gx.RigidBody(
+        mass,
+        (mass, mass, 2 * mass),
+        comm=comm,
+        name="hub",
+    )
     spin = (0.0, 0.0, SPIN)
     scene = gx.Scene(
         gx.RigidRegion(film, "hub", rigid_body=hub), Centrifugal(film, spin), Centrifugal(hub, spin)
     )
     equilibrium = Equilibrium(scene)
     equilibrium.find()
-    lowest, near = (
-        modes(equilibrium, 14, spin=spin),
-        modes(equilibrium, 10, spin=spin, above=1.2 * SPIN / (2 * np.pi)),
+    lowest = modes(equilibrium, 14, spin=spin)
+    near = modes(
+        equilibrium,
+        10,
+        spin=spin,
+        above=1.2 * SPIN / (2 * np.pi),
     )
     squares = np.array([(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in lowest])
     for exact in (0.733432, 1.158668):

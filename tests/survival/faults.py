@@ -23,7 +23,9 @@ class Trouble:
     times = ()
 
     def __init__(self, what: str, out: Path, step: int = 6) -> None:
-        self.what, self.out, self.step = what, out, step
+        self.what = what
+        self.out = out
+        self.step = step
 
     def open(self, run: gx.Simulation) -> None:
         pass
@@ -62,7 +64,8 @@ def fail_on_first_rank() -> None:
 
 
 def main() -> None:
-    out, what = Path(sys.argv[1]), sys.argv[2]
+    out = Path(sys.argv[1])
+    what = sys.argv[2]
     outputs = [
         gx.Ledger(out / "ledger.csv"),
         gx.outputs.Probes(out / "probes.csv", {"one": lambda run: 1.0}),

@@ -40,10 +40,22 @@ USUAL: dict[str, Any] = {
 def scene(**changed: Any) -> gx.Scene:
     """A bit of everything that acts from outside."""
     p = USUAL | changed
-    ramp, table = p["ramp"], [0.0, 1.0]
+    ramp = p["ramp"]
+    table = [0.0, 1.0]
     film = gx.Membrane(sheet(COMM, 2, 2), LAW)
-    hub = gx.RigidBody(1.0, (0.02, 0.03, 0.04), comm=COMM, name="hub")
-    bottle = gx.Tank(1e-3, gas=GAS, pressure=2e5, temperature=300.0, name="bottle")
+    hub = gx.RigidBody(
+        1.0,
+        (0.02, 0.03, 0.04),
+        comm=COMM,
+        name="hub",
+    )
+    bottle = gx.Tank(
+        1e-3,
+        gas=GAS,
+        pressure=2e5,
+        temperature=300.0,
+        name="bottle",
+    )
     valve = gx.Orifice(
         bottle,
         gx.gas.Ambient(p["outside"], 300.0),
@@ -64,7 +76,11 @@ def scene(**changed: Any) -> gx.Scene:
             hub.port(), lambda t: (ramp * t, np.interp(t, [0, 1], table), 0.0), name="push"
         ),
         gx.control.AttitudeControl(
-            hub.frame(), p["target"], stiffness=p["stiffness"], damping=0.3, period=DT
+            hub.frame(),
+            p["target"],
+            stiffness=p["stiffness"],
+            damping=0.3,
+            period=DT,
         ),
         gx.Fixed(film, "left", motion=p["motion"], name="mover"),
         gx.loads.EdgeLoad(film, "right", force=p["edge"]),
@@ -123,7 +139,12 @@ def test_changes_that_are_meant_are_taken(folder: Path) -> None:
     ):
         run(3, scene(), restart=folder, changes=["vent"])
     with pytest.raises(gx.InputError, match="force of 'pull'"):
-        run(3, scene(area=2e-6, force=(2.0, 0.0, 0.0)), restart=folder, changes=["valve"])
+        run(
+            3,
+            scene(area=2e-6, force=(2.0, 0.0, 0.0)),
+            restart=folder,
+            changes=["valve"],
+        )
     after = run(3, scene(area=2e-6), restart=folder, changes=["valve"])
     assert after.step == 3 and abs(after.mass_error) <= 1e-14
     with pytest.raises(gx.InputError, match="changes, but no restart"):
@@ -262,7 +283,11 @@ OTHER_CONTACT: dict[str, tuple[dict[str, Any], str]] = {
     "E in free flight": (
         {
             "law": gx.Miyazaki(
-                E=2e9, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-6
+                E=2e9,
+                nu=0.3,
+                density=1400.0,
+                thickness=1e-4,
+                residual_stiffness=1e-6,
             )
         },
         "law E of 'film' is 1e.09 there and 2e.09 here",
@@ -289,7 +314,8 @@ def test_another_motion_of_an_obstacle_is_refused(folder: Path) -> None:
     words = "the function obstacles 1 motion of 'contact' is another one"
     with pytest.raises(gx.InputError, match=words):
         run(2, touching({"motion": sinks}), restart=folder)
-    assert run(2, touching({"motion": rises}), restart=folder).step == 2
+    measured = run(2, touching({"motion": rises}), restart=folder).step
+    assert measured == 2
 
 
 def flying(**changed: Any) -> gx.Scene:
@@ -346,7 +372,8 @@ def test_another_orbit_or_drag_is_refused(folder: Path, what: str) -> None:
     if "epoch" in usual:
         pytest.importorskip("erfa")
     run(1, flying(**usual), checkpoints=gx.Checkpoints(folder))
-    assert run(2, flying(**usual), restart=folder).step == 2
+    measured = run(2, flying(**usual), restart=folder).step
+    assert measured == 2
     with pytest.raises(gx.InputError, match=rf"of another scene: .*{words}.*name it in changes"):
         run(2, flying(**changed), restart=folder)
 
@@ -368,7 +395,8 @@ def test_small_numbers_are_compared_relatively(
     folder: Path, what: str, small: Any, other: Any, words: str
 ) -> None:
     run(1, scene(**{what: small}), checkpoints=gx.Checkpoints(folder))
-    assert run(2, scene(**{what: small}), restart=folder).step == 2
+    measured = run(2, scene(**{what: small}), restart=folder).step
+    assert measured == 2
     with pytest.raises(gx.InputError, match=words):
         run(2, scene(**{what: other}), restart=folder)
 

@@ -25,11 +25,21 @@ def falling() -> tuple[gx.PointMass, gx.Scene]:
 def test_a_fall_ends_at_its_height(height: float, control: gx.StepControl | None) -> None:
     mass, scene = falling()
     event = gx.When(
-        gx.probes.Position(mass.port(), "z"), height, falling=True, stop=True, tolerance=1e-12
+        gx.probes.Position(mass.port(), "z"),
+        height,
+        falling=True,
+        stop=True,
+        tolerance=1e-12,
     )
-    run = gx.Simulation(scene, gx.Midpoint(dt=0.04), events=[event], control=control)
+    run = gx.Simulation(
+        scene,
+        gx.Midpoint(dt=0.04),
+        events=[event],
+        control=control,
+    )
     run.run(until=10.0)
-    assert run.time == pytest.approx(math.sqrt(2 * (1 - height) / 9.81), abs=1e-11)
+    expected = math.sqrt(2 * (1 - height) / 9.81)
+    assert run.time == pytest.approx(expected, abs=1e-11)
     assert run.system.q0.array_r[2] <= height
     assert abs(run.energy_error) <= 1e-13
 
@@ -69,11 +79,28 @@ def test_the_first_of_two_events_in_a_step_comes_first() -> None:
 def test_pressure_opens_a_valve() -> None:
     """A tank fills a bottle; at 1.2 bar a second orifice is opened.  Mass and energy are kept through the event."""
     opened = []
-    tank = gx.Tank(1e-3, gas=GAS, pressure=5e5, temperature=300.0, name="tank")
-    bottle = gx.Tank(2e-3, gas=GAS, pressure=1e5, temperature=300.0, name="bottle")
+    tank = gx.Tank(
+        1e-3,
+        gas=GAS,
+        pressure=5e5,
+        temperature=300.0,
+        name="tank",
+    )
+    bottle = gx.Tank(
+        2e-3,
+        gas=GAS,
+        pressure=1e5,
+        temperature=300.0,
+        name="bottle",
+    )
     outside = gx.gas.Ambient(0.0, 300.0)
     filling = gx.Orifice(tank, bottle, area=3e-6, name="filling")
-    relief = gx.Orifice(bottle, outside, area=lambda t: 1e-6 if opened else 0.0, name="relief")
+    relief = gx.Orifice(
+        bottle,
+        outside,
+        area=lambda t: 1e-6 if opened else 0.0,
+        name="relief",
+    )
     event = gx.When(
         gx.probes.GasState(bottle, "pressure"),
         1.2e5,
@@ -110,7 +137,12 @@ def test_after_a_restart_an_event_does_not_happen_again_but_acts(folder: Path) -
     event = gx.When(lambda run: run.time, 1.5e-3, then=lambda run: acted.append(run.time))
 
     def go(until: float, **options: object) -> gx.Simulation:
-        run = gx.Simulation(fluttering_sheet(COMM), gx.Midpoint(dt=1e-3), events=[event], **options)
+        run = gx.Simulation(
+            fluttering_sheet(COMM),
+            gx.Midpoint(dt=1e-3),
+            events=[event],
+            **options,
+        )
         run.run(until=until)
         return run
 

@@ -51,10 +51,8 @@ def whole(folder: Path) -> Path:
 
 def ranks_of(run: subprocess.Popen[str]) -> list[int]:
     """Process numbers of the Python programs of a run."""
-    found, program = (
-        [],
-        [word.encode() for word in run.args[run.args.index("-m") :]],
-    )  # with its folder, no other run's
+    found = []  # with its folder
+    program = [word.encode() for word in run.args[run.args.index("-m") :]]  # no other run's
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             words = (entry / "cmdline").read_bytes().split(b"\0")
@@ -115,7 +113,8 @@ def rows(table: Path) -> int:
 
 def wait_until_ready(run: subprocess.Popen[str]) -> None:
     assert run.stdout is not None
-    assert run.stdout.readline().strip() == "ready", run.communicate()[1]
+    measured = run.stdout.readline().strip()
+    assert measured == "ready", run.communicate()[1]
 
 
 @pytest.mark.slow
@@ -123,9 +122,13 @@ def wait_until_ready(run: subprocess.Popen[str]) -> None:
 def test_killed_at_random_moments(tmp_path: Path, ranks: int) -> None:
     """25 times kill -9, anywhere between compilation and end; each restart goes on until the next."""
     reference = whole(tmp_path)
-    rng, killed, rounds = np.random.default_rng(ranks), 0, 0
+    rng = np.random.default_rng(ranks)
+    killed = 0
+    rounds = 0
     while killed < 25:
-        out, rounds, first = tmp_path / f"run {rounds}", rounds + 1, True
+        out = tmp_path / f"run {rounds}"
+        rounds = rounds + 1
+        first = True
         while True:
             run = start(ranks, out, *([] if first else ["--restart"]))
             first = False
@@ -150,7 +153,13 @@ def test_a_signal_ends_the_run_after_its_step(
 ) -> None:
     """To one rank of all; the checkpoint is that of the last step, and the run can go on."""
     out = tmp_path / "run"
-    run = start(ranks, out, "--every", "1000", steps=100_000)
+    run = start(
+        ranks,
+        out,
+        "--every",
+        "1000",
+        steps=100_000,
+    )
     wait_until_ready(run)
     wait_for(run, lambda: rows(out / "ledger.csv") >= 5)
     os.kill(ranks_of(run)[-1], number)
@@ -165,10 +174,13 @@ def test_a_signal_ends_the_run_after_its_step(
     assert last["step"] == told[1] and Path(told[2]) == gx.run.latest_checkpoint(
         out / "checkpoints"
     )
-    assert Path(told[2]).name == f"step-{int(told[1]):08d}"
+    measured = Path(told[2]).name
+    expected = f"step-{int(told[1]):08d}"
+    assert measured == expected
 
 
-ALONE, LAUNCHER = [sys.executable], [sys.executable, "-m", "gossamer_fx.cli.launch", "2"]
+ALONE = [sys.executable]
+LAUNCHER = [sys.executable, "-m", "gossamer_fx.cli.launch", "2"]
 PLAIN = python(2)
 
 
@@ -203,11 +215,13 @@ def test_a_signal_to_the_launcher_waits_for_a_long_step(
     assert told, said
     newest = gx.run.latest_checkpoint(tmp_path / "saves")
     assert newest is not None and newest.name == f"step-{int(told[1]):08d}" and int(told[1]) >= 3
-    assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "stopped"
+    measured = json.loads((tmp_path / "run" / "run.json").read_text())["status"]
+    assert measured == "stopped"
 
 
 def test_a_rank_that_dies_ends_the_run_and_nothing_is_lost(tmp_path: Path) -> None:
-    reference, out = whole(tmp_path), tmp_path / "run"
+    reference = whole(tmp_path)
+    out = tmp_path / "run"
     run = start(2, out, steps=100_000)
     wait_until_ready(run)
     wait_for(run, lambda: rows(out / "ledger.csv") >= 10)

@@ -13,7 +13,8 @@ from gossamer_fx.system.totals import relative_drift
 from tests.survival.scenes import DT, fluttering_sheet
 
 STEPS = 100_000
-MASS, SPEED = 0.14, 5.0  # of the sheet: kg, m/s
+MASS = 0.14  # of the sheet: kg
+SPEED = 5.0  # m/s
 
 
 def resident(_: gx.Simulation) -> float:

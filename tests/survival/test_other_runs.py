@@ -98,7 +98,8 @@ def test_a_second_run_is_refused_and_the_first_goes_on(tmp_path: Path, how: str)
     assert said == "done\n" and first.returncode == 0
     left = {p.name for p in tmp_path.rglob(".*")}
     assert not left
-    assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "finished"
+    measured = json.loads((tmp_path / "run" / "run.json").read_text())["status"]
+    assert measured == "finished"
     ball(outputs=[gx.Recording(tmp_path / "run", every=1)], restart=tmp_path / "saves").run(
         until=5e-3
     )
@@ -165,7 +166,8 @@ def test_two_outputs_of_one_file_are_refused(folder: Path) -> None:
         ):
             ball(outputs=list(outputs))
 
-    here, probes = os.path.relpath(folder), {"one": lambda run: 1.0}
+    here = os.path.relpath(folder)
+    probes = {"one": lambda run: 1.0}
     refused(gx.Ledger(folder / "a.csv"), gx.outputs.Probes(f"{here}/./a.csv", probes))
     refused(gx.Recording(folder), gx.Ledger(folder / "ledger.csv"))
     refused(gx.plot.Picture(folder / "a.png"), gx.plot.Picture(folder / "b" / ".." / "a.png"))
@@ -200,7 +202,8 @@ def test_a_forgotten_restart_deletes_nothing(folder: Path) -> None:
     ball(checkpoints=gx.Checkpoints(folder), restart=folder / "step-00000004").run(until=6 * DT)
     ball(checkpoints=gx.Checkpoints(folder, overwrite=True)).run(until=DT)
     COMM.barrier()
-    assert sorted(p.name for p in folder.iterdir()) == ["step-00000000", "step-00000001"]
+    measured = sorted(p.name for p in folder.iterdir())
+    assert measured == ["step-00000000", "step-00000001"]
 
 
 # ---- damage --------------------------------------------------------------------------------------------------------
@@ -210,7 +213,9 @@ def test_any_changed_byte_and_any_removed_key_of_a_checkpoint_is_told(tmp_path: 
     """In one sentence that names an older checkpoint, which can be restarted from."""
     ball(checkpoints=gx.Checkpoints(tmp_path, every=1, keep=2)).run(until=3 * DT)
     page = tmp_path / "step-00000003" / "run.json"
-    text, rng, tried = page.read_bytes(), np.random.default_rng(7), 0
+    text = page.read_bytes()
+    rng = np.random.default_rng(7)
+    tried = 0
     state = json.loads(text)
 
     def removed(tree: object) -> list[bytes]:
@@ -245,7 +250,8 @@ def test_any_changed_byte_and_any_removed_key_of_a_checkpoint_is_told(tmp_path: 
 
 def test_a_part_of_another_checkpoint_is_told(tmp_path: Path) -> None:
     ball(checkpoints=gx.Checkpoints(tmp_path, every=1, keep=2)).run(until=3 * DT)
-    newest, older = tmp_path / "step-00000003", tmp_path / "step-00000002"
+    newest = tmp_path / "step-00000003"
+    older = tmp_path / "step-00000002"
     (newest / "rank-0000.npz").write_bytes((older / "rank-0000.npz").read_bytes())
     with pytest.raises(
         gx.InputError, match=r"is damaged \(ValueError: rank-0000\.npz was changed\)"
@@ -261,7 +267,13 @@ def record(folder: Path, until: int, dt: float = DT, **options: object) -> None:
     outputs = [gx.Recording(folder / "run", every=1)]
     saves = gx.Checkpoints(folder / "saves", every=2)
     film = fluttering_sheet(COMM, 2)
-    run = gx.Simulation(film, gx.Midpoint(dt=dt), outputs=outputs, checkpoints=saves, **options)
+    run = gx.Simulation(
+        film,
+        gx.Midpoint(dt=dt),
+        outputs=outputs,
+        checkpoints=saves,
+        **options,
+    )
     run.run(until * DT)
 
 
@@ -298,7 +310,8 @@ def test_a_damaged_recording_is_refused_when_it_is_read_and_when_a_run_goes_on(
     fields = [name for name in kept if name.startswith("fields") and "json" not in name]
     assert len(fields) == 4
     for name in [*fields, "ledger.csv", "states.csv"]:
-        path, whole = tmp_path / "run" / name, kept[name]
+        path = tmp_path / "run" / name
+        whole = kept[name]
         for content in (whole[: len(whole) // 2], whole[:-1], b"", None):
             path.unlink()
             if content is not None:

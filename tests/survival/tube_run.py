@@ -21,7 +21,8 @@ def main() -> None:
     parser.add_argument("--restart", action="store_true")
     parser.add_argument("--every", type=int, default=3)
     wanted = parser.parse_args()
-    scene, out = filled_tube(MPI.COMM_WORLD), wanted.folder
+    scene = filled_tube(MPI.COMM_WORLD)
+    out = wanted.folder
     tube = next(item for item in scene.items if item.name == "tube")
     outputs = [
         gx.Ledger(out / "ledger.csv"),

@@ -16,7 +16,9 @@ COMM = MPI.COMM_WORLD
 
 
 def main() -> None:
-    folder, what, rank = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+    folder = Path(sys.argv[1])
+    what = sys.argv[2]
+    rank = int(sys.argv[3])
 
     def bad(name: str, good: Any, wrong: Any = None) -> Callable[..., Any]:
         """`good`, but on one rank, or on all (-1), an error or another value after three steps."""

@@ -40,7 +40,8 @@ def start(folder: Path) -> subprocess.Popen[bytes]:
 
 def test_any_process_may_be_killed(tmp_path):
     (tmp_path / "design.py").write_text(DESIGN)
-    told, chance = tmp_path / "told", random.Random(4)
+    told = tmp_path / "told"
+    chance = random.Random(4)
     runs = [start(tmp_path) for _ in range(3)]
     for _ in range(4):  # the first one, too
         time.sleep(chance.uniform(0.3, 0.8))

@@ -154,7 +154,12 @@ def gas_scene(n: dict[str, Any]) -> gx.Simulation:
     parts = [
         bag,
         gx.Orifice(tank, bag, area=n["valve"], discharge_coefficient=n["discharge"]),
-        gx.Orifice(bag, gx.gas.Ambient(n["outside"]), area=n["area"], name="vent"),
+        gx.Orifice(
+            bag,
+            gx.gas.Ambient(n["outside"]),
+            area=n["area"],
+            name="vent",
+        ),
     ]
     return simulated(
         gx.Scene(*parts, gx.gas.WallHeat(bag, n["conductance"], temperature=n["wall"])), n
@@ -163,9 +168,18 @@ def gas_scene(n: dict[str, Any]) -> gx.Simulation:
 
 def plate_scene(n: dict[str, Any]) -> gx.Simulation:
     plate = gx.Plate(
-        MESHES["sheet"], gx.Linear(**LAW), rest_curvature=n["curvature"], hinges=n["hinges"]
+        MESHES["sheet"],
+        gx.Linear(**LAW),
+        rest_curvature=n["curvature"],
+        hinges=n["hinges"],
     )
-    clamp = gx.Fixed(plate, n["group"], rotation=True, direction=n["direction"], motion=n["motion"])
+    clamp = gx.Fixed(
+        plate,
+        n["group"],
+        rotation=True,
+        direction=n["direction"],
+        motion=n["motion"],
+    )
     return simulated(gx.Scene(clamp, gx.loads.EdgeMoment(plate, "right", moment=n["moment"])), n)
 
 
@@ -189,7 +203,11 @@ def contact_scene(n: dict[str, Any]) -> gx.Simulation:
     film = gx.Membrane(MESHES["sheet"], gx.Linear(**LAW))
     floor = gx.contact.Plane(point=n["point"], normal=n["normal"])
     touch = gx.Contact(
-        film, floor, distance=n["distance"], stiffness=n["stiffness"], friction=n["friction"]
+        film,
+        floor,
+        distance=n["distance"],
+        stiffness=n["stiffness"],
+        friction=n["friction"],
     )
     return simulated(gx.Scene(film, touch), n)
 
@@ -204,16 +222,37 @@ def orbit_scene(n: dict[str, Any]) -> gx.Simulation:
 def boom_scene(n: dict[str, Any]) -> gx.Simulation:
     boom = gx.Beam(
         MESHES["line"],
-        gx.sections.tube(n["radius"], n["wall"], E=1e11, nu=0.3, density=1560.0),
+        gx.sections.tube(
+            n["radius"],
+            n["wall"],
+            E=1e11,
+            nu=0.3,
+            density=1560.0,
+        ),
         normal=n["normal"],
     )
     tape = gx.Cable(
-        MESHES["line"], gx.CableLaw(n["EA"], n["mu"]), velocity=n["velocity"], name="tape"
+        MESHES["line"],
+        gx.CableLaw(n["EA"], n["mu"]),
+        velocity=n["velocity"],
+        name="tape",
     )
-    hub = gx.RigidBody(n["mass"], n["inertia"], position=n["position"], spin=n["spin"], comm=ALONE)
+    hub = gx.RigidBody(
+        n["mass"],
+        n["inertia"],
+        position=n["position"],
+        spin=n["spin"],
+        comm=ALONE,
+    )
     weight = gx.PointMass(n["weight"], (1.0, 0.0, 0.0), comm=ALONE)
     parts = [
-        gx.Fixed(boom, n["group"], rotation=True, direction=n["direction"], twist=n["twist"]),
+        gx.Fixed(
+            boom,
+            n["group"],
+            rotation=True,
+            direction=n["direction"],
+            twist=n["twist"],
+        ),
         gx.Fixed(tape, "start"),
     ]
     parts += [
@@ -486,8 +525,10 @@ def three_sheets(model: Any) -> None:
 
 def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
     """By name: the act, and a word that its sentence must have."""
-    law, air = gx.Linear(**LAW), gx.IdealGas(**AIR)
-    z, origin = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
+    law = gx.Linear(**LAW)
+    air = gx.IdealGas(**AIR)
+    z = (0.0, 0.0, 1.0)
+    origin = (0.0, 0.0, 0.0)
 
     def film(**options: Any) -> gx.Membrane:
         return gx.Membrane(MESHES["sheet"], law, **options)
@@ -556,7 +597,8 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
     good = gx.Fixed(held, "left"), gx.Fixed(held, "right")
     quiet = gx.Equilibrium(gx.Scene(found_film, *good))
     quiet.find()
-    A, B = body(), body(name="other")
+    A = body()
+    B = body(name="other")
     folded = gx.Membrane(MESHES["creased"], law)
     orbit = gx.orbit.Orbit(gx.orbit.Elements(7e6), sun=z)
     cases: dict[str, tuple[Callable[[], Any], str]] = {
@@ -717,7 +759,12 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
                 lambda f: run(
                     *(
                         gx.Chamber(
-                            f, gas=air, pressure=1.0, temperature=300.0, dead_volume=1e-3, name=n
+                            f,
+                            gas=air,
+                            pressure=1.0,
+                            temperature=300.0,
+                            dead_volume=1e-3,
+                            name=n,
                         )
                         for n in "ab"
                     )
@@ -782,12 +829,21 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
             "length",
         ),
         "a rope of the ground": (
-            lambda: gx.connectors.Rope(gx.Ground(z), gx.Ground(origin), length=1.0, stiffness=1.0),
+            lambda: gx.connectors.Rope(
+                gx.Ground(z),
+                gx.Ground(origin),
+                length=1.0,
+                stiffness=1.0,
+            ),
             "ground",
         ),
         "a rope that drives": (
             lambda: gx.connectors.Rope(
-                A.port(), gx.Ground(z), length=1.0, stiffness=1.0, damping=-1.0
+                A.port(),
+                gx.Ground(z),
+                length=1.0,
+                stiffness=1.0,
+                damping=-1.0,
             ),
             "damping",
         ),

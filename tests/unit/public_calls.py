@@ -27,6 +27,7 @@ UNCALLED = {
     "analysis.Derivative",
     "analysis.RunTape",
     "analysis.EquilibriumResult",
+    "analysis.Convergence",
     "analysis.Gradient",
     "analysis.Optimum",
     "InputError",
@@ -51,13 +52,14 @@ UNCALLED |= {
 
 @dataclass(frozen=True)
 class Inputs:
-    """What some calls read: a recorded run, a mesh file, and an equilibrium with its modes."""
+    """What some calls read: a recorded run and mode, a mesh file, and an equilibrium with its modes."""
 
     film: gx.Membrane
     equilibrium: gx.Equilibrium
     modes: list[gx.analysis.Mode]
     run: Path
     mesh_file: Path
+    mode: Path
 
 
 def make_inputs(folder: Path) -> Inputs:
@@ -71,9 +73,11 @@ def make_inputs(folder: Path) -> Inputs:
     run = gx.Simulation(
         gx.Scene(moving),
         gx.Midpoint(dt=1e-3),
-        outputs=[gx.Recording(folder / "run", every=1)],
+        outputs=[gx.Recording(folder / "run", every=1, probes={"clock [s]": lambda run: run.time})],
     )
     run.run(until=3e-3)
+    if WORLD.rank == 0:
+        (folder / "measured.csv").write_text("time [ms],clock [ms]\n0,0\n3,3.1\n")
 
     def write(model: Any) -> None:
         import gmsh
@@ -84,7 +88,8 @@ def make_inputs(folder: Path) -> Inputs:
     gx.gmsh_mesh(write, WORLD)
     WORLD.barrier()
     modes = gx.analysis.modes(equilibrium, 1)
-    return Inputs(film, equilibrium, modes, folder / "run", folder / "triangle.msh")
+    (mode,) = gx.outputs.record_modes(equilibrium, modes, folder / "modes", frames=2)
+    return Inputs(film, equilibrium, modes, folder / "run", folder / "triangle.msh", mode)
 
 
 def triangle(model: Any) -> None:
@@ -105,25 +110,27 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     tension = gx.analysis.Prestress(1e9, 0.3, density=1400.0, thickness=1e-4, tension=10.0)
     soap = gx.Membrane(sheet(WORLD, 2, 2), tension, name="soap film")
     gas = gx.IdealGas(gamma=1.4, R=287.0)
-    mesh, curve = sheet(WORLD, 2, 2), line(WORLD, [(0, 0, 0), (1, 0, 0)], 2)
+    mesh = sheet(WORLD, 2, 2)
+    curve = line(WORLD, [(0, 0, 0), (1, 0, 0)], 2)
     tube = {"E": 1e11, "nu": 0.3, "density": 1560.0}
     section = gx.sections.tube(0.02, 5e-4, **tube)
     film_law = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
     fabric = {"E1": 1e9, "E2": 1e8, "nu12": 0.3, "G12": 1e8, "density": 1400.0, "thickness": 1e-4}
     law = gx.Miyazaki(**film_law)
-    film, beam = gx.Membrane(mesh, law), gx.Beam(curve, section)
+    film = gx.Membrane(mesh, law)
+    beam = gx.Beam(curve, section)
     plate = gx.Plate(mesh, gx.Linear(**film_law))
     creased = gx.Membrane(creased_strip(WORLD, 2, 1, 0.1, 0.1), law)
     scene = gx.Scene(film)
     touching = gx.Contact(film, distance=1e-3)
     motion = gx.reduction.Snapshots(film)
     motion.positions.append(np.sin(film.initial_state()[0].reshape(-1, 3) ** 2))
-    block, other = (
-        gx.RigidBody(1.0, (1.0, 1.0, 1.0)),
-        gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="other"),
-    )
-    A, B = block.frame(), other.frame()
-    P, Q = gx.PointMass(1.0, (1.0, 0.0, 0.0)).port(), gx.Ground((0.0, 0.0, 0.0))
+    block = gx.RigidBody(1.0, (1.0, 1.0, 1.0))
+    other = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="other")
+    A = block.frame()
+    B = other.frame()
+    P = gx.PointMass(1.0, (1.0, 0.0, 0.0)).port()
+    Q = gx.Ground((0.0, 0.0, 0.0))
     tank = gx.Tank(1e-3, gas=gas, pressure=1e5, temperature=300.0)
     cable_law = {"EA": 1e5, "line_density": 0.1}
     z = (0.0, 0.0, 1.0)
@@ -555,6 +562,29 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "control.patch": {"centre": P, "points": [P, P, P]},
         "reduction.RecordedShapes": {"body": inputs.film, "folder": inputs.run},
         "reduction.Snapshots": {"body": film, "every": 2},
+        "analysis.convergence": {
+            "quantity": lambda n: 1.0 + 1.0 / n,
+            "meshes": [2, 4, 8],
+            "sizes": [0.5, 0.25, 0.125],
+            "exact": 1.0,
+        },
+        "outputs.record": {
+            "equilibrium": inputs.equilibrium,
+            "outputs": [gx.Ledger(folder / "static.csv")],
+            "at": [0.0],
+        },
+        "outputs.record_modes": {
+            "equilibrium": inputs.equilibrium,
+            "modes": inputs.modes,
+            "folder": folder / "hostile modes",
+            "amplitude": 0.1,
+            "frames": 2,
+        },
+        "plot.modes": {
+            "folders": [inputs.mode],
+            "path": folder / "modes.png",
+            "view": None,
+        },
         "analysis.ModeShapes": {
             "body": inputs.film,
             "equilibrium": inputs.equilibrium,
@@ -575,6 +605,11 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "plot.animate": {"run": reader, "field": "state", "path": folder / "a.gif", "seconds": 0.1},
         "plot.curves": {"run": reader, "path": folder / "a.png"},
         "plot.field": {"run": reader, "field": "state", "times": (0.0,), "path": folder / "a.png"},
+        "plot.overlay": {
+            "run": reader,
+            "measured": [inputs.run.parent / "measured.csv"],
+            "path": folder / "a.png",
+        },
         "plot.strip": {"run": reader, "field": "state", "path": folder / "a.png", "count": 6},
         "read_mesh": {"path": inputs.mesh_file, "comm": WORLD},
         "sections.rectangle": {"width2": 0.1, "width3": 0.1, **tube},

@@ -34,7 +34,11 @@ FOLDERS = (PACKAGE, *(PACKAGE.parent / name for name in ("demos", "meshes", "tes
 FILES = sorted(path for folder in FOLDERS for path in folder.rglob("*.py"))
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE.parent)))
+@pytest.mark.parametrize(
+    "path",
+    FILES,
+    ids=lambda p: str(p.relative_to(PACKAGE.parent)),
+)
 def test_only_the_seam_knows_the_version(path: Path) -> None:
     if path in {SEAM, Path(__file__)}:
         return
@@ -72,13 +76,15 @@ def test_another_version_is_refused_in_one_sentence(monkeypatch: pytest.MonkeyPa
 def test_an_expression_is_evaluated_to_rows(comm: MPI.Comm) -> None:
     domain = sheet(comm, 2, 2).domain
     cells = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
-    X, points = ufl.SpatialCoordinate(domain), np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    X = ufl.SpatialCoordinate(domain)
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     corners = domain.geometry.x[domain.geometry.dofmap[cells]]
     vector = compile_expression(constant(domain, 2.0) * X, points)
     assert np.allclose(backend.evaluate(vector, domain, cells), 2 * corners.reshape(len(cells), 9))
     scalar = compile_expression(constant(domain, 2.0) * X[0], points)
     assert np.allclose(backend.evaluate(scalar, domain, cells), 2 * corners[:, :, 0])
-    assert backend.evaluate(scalar, domain, cells[:0]).shape == (0, 3)
+    measured = backend.evaluate(scalar, domain, cells[:0]).shape
+    assert measured == (0, 3)
 
 
 @pytest.mark.mpi
@@ -99,7 +105,8 @@ def test_sheets_or_lines_meet_three_at_a_place(
     """Three sheets on one edge, three lines from one point: known to dolfinx since 0.10 on several ranks."""
 
     def build(model: Any) -> None:
-        geo, turns = model.geo, 2 * np.pi / 3 * np.arange(3)
+        geo = model.geo
+        turns = 2 * np.pi / 3 * np.arange(3)
         axis = [geo.addPoint(x, 0, 0) for x in (0, 1)]
         rims = [[geo.addPoint(x, np.cos(t), np.sin(t)) for x in (0, 1)] for t in turns]
         if dim == 1:
@@ -130,4 +137,5 @@ def test_sheets_or_lines_meet_three_at_a_place(
     sizes = [mesh.domain.topology.index_map(d).size_global for d in (dim, 0)]
     assert sizes == [cells, nodes]
     if dim == 2:
-        assert comm.allreduce(mesh.edges.count.max(), op=MPI.MAX) == 3
+        measured = comm.allreduce(mesh.edges.count.max(), op=MPI.MAX)
+        assert measured == 3

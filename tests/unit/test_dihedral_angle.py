@@ -35,7 +35,8 @@ def near(θ0: Array, θ: Array) -> Array:
 
 @pytest.mark.parametrize("θ", [-3.0, -1.0, 0.0, 0.4, 2.0, 3.1])
 def test_panels_that_rise_to_the_normal_have_a_positive_angle(θ: float) -> None:
-    assert dihedral_angle.angle(panels(θ)) == pytest.approx(θ)
+    measured = dihedral_angle.angle(panels(θ))
+    assert measured == pytest.approx(θ)
 
 
 def test_vectors_along_the_fold_do_not_change_its_angle() -> None:
@@ -61,7 +62,9 @@ def test_the_discrete_gradient_gives_the_change_of_angle_and_no_torque(largest: 
     G = dihedral_angle.discrete_gradient(X0, X1, θ0, θ1)
     np.testing.assert_allclose(np.einsum("nij,nij->n", G, X1 - X0), θ1 - θ0, rtol=0, atol=1e-12)
     torque = np.cross((X0 + X1) / 2, G).sum(axis=1)
-    assert np.abs(torque).max() < 1e-12 * max(1.0, float(np.abs(G).max()))
+    deviation = np.abs(torque).max()
+    limit = 1e-12 * max(1.0, float(np.abs(G).max()))
+    assert deviation < limit
 
 
 def test_it_is_the_gradient_where_nothing_moves() -> None:
@@ -75,9 +78,11 @@ def test_it_is_the_gradient_where_nothing_moves() -> None:
 
 
 def test_a_fold_that_turns_beyond_half_a_turn_in_a_step() -> None:
-    X0, X1 = panels(-1.9), panels(1.9)
+    X0 = panels(-1.9)
+    X1 = panels(1.9)
     G = dihedral_angle.discrete_gradient(X0, X1, np.array(-1.9), np.array(1.9))
-    assert np.sum(G * (X1 - X0)) == pytest.approx(3.8, rel=1e-12)
+    measured = np.sum(G * (X1 - X0))
+    assert measured == pytest.approx(3.8, rel=1e-12)
 
 
 @pytest.mark.parametrize("largest", [1e-3, 0.5, 2.0])

@@ -63,7 +63,12 @@ def test_bodies_whose_names_are_alike_keep_their_fields(folder: Path, one: str, 
 
     def run(until: int, **options: object) -> None:
         films = [
-            gx.Membrane(sheet(COMM, 2, 2), LAW, name=name, velocity=lambda x, v=v: x * 0 + v)
+            gx.Membrane(
+                sheet(COMM, 2, 2),
+                LAW,
+                name=name,
+                velocity=lambda x, v=v: x * 0 + v,
+            )
             for name, v in ((one, 1.0), (other, -2.0))
         ]
         gx.Simulation(
@@ -79,7 +84,8 @@ def test_bodies_whose_names_are_alike_keep_their_fields(folder: Path, one: str, 
     COMM.barrier()
     if COMM.rank == 0:
         reader = gx.plot.RunReader(folder / "run")
-        assert reader.times == pytest.approx([0, DT, 2 * DT, 3 * DT, 4 * DT])
+        expected = [0, DT, 2 * DT, 3 * DT, 4 * DT]
+        assert reader.times == pytest.approx(expected)
         for name, v in ((one, 1.0), (other, -2.0)):
             part, k = reader.bodies[name].at(4)
             moved = part.positions(k) - part.X

@@ -29,10 +29,12 @@ def cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_kernels_that_were_never_finished_are_made_anew(comm, cache):
     domain = mesh.create_unit_square(comm, 3, 3)
     area = forms.constant(domain, 1.0) * ufl.dx(domain)
-    x, point = ufl.SpatialCoordinate(domain), np.array([[0.25, 0.25]])
+    x = ufl.SpatialCoordinate(domain)
+    point = np.array([[0.25, 0.25]])
 
     def values():
-        form, expression = forms.compile_form(area), forms.compile_expression(x[0] + x[1], point)
+        form = forms.compile_form(area)
+        expression = forms.compile_expression(x[0] + x[1], point)
         return comm.allreduce(fem.assemble_scalar(form)), float(
             evaluate(expression, domain, np.zeros(1, dtype=np.int32))[0, 0]
         )

@@ -27,7 +27,16 @@ def film(comm):
 def gas(comm):
     bag = gx.Membrane(airbag(comm, edge=0.2, cells=2), gx.Miyazaki(**LAW))
     gas = gx.IdealGas(gamma=1.4, R=296.8)
-    return [bag, gx.Chamber(bag, gas=gas, pressure=10.0, temperature=293.0, dead_volume=1e-6)]
+    return [
+        bag,
+        gx.Chamber(
+            bag,
+            gas=gas,
+            pressure=10.0,
+            temperature=293.0,
+            dead_volume=1e-6,
+        ),
+    ]
 
 
 def touching(comm):
@@ -51,10 +60,8 @@ def test_a_run_is_freed(comm, parts):
     items = parts(comm)
     run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=1e-3))
     run.run(until=1e-3)
-    left, ranks = (
-        [weakref.ref(one) for one in (run.system, run.solver, items[0].mesh.domain)],
-        run.comm,
-    )
+    left = [weakref.ref(one) for one in (run.system, run.solver, items[0].mesh.domain)]
+    ranks = run.comm
     del items, run
     for _ in range(3):  # what a preconditioner held is dropped with it
         gc.collect()

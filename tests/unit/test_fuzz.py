@@ -110,7 +110,8 @@ def is_sentence(words: str) -> bool:
 
 
 def test_damaged_mesh_files_are_told(tmp_path: Path) -> None:
-    originals, path = files(tmp_path), tmp_path / "damaged.msh"
+    originals = files(tmp_path)
+    path = tmp_path / "damaged.msh"
 
     @settings(max_examples=12, derandomize=True, **FREE)
     @given(damaged(originals))
@@ -161,7 +162,9 @@ def test_damaged_mesh_files_for_ten_minutes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(raw_mesh.subprocess, "run", in_a_fork)
-    originals, path, end = files(tmp_path), tmp_path / "damaged.msh", time.monotonic() + 600
+    originals = files(tmp_path)
+    path = tmp_path / "damaged.msh"
+    end = time.monotonic() + 600
     said: dict[str, int] = {}
 
     @settings(max_examples=10**6, derandomize=False, **FREE)

@@ -153,7 +153,12 @@ def run(made: Any) -> None:
         if "is not an item" in str(error):
             return
         raise
-    simulation = gx.Simulation(scene, gx.Midpoint(dt=1e-4), events=events, halvings=1)
+    simulation = gx.Simulation(
+        scene,
+        gx.Midpoint(dt=1e-4),
+        events=events,
+        halvings=1,
+    )
     simulation.run(until=2e-4)
 
 

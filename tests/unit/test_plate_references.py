@@ -21,7 +21,8 @@ def disc_frequency(n: int, s: int, free: bool) -> float:
             return float(jv(n, λ) * ivp(n, λ) - iv(n, λ) * jvp(n, λ))
         rows = []
         for f, fp, sign in ((jv, jvp, -1.0), (iv, ivp, 1.0)):
-            w, dw = f(n, λ), λ * fp(n, λ)
+            w = f(n, λ)
+            dw = λ * fp(n, λ)
             ddw = λ**2 * fp(n, λ, 2)
             laplacian_slope = sign * λ**2 * dw  # of a plate ∇²w = ±λ² w
             moment = ddw + NU * (dw - n**2 * w)
@@ -75,7 +76,8 @@ def clamped_disc(load: float, thickness: float, degree: int = 16) -> float:
     with Green strains E and curvatures κ_r = θ', κ_t = sin θ/s of the meridian r(s), z(s), z' = tan θ r'.
     """
     s, weight = legendre.leggauss(40)
-    s, weight = (s + 1) / 2, weight / 2
+    s = (s + 1) / 2
+    weight = weight / 2
     even = [np.polynomial.Polynomial([0] * (2 * k) + [1]) for k in range(degree // 2)]
     bubble = np.polynomial.Polynomial([1, 0, -1])
     radial = [np.polynomial.Polynomial([0, 1]) * bubble * p for p in even]
@@ -85,16 +87,21 @@ def clamped_disc(load: float, thickness: float, degree: int = 16) -> float:
         for each in (radial, lift)
     ]
     t = thickness
-    A, D, p = t / (1 - NU**2), t**3 / 12 / (1 - NU**2), load * t**4
+    A = t / (1 - NU**2)
+    D = t**3 / 12 / (1 - NU**2)
+    p = load * t**4
     n = len(even)
 
     def energy(c: np.ndarray) -> float:
         u, du, ddu = (c[:n] * t**2 @ table for table in tables[0])
         z, dz, ddz = (c[n:] * t @ table for table in tables[1])
-        r, dr = s + u, 1 + du
-        E_r, E_t = (dr**2 + dz**2 - 1) / 2, ((r / s) ** 2 - 1) / 2
+        r = s + u
+        dr = 1 + du
+        E_r = (dr**2 + dz**2 - 1) / 2
+        E_t = ((r / s) ** 2 - 1) / 2
         norm = np.sqrt(dr**2 + dz**2)
-        κ_r, κ_t = (dr * ddz - dz * ddu) / norm**2, dz / norm / s
+        κ_r = (dr * ddz - dz * ddu) / norm**2
+        κ_t = dz / norm / s
         stored = A * (E_r**2 + 2 * NU * E_r * E_t + E_t**2) + D * (
             κ_r**2 + 2 * NU * κ_r * κ_t + κ_t**2
         )
@@ -103,7 +110,10 @@ def clamped_disc(load: float, thickness: float, degree: int = 16) -> float:
         )
 
     found = minimize(
-        energy, np.zeros(2 * n), method="BFGS", options={"gtol": 1e-9, "maxiter": 4000}
+        energy,
+        np.zeros(2 * n),
+        method="BFGS",
+        options={"gtol": 1e-9, "maxiter": 4000},
     )
     return float(found.x[n:] @ [p(0.0) for p in lift])
 
@@ -111,22 +121,27 @@ def clamped_disc(load: float, thickness: float, degree: int = 16) -> float:
 def test_the_frequencies_of_circular_plates_follow_from_bessel_functions() -> None:
     for edge, found in CIRCLE.items():
         for (n, s), value in found.items():
-            assert disc_frequency(n, s, edge == "free") == pytest.approx(value, rel=1e-5)
-    assert jn_zeros(0, 1)[0] == pytest.approx(2.404826, rel=1e-6)
+            measured = disc_frequency(n, s, edge == "free")
+            assert measured == pytest.approx(value, rel=1e-5)
+    measured = jn_zeros(0, 1)[0]
+    assert measured == pytest.approx(2.404826, rel=1e-6)
 
 
 def test_the_frequencies_of_square_plates_are_those_of_ritz_and_near_to_leissas() -> None:
     for edge, values in SQUARE.items():
-        assert square_frequencies(edge == "clamped")[: len(values)] == pytest.approx(
-            np.array(values), rel=1e-5
-        )
-        assert np.array(values) == pytest.approx(np.array(LEISSA[edge]), rel=1.1e-2)
+        measured = square_frequencies(edge == "clamped")[: len(values)]
+        assert measured == pytest.approx(np.array(values), rel=1e-5)
+        expected = np.array(LEISSA[edge])
+        assert np.array(values) == pytest.approx(expected, rel=1.1e-2)
 
 
 @pytest.mark.parametrize("load", DISC)
 def test_the_clamped_disc_rises_as_its_meridian_says(load: float) -> None:
-    assert clamped_disc(load, 0.01, 12) == pytest.approx(DISC[load], rel=1e-3)
+    measured = clamped_disc(load, 0.01, 12)
+    assert measured == pytest.approx(DISC[load], rel=1e-3)
 
 
 def test_a_small_load_lifts_the_clamped_disc_as_linear_theory_says() -> None:
-    assert clamped_disc(0.01, 0.01, 12) == pytest.approx(0.01 * 12 * (1 - NU**2) / 64, rel=1e-3)
+    measured = clamped_disc(0.01, 0.01, 12)
+    expected = 0.01 * 12 * (1 - NU**2) / 64
+    assert measured == pytest.approx(expected, rel=1e-3)

@@ -16,9 +16,19 @@ ABOVE = {"azimuth": 0.0, "elevation": np.pi / 2}
 
 
 def film(comm, height=0.0, name="film", **given):
-    law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
+    law = gx.Miyazaki(
+        E=1e9,
+        nu=0.3,
+        density=1400.0,
+        thickness=1e-4,
+    )
     lift = lambda X: np.vstack([0 * X[0], 0 * X[0], 0 * X[0] + height])  # noqa: E731
-    return gx.Membrane(sheet(comm, 3, 3, **given), law, name=name, displacement=lift)
+    return gx.Membrane(
+        sheet(comm, 3, 3, **given),
+        law,
+        name=name,
+        displacement=lift,
+    )
 
 
 def middle(folder, films, opacity):
@@ -26,7 +36,11 @@ def middle(folder, films, opacity):
     comm = films[0].comm
     fields = {one.name: ("displacement", "group") for one in films}
     recording = gx.Recording(folder, fields=fields)
-    gx.Simulation(gx.Scene(*films), gx.Midpoint(dt=1e-3), outputs=[recording]).run(until=0.0)
+    gx.Simulation(
+        gx.Scene(*films),
+        gx.Midpoint(dt=1e-3),
+        outputs=[recording],
+    ).run(until=0.0)
     if comm.rank > 0:
         return None
     run = gx.plot.RunReader(folder)
@@ -42,7 +56,8 @@ def middle(folder, films, opacity):
 @pytest.mark.parametrize("opacity", [1.0, 0.6])
 def test_layers_shine_through_in_order(comm, folder, opacity):
     """Light that a layer lets through is that of the next one; what nothing keeps back is white."""
-    low, high = film(comm, 0.0, "low"), film(comm, 0.1, "high")
+    low = film(comm, 0.0, "low")
+    high = film(comm, 0.1, "high")
     alone = [
         middle(folder / one.name, [one], 1.0)
         for one in (film(comm, 0.0, "low"), film(comm, 0.1, "high"))
@@ -50,7 +65,8 @@ def test_layers_shine_through_in_order(comm, folder, opacity):
     both = middle(folder / "both", [low, high], opacity)
     if comm.rank == 0:
         table = group_table(2)
-        lower, upper = alone[0], alone[0].max() / table[0].max() * table[1]
+        lower = alone[0]
+        upper = alone[0].max() / table[0].max() * table[1]
         assert np.allclose(alone[0], alone[1], atol=1e-12)  # each is the first of its scene
         seen = opacity * upper + (1 - opacity) * (opacity * lower + (1 - opacity))
         assert np.allclose(both, seen, atol=0.02)
@@ -58,8 +74,23 @@ def test_layers_shine_through_in_order(comm, folder, opacity):
 
 @pytest.mark.mpi
 def test_groups_are_those_that_are_seen(comm):
-    law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
-    tube = gx.Membrane(flat_tube(comm, 0.3, 0.03, 4, compartments=3), law, name="tube")
+    law = gx.Miyazaki(
+        E=1e9,
+        nu=0.3,
+        density=1400.0,
+        thickness=1e-4,
+    )
+    tube = gx.Membrane(
+        flat_tube(
+            comm,
+            0.3,
+            0.03,
+            4,
+            compartments=3,
+        ),
+        law,
+        name="tube",
+    )
     names, [parts] = groups_of([tube])
     assert names == ["compartment 1", "compartment 2", "compartment 3"]  # they cover top and bottom
     counts = comm.allreduce(np.bincount(parts, minlength=3))

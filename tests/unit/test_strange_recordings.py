@@ -22,7 +22,12 @@ from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.outputs.run_file import read_run_file
 
 ALONE = MPI.COMM_SELF
-LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
+LAW = gx.Miyazaki(
+    E=1e9,
+    nu=0.3,
+    density=1400.0,
+    thickness=1e-4,
+)
 ATTACKS = [
     "</script><script>alert(1)</script>",
     "<!--<script> ]]><img src=x onerror=alert(1)>",
@@ -36,10 +41,23 @@ def record(folder: Path, name: str, fields: tuple[str, ...] = ()) -> gx.plot.Run
     """A short run in which everything that has a name has this one."""
     mesh = flat_tube(ALONE, 0.3, 0.03, 2, compartments=2)
     groups = {f"{k} {name}": group for k, group in enumerate(mesh.groups.values())}
-    film = gx.Membrane(gx.Mesh(mesh.domain, groups), LAW, name=f"film {name}")
-    ball = gx.PointMass(1.0, position=(0.0, 0.0, 1.0), comm=ALONE, name=f"ball {name}")
+    film = gx.Membrane(
+        gx.Mesh(mesh.domain, groups),
+        LAW,
+        name=f"film {name}",
+    )
+    ball = gx.PointMass(
+        1.0,
+        position=(0.0, 0.0, 1.0),
+        comm=ALONE,
+        name=f"ball {name}",
+    )
     tank = gx.Tank(
-        1e-3, gas=gx.IdealGas(gamma=1.4, R=287.0), pressure=1e5, temperature=300.0, name=name
+        1e-3,
+        gas=gx.IdealGas(gamma=1.4, R=287.0),
+        pressure=1e5,
+        temperature=300.0,
+        name=name,
     )
     chosen = ("displacement", "state", "group", *fields)
     recording = gx.Recording(
@@ -50,7 +68,11 @@ def record(folder: Path, name: str, fields: tuple[str, ...] = ()) -> gx.plot.Run
         title=name,
     )
     scene = gx.Scene(film, ball, tank)
-    gx.Simulation(scene, gx.Midpoint(dt=1e-3), outputs=[recording]).run(until=2e-3)
+    gx.Simulation(
+        scene,
+        gx.Midpoint(dt=1e-3),
+        outputs=[recording],
+    ).run(until=2e-3)
     return gx.plot.RunReader(folder)
 
 
@@ -68,7 +90,7 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.elements.append((tag, dict(attrs)))
-        if tag not in ("meta", "img", "input"):
+        if tag not in ("meta", "img", "input", "source"):
             self.inside.append(tag)
         if tag == "script":
             self.scripts.append("")
@@ -88,6 +110,7 @@ class Page(HTMLParser):
 
 ALLOWED = {
     *("html", "head", "meta", "title", "style", "body", "h1", "h2", "p", "div", "canvas", "button"),
+    *("picture", "source"),
     *("input", "span", "select", "img", "pre", "table", "tr", "th", "td", "script"),
 }
 
@@ -133,7 +156,12 @@ def test_names_are_texts_in_a_report(
     run = record(tmp_path / "run", attack, fields)
     gx.write_report(run, tmp_path / "report.html")
     check_page((tmp_path / "report.html").read_text(encoding="utf-8"), attack)
-    gx.plot.strip(run, "group", path=tmp_path / "strip.png", count=2)
+    gx.plot.strip(
+        run,
+        "group",
+        path=tmp_path / "strip.png",
+        count=2,
+    )
     gx.plot.curves(run, tmp_path / "curves.png")
 
 
@@ -207,6 +235,15 @@ def use(folder: Path, out: Path) -> str:
 
 # For numbers, texts, lists and objects: a key that is removed, and values of other kinds and sizes.
 OTHER_VALUES: list[Any] = [None, "words", 7, -1.5, True, [], {}, [[]], 10**400]
+
+
+def test_a_run_of_an_older_version_is_read(recorded: Path, tmp_path: Path) -> None:
+    """It calls rejected steps "halved"."""
+    about = json.loads((recorded / "run.json").read_text())
+    statistics = about["statistics"]
+    statistics["halved"] = statistics.pop("rejected") + 3
+    (tmp_path / "run.json").write_text(json.dumps(about))
+    assert read_run_file(tmp_path)["statistics"]["rejected"] == statistics["halved"]
 
 
 def test_any_damaged_key_of_run_json_is_refused_in_a_sentence(

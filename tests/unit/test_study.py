@@ -40,8 +40,11 @@ def test_an_interrupted_study_goes_on_where_it_stopped(comm, folder):
     run(STUDY, folder, comm, quick=True)
     assert CALLS == [(1, 2), (1, 4), (2, 2), (2, 4)]
     results = run(STUDY, folder, comm)
-    assert CALLS[4:] == [(1, 8), (2, 8)]
-    assert [r.values["y"] for r in results] == [2.5, 2.25, 2.125, 2.25, 2.0625, 2.015625]
+    expected = [(1, 8), (2, 8)]
+    assert CALLS[4:] == expected
+    measured = [r.values["y"] for r in results]
+    expected = [2.5, 2.25, 2.125, 2.25, 2.0625, 2.015625]
+    assert measured == expected
     assert not shortfalls(STUDY, results)
     assert "| 2 | 8 | 2.01562 | 0.0078 | 2.0 | 0.008 |" in table(STUDY, results)
 
@@ -53,7 +56,8 @@ def test_the_summary_tells_the_largest_errors_and_the_spread_of_orders(comm, fol
 
 def test_the_picture_is_drawn(comm, folder):
     picture(STUDY, run(STUDY, folder, comm, quick=True), folder / "toy.png")
-    assert (folder / "toy.png").read_bytes()[1:4] == b"PNG"
+    measured = (folder / "toy.png").read_bytes()[1:4]
+    assert measured == b"PNG"
 
 
 def test_what_falls_short_is_said(comm, folder):
@@ -66,7 +70,11 @@ def test_what_falls_short_is_said(comm, folder):
 
 
 def test_a_failed_case_is_kept_with_its_reason(comm, folder):
-    unlucky = dataclasses.replace(STUDY, axes={"order": [2], "cells": [2, 13]}, quick={})
+    unlucky = dataclasses.replace(
+        STUDY,
+        axes={"order": [2], "cells": [2, 13]},
+        quick={},
+    )
     for _ in range(2):
         CALLS.clear()
         results = run(unlucky, folder, comm)
@@ -79,9 +87,18 @@ def test_a_failed_case_is_kept_with_its_reason(comm, folder):
 def test_results_of_another_study_are_refused(comm, folder):
     run(STUDY, folder, comm, quick=True)
     with pytest.raises(InputError, match="other axes"):
-        run(dataclasses.replace(STUDY, axes={"h": [1]}, quick={}), folder, comm)
+        run(
+            dataclasses.replace(STUDY, axes={"h": [1]}, quick={}),
+            folder,
+            comm,
+        )
 
 
 def test_a_quick_axis_must_be_an_axis(comm, folder):
     with pytest.raises(InputError, match="quick"):
-        run(dataclasses.replace(STUDY, quick={"meshes": [1]}), folder, comm, quick=True)
+        run(
+            dataclasses.replace(STUDY, quick={"meshes": [1]}),
+            folder,
+            comm,
+            quick=True,
+        )

@@ -19,7 +19,12 @@ from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
 
-LAW = gx.Linear(2.5e9, 0.34, density=1420.0, thickness=25e-6)
+LAW = gx.Linear(
+    2.5e9,
+    0.34,
+    density=1420.0,
+    thickness=25e-6,
+)
 DISTANCE = 1e-3
 
 
@@ -38,11 +43,20 @@ def compiled(*items: Any) -> gx.Simulation:
 def test_the_same_contact_twice_is_refused(comm) -> None:
     sail = film(comm)
     floors = [
-        gx.contact.Plane(point=(0.0, 0.0, -0.1), normal=(0.0, 0.0, 1.0), name=name)
+        gx.contact.Plane(
+            point=(0.0, 0.0, -0.1),
+            normal=(0.0, 0.0, 1.0),
+            name=name,
+        )
         for name in ("floor", "ground")
     ]
     contacts = [
-        gx.Contact(sail, floor, distance=DISTANCE, name=f"contact with {floor.name}")
+        gx.Contact(
+            sail,
+            floor,
+            distance=DISTANCE,
+            name=f"contact with {floor.name}",
+        )
         for floor in floors
     ]
     with pytest.raises(gx.InputError, match="'contact with floor' and 'contact with ground' are"):
@@ -54,12 +68,30 @@ def test_the_same_contact_twice_is_refused(comm) -> None:
 
 def test_two_contacts_of_one_film_are_warned_of(caplog: pytest.LogCaptureFixture) -> None:
     sail = film(MPI.COMM_SELF)
-    below = gx.contact.Plane(point=(0.0, 0.0, -0.1), normal=(0.0, 0.0, 1.0), name="below")
-    above = gx.contact.Plane(point=(0.0, 0.0, 0.1), normal=(0.0, 0.0, -1.0), name="above")
+    below = gx.contact.Plane(
+        point=(0.0, 0.0, -0.1),
+        normal=(0.0, 0.0, 1.0),
+        name="below",
+    )
+    above = gx.contact.Plane(
+        point=(0.0, 0.0, 0.1),
+        normal=(0.0, 0.0, -1.0),
+        name="above",
+    )
     with caplog.at_level(logging.WARNING):
         compiled(
-            gx.Contact(sail, below, distance=DISTANCE, name="first"),
-            gx.Contact(sail, above, distance=DISTANCE, name="second"),
+            gx.Contact(
+                sail,
+                below,
+                distance=DISTANCE,
+                name="first",
+            ),
+            gx.Contact(
+                sail,
+                above,
+                distance=DISTANCE,
+                name="second",
+            ),
         )
     assert "'first' and 'second' both keep 'film' apart from itself" in caplog.text
 
@@ -68,10 +100,18 @@ def test_two_contacts_of_one_film_are_warned_of(caplog: pytest.LogCaptureFixture
 def test_a_box_around_all_of_a_film_is_refused(comm) -> None:
     sail = film(comm)
     centre = (0.5, 0.5, 0.0)
-    around = gx.contact.Box(centre=centre, sizes=(3.0, 3.0, 3.0), name="bus")
+    around = gx.contact.Box(
+        centre=centre,
+        sizes=(3.0, 3.0, 3.0),
+        name="bus",
+    )
     with pytest.raises(gx.InputError, match=r"25 points of 'film' .* inside the box 'bus'"):
         compiled(gx.Contact(sail, around, distance=DISTANCE))
-    room = gx.contact.Box(centre=centre, sizes=(3.0, 3.0, 3.0), inside=True)
+    room = gx.contact.Box(
+        centre=centre,
+        sizes=(3.0, 3.0, 3.0),
+        inside=True,
+    )
     beside = gx.contact.Box(centre=(0.5, 0.5, 0.5), sizes=(3.0, 3.0, 0.5))
     compiled(gx.Contact(sail, room, beside, distance=DISTANCE))
 
@@ -111,11 +151,24 @@ def test_a_clamped_edge_may_have_an_oblique_direction(comm) -> None:
 def stiffness_of_cantilever(aspect: float, thickness: float) -> float:
     """Stiffness over exact of a strip of unit length, clamped at x = 0, with eight columns of cells."""
     width = 1 / 8 / aspect
-    law = gx.Linear(1e9, 0.0, density=1000.0, thickness=thickness)
-    plate = gx.Plate(sheet(MPI.COMM_SELF, 8, 1, 1.0, width), law, name=f"{aspect} {thickness}")
+    law = gx.Linear(
+        1e9,
+        0.0,
+        density=1000.0,
+        thickness=thickness,
+    )
+    plate = gx.Plate(
+        sheet(MPI.COMM_SELF, 8, 1, 1.0, width),
+        law,
+        name=f"{aspect} {thickness}",
+    )
     deflection = 1e-3
     line_force = 3 * 1e9 * thickness**3 / 12 * deflection
-    load = gx.loads.EdgeLoad(plate, "right", force=(0.0, 0.0, line_force))
+    load = gx.loads.EdgeLoad(
+        plate,
+        "right",
+        force=(0.0, 0.0, line_force),
+    )
     equilibrium = gx.Equilibrium(gx.Scene(plate, load, gx.Fixed(plate, "left", rotation=True)))
     equilibrium.find()
     tip = plate.nodes("right")
@@ -157,7 +210,11 @@ COMPLEX = {
 @pytest.mark.parametrize("given", list(COMPLEX))
 def test_a_rest_curvature_that_is_not_real_is_refused(comm, given: str) -> None:
     with pytest.raises(gx.InputError, match=r"rest_curvature .* numbers"):
-        gx.Plate(sheet(comm, 4, 4), LAW, rest_curvature=COMPLEX[given])
+        gx.Plate(
+            sheet(comm, 4, 4),
+            LAW,
+            rest_curvature=COMPLEX[given],
+        )
 
 
 def test_a_complex_motion_is_refused() -> None:
@@ -192,7 +249,14 @@ def two_cubes(comm: MPI.Intracomm, offset: float, size: float, inside_out: bool)
 def bag(mesh: Mesh) -> gx.Simulation:
     air = gx.IdealGas(R=287.0, gamma=1.4)
     skin = gx.Membrane(mesh, LAW, name="bag")
-    return compiled(gx.Chamber(skin, gas=air, pressure=1.0, temperature=300.0))
+    return compiled(
+        gx.Chamber(
+            skin,
+            gas=air,
+            pressure=1.0,
+            temperature=300.0,
+        )
+    )
 
 
 @pytest.mark.mpi

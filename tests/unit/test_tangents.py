@@ -23,7 +23,11 @@ LAWS = [
 ]
 SIZES = (1e-5, 1e-3, 0.1, 0.35)
 BATCHES = math.ceil(1e5 / CELLS / len(SIZES))
-every_law = pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
+every_law = pytest.mark.parametrize(
+    "law",
+    LAWS,
+    ids=lambda law: type(law).__name__,
+)
 
 
 @cache
@@ -61,7 +65,8 @@ def parts(values: Array) -> tuple[Array, Array, Array, Array]:
 
 @every_law
 def test_tangent_is_symmetric_and_positive_semidefinite(law):
-    lowest, skew = 0.0, 0.0
+    lowest = 0.0
+    skew = 0.0
     for _, e in strains():
         D = parts(response(law)(e))[2]
         skew = max(skew, abs(D - D.transpose(0, 2, 1)).max())
@@ -96,15 +101,19 @@ def test_energy_and_stress_do_not_jump_where_the_state_switches(law):
     """Random lines in strain space, bisected to where the state changes."""
     crossed = 0
     for size in SIZES:
-        a, b = random_strains(CELLS, size, seed=1), random_strains(CELLS, size, seed=2)
+        a = random_strains(CELLS, size, seed=1)
+        b = random_strains(CELLS, size, seed=2)
         state = parts(response(law)(a))[3]
         for _ in range(50):
             middle = (a + b) / 2
             same = (parts(response(law)(middle))[3] == state)[:, None]
-            a, b = np.where(same, middle, a), np.where(same, b, middle)
+            a = np.where(same, middle, a)
+            b = np.where(same, b, middle)
         (Wa, Sa, _, sa), (Wb, Sb, _, sb) = parts(response(law)(a)), parts(response(law)(b))
         switched = sa != sb
         crossed += switched.sum()
-        assert abs(Wa - Wb)[switched].max(initial=0.0) <= 1e-10
-        assert abs(Sa - Sb)[switched].max(initial=0.0) <= 1e-9
+        error = abs(Wa - Wb)[switched].max(initial=0.0)
+        assert error <= 1e-10
+        error = abs(Sa - Sb)[switched].max(initial=0.0)
+        assert error <= 1e-9
     assert crossed > 1000 or law.quadratic

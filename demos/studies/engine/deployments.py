@@ -9,14 +9,14 @@ from __future__ import annotations
 STARTS = ["usual", "nudged"]  # values of an axis "start"
 # Relative change of a value: far below its accuracy, and far above round-off.
 NUDGE = 1e-9
-# Columns of the tables: what a demo returns of its energy balance and of its steps.  "halved" is the number of
-# sub-steps of rejected steps.
+# Columns of the tables: what a demo returns of its energy balance and of its steps.  "rejected" is the number of
+# rejected steps.
 LEDGER = (
     "dissipated",
     "penetrations",
     "energy_error",
     "angular_momentum_drift",
-    "halved",
+    "rejected",
     "steps",
     "iterations",
     "seconds",

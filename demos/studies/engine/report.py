@@ -144,7 +144,13 @@ def picture(study: Study, results: list[Result], path: Path) -> None:
     # In inches; the legend has a line for each curve.
     size = (11, rows * max(3.3, 0.165 * len(found)) + 0.4)
     figure, panels = pyplot.subplots(
-        rows, 2, figsize=size, squeeze=False, sharey="row", sharex="col", layout="constrained"
+        rows,
+        2,
+        figsize=size,
+        squeeze=False,
+        sharey="row",
+        sharex="col",
+        layout="constrained",
     )
     colours = _colours(found)
     sizes = sorted({study.size(r.case) for r in results})
@@ -160,8 +166,16 @@ def picture(study: Study, results: list[Result], path: Path) -> None:
             style = {"marker": "o", "markersize": 4, "color": colours[name], "label": label}
             if "P2" in name:
                 style |= {"linestyle": "--", "markerfacecolor": "white"}
-            left.loglog([r.values["seconds"] for r in done], errors, **style)
-            right.loglog([study.size(r.case) for r in done], errors, **style)
+            left.loglog(
+                [r.values["seconds"] for r in done],
+                errors,
+                **style,
+            )
+            right.loglog(
+                [study.size(r.case) for r in done],
+                errors,
+                **style,
+            )
         left.set_ylabel(f"relative error of {measure.name}")
         for panel in (left, right):
             panel.grid(True, which="both", alpha=0.25)
@@ -169,7 +183,12 @@ def picture(study: Study, results: list[Result], path: Path) -> None:
         if sizes[-1] < 20 * sizes[0]:
             right.set_xticks(sizes, [f"{h:.2g}" for h in sizes])
             right.xaxis.set_minor_formatter(NullFormatter())
-        right.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        right.legend(
+            fontsize=7,
+            loc="center left",
+            bbox_to_anchor=(1.0, 0.5),
+            frameon=False,
+        )
     panels[-1, 0].set_xlabel("CPU time without compilation [s]")
     panels[-1, 1].set_xlabel("h")
     figure.suptitle(study.title)

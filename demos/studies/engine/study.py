@@ -157,6 +157,9 @@ def _read(study: Study, path: Path) -> dict[tuple[str, ...], Row]:
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))
     for row in rows:
+        # Files of older versions have another word for rejected steps.
+        if "halved" in row:
+            row.setdefault("rejected", row.pop("halved"))
         if not {*study.axes, "ranks"} <= set(row):
             raise InputError(
                 f"'{path}' is of a study with other axes than '{study.name}'; remove it."

@@ -75,6 +75,8 @@ def cell_function(expression: fem.Expression) -> CellFunction:
         compiled.original_coefficient_positions[k] for k in range(compiled.num_coefficients)
     ]
     constants = extract_constants(ufl_expression)
+    # The kernel calls the function by its address, and reads constants where dolfinx keeps them: a
+    # changed constant needs no new call of this function.
     return CellFunction(
         address=int(library().ffi.cast("uintptr_t", compiled.tabulate_tensor_float64)),
         coefficients=tuple(coefficients[position] for position in positions),
@@ -106,6 +108,7 @@ def law_functions(
         made = compile_expression(expression, points)
         return cell_function(made)
 
+    # A variable, by which the stress is derived.
     variable = ufl.variable(strain)
     cases = rule.cases(energy, start, variable)
     stresses = [rule.stress(energy, start, variable)]
@@ -135,6 +138,7 @@ def _in_c(c_law: CLaw, rule: StressRule, start: fem.Function, strain: fem.Functi
     expression = compile_expression(c_law.numbers, points)
     index_map = mesh.topology.index_map(mesh.topology.dim)
     cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+    # C functions of this signature take numbers only, as floats.
     count = np.array([len(points)], dtype=float)
 
     def function(address: int) -> CellFunction:
@@ -152,6 +156,7 @@ def _in_c(c_law: CLaw, rule: StressRule, start: fem.Function, strain: fem.Functi
 
 def first_that_holds(cases: Sequence[tuple[Expr, Expr]]) -> Expr:
     """The number, from one, of the first case whose condition holds, or zero."""
+    # Built from the last case inwards, so that the first one is asked first.
     which: Expr = ufl.as_ufl(0.0)
     for k, (holds, _) in reversed(list(enumerate(cases, 1))):
         which = ufl.conditional(holds, float(k), which)

@@ -17,6 +17,7 @@ _loaded: list[CLibrary] = []
 def library(comm: MPI.Intracomm = MPI.COMM_SELF) -> CLibrary:
     """Return the C functions; the first call compiles them on rank 0 of `comm` and is collective."""
     if not _loaded:
+        # Kernels of newer versions of dolfinx have one argument more.
         definitions = ["KERNELS_TAKE_DATA"] if KERNELS_TAKE_DATA else []
         _loaded.append(compile_library(comm, "law", HEADER, ["law.c"], definitions))
     return _loaded[0]

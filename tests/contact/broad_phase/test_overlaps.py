@@ -16,7 +16,13 @@ def overlaps(surface: CollisionPrimitives, x: np.ndarray, reach: float) -> Overl
     """Return the pairs whose boxes, half of the reach [m] larger, overlap."""
     vertices = np.arange(len(surface.vertices), dtype=np.int32)
     edges = np.arange(len(surface.edges), dtype=np.int32)
-    return find_overlaps(surface, x - reach / 2, x + reach / 2, vertices, edges)
+    return find_overlaps(
+        surface,
+        x - reach / 2,
+        x + reach / 2,
+        vertices,
+        edges,
+    )
 
 
 def keys_of(pairs: OverlappingPairs) -> list[tuple[int, int, int]]:
@@ -33,7 +39,8 @@ def test_no_near_pair_is_missed_and_none_is_found_twice() -> None:
     missing = sorted(all_pairs(surface) - set(keys))
     squared_distance, _ = closest_points(table_of_primitives(surface, missing), x)
     assert squared_distance.min() > 0.05**2
-    assert closest_points(found, x)[0].min() < 0.05**2
+    measured = closest_points(found, x)[0].min()
+    assert measured < 0.05**2
 
 
 def test_ranks_find_together_what_one_finds() -> None:
@@ -43,7 +50,15 @@ def test_ranks_find_together_what_one_finds() -> None:
     for rank in range(3):
         vertices = np.arange(rank, len(surface.vertices), 3, dtype=np.int32)
         edges = np.arange(rank, len(surface.edges), 3, dtype=np.int32)
-        parts += keys_of(find_overlaps(surface, x - 0.01, x + 0.01, vertices, edges))
+        parts += keys_of(
+            find_overlaps(
+                surface,
+                x - 0.01,
+                x + 0.01,
+                vertices,
+                edges,
+            )
+        )
     assert sorted(parts) == sorted(whole)
 
 
@@ -56,7 +71,11 @@ def test_connected_and_fixed_primitives_are_no_pairs() -> None:
     labels[:6] = 0  # all points of the first two triangles
     is_fixed = np.repeat(np.array([0, 1, 1], np.uint8), 3)
     filtered = CollisionPrimitives(
-        surface.vertices, surface.edges, surface.triangles, is_fixed, labels[:, None].copy()
+        surface.vertices,
+        surface.edges,
+        surface.triangles,
+        is_fixed,
+        labels[:, None].copy(),
     )
     all_found = keys_of(overlaps(surface, x, 0.1))
     found = overlaps(filtered, x, 0.1)
@@ -64,7 +83,8 @@ def test_connected_and_fixed_primitives_are_no_pairs() -> None:
     assert len(all_found) > len(found) > 0
     first = of_triangle[:, 0]
     second = found.second_point // 3
-    assert {tuple(sorted(pair)) for pair in zip(first, second, strict=True)} == {(0, 2)}
+    measured = {tuple(sorted(pair)) for pair in zip(first, second, strict=True)}
+    assert measured == {(0, 2)}
 
 
 @pytest.mark.slow

@@ -28,8 +28,10 @@ def drifted(drift: RigidDrift, x: np.ndarray, time: float) -> np.ndarray:
 
 def test_a_drift_is_undone() -> None:
     x = np.random.default_rng(0).uniform(size=(5, 3))
-    assert TURN.undone(drifted(TURN, x, 0.9), 0.9) == pytest.approx(x, abs=1e-7)
-    assert TURN.undone(x, 0.5) == pytest.approx(x)
+    measured = TURN.undone(drifted(TURN, x, 0.9), 0.9)
+    assert measured == pytest.approx(x, abs=1e-7)
+    measured = TURN.undone(x, 0.5)
+    assert measured == pytest.approx(x)
 
 
 def test_the_drift_of_points_is_their_rigid_motion() -> None:
@@ -51,7 +53,13 @@ def test_bounds_hold_while_points_are_within_their_margins() -> None:
     x = rng.uniform(size=(50, 3))
     velocities = rng.normal(scale=0.3, size=(50, 3))
     margin = rng.uniform(0.01, 0.03, 50)
-    bounds = TrajectoryBounds(TURN, x, velocities, margin, duration=0.2)
+    bounds = TrajectoryBounds(
+        TURN,
+        x,
+        velocities,
+        margin,
+        duration=0.2,
+    )
     assert bounds.hold(drifted(TURN, x + 0.1 * velocities, 0.6), 0.6)
     # After their duration the relative velocities are over.
     assert bounds.hold(drifted(TURN, x + 0.2 * velocities, 0.75), 0.75)

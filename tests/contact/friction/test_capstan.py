@@ -37,9 +37,17 @@ def wrapped_cable(pull):
     cable = gx.Cable(
         line(MPI.COMM_SELF, points, 1), gx.CableLaw(EA=2500.0, line_density=LINE_DENSITY)
     )
-    drum = gx.contact.Cylinder(start=(0.0, -0.05, 0.0), end=(0.0, 0.05, 0.0), radius=RADIUS)
+    drum = gx.contact.Cylinder(
+        start=(0.0, -0.05, 0.0),
+        end=(0.0, 0.05, 0.0),
+        radius=RADIUS,
+    )
     contact = gx.Contact(
-        cable, drum, distance=DISTANCE, friction=FRICTION, radius={"cable": CABLE_RADIUS}
+        cable,
+        drum,
+        distance=DISTANCE,
+        friction=FRICTION,
+        radius={"cable": CABLE_RADIUS},
     )
     down = -math.sin(WRAP / 2)
     along = math.cos(WRAP / 2)

@@ -22,7 +22,8 @@ from tests.contact.scenes import (
 
 def leaf(comm, n=4, *, angle=0.0, spin=0.0, order=1, name="leaf", shift=0.0):
     """A square film of 0.1 m on the y axis, turned about it, with a spin about it [rad/s]."""
-    c, s = math.cos(angle), math.sin(angle)
+    c = math.cos(angle)
+    s = math.sin(angle)
     return gx.Membrane(
         sheet(comm, 4, n, 0.1, 0.1),
         gx.Miyazaki(**FILM, residual_stiffness=1e-6),
@@ -37,8 +38,20 @@ def leaf(comm, n=4, *, angle=0.0, spin=0.0, order=1, name="leaf", shift=0.0):
 @pytest.mark.parametrize("n, order", [(4, 1), (6, 1), (3, 2)])
 def test_leaves_clap_together_about_the_line_on_which_they_are_tied(comm, n, order):
     """The mesh of the second is the same on the line, finer without a common multiple, or of order two."""
-    lower = leaf(comm, order=order, name="lower", n=4 if order == 1 else 2)
-    upper = leaf(comm, n, angle=0.03, spin=-20.0, order=order, name="upper")
+    lower = leaf(
+        comm,
+        order=order,
+        name="lower",
+        n=4 if order == 1 else 2,
+    )
+    upper = leaf(
+        comm,
+        n,
+        angle=0.03,
+        spin=-20.0,
+        order=order,
+        name="upper",
+    )
     contact = gx.Contact(lower, upper, distance=1e-3)
     seen = gx.Series(
         {
@@ -47,30 +60,43 @@ def test_leaves_clap_together_about_the_line_on_which_they_are_tied(comm, n, ord
         }
     )
     run = simulate(
-        [contact, gx.Tie(upper, lower, group_a="left", group_b="left")], 4e-3, outputs=[seen]
+        [contact, gx.Tie(upper, lower, group_a="left", group_b="left")],
+        4e-3,
+        outputs=[seen],
     )
     assert run.first.stored["contact"] == 0
-    assert (
-        contact_set_of(run).history.activation_distance.min() > 1e-4
-    )  # no joined cells are taken for near ones
+    measured = contact_set_of(run).history.activation_distance.min()
+    assert measured > 1e-4  # no joined cells are taken for near ones
     assert contact_set_of(run).closest < 1e-3
     assert max(seen["penetrations"]) == max(seen["crossings"]) == count_intersections(run) == 0
     assert_conserved(run, energy=1e-10, momentum=1e-12)
-    assert gx.probes.Velocity(lower.port("top right"), "z")(run) < -0.1  # it was hit
+    measured = gx.probes.Velocity(lower.port("top right"), "z")(run)
+    assert measured < -0.1  # it was hit
     difference = [gx.probes.Position(b.port("bottom left"), "z")(run) for b in (lower, upper)]
     assert difference[0] == pytest.approx(difference[1], abs=1e-10)
 
 
 @pytest.mark.mpi
 def test_leaves_that_are_nearer_than_the_distance_open_freely(comm):
-    lower, upper = (
-        leaf(comm, spin=-20.0, angle=-0.03, name="lower"),
-        leaf(comm, 6, angle=0.03, spin=20.0, name="upper"),
+    lower = leaf(
+        comm,
+        spin=-20.0,
+        angle=-0.03,
+        name="lower",
+    )
+    upper = leaf(
+        comm,
+        6,
+        angle=0.03,
+        spin=20.0,
+        name="upper",
     )
     contact = gx.Contact(lower, upper, distance=2e-3)
     seen = gx.Series({"energy": lambda run: run.totals.stored["contact"]})
     run = simulate(
-        [contact, gx.Tie(upper, lower, group_a="left", group_b="left")], 4e-3, outputs=[seen]
+        [contact, gx.Tie(upper, lower, group_a="left", group_b="left")],
+        4e-3,
+        outputs=[seen],
     )
     assert max(seen["energy"]) == 0
     assert contact_set_of(run).history.activation_distance.min() == 2e-3  # it has grown
@@ -81,7 +107,13 @@ def test_leaves_that_are_nearer_than_the_distance_open_freely(comm):
 def test_films_and_a_cable_on_one_line_and_a_line_that_is_tied_to_a_tied_one(comm):
     """The third film is tied to the second, and this to the first; the cable is tied to the third."""
     films = [
-        leaf(comm, n, angle=2 * math.pi * k / 3, name=f"film {k}") for k, n in enumerate((2, 3, 5))
+        leaf(
+            comm,
+            n,
+            angle=2 * math.pi * k / 3,
+            name=f"film {k}",
+        )
+        for k, n in enumerate((2, 3, 5))
     ]
     cable = gx.Cable(
         line(comm, [(0, 0, 0), (0, 0.1, 0)], 4),
@@ -92,12 +124,22 @@ def test_films_and_a_cable_on_one_line_and_a_line_that_is_tied_to_a_tied_one(com
         gx.Tie(b, a, group_a="left", group_b="left")
         for a, b in ((films[0], films[1]), (films[1], films[2]))
     ]
-    contact = gx.Contact(*films, cable, distance=1e-3, radius={"cable": 1e-3})
+    contact = gx.Contact(
+        *films,
+        cable,
+        distance=1e-3,
+        radius={"cable": 1e-3},
+    )
     run = simulate(
         [
             contact,
             *ties,
-            gx.Tie(cable, films[2], group_a=None, group_b="left"),
+            gx.Tie(
+                cable,
+                films[2],
+                group_a=None,
+                group_b="left",
+            ),
             gx.RigidMotion(spin=(1.0, 5.0, 2.0)),
         ],
         1e-3,
@@ -108,7 +150,8 @@ def test_films_and_a_cable_on_one_line_and_a_line_that_is_tied_to_a_tied_one(com
 
 
 def test_layers_that_coincide_and_are_not_tied_are_refused():
-    lower, upper = leaf(MPI.COMM_SELF, name="lower"), leaf(MPI.COMM_SELF, name="upper")
+    lower = leaf(MPI.COMM_SELF, name="lower")
+    upper = leaf(MPI.COMM_SELF, name="upper")
     tie = gx.Tie(upper, lower, group_a="left", group_b="left")
     with pytest.raises(gx.InputError, match=r"touch something at the start.*or tie them"):
         gx.Scene(gx.Contact(lower, upper, distance=1e-3), tie).compile()
@@ -125,10 +168,8 @@ def test_films_joined_at_a_point_hang_together_there():
         displacement=lambda X: np.vstack([-X[0], -X[1], X[0]]) - X,
         name="steep",
     )
-    contact, joint = (
-        gx.Contact(flat, steep, distance=1e-3),
-        gx.constraints.BallJoint(flat.port("bottom left"), steep.port("bottom left")),
-    )
+    contact = gx.Contact(flat, steep, distance=1e-3)
+    joint = gx.constraints.BallJoint(flat.port("bottom left"), steep.port("bottom left"))
     with pytest.raises(gx.InputError, match="touch something at the start"):
         gx.Scene(contact).compile()
     gx.Scene(contact, joint).compile()

@@ -16,7 +16,16 @@ KINDS = (PairKind.POINT_TRIANGLE, PairKind.EDGE_EDGE)
 def stopped(pairs: PairTable, x0: np.ndarray, x1: np.ndarray, radius: np.ndarray) -> set[int]:
     """Return the pairs that do not keep a tenth of their gap."""
     gap = np.sqrt(closest_points(pairs, x0)[0]) - radius
-    return set(find_collisions(pairs, x0, x1, radius, gap, 0.1 * gap).tolist())
+    return set(
+        find_collisions(
+            pairs,
+            x0,
+            x1,
+            radius,
+            gap,
+            0.1 * gap,
+        ).tolist()
+    )
 
 
 def test_pairs_that_pass_through_are_found() -> None:
@@ -42,8 +51,10 @@ def test_a_radius_is_kept_clear_of() -> None:
     x0 = np.array([[0.3, 0.3, 1.0], [0, 0, 0], [1, 0, 0], [0, 1, 0]])
     x1 = x0 - [[0, 0, 0.6], [0, 0, 0], [0, 0, 0], [0, 0, 0]]
     pairs = table_of(PairKind.POINT_TRIANGLE, 1)
-    assert len(stopped(pairs, x0, x1, np.array([0.2]))) == 0
-    assert len(stopped(pairs, x0, x1, np.array([0.5]))) == 1
+    measured = len(stopped(pairs, x0, x1, np.array([0.2])))
+    assert measured == 0
+    measured = len(stopped(pairs, x0, x1, np.array([0.5])))
+    assert measured == 1
 
 
 @pytest.mark.slow

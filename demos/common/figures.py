@@ -1,0 +1,70 @@
+"""Figures of the demos that answer questions: a white figure, curves in it, films in space."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+import gossamer_fx as gx
+from gossamer_fx.model.body import Array
+
+BLUE = "#1f5fa8"
+RED = "#c0392b"
+GREEN = "#2e7d4f"
+GREY = "#7a7a7a"
+
+
+def new_figure(width: float = 10.0, height: float = 3.9) -> Figure:
+    """An empty figure of a size in inches, of a hundred pixels each."""
+    return Figure(figsize=(width, height), dpi=100, facecolor="white", layout="constrained")
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG; missing folders are made."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path)
+
+
+def triangles(system: Any, film: gx.Membrane) -> Array:
+    """Present positions (n, 3, 3) [m] of the corners of a film's triangles on this rank."""
+    x = system.state[film].local_positions()
+    corners: Array = x[film.space.dofmap.list[:, :3]]
+    return corners
+
+
+def draw_film(
+    axes: Any,
+    corners: Array,
+    colour: str = "#c9d8e8",
+    view: tuple[float, float] = (20.0, -60.0),
+    alpha: float = 1.0,
+) -> None:
+    """Draw triangles (n, 3, 3) in axes of the projection "3d", at the same scale along x, y and z.
+
+    Args:
+        axes: what `figure.add_subplot(projection="3d")` returned; limits are set by the first film.
+        corners: positions of the corners [m].
+        colour: of the faces.
+        view: elevation and azimuth of the eye [°].
+        alpha: opacity.
+    """
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    faces = Poly3DCollection(
+        corners, facecolors=colour, edgecolors="#5b7188", linewidths=0.25, shade=True, alpha=alpha
+    )
+    is_first = not axes.collections
+    axes.add_collection3d(faces)
+    if is_first:
+        low = corners.min(axis=(0, 1))
+        high = corners.max(axis=(0, 1))
+        # A flat film has no extent across: a thin box is drawn around it.
+        extent = (high - low).clip(min=0.05 * (high - low).max())
+        middle = (high + low) / 2
+        for name, centre, size in zip("xyz", middle, extent, strict=True):
+            getattr(axes, f"set_{name}lim")(centre - size / 2, centre + size / 2)
+        axes.set_box_aspect(extent)
+    axes.view_init(elev=view[0], azim=view[1])
+    axes.set_axis_off()

@@ -1,0 +1,3 @@
+"""Results of gas for gradients; apart from the others, so that scenes without gas do not load it."""
+
+from gossamer_fx.sensitivity.gas_objectives import ChamberPressure as ChamberPressure

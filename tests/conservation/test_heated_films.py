@@ -1,0 +1,243 @@
+"""Bodies in motion whose temperature changes: heat closes the energy balance, and momenta stay."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
+
+ThermalExpansion = gx.materials.ThermalExpansion
+NUMBERS = {"density": 1400.0, "thickness": 1e-4}
+LAWS = {
+    "tension field": gx.TensionField(1e9, 0.3, **NUMBERS),
+    "residual stiffness": gx.Miyazaki(1e9, 0.3, residual_stiffness=1e-2, **NUMBERS),
+    "never wrinkles": gx.Linear(1e9, 0.3, **NUMBERS),
+    "fabric": gx.Orthotropic(1e9, 1e8, 0.3, 5e7, direction=(1.0, 0.3, 0.0), **NUMBERS),
+}
+TIGHT = gx.Tolerances(relative=1e-12)
+
+
+def thrown(X: np.ndarray) -> np.ndarray:
+    """A spin with flutter: every cell switches between taut, wrinkled and slack."""
+    x, y, _ = X
+    return np.vstack([-5 * (y - 0.5), 5 * (x - 0.5), np.sin(np.pi * x) * np.sin(2 * np.pi * y)])
+
+
+def waves(X: np.ndarray, t: float) -> np.ndarray:
+    """A temperature [K] that swings by 100 K, more on one side."""
+    return 293.15 + 100.0 * np.sin(40.0 * t) * (1 + X[0])
+
+
+def sheet_in_flight(comm, law: str, order: int, steps: int, n: int = 4) -> gx.Simulation:
+    alpha = (2e-5, 5e-6) if law == "fabric" else 2e-5
+    film = gx.Membrane(
+        sheet(comm, n, n),
+        LAWS[law],
+        order=order,
+        velocity=thrown,
+        thermal=ThermalExpansion(alpha, waves),
+    )
+    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3, tolerances=TIGHT))
+    run.run(until=steps * 1e-3)
+    return run
+
+
+def momentum_error(run: gx.Simulation) -> float:
+    """Largest change of momentum or angular momentum [kg m/s, kg m²/s]."""
+    linear = run.totals.momentum - run.first.momentum
+    angular = run.totals.angular_momentum - run.first.angular_momentum
+    return float(max(abs(linear).max(), abs(angular).max()))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("law", LAWS)
+def test_a_free_sheet_closes_its_balance_by_heat(comm, law: str, order: int) -> None:
+    run = sheet_in_flight(comm, law, order, steps=25)
+    assert abs(run.energy_error) < 1e-11
+    assert momentum_error(run) < 1e-13
+    # There is something to close: without the heat the balance would be open by this.
+    assert abs(run.totals.supplied) > 1e-4 * run.totals.energy
+
+
+@pytest.mark.parametrize("law", ["tension field", "fabric"])
+def test_it_does_so_for_a_thousand_steps(law: str) -> None:
+    run = sheet_in_flight(MPI.COMM_SELF, law, order=1, steps=1000)
+    assert run.step == 1000
+    assert abs(run.energy_error) < 1e-9
+    assert momentum_error(run) < 1e-12
+
+
+@pytest.mark.mpi
+def test_a_plate_with_a_gradient_closes_its_balance(comm) -> None:
+    """Mean temperature, temperature across the thickness, and a rest curvature, all at once."""
+    law = gx.Linear(2e9, 0.3, density=1400.0, thickness=1e-3)
+    expansion = ThermalExpansion(
+        1e-4,
+        lambda X, t: 293.15 + 20 * np.sin(30 * t) * X[0],
+        gradient=lambda X, t: 20 * np.sin(60 * t) * (1 + X[0]),
+    )
+    plate = gx.Plate(
+        sheet(comm, 4, 4),
+        law,
+        thermal=expansion,
+        rest_curvature=np.diag((0.1, 0.0, 0.0)),
+        velocity=thrown,
+    )
+    run = gx.Simulation(gx.Scene(plate), gx.Midpoint(dt=1e-3, tolerances=TIGHT))
+    run.run(until=0.05)
+    assert abs(run.energy_error) < 1e-11
+    assert momentum_error(run) < 1e-12
+
+
+@pytest.mark.mpi
+def test_a_clamped_plate_with_a_gradient_closes_its_balance(comm) -> None:
+    law = gx.Linear(2e9, 0.3, density=1400.0, thickness=1e-3)
+    expansion = ThermalExpansion(1e-4, gradient=lambda X, t: 20 * np.sin(60 * t) * (1 + X[0]))
+    plate = gx.Plate(sheet(comm, 4, 4), law, thermal=expansion)
+    scene = gx.Scene(plate, gx.Fixed(plate, "left", rotation=True))
+    run = gx.Simulation(scene, gx.Midpoint(dt=1e-3, tolerances=TIGHT))
+    run.run(until=0.05)
+    assert run.totals.supplied > 0
+    assert abs(run.energy_error) < 1e-10
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("kind", ["cable", "slack cable", "table", "beam"])
+def test_lines_close_their_balance(comm, kind: str) -> None:
+    curve = line(comm, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 6)
+    expansion = ThermalExpansion(2e-5, waves)
+
+    def swinging(X: np.ndarray) -> np.ndarray:
+        return np.vstack([0 * X[0], 3 * np.sin(3 * X[0]), X[0]])
+
+    if kind == "beam":
+        section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
+        body = gx.Beam(curve, section, thermal=expansion, velocity=swinging)
+    else:
+        law = {
+            "cable": gx.CableLaw(1e4, 0.01),
+            "slack cable": gx.TensionOnly(1e4, 0.01),
+            "table": gx.TabulatedCable([0.0, 1e-3, 5e-2], [0.0, 5.0, 900.0], line_density=0.01),
+        }[kind]
+        body = gx.Cable(curve, law, thermal=expansion, velocity=swinging)
+    run = gx.Simulation(gx.Scene(body), gx.Midpoint(dt=1e-3, tolerances=TIGHT))
+    run.run(until=0.05)
+    assert run.totals.supplied != 0
+    assert abs(run.energy_error) < 1e-10
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("tension_only", [False, True])
+def test_damping_counts_beside_heat(comm, tension_only: bool) -> None:
+    film = gx.Membrane(
+        sheet(comm, 4, 4),
+        LAWS["residual stiffness"],
+        velocity=thrown,
+        thermal=ThermalExpansion(2e-5, waves),
+    )
+    damping = gx.Damping(film, stiffness_factor=1e-4, tension_only=tension_only)
+    run = gx.Simulation(gx.Scene(film, damping), gx.Midpoint(dt=1e-3, tolerances=TIGHT))
+    run.run(until=0.03)
+    assert run.totals.dissipated > 0
+    assert abs(run.energy_error) < 1e-11
+
+
+def test_generalized_alpha_follows_the_same_motion(comm) -> None:
+    """Both are of second order: their difference falls by four or more when steps are halved."""
+
+    def ends(stepper) -> np.ndarray:
+        film = gx.Membrane(
+            sheet(MPI.COMM_SELF, 3, 3),
+            LAWS["never wrinkles"],
+            thermal=ThermalExpansion(2e-5, lambda X, t: 293.15 + 2e3 * t**2 * (1 + X[0])),
+        )
+        held = gx.Fixed(film, "left")
+        run = gx.Simulation(gx.Scene(film, held), stepper)
+        run.run(until=0.02)
+        return run.system.q0.array_r.copy()
+
+    differences = []
+    for dt in (1e-4, 5e-5):
+        tolerances = gx.Tolerances(relative=1e-10)
+        midpoint = ends(gx.Midpoint(dt=dt, tolerances=tolerances))
+        other = ends(gx.GeneralizedAlpha(dt=dt, tolerances=tolerances))
+        differences.append(float(np.abs(midpoint - other).max()))
+    assert differences[0] / differences[1] > 3.5
+
+
+def test_the_gradient_of_a_heated_run(comm) -> None:
+    """The derivative by the coefficient of expansion through steps, against central differences."""
+
+    def tape_of(alpha: float) -> tuple[gx.Simulation, gx.analysis.RunTape]:
+        film = gx.Membrane(
+            sheet(MPI.COMM_SELF, 3, 3),
+            LAWS["never wrinkles"],
+            velocity=thrown,
+            thermal=ThermalExpansion(alpha, waves),
+        )
+        run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3, tolerances=TIGHT))
+        tape = gx.analysis.RunTape(run)
+        run.run(until=0.02)
+        return run, tape
+
+    def objective(run: gx.Simulation) -> gx.probes.Position:
+        film = run.scene.bodies[0]
+        return gx.probes.Position(film.port_at((1.0, 1.0, 0.0)), axis="x")
+
+    alpha = 2e-4
+    run, tape = tape_of(alpha)
+    of = objective(run)
+    derivative = gx.analysis.gradient(tape, of=of, by=["film.alpha"])["film.alpha"].values[0]
+    values = []
+    for factor in (1 + 1e-3, 1 - 1e-3):
+        other, _ = tape_of(alpha * factor)
+        values.append(objective(other)(other))
+    difference = (values[0] - values[1]) / (2e-3 * alpha)
+    assert derivative == pytest.approx(difference, rel=1e-4)
+
+
+@pytest.mark.mpi
+def test_steps_that_are_undone_leave_the_balance_closed(comm) -> None:
+    """Step control takes steps back, with the temperatures of their ends."""
+    film = gx.Membrane(
+        sheet(comm, 4, 4),
+        LAWS["never wrinkles"],
+        velocity=thrown,
+        thermal=ThermalExpansion(2e-5, waves),
+    )
+    control = gx.StepControl(error=1e-7, max_step=4e-3)
+    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=2e-3, tolerances=TIGHT), control=control)
+    run.run(until=0.03)
+    assert run.substeps > 0
+    assert abs(run.energy_error) < 1e-11
+
+
+@pytest.mark.mpi
+def test_a_restart_goes_on_with_the_same_temperatures(comm, folder: Path) -> None:
+    pytest.importorskip("adios2", exc_type=ImportError)  # the light install has none
+
+    def made(until: float, **options: object) -> gx.Simulation:
+        film = gx.Membrane(
+            sheet(comm, 4, 4),
+            LAWS["never wrinkles"],
+            velocity=thrown,
+            thermal=ThermalExpansion(2e-5, waves),
+        )
+        stepper = gx.Midpoint(dt=1e-3, tolerances=TIGHT)
+        run = gx.Simulation(gx.Scene(film), stepper, **options)
+        run.run(until=until)
+        return run
+
+    whole = made(0.02)
+    made(0.008, checkpoints=gx.Checkpoints(folder))
+    rest = made(0.02, restart=folder)
+    difference = abs(rest.system.q0.array_r - whole.system.q0.array_r).max(initial=0.0)
+    assert difference < 1e-10
+    assert abs(rest.energy_error) < 1e-11

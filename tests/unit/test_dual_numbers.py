@@ -1,0 +1,49 @@
+"""Dual numbers differentiate formulas as calculus does, also formulas with a complex step inside."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+
+from gossamer_fx.algebra.dual_numbers import Dual, jacobian, variables
+from gossamer_fx.gas.orifice import isentropic_flow
+from gossamer_fx.presets.gases import NITROGEN
+
+FORMULAS = [
+    (lambda x, y: 3 * x * y - y / x + 2, (0.7, 1.3)),
+    (lambda x, y: 1 / (1 + x**2) - (5 - y) ** 0.5, (0.7, 1.3)),
+    (lambda x, y: -(x - y) * (x + y) / (2 * y), (2.0, -3.0)),
+]
+
+
+@pytest.mark.parametrize(("formula", "point"), FORMULAS)
+def test_values_and_slopes_are_those_of_calculus(formula, point) -> None:
+    found = formula(*variables(np.array(point)))
+    assert found.value == pytest.approx(formula(*point), rel=1e-15)
+    for i in range(2):
+        exact = mpmath.diff(formula, point, tuple(int(k == i) for k in range(2)))
+        assert found.slopes[i] == pytest.approx(float(exact), rel=1e-10)
+
+
+def test_a_complex_step_inside_gives_second_derivatives() -> None:
+    """∂ṁ/∂p_u by a complex step, and its derivatives by p_u and p_d, of a flow that is not choked."""
+    ε = 1e-30
+    pu, pd = variables(np.array([1e5, 8e4]))
+    slope = isentropic_flow(NITROGEN, pu + 1j * ε, 300.0, pd, 1e-5).imag / ε
+
+    def flow(a, b):
+        return isentropic_flow(NITROGEN, mpmath.mpf(a), 300.0, mpmath.mpf(b), 1e-5)
+
+    with mpmath.workdps(40):
+        for i, orders in enumerate([(2, 0), (1, 1)]):
+            exact = mpmath.diff(flow, (1e5, 8e4), orders)
+            assert slope.slopes[i] == pytest.approx(float(exact), rel=1e-9)
+
+
+def test_branches_are_taken_by_values_and_plain_numbers_have_no_slopes() -> None:
+    x, y = variables(np.array([1.0, 2.0]))
+    assert x < y and x <= 1.0 and y > 1.5 and y >= x and not y < 2.0
+    assert np.array_equal(jacobian(np.array([x * y, 4.0], dtype=object), 2), [[2, 1], [0, 0]])
+    assert Dual(1 + 2j, np.array([3 + 4j])).imag.slopes[0] == 4.0
+    assert Dual(0.1, np.array([1.0])).expm1().slopes[0] == pytest.approx(np.exp(0.1))
