@@ -155,7 +155,7 @@ def main(
             (np.array([2.0, 4.0, 8.0, 16.0, 40.0]) * turn.until / 40).tolist(),
         )
         outputs += [
-            turn.recording(out),
+            turn.recording(out, overwrite=True),
             gx.plot.Picture(out / "antenna.png", times=looks, title=turn.title),
         ]
     run = turn.simulation(outputs)

@@ -53,7 +53,7 @@ def main(
     """
     case = build(comm, until=steps * dt, dt=dt, **given)
     outputs: list[Output] = [gx.outputs.Progress()] + (
-        [case.recording(output)] if output is not None else []
+        [case.recording(output, overwrite=True)] if output is not None else []
     )
     run = gx.Simulation(case.scene, stepper or case.stepper, outputs=outputs)
     run.run(until=case.until)

@@ -131,7 +131,7 @@ def main(
     series = gx.Series(case.probes)
     outputs: list[Output] = [gx.outputs.Progress(), series]
     if output is not None:
-        outputs.append(case.recording(output))
+        outputs.append(case.recording(output, overwrite=True))
     run = gx.Simulation(case.scene, stepper or case.stepper, outputs=outputs)
     run.run(until=case.until)
 

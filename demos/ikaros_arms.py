@@ -207,7 +207,7 @@ def main(
     series = gx.Series(case.probes)
     outputs: list[Output] = [gx.outputs.Progress(), series]
     if output is not None:
-        outputs.append(case.recording(Path(output)))
+        outputs.append(case.recording(Path(output), overwrite=True))
     run = case.simulation(outputs)
     arms = [body for body in run.system.bodies if isinstance(body, gx.Cable)]
     looks = []

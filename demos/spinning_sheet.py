@@ -77,7 +77,7 @@ def main(
         folder = Path(output)
         times = np.linspace(0, case.until, 5)[1:].tolist()
         picture = gx.plot.Picture(folder / "sheet.png", times=times, title=TITLE)
-        outputs += [case.recording(folder), picture]
+        outputs += [case.recording(folder, overwrite=True), picture]
     run = gx.Simulation(case.scene, stepper or case.stepper, outputs=outputs)
     run.run(until=case.until)
 

@@ -148,7 +148,7 @@ def main(
     outputs: list[Output] = [gx.outputs.Progress(), series]
     if output is not None:
         out = Path(output)
-        outputs.append(case.recording(out))
+        outputs.append(case.recording(out, overwrite=True))
     run = case.simulation(outputs)
     run.run(until=case.until)
     t, spin = series.time, series["spin of the hub [rad/s]"]

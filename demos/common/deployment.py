@@ -39,7 +39,7 @@ def run_case(
         folder = Path(output)
         times = [fraction * case.until for fraction in fractions]
         picture = gx.plot.Picture(folder / f"{name}.png", times, title=case.title, view=view)
-        outputs += [case.recording(folder), picture]
+        outputs += [case.recording(folder, overwrite=True), picture]
     run = case.simulation(outputs)
     run.run(until=case.until)
     return run, series

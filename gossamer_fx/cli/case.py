@@ -85,11 +85,23 @@ class Case:
             f"Case: frames is {self.frames!r}; give the number of times that fields are written.",
         )
 
-    def recording(self, folder: str | Path) -> Recording:
-        """The output that writes the folder of the run."""
+    def recording(self, folder: str | Path, *, overwrite: bool = False) -> Recording:
+        """The output that writes the folder of the run.
+
+        Args:
+            folder: of the run.
+            overwrite: whether another run in the folder is replaced; else it is refused.
+        """
         # The small number outweighs the round-off of a quotient that is a whole number.
         every = max(math.floor(self.until / self.stepper.dt / self.frames + 1e-9), 1)
-        return Recording(folder, self.fields, probes=self.probes, every=every, title=self.title)
+        return Recording(
+            folder,
+            self.fields,
+            probes=self.probes,
+            every=every,
+            title=self.title,
+            overwrite=overwrite,
+        )
 
     def simulation(
         self,

@@ -1,4 +1,4 @@
-"""The commands run, sweep, plot, report, demo, validate and doctor.
+"""The commands run, sweep, plot, report, export, demo, validate and doctor.
 
 What is wrong is told in one sentence, with code 2 for input and 1 for the rest.
 
@@ -148,7 +148,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(
         required=True,
         dest="name",
-        metavar="run|sweep|plot|report|demo|validate|doctor",
+        metavar="run|sweep|plot|report|export|demo|validate|doctor",
         parser_class=_Parser,
     )
 
@@ -189,9 +189,23 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.set_defaults(command=_run)
 
-    sweep = commands.add_parser("sweep", help="make the runs of a design that a folder lacks")
+    sweep = commands.add_parser("sweep", help="many runs of a scene, or those of a design")
     sweep.add_argument(
-        "design", type=Path, help="Python file with a gx.sweep.RobustDesign named SWEEP"
+        "design",
+        type=Path,
+        metavar="FILE",
+        help="a scene file, with --over; or a file with a RobustDesign or Factorial named SWEEP",
+    )
+    sweep.add_argument(
+        "--over",
+        nargs="+",
+        metavar="NAME=VALUE,VALUE",
+        help="arguments of build and their values; all combinations are run",
+    )
+    sweep.add_argument(
+        "--list",
+        action="store_true",
+        help="with --over: the first values belong together, the second ones, and so on",
     )
     sweep.add_argument(
         "-o", "--output", type=Path, help="folder of the runs; default out/NAME of the file"
@@ -242,8 +256,16 @@ def _parser() -> argparse.ArgumentParser:
         "-o", "--output", type=Path, help="file; default report.html in the folder of the run"
     )
     report.set_defaults(command=_report)
+    export = commands.add_parser(
+        "export", help="fields of a run as VTU and PVD files, for ParaView, VisIt and pyvista"
+    )
+    export.add_argument("run", type=Path, help="folder of a run")
+    export.add_argument(
+        "-o", "--output", type=Path, help="folder; default vtu in the folder of the run"
+    )
+    export.set_defaults(command=_export)
     # These execute files of users or read runs, whose errors may need a traceback.
-    for command in (run, sweep, plot, report):
+    for command in (run, sweep, plot, report, export):
         command.add_argument("--debug", action="store_true", help="show where an error comes from")
 
     demo = commands.add_parser("demo", help="run demos/NAME.py of a clone, folded_tube by default")
@@ -292,7 +314,9 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         _show(case, comm)
         return
     log_to(comm, wanted.log, quiet=wanted.quiet)
-    outputs: list[Output] = [case.recording(folder)] + ([] if wanted.quiet else [Progress()])
+    outputs: list[Output] = [case.recording(folder, overwrite=wanted.overwrite)]
+    if not wanted.quiet:
+        outputs.append(Progress())
     saves = folder / "checkpoints"
     checkpoints = Checkpoints(saves, every=wanted.checkpoint, overwrite=wanted.overwrite)
     restart: Path | None = None
@@ -384,27 +408,64 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
 
 
 def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
-    """Compute the runs of a design that the folder lacks, and print what follows from all."""
+    """Compute the runs of a sweep that the folder lacks, and print what follows from all."""
     from gossamer_fx.checks.errors import check
     from gossamer_fx.cli.user_files import guarded, load
+    from gossamer_fx.sweep.factorial import Factorial, run_factorial
     from gossamer_fx.sweep.robust_design import RobustDesign
     from gossamer_fx.sweep.sweep_report import run_design
 
     path: Path = wanted.design
     check(
         path.is_file(),
-        f"There is no file '{path}'; give a Python file with a gx.sweep.RobustDesign named SWEEP.",
+        f"There is no file '{path}'; give a scene file with --over, or a file with a SWEEP.",
     )
-    design = getattr(guarded(comm, path, wanted.debug, lambda: load(path)), "SWEEP", None)
     check(
-        isinstance(design, RobustDesign),
-        f"'{path}' has no SWEEP; let it be a gx.sweep.RobustDesign.",
+        not wanted.list or bool(wanted.over),
+        "--list says how the values of --over belong together; give --over NAME=VALUE,VALUE.",
     )
-    assert isinstance(design, RobustDesign)
     folder: Path = wanted.output or Path("out") / path.stem
-    text = guarded(comm, path, wanted.debug, lambda: run_design(design, comm, folder))
+    module = guarded(comm, path, wanted.debug, lambda: load(path))
+    if wanted.over:
+        from gossamer_fx.cli.scene_sweep import check_same_scene
+
+        design: object = _scene_sweep(wanted, module)
+        folder = wanted.output or Path("out") / f"{path.stem}_sweep"
+        check_same_scene(comm, path, folder)
+    else:
+        design = getattr(module, "SWEEP", None)
+    check(
+        isinstance(design, RobustDesign | Factorial),
+        f"'{path}' has no SWEEP; let it be a gx.sweep.RobustDesign or gx.sweep.Factorial, or vary the "
+        "arguments of a scene file with --over.",
+    )
+    if isinstance(design, Factorial):
+        sweep = design
+        text = guarded(comm, path, wanted.debug, lambda: run_factorial(sweep, comm, folder))
+    else:
+        assert isinstance(design, RobustDesign)
+        robust = design
+        text = guarded(comm, path, wanted.debug, lambda: run_design(robust, comm, folder))
     if comm.rank == 0:
         print(f"{text}\nwritten to {folder}")
+
+
+def _scene_sweep(wanted: argparse.Namespace, module: object) -> object:
+    """The sweep over the arguments of a scene file."""
+    from gossamer_fx.checks.errors import check
+    from gossamer_fx.cli.scene_sweep import scene_sweep
+
+    build = getattr(module, "build", None)
+    check(
+        callable(build),
+        f"'{wanted.design}' has no function build(comm); write one that returns a gossamer_fx.Case.",
+    )
+    assert build is not None
+
+    def progress(line: str) -> None:
+        print(f"gossamer: {line}", file=sys.stderr, flush=True)
+
+    return scene_sweep(build, wanted.design, wanted.over, wanted.list, progress)
 
 
 # ---- plot and report -----------------------------------------------------------------------------------------------
@@ -466,6 +527,16 @@ def _report(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     _write_and_print(
         wanted.output or wanted.run / "report.html", lambda path: write_report(run, path)
     )
+
+
+def _export(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
+    """Write a run as VTU and PVD files, and print the paths of the lists."""
+    from gossamer_fx.plot.run_reader import RunReader
+    from gossamer_fx.plot.vtk_export import export
+
+    run = RunReader(wanted.run)
+    for path in export(run, wanted.output or wanted.run / "vtu"):
+        print(path)
 
 
 def _write_and_print(path: Path, write: Callable[[Path], None]) -> None:

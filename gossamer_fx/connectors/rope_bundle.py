@@ -78,6 +78,11 @@ class RopeBundle:
         for pair in self.ends:
             yield from bodies_of(*pair)
 
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of each rope, for pictures."""
+        return self.ends
+
     def terms(self, start: State) -> Iterable[Term]:
         """Stored energy and, with damping, dissipation of each rope."""
         # Terms of one name are summed in the energy balance; those of one kind are one array.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar
 
@@ -191,6 +191,11 @@ class Spring(Between):
             f"Spring '{self.name}': length is {self.length!r} m; give none or a positive one.",
         )
 
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of the line, for pictures."""
+        return [(self.a, self.b)]
+
     def terms(self, start: State) -> Iterable[Term]:
         density = LengthSpring(self.stiffness, self.length)
         measure = half_distance_squared(self.a, self.b)
@@ -238,6 +243,11 @@ class Rope(Between):
             math.isfinite(self.damping) and self.damping >= 0,
             f"Rope '{self.name}': damping is {self.damping!r} N s/m; give none or a positive one.",
         )
+
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of the line, for pictures."""
+        return [(self.a, self.b)]
 
     def terms(self, start: State) -> Iterable[Term]:
         """Stored energy and, with damping, dissipation of the rope."""

@@ -16,7 +16,7 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.connectors.spring import Quadratic
-from gossamer_fx.model.body import Array, Port
+from gossamer_fx.model.body import Array, Attached, Port
 from gossamer_fx.model.ports import combine
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
@@ -149,6 +149,11 @@ class Tape:
     def requires(self) -> Iterable[Any]:
         """The items that it refers to."""
         yield self.body
+
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of each bar, for pictures."""
+        return self.bars
 
     def terms(self, start: State) -> Iterable[Term]:
         """Kinetic and stored energy of the bars between points of the tape."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 
 from gossamer_fx.bodies.between import Between
@@ -78,6 +78,11 @@ class Tether(Between):
             f"Tether '{self.name}': total_length is {self.total_length!r} m; give "
             f"{self.length:g} m or more.",
         )
+
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of the line, for pictures."""
+        return [(self.a, self.b)]
 
     def terms(self, start: State) -> Iterable[Term]:
         """The rope, with a given length or a brake."""

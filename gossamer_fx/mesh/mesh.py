@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,6 +21,8 @@ from gossamer_fx.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.forms.backend import SHEETS_MAY_MEET, VERSION, distribute, gmsh_order
 from gossamer_fx.mesh.edges import EdgeTable, edges_of
 from gossamer_fx.mesh.gmsh_reader import BadMesh, RawMesh, extract, read_file
+
+LOGGER = logging.getLogger("gossamer_fx")
 
 
 @check_arguments
@@ -53,6 +56,29 @@ class Mesh:
     def comm(self) -> MPI.Intracomm:
         """The ranks that share the mesh."""
         return self.domain.comm
+
+    @property
+    def cells(self) -> int:
+        """Number of triangles or line elements on all ranks."""
+        topology = self.domain.topology
+        return int(topology.index_map(topology.dim).size_global)
+
+    def __repr__(self) -> str:
+        """The numbers of cells and points, and the names of the groups."""
+        points = int(self.domain.geometry.index_map().size_global)
+        return f"<Mesh of {self.cells} {self._kind}, {points} points; {self.group_words()}>"
+
+    @property
+    def _kind(self) -> str:
+        if self.domain.topology.dim == 2:
+            return "triangles"
+        return "line elements"
+
+    def group_words(self) -> str:
+        """The names of the groups with what they are made of, for messages."""
+        kinds = ("points", "curves", "surfaces")
+        names = [f"{name} ({kinds[dim]})" for name, (dim, _) in self.groups.items()]
+        return f"groups: {', '.join(names) or 'none'}"
 
     def group(self, name: str) -> tuple[int, npt.NDArray[np.int32]]:
         """Dimension and local entities (owned and ghost) of a named group.
@@ -88,7 +114,8 @@ class Mesh:
 def read_mesh(path: str | Path, comm: MPI.Intracomm) -> Mesh:
     """Read a mesh from a gmsh file (.msh) of version 2.2 or 4.x.  Collective.
 
-    Physical groups have their names as keys of `Mesh.groups`; unnamed groups have their numbers.
+    Physical groups have their names as keys of `Mesh.groups`; unnamed groups have their numbers.  The log
+    says which groups there are, and warns of a mesh without any.
 
     Args:
         path: path of the file; rank 0 reads it.
@@ -114,7 +141,15 @@ def read_mesh(path: str | Path, comm: MPI.Intracomm) -> Mesh:
         except BadMesh as error:
             raise InputError(str(error)) from error
 
-    return _distribute_mesh(comm, on_rank_zero(comm, read))
+    mesh = _distribute_mesh(comm, on_rank_zero(comm, read))
+    words = f"'{path}': {mesh.cells} {mesh._kind}, {mesh.group_words()}"
+    if mesh.groups:
+        LOGGER.info(words)
+    elif comm.rank == 0:
+        LOGGER.warning(
+            "%s; supports, seams and loads need names, so add physical groups in gmsh", words
+        )
+    return mesh
 
 
 @check_arguments

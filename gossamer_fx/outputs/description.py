@@ -88,6 +88,10 @@ def _body(run: Run, body: Body) -> Description:
         if dimension == 2:
             measure = "area"
         found[measure] = run.comm.allreduce(own_size)
+        mesh = getattr(body, "mesh", None)
+        # Bodies of users have a function space, and not always a mesh with groups.
+        if mesh is not None:
+            found["groups"] = sorted(mesh.groups)
     # Films and cables have a law, beams a section.
     for name in ("law", "section"):
         law = getattr(body, name, None)
@@ -168,6 +172,9 @@ def _body_words(body: Mapping[str, Any]) -> list[str]:
     for what, unit in (("area", "m²"), ("length", "m")):
         if what in body:
             words.append(f"{what} {body[what]:.6g} {unit}")
+    # Descriptions of older runs do not have them.
+    if "groups" in body:
+        words.append(f"groups: {', '.join(body['groups']) or 'none'}")
     return words
 
 

@@ -18,6 +18,19 @@ from gossamer_fx.probes.run import Run
 
 Probe = Callable[[Run], float]
 
+# Files and folders of a recorded run, see `Recording`.
+RUN_FILES = (
+    "run.json",
+    "ledger.csv",
+    "gas.csv",
+    "states.csv",
+    "points.csv",
+    "solids.csv",
+    "lines.csv",
+    "probes.csv",
+    "fields",
+)
+
 
 @runtime_checkable
 class Output(Protocol):
@@ -82,7 +95,46 @@ def begin(run: Run, output: Output, cursors: list[tuple[str, dict[str, Any]]]) -
         cursors.remove(mine)
         output.resume(run, mine[1])
     else:
+        check_no_other_run(run.comm, output)
         output.open(run)
+
+
+def check_no_other_run(comm: MPI.Intracomm, output: Output) -> None:
+    """Refuse an output that would replace files of another run, or mix its own with them.
+
+    An output with the attribute `overwrite` owns all that it writes: unless that attribute is true, none
+    of its files may exist.  Any other output replaces a file of its name, but not one that belongs to
+    the folder of a recorded run.
+
+    Args:
+        comm: of the run; rank 0 looks, as other ranks may see the folder later.
+        output: that begins, and does not continue after a restart.
+
+    Raises:
+        InputError: names the folder and the file.
+    """
+    if not isinstance(output, Writing) or getattr(output, "overwrite", False):
+        return
+    owns_all = hasattr(output, "overwrite")
+
+    def look() -> None:
+        for path in output.writes:
+            # An empty folder is what a run that was refused has left.
+            exists = path.is_file() or (path.is_dir() and any(path.iterdir()))
+            check(
+                not exists or not (owns_all or _is_of_a_run(path)),
+                f"'{path.parent}' holds a run already, with '{path.name}'; give another folder, "
+                "continue that run with restart, or replace it with overwrite=True.",
+            )
+
+    on_rank_zero(comm, look)
+
+
+def _is_of_a_run(path: Path) -> bool:
+    """Whether a path is one of the files in the folder of a recorded run."""
+    if path.parent.name == "fields":
+        return (path.parent.parent / "run.json").exists()
+    return path.name in RUN_FILES and (path.parent / "run.json").exists()
 
 
 class Table:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import IO, TYPE_CHECKING
 
 from gossamer_fx.checks.arguments import check_arguments
+from gossamer_fx.fields.units import energy_words
 from gossamer_fx.probes.run import Run
 
 # Wall time [s] between two lines if the output is not a terminal: a log file must stay short.
@@ -101,7 +102,13 @@ class Progress:
             self._bar.stop()
             self._bar = None
         steps = max(run.step, 1)
-        closes = "at rest" if run.at_rest else f"energy closes to {run.energy_error:.1e}"
+        closes = "at rest"
+        if not run.at_rest:
+            # The relative error alone would hide a large error of the energy of a film next to the energy of its gas.
+            closes = (
+                f"energy closes to {run.energy_error:.1e} of {energy_words(run.largest_energy)}, "
+                f"{run.energy_defect:.1e} J"
+            )
         summary = (
             f"{run.step} steps in {run.seconds:.1f} s, {run.iterations / steps:.1f} iterations a step, "
             f"{run.substeps} steps rejected; {closes}"

@@ -6,8 +6,10 @@
     states.csv         fractions of area of the films that are taut and wrinkled
     points.csv         positions of the bodies without a mesh, if there are any
     solids.csv         origin and axes of the solids that move, if there are any; their shapes are in run.json
+    lines.csv          ends of ropes, springs and bars of tapes, at the times of the fields, if there are any
     probes.csv         the probes that were asked for
-    fields/NAME.bp     fields of each body on a mesh: `VTX`
+    fields/NAME.bp     fields of each body on a mesh: `VTX`, or instead, with the format "vtu",
+    fields/NAME.pvd    and the folder fields/NAME_files: `VTU`
 
 `RunReader` reads the folder.  All files are written by other outputs; `Recording` makes these, and
 `run.json` in addition.
@@ -16,6 +18,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -30,31 +33,27 @@ from gossamer_fx.checks.errors import check, on_rank_zero
 from gossamer_fx.fields.groups import groups_of
 from gossamer_fx.model.body import Body, is_on_mesh
 from gossamer_fx.outputs.arguments import arguments_of
+from gossamer_fx.outputs.connector_lines import ConnectorLines
 from gossamer_fx.outputs.description import describe, versions
 from gossamer_fx.outputs.file_names import file_name
 from gossamer_fx.outputs.ledger import Ledger
-from gossamer_fx.outputs.output import Probe, make_parent, replace_file
+from gossamer_fx.outputs.output import RUN_FILES, Probe, make_parent, replace_file
 from gossamer_fx.outputs.run_file import FORMAT
 from gossamer_fx.outputs.schedule import Schedule
 from gossamer_fx.outputs.solid_frames import FramePart, as_data, moves, solids_of
+from gossamer_fx.outputs.vtu import VTU
 from gossamer_fx.outputs.vtx import VTX, Probes
 from gossamer_fx.probes.points import GAS, AreaFraction, GasState
 from gossamer_fx.probes.run import Run
 
+# What writes one of the files.
+RecordedPart = VTX | VTU | Probes | ConnectorLines | Ledger
+
 # The third state of a film is slack; its area is the remainder.
 RECORDED_STATES = ("taut", "wrinkled")
 
-# Files and folders of a run, which are locked together.
-FILES = (
-    "run.json",
-    "ledger.csv",
-    "gas.csv",
-    "states.csv",
-    "points.csv",
-    "solids.csv",
-    "probes.csv",
-    "fields",
-)
+# Formats of fields, and the endings of their files.
+FORMATS = {"vtx": ".bp", "vtu": ".pvd"}
 # Default fields of a film: enough to see its shape, its wrinkles, and where it may tear.
 FILM_FIELDS = ("displacement", "state", "stress1", "strain2")
 
@@ -67,7 +66,7 @@ class Recording:
     """Writes the folder of a run; see the module for its files.
 
     Args:
-        folder: of the run; files of the same names are replaced.
+        folder: of the run.  A folder that holds another run is refused.
         fields: names of fields by the names of films, see `gx.fields`.  Default: displacement, state, the
             larger stress, the smaller strain, and the pressure if the film bounds a chamber.  Of other
             bodies the displacement is recorded.
@@ -76,9 +75,14 @@ class Recording:
         times: at which fields are recorded instead [s].
         title: a line for pictures and reports.
         states_every: steps between two rows of states.csv; default: as often as the fields.
+        overwrite: whether another run in the folder is replaced.  Its files are removed when the first
+            state is recorded, so that a run that is refused destroys nothing.
+        format: of the fields: "vtx" (ADIOS2), or "vtu" (VTU and PVD, which need no ADIOS2, and are read
+            by pyvista as well as ParaView).
 
     Raises:
-        InputError: when the run is made: an unknown field or film, or a folder that cannot be written.
+        InputError: an unknown format; when the run is made: an unknown field or film, or a folder that
+            cannot be written or holds another run.
 
     Example:
         >>> ball = gx.PointMass(2.0, comm=comm, name="ball")
@@ -99,9 +103,17 @@ class Recording:
         times: Sequence[float] = (),
         title: str = "",
         states_every: int | None = None,
+        overwrite: bool = False,
+        format: str = "vtx",
     ) -> None:
+        check(
+            format in FORMATS,
+            f'Recording \'{folder}\': format is {format!r}; give "vtx" or "vtu".',
+        )
         self.folder = Path(folder)
         self.title = title
+        self.overwrite = overwrite
+        self.format = format
         self.fields = dict(fields or {})
         self.probes = dict(probes or {})
         self.schedule = Schedule(every, tuple(times))
@@ -109,8 +121,9 @@ class Recording:
         if states_every is not None:
             self.states_schedule = Schedule(states_every)
         self.has_begun = False  # whether a state was recorded
-        self._fields: dict[str, VTX] = {}
-        self._tables: dict[str, Probes | Ledger] = {}
+        self._clears_folder = False  # whether the first record removes the files of another run
+        self._fields: dict[str, VTX | VTU] = {}
+        self._tables: dict[str, Probes | ConnectorLines | Ledger] = {}
 
     @property
     def times(self) -> Sequence[float]:
@@ -120,7 +133,7 @@ class Recording:
     @property
     def writes(self) -> Sequence[Path]:
         """Files and folders that no other run may write."""
-        return [self.folder / name for name in FILES]
+        return [self.folder / name for name in RUN_FILES]
 
     # ---- the protocol of outputs -------------------------------------------------------------------------------
 
@@ -131,6 +144,7 @@ class Recording:
             InputError: an unknown field or film, or a folder that cannot be written.
         """
         self._prepare(run)
+        self._clears_folder = self.overwrite
         for _, output in self._outputs():
             output.open(run)
 
@@ -147,17 +161,37 @@ class Recording:
     def record(self, run: Run, last: bool) -> None:
         """Record the state wherever it is due; `last`: in all files."""
         self.has_begun = True
+        if self._clears_folder:
+            # Also tables that this run does not write, e.g. of a gas that it does not have.
+            on_rank_zero(run.comm, self._clear_folder)
+            self._clears_folder = False
         for _, output in self._outputs():
             output.record(run, last)
         # Pictures may be drawn while the run goes on: they need run.json from the start.
         if run.step == 0:
             self._write(run, "running")
 
+    def _clear_folder(self) -> None:
+        """Remove the files of another run; the folder of the fields stays."""
+        for path in self.writes:
+            if path.is_dir():
+                for inner in path.iterdir():
+                    if inner.is_dir():
+                        shutil.rmtree(inner)
+                    else:
+                        inner.unlink()
+            else:
+                path.unlink(missing_ok=True)
+
     def record_fields(self, run: Run) -> None:
         """Record the fields of the present state, unless they were just recorded."""
+        is_new = any(output.last_time != run.time for output in self._fields.values())
         for output in self._fields.values():
             if output.last_time != run.time:
                 output.record(run, last=True)
+        lines = self._tables.get("lines.csv")
+        if is_new and lines is not None:
+            lines.record(run, last=True)
 
     def close(self, run: Run) -> None:
         """Close all files, and write how the run ended."""
@@ -174,7 +208,7 @@ class Recording:
 
     # ---- outputs for the files ---------------------------------------------------------------------------------
 
-    def _outputs(self) -> Iterator[tuple[str, VTX | Probes | Ledger]]:
+    def _outputs(self) -> Iterator[tuple[str, RecordedPart]]:
         """The outputs for the files, by the names under which checkpoints store their cursors."""
         for name, output in self._fields.items():
             yield f"fields of {name}", output
@@ -212,14 +246,17 @@ class Recording:
         if any("group" in output.fields for output in self._fields.values()):
             self._about["groups"] = groups_of(films)[0]
 
-    def _make_fields(self, run: Run) -> dict[str, VTX]:
+    def _make_fields(self, run: Run) -> dict[str, VTX | VTU]:
         """The outputs of fields by the names of bodies."""
-        outputs = {}
+        outputs: dict[str, VTX | VTU] = {}
+        kind: type[VTX] | type[VTU] = VTX
+        if self.format == "vtu":
+            kind = VTU
         for body in run.system.bodies:
             if not is_on_mesh(body):
                 continue
-            outputs[body.name] = VTX(
-                self.folder / "fields" / f"{file_name(body.name)}.bp",
+            outputs[body.name] = kind(
+                self.folder / "fields" / f"{file_name(body.name)}{FORMATS[self.format]}",
                 body,
                 fields=self.fields.get(body.name) or _default_fields(body, run),
                 every=self.schedule.every,
@@ -231,7 +268,7 @@ class Recording:
         self,
         run: Run,
         films: Sequence[Membrane],
-    ) -> Iterator[tuple[str, Probes | Ledger]]:
+    ) -> Iterator[tuple[str, Probes | ConnectorLines | Ledger]]:
         """The tables by their file names; those without columns are left out."""
         gas: dict[str, Probe] = {}
         for name, state in run.chambers.items():
@@ -261,6 +298,13 @@ class Recording:
             if probes:
                 path = self.folder / name
                 yield name, Probes(path, probes, every=schedule.every, times=schedule.times)
+        # Without fields, pictures show the state after any step.
+        schedule = Schedule()
+        if self._fields:
+            schedule = self.schedule
+        ends = ConnectorLines(self.folder / "lines.csv", run.scene.items, schedule)
+        if ends:
+            yield "lines.csv", ends
         yield "ledger.csv", Ledger(self.folder / "ledger.csv")
 
     def _frame_columns(self) -> dict[str, Probe]:
@@ -287,6 +331,8 @@ class Recording:
             "seconds of compilation": run.compile_seconds,
             "at rest": run.at_rest,
             "energy error": run.energy_error,
+            "energy defect": run.energy_defect,
+            "largest energy": run.largest_energy,
             "mass error": run.mass_error,
         }
         about = self._about | {"status": status, "statistics": statistics}

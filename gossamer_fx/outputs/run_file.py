@@ -67,6 +67,7 @@ _BODY = {
     "box": Several(Several(NUMBER, 3), 2),
     "cells?": int,
     "order?": int,
+    "groups?": Several(str),
     "area?": NUMBER,
     "length?": NUMBER,
     "law?": Row((str, Each(_ANYTHING))),
@@ -110,6 +111,8 @@ _RUN = {
         "seconds of compilation": NUMBER,
         "at rest?": bool,
         "energy error": NUMBER,
+        "energy defect?": NUMBER,
+        "largest energy?": NUMBER,
         "mass error": NUMBER,
     },
 }

@@ -95,30 +95,10 @@ class VTX:
         Raises:
             InputError: an unknown field or body, or a folder that cannot be written.
         """
-        body = self._chosen(run)
+        body = chosen_body(f"VTX '{self.path}'", self.body, run)
         check_fields(body, self.fields)
         make_parent(run.comm, self.path, file=False)
         self._functions = FieldFunctions(run.system, body, self.fields)
-
-    def _chosen(self, run: Run) -> MeshBody:
-        """The body whose fields are recorded.
-
-        Raises:
-            InputError: it is not in the scene, or none was given and the scene has several.
-        """
-        bodies = [body for body in run.system.bodies if is_on_mesh(body)]
-        names = ", ".join(f"'{body.name}'" for body in bodies) or "none"
-        if self.body is None:
-            check(
-                len(bodies) == 1,
-                f"VTX '{self.path}': say which body is meant; those on a mesh are: {names}.",
-            )
-            return bodies[0]
-        check(
-            self.body in bodies,
-            f"VTX '{self.path}': '{self.body.name}' is not a body of the scene on a mesh; those are: {names}.",
-        )
-        return self.body
 
     def record(self, run: Run, last: bool) -> None:
         """Write the fields of the state if they are due; `last`: in any case.
@@ -336,6 +316,32 @@ class Probes:
 
     def close(self, run: Run) -> None:
         """Nothing to close: each row is written completely."""
+
+
+def chosen_body(output: str, body: MeshBody | None, run: Run) -> MeshBody:
+    """The body whose fields an output records: the given one, else the only one on a mesh.
+
+    Args:
+        output: kind and path of the output, for messages.
+        body: the body that was asked for, if any.
+        run: with the bodies of its scene.
+
+    Raises:
+        InputError: the body is not in the scene, or none was given and the scene has several.
+    """
+    bodies = [one for one in run.system.bodies if is_on_mesh(one)]
+    names = ", ".join(f"'{one.name}'" for one in bodies) or "none"
+    if body is None:
+        check(
+            len(bodies) == 1,
+            f"{output}: say which body is meant; those on a mesh are: {names}.",
+        )
+        return bodies[0]
+    check(
+        body in bodies,
+        f"{output}: '{body.name}' is not a body of the scene on a mesh; those are: {names}.",
+    )
+    return body
 
 
 def _keep_for_ever(writer: VTXWriter) -> None:

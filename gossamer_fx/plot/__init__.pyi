@@ -5,6 +5,8 @@ from .plot import curves as curves
 from .plot import field as field
 from .plot import modes as modes
 from .plot import strip as strip
+from .report import InlineReport as InlineReport
 from .report import write_report as write_report
 from .run_reader import RunReader as RunReader
 from .viewpoint import View as View
+from .vtk_export import export as export

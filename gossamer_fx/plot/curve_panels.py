@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -28,8 +29,11 @@ LINES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B8860B", "#56B4E9", "#7F6
 _MAX_POINTS = 2000  # of a curve: more are not seen, and make files large
 _NEGLIGIBLE = 1e-6  # of the largest curve: a curve that is always smaller is not shown
 _LOGARITHMIC = 30.0  # ratio of the peaks of curves from which on their axis is logarithmic
-_LABEL_PITCH = 0.095  # distance of labels, of the height of the axes
-_MAX_LABEL = 20  # letters of a name at the end of a curve
+_LABEL_PITCH = 0.082  # height of a line of a label, of the height of the axes
+_LABEL_GAP = 0.018  # between labels, of the height of the axes
+_LABEL_WIDTH = 18  # letters of a line of a name at the end of a curve
+_LABEL_LINES = 2  # that such a name has at most
+_TITLE_WIDTH = 40  # letters of a line of a panel's title
 _SHOWN_SHARE = 0.02  # share of the area from which on a state is named
 _SMALLEST_ERROR = 1e-17
 _USUAL_ERROR = 1e-12  # to which the axis of errors goes at least
@@ -175,7 +179,7 @@ def _lines(
             if curves[name][-1] < 0:
                 label = f"−{name}"
         axes.plot(t, values, color=colours[name])
-        ends[label] = (float(values[-1]), colours[name])
+        ends[label] = (_last_finite(values), colours[name])
     if logarithmic:
         axes.set_yscale("log")
         low, high = axes.get_ylim()
@@ -212,7 +216,7 @@ def _errors(t: Array, errors: Tables, axes: Axes) -> None:
         largest_so_far = np.fmax.accumulate(values)
         axes.plot(t, values, color=colour, linewidth=0.5, alpha=0.5)
         axes.plot(t, largest_so_far, color=colour)
-        ends[name] = (float(largest_so_far[-1]), colour)
+        ends[name] = (_last_finite(largest_so_far), colour)
     highest = max((3 * end for end, _ in ends.values() if np.isfinite(end)), default=0.0)
     axes.set_ylim(_SMALLEST_ERROR, max(_USUAL_ERROR, highest))
     axes.set_title("Closing error of the ledger, relative")
@@ -237,7 +241,7 @@ def _probes(
         axes.plot(t, values, color=colour)
         if name:
             ends[name] = (float(values[-1]), colour)
-    axes.set_title(plain_text(title))
+    axes.set_title(wrapped(plain_text(title), _TITLE_WIDTH, 2))
     label_ends(axes, ends)
 
 
@@ -255,24 +259,52 @@ def label_ends(axes: Axes, ends: Mapping[str, tuple[float, str]]) -> None:
         for name, (value, colour) in ends.items()
         if np.isfinite(value)
     )
+    texts = [wrapped(plain_text(name), _LABEL_WIDTH, _LABEL_LINES) for _, name, _ in labels]
+    lines = np.array([len(text.splitlines()) for text in texts])
+    # Where there is no room for two lines each, a long name loses its middle instead.
+    if (_LABEL_PITCH * lines + _LABEL_GAP).sum() > 1:
+        texts = [wrapped(plain_text(name), _LABEL_WIDTH, 1) for _, name, _ in labels]
+        lines = np.ones(len(labels), dtype=int)
     heights = np.array([height for height, _, _ in labels]).clip(0, 1)
+    distances = _LABEL_PITCH * (lines[1:] + lines[:-1]) / 2 + _LABEL_GAP
     # Each pass moves neighbours that overlap half of the way apart; 100 passes separate seven labels.
     for _ in range(100):
-        overlap = _LABEL_PITCH - np.diff(heights)
+        overlap = distances - np.diff(heights)
         push = np.where(overlap > 1e-4, overlap / 2, 0.0)
         heights[:-1] -= push
         heights[1:] += push
         heights = heights.clip(0, 1)
-    for height, (_, name, colour) in zip(heights, labels, strict=True):
-        shown = name
-        if len(name) > _MAX_LABEL:
-            shown = f"{name[: _MAX_LABEL - 1].rstrip()}…"
+    for height, text, (_, _, colour) in zip(heights, texts, labels, strict=True):
         axes.annotate(
-            plain_text(shown),
+            text,
             xy=(1, height),
             xytext=(5, 0),
             xycoords="axes fraction",
             textcoords="offset points",
             color=colour,
             va="center",
+            linespacing=1.0,
         )
+
+
+def wrapped(name: str, width: int, most_lines: int) -> str:
+    """A name in one or two lines of at most `width` letters; one that is too long loses its middle.
+
+    The ends of names tell them apart, e.g. "damping of the film (mass)" and "(stiffness)".
+    """
+    # `textwrap` would join all white space, also line ends, so that no text has more lines than it says.
+    found = textwrap.wrap(name, width)
+    if len(found) <= most_lines:
+        return "\n".join(found)
+    if most_lines == 1:
+        half = (width - 1) // 2
+        return f"{name[:half].rstrip()}…{name[-half:].lstrip()}"
+    return f"{name[: width - 1].rstrip()}…\n{name[-width:].lstrip()}"
+
+
+def _last_finite(values: Array) -> float:
+    """The last number of a curve; a curve on a logarithmic axis has none where it is zero."""
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return float("nan")
+    return float(finite[-1])

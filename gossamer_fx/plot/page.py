@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 DPI = 150  # pixels per inch
 
 # ---- lengths in inches
-_WIDTH = 12.0
+WIDTH = 12.0
 _TITLE = 0.45
 _KEY = 0.45  # height of the line with key and scale bar
 _CAPTION = 0.35  # height of the line above an image
@@ -35,7 +35,12 @@ _PANEL = 2.9  # height of a panel with its title and axis
 _PAD = 0.1  # around everything
 _GAP = 3 * _PAD  # between images, about
 
-_MAX_PANEL_COLUMNS = 4
+# Points of the letters of the title, on a wide and on a narrow page.
+_TITLE_SIZE = 13
+_SMALL_TITLE_SIZE = 10
+
+# Inches of a panel with its labels, at least.
+_PANEL_WIDTH = 3.8
 # Power of the number of rows by which the size of images counts less: full rows and few are preferred.
 _FEW_ROWS = 0.35
 _STYLE = {
@@ -90,6 +95,7 @@ def write_page(
     views: Views | None = None,
     curves: Curves | None = None,
     dpi: int = DPI,
+    width: float = WIDTH,
 ) -> Place | None:
     """Write a page as PNG.
 
@@ -98,7 +104,8 @@ def write_page(
         title: on top; may be empty.
         views: images, if there are any.
         curves: panels below, if there are any.
-        dpi: pixels per inch; the page is 12 inches wide.
+        dpi: pixels per inch.
+        width: of the page [inches]; letters have the same size in pages of any width.
 
     Returns:
         Where the first image is, if there is one.
@@ -112,24 +119,28 @@ def write_page(
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     panels = [] if curves is None else curves.panels
-    panel_rows = math.ceil(len(panels) / _MAX_PANEL_COLUMNS)
-    image_rows, image_columns = _arrange(views)
+    panel_columns = max(int(width / _PANEL_WIDTH), 1)
+    panel_rows = math.ceil(len(panels) / panel_columns)
+    image_rows, image_columns = _arrange(views, width)
     heights = []
     if views is not None:
-        image_height = _image_height(views, image_rows, image_columns)
+        image_height = _image_height(views, image_rows, image_columns, width)
         heights += [_KEY, image_rows * (_CAPTION + image_height)]
     if panels:
         heights.append(panel_rows * _PANEL)
     with matplotlib.rc_context(_STYLE):
         figure = Figure(
-            figsize=(_WIDTH, sum(heights) + (_TITLE if title else 0)),
+            figsize=(width, sum(heights) + (_TITLE if title else 0)),
             dpi=dpi,
             facecolor="white",
             layout=ConstrainedLayoutEngine(w_pad=_PAD, h_pad=_PAD),
         )
         FigureCanvasAgg(figure)
         if title:
-            figure.suptitle(plain_text(title), x=_PAD / _WIDTH, ha="left", size=13)
+            size = _TITLE_SIZE
+            if width < WIDTH:
+                size = _SMALL_TITLE_SIZE
+            figure.suptitle(plain_text(title), x=_PAD / width, ha="left", size=size)
         parts = iter(figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0])
         place = None
         if views is not None:
@@ -155,7 +166,7 @@ def write_page(
 # ---- images ---------------------------------------------------------------------------------------------------------
 
 
-def _arrange(views: Views | None) -> tuple[int, int]:
+def _arrange(views: Views | None, page_width: float) -> tuple[int, int]:
     """Rows and columns in which images become largest; full rows and few are preferred."""
     if views is None:
         return 0, 0
@@ -164,7 +175,7 @@ def _arrange(views: Views | None) -> tuple[int, int]:
     best_score = 0.0
     for columns in range(1, count + 1):
         rows = math.ceil(count / columns)
-        width = _image_height(views, rows, columns) * views.size[0] / views.size[1]
+        width = _image_height(views, rows, columns, page_width) * views.size[0] / views.size[1]
         score = width * count / (columns * rows) / rows**_FEW_ROWS
         if score > best_score:
             best = columns
@@ -172,10 +183,17 @@ def _arrange(views: Views | None) -> tuple[int, int]:
     return math.ceil(count / best), best
 
 
-def _image_height(views: Views, rows: int, columns: int) -> float:
+def _image_height(
+    views: Views,
+    rows: int,
+    columns: int,
+    page_width: float,
+) -> float:
     """Height of an image [inches] that is as wide as its column, or as high as the rows allow."""
-    width = _WIDTH / columns - _GAP
-    return min(width * views.size[1] / views.size[0], _MAX_IMAGES / rows - _CAPTION)
+    width = page_width / columns - _GAP
+    # A narrow page is scrolled: its images may be higher together.
+    highest = _MAX_IMAGES * max(WIDTH / page_width, 1.0)
+    return min(width * views.size[1] / views.size[0], highest / rows - _CAPTION)
 
 
 def _frames(

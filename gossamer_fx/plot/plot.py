@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,9 @@ from gossamer_fx.plot.units import NAMES, scaled
 from gossamer_fx.plot.viewpoint import View
 
 Image = np.ndarray  # (height, width, 3) of bytes
+
+# Pictures of a strip, if no number is given.
+STRIP_COUNT = 6
 
 # The field by which modes are coloured.
 MODE_FIELD = "mode_amplitude"
@@ -52,8 +56,8 @@ _MIN_PAUSE = 20
 # Pixels with a channel below this number are drawn on; all others are nearly white.
 _SHORT_OF_WHITE = 250
 
-# Frames whose colours make the palette of a GIF: a few have all colours of the run.
-_PALETTE_FRAMES = 6
+# Bits of red, green and blue by which the colours of a GIF are told apart before its palette is made.
+_COLOUR_BITS = 5
 
 # Smallest interval of recorded times whose digits are shown, in the unit of the times.
 _MIN_INTERVAL = 1e-6
@@ -92,7 +96,8 @@ def field(
         "There are no times of which to draw a picture; give one or more in seconds.",
     )
     frames = [run.frame(time) for time in times]
-    _write_frames(run, field, frames, path, view)
+    views = field_views(run, field, colouring(run, field), frames, view or View())
+    write_page(file_to_write(path), _title(run, field), views)
 
 
 @check_arguments
@@ -101,7 +106,7 @@ def strip(
     field: str,
     *,
     path: str | Path,
-    count: int = 6,
+    count: int = STRIP_COUNT,
     view: View | None = None,
 ) -> None:
     """Write a PNG of a field at times that are evenly spread over the run.
@@ -124,23 +129,24 @@ def strip(
         True
     """
     check(count >= 1, f"The number of pictures is {count!r}; give one or more.")
-    _require_fields(run)
+    views = strip_views(run, field, count, view or View())
+    write_page(file_to_write(path), _title(run, field), views)
+
+
+def strip_views(run: RunReader, field: str, count: int, view: View) -> Views:
+    """Pictures of a field at times that are evenly spread over the run."""
+    run.require_fields()
     evenly = np.rint(np.linspace(0, len(run.times) - 1, count))
     # A run may have fewer records than pictures were asked for.
     frames = np.unique(evenly.astype(int)).tolist()
-    _write_frames(run, field, frames, path, view)
+    return field_views(run, field, colouring(run, field), frames, view)
 
 
-def _require_fields(run: RunReader) -> None:
-    """Refuse a run without fields.
-
-    Raises:
-        InputError: the run has no recorded state.
-    """
-    first_time = 0.0
-    if len(run.times):
-        first_time = run.times[0]
-    run.frame(first_time)
+def _title(run: RunReader, field: str) -> str:
+    """Title of a picture of a field."""
+    if field in NAMES:
+        return f"{run.title}: {NAMES[field].lower()}"
+    return run.title
 
 
 @check_arguments
@@ -167,22 +173,6 @@ def curves(run: RunReader, path: str | Path) -> None:
         f"The run in '{run.folder}' has fewer than two steps; let it run before its curves are drawn.",
     )
     write_page(file_to_write(path), run.title, None, found)
-
-
-def _write_frames(
-    run: RunReader,
-    field: str,
-    frames: Sequence[int],
-    path: str | Path,
-    view: View | None,
-) -> None:
-    """Write a PNG of a field in recorded states, which are given by their indices."""
-    title = run.title
-    if field in NAMES:
-        title = f"{run.title}: {NAMES[field].lower()}"
-    colours = colouring(run, field)
-    views = field_views(run, field, colours, frames, view or View())
-    write_page(file_to_write(path), title, views)
 
 
 def field_views(
@@ -284,7 +274,7 @@ def animate(
     seconds: float = 6.0,
     view: View | None = None,
 ) -> None:
-    """Write a GIF of a field over the run, or an MP4 if `ffmpeg` is installed.
+    """Write a GIF of a field over the run, or an MP4 if `ffmpeg` or `imageio-ffmpeg` is installed.
 
     Args:
         run: a recorded run.
@@ -310,11 +300,11 @@ def animate(
         f"An animation cannot be written to '{path}'; end its name in .gif or .mp4.",
     )
     check(
-        path.suffix == ".gif" or shutil.which("ffmpeg") is not None,
-        f"'{path}' needs ffmpeg, which is not on the PATH; install it, or write a .gif.",
+        path.suffix == ".gif" or find_ffmpeg() is not None,
+        f"'{path}' needs ffmpeg, which is not here; install it or the package imageio-ffmpeg, or write a .gif.",
     )
     check(seconds > 0, f"An animation of {seconds!r} s cannot be made; give its length in seconds.")
-    _require_fields(run)
+    run.require_fields()
     # No more frames than there are records, but the first and the last one in any case.
     count = min(len(run.times), max(round(seconds * _FRAMES_PER_SECOND), 2))
     times = np.linspace(run.times[0], run.times[-1], count)
@@ -398,15 +388,9 @@ def _write_gif(path: Path, images: Iterable[Image], pause: float) -> None:
     from PIL import Image
 
     frames = [Image.fromarray(image) for image in images]
-    # One palette for all frames, so that colours do not flicker: white, and the colours of some frames.
-    interval = max(len(frames) // _PALETTE_FRAMES, 1)
-    pixels = np.concatenate([np.asarray(frame).reshape(-1, 3) for frame in frames[::interval]])
-    # Without the white, which would take most colours of the palette.
-    is_drawn = (pixels < _SHORT_OF_WHITE).any(axis=1)
-    drawn = Image.fromarray(pixels[is_drawn][None])
-    colours = drawn.quantize(255, method=Image.Quantize.MEDIANCUT).getpalette() or []
+    # One palette for all frames, so that colours do not flicker.
     palette = Image.new("P", (1, 1))
-    palette.putpalette([255, 255, 255, *colours[: 3 * 255]])
+    palette.putpalette([255, 255, 255, *_palette_colours(frames)])
     indexed = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     try:
         indexed[0].save(
@@ -423,6 +407,50 @@ def _write_gif(path: Path, images: Iterable[Image], pause: float) -> None:
         ) from error
 
 
+def _palette_colours(frames: Sequence[Any]) -> list[int]:
+    """Red, green and blue of 255 colours of all frames, as one list.
+
+    Each colour counts once, however many pixels it has: a few slack cells in one frame of a hundred keep
+    their blue.  White is left out, which is a colour of the palette by itself.
+    """
+    from PIL import Image
+
+    step = 8 - _COLOUR_BITS
+    found = set()
+    for frame in frames:
+        pixels = np.asarray(frame).reshape(-1, 3)
+        is_drawn = (pixels < _SHORT_OF_WHITE).any(axis=1)
+        coarse = (pixels[is_drawn] >> step).astype(np.int64)
+        numbers = (coarse[:, 0] << 2 * _COLOUR_BITS) | (coarse[:, 1] << _COLOUR_BITS) | coarse[:, 2]
+        found.update(np.unique(numbers).tolist())
+    numbers = np.array(sorted(found), dtype=np.int64)
+    mask = (1 << _COLOUR_BITS) - 1
+    channels = [numbers >> 2 * _COLOUR_BITS, numbers >> _COLOUR_BITS & mask, numbers & mask]
+    # The middle of the interval that the remaining bits leave.
+    colours = ((np.stack(channels, axis=1) << step) + (1 << step) // 2).astype(np.uint8)
+    if not len(colours):
+        return []
+    drawn = Image.fromarray(colours[None])
+    palette = drawn.quantize(255, method=Image.Quantize.MEDIANCUT).getpalette() or []
+    return list(palette[: 3 * 255])
+
+
+def find_ffmpeg() -> str | None:
+    """The program ffmpeg: that on PATH, else that of the package imageio-ffmpeg; None if there is neither."""
+    program = shutil.which("ffmpeg")
+    if program is not None:
+        return program
+    # A private Debian tree hides the programs of the machine; the wheel of this package contains one.
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe
+    except ImportError:
+        return None
+    try:
+        return str(get_ffmpeg_exe())
+    except RuntimeError:  # the package was built without the program
+        return None
+
+
 def _write_mp4(path: Path, images: Iterator[Image], rate: float) -> None:
     """Write an MP4 with `rate` frames a second, by ffmpeg.
 
@@ -431,7 +459,9 @@ def _write_mp4(path: Path, images: Iterator[Image], rate: float) -> None:
     """
     first = next(images)
     height, width = first.shape[:2]
-    command = ["ffmpeg", "-y", "-loglevel", "error"]
+    program = find_ffmpeg()
+    assert program is not None
+    command = [program, "-y", "-loglevel", "error"]
     command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"]
     command += ["-r", f"{rate:.6g}", "-i", "-"]
     # Colours that all players know, and the index in front, so that a browser plays while it loads.

@@ -10,6 +10,7 @@ import json
 import tempfile
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from hashlib import sha256
 from html import escape
 from pathlib import Path
@@ -19,12 +20,16 @@ import numpy as np
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import OutputFailure, check
+from gossamer_fx.fields.units import energy_words
 from gossamer_fx.outputs.description import lines, number_text
 from gossamer_fx.plot import plot as pictures
 from gossamer_fx.plot.colours import default_field
+from gossamer_fx.plot.curve_panels import run_curves
+from gossamer_fx.plot.page import WIDTH, write_page
 from gossamer_fx.plot.plot import file_to_write
 from gossamer_fx.plot.run_reader import RunReader
 from gossamer_fx.plot.viewer import view_data
+from gossamer_fx.plot.viewpoint import View
 
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #33383d; max-width: 1180px; margin: 2em auto; padding: 0 1em; }
@@ -35,10 +40,15 @@ img { max-width: 100%; } table { border-collapse: collapse; } pre { font-size: 1
 td, th { padding: 0.15em 1.2em 0.15em 0; text-align: left; font-weight: 400; vertical-align: top; }
 th { color: #66707a; } td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
 #view { width: 100%; height: 460px; display: block; border: 1px solid #dde1e5; touch-action: none; outline: none; }
-#bar { display: flex; gap: 1em; align-items: center; margin: 0.5em 0; }
-#time { flex: 1; } #time-label { min-width: 8em; }
+#bar { display: flex; flex-wrap: wrap; gap: 0.5em 1em; align-items: center; margin: 0.5em 0; }
+#time { flex: 1; min-width: 8em; } #time-label { min-width: 8em; }
 #legend i { display: inline-block; width: 0.9em; height: 0.9em; border: 1px solid #66707a; vertical-align: -0.1em; }
-#legend b { display: inline-block; width: 12em; height: 0.7em; }
+#legend b { display: inline-block; width: 12em; height: 0.7em; max-width: 40vw; }
+div.table { overflow-x: auto; }
+@media (max-width: 700px) {
+  body { margin: 0.8em auto; padding: 0 0.7em; } #view { height: 320px; }
+  td, th { padding-right: 0.8em; } div.table { font-size: 13px; }
+}
 """.strip()
 
 _VIEW = """
@@ -47,6 +57,11 @@ _VIEW = """
 <select id="field"></select><span id="legend"></span></div></div>
 <p class="status">Drag to turn, shift-drag to move, wheel to zoom, double click to go back.</p>
 """.strip()
+
+# Screens of at most this width [pixels] show pictures that are laid out for them.
+_NARROW_SCREEN = 700
+# Width of the page of such pictures [inches]: its letters of 9 points are 11 pixels high on a screen of 400.
+_NARROW_WIDTH = 4.0
 
 # Characters with a meaning in HTML, and line ends that JSON allows and JavaScript does not; JSON can write them so.
 _JSON_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
@@ -70,10 +85,7 @@ def write_report(run: RunReader, path: str | Path) -> None:
         >>> "A fall" in page.read_text()
         True
     """
-    check(
-        bool(run.table("ledger.csv")),
-        f"The run in '{run.folder}' has no ledger yet; let it make a step.",
-    )
+    _check_recorded(run)
     path = file_to_write(path)
     text = "\n".join(_page(run))
     try:
@@ -83,6 +95,50 @@ def write_report(run: RunReader, path: str | Path) -> None:
         raise OutputFailure(
             f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
         ) from error
+
+
+@check_arguments
+class InlineReport:
+    """The report of a run inside a notebook: as the last line of a cell it is shown below the cell.
+
+    Args:
+        run: a recorded run.
+        height: of the frame [pixels]; longer reports are scrolled.
+
+    Raises:
+        InputError: nothing was recorded yet, or a height that is not positive.
+
+    Example:
+        >>> report = gx.plot.InlineReport(recorded)
+        >>> report._repr_html_()[:7]
+        '<iframe'
+    """
+
+    def __init__(self, run: RunReader, *, height: int = 720) -> None:
+        check(height > 0, f"InlineReport: height is {height!r}; give a number of pixels.")
+        _check_recorded(run)
+        self._run = run
+        self._height = height
+
+    def _repr_html_(self) -> str:
+        """The page in a frame: neither its style nor its script meets those of the notebook."""
+        page = escape("\n".join(_page(self._run)))
+        return (
+            f'<iframe sandbox="allow-scripts" style="width: 100%; height: {self._height}px; '
+            f'border: 1px solid #dde1e5" srcdoc="{page}"></iframe>'
+        )
+
+
+def _check_recorded(run: RunReader) -> None:
+    """Refuse a run that has made no step.
+
+    Raises:
+        InputError: there is no ledger.
+    """
+    check(
+        bool(run.table("ledger.csv")),
+        f"The run in '{run.folder}' has no ledger yet; let it make a step.",
+    )
 
 
 def _page(run: RunReader) -> Iterable[str]:
@@ -101,10 +157,10 @@ def _page(run: RunReader) -> Iterable[str]:
         yield _VIEW
         if len(run.times) > 1:
             yield "<h2>Over the time</h2>"
-        yield _image(lambda file: pictures.strip(run, field, path=file), f"{field} at six times")
+        yield _image(partial(_draw_strip, run, field), f"{field} at six times")
     if len(ledger["time"]) > 1:
         yield _image(
-            lambda file: pictures.curves(run, file),
+            partial(_draw_curves, run),
             "energies, pressures, states, errors, iterations",
         )
     yield "<h2>Scene</h2><pre>" + escape("\n".join(lines(run.about["scene"]))) + "</pre>"
@@ -145,6 +201,9 @@ def _status(about: Mapping[str, Any]) -> str:
     # Recordings of earlier versions do not say it.
     if not numbers.get("at rest", False):
         closes = f"energy closes to {abs(numbers['energy error']):.1e}"
+        if "energy defect" in numbers and "largest energy" in numbers:
+            largest = energy_words(numbers["largest energy"])
+            closes += f" of {largest}, {abs(numbers['energy defect']):.1e} J"
     words = (
         f"{status} at t = {numbers['time']:.6g} s of {numbers['until']:.6g} s, {numbers['steps']} steps, "
         f"{closes}"
@@ -152,13 +211,30 @@ def _status(about: Mapping[str, Any]) -> str:
     return f'<p class="{kind}">{escape(words)}</p>'
 
 
-def _image(draw: Callable[[Path], None], words: str) -> str:
-    """A picture as part of the page."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "picture.png"
-        draw(file)
-        data = b64encode(file.read_bytes()).decode()
-    return f'<img alt="{escape(words)}" src="data:image/png;base64,{data}">'
+def _draw_strip(run: RunReader, field: str, file: Path, width: float) -> None:
+    """Draw a field at six times on a page of a width [inches]."""
+    views = pictures.strip_views(run, field, pictures.STRIP_COUNT, View())
+    write_page(file, "", views, width=width)
+
+
+def _draw_curves(run: RunReader, file: Path, width: float) -> None:
+    """Draw all curves on a page of a width [inches]."""
+    write_page(file, "", None, run_curves(run), width=width)
+
+
+def _image(draw: Callable[[Path, float], None], words: str) -> str:
+    """A picture as part of the page, in two layouts: for wide and for narrow screens."""
+    sources = []
+    for width in (WIDTH, _NARROW_WIDTH):
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "picture.png"
+            draw(file, width)
+            data = b64encode(file.read_bytes()).decode()
+        sources.append(f"data:image/png;base64,{data}")
+    return (
+        f'<picture><source media="(max-width: {_NARROW_SCREEN}px)" srcset="{sources[1]}">'
+        f'<img alt="{escape(words)}" src="{sources[0]}"></picture>'
+    )
 
 
 def _ledger(ledger: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:
@@ -181,7 +257,7 @@ def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
     if head:
         found.append(_row("th", head))
     found += [_row("td", row) for row in rows]
-    return f"<table>{''.join(found)}</table>"
+    return f'<div class="table"><table>{"".join(found)}</table></div>'
 
 
 def _row(kind: str, words: tuple[str, ...]) -> str:

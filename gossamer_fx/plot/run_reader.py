@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ import numpy as np
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, check
+from gossamer_fx.drawing.html import table
+from gossamer_fx.fields.units import without_unit
 from gossamer_fx.mesh.linear_pieces import from_vtk, linear_pieces, middles
 from gossamer_fx.mesh.quality import ALIKE
 from gossamer_fx.model.body import Array
@@ -22,6 +25,7 @@ from gossamer_fx.outputs.field_files import noted_steps
 from gossamer_fx.outputs.file_names import file_name, segments
 from gossamer_fx.outputs.run_file import read_run_file
 from gossamer_fx.outputs.solid_frames import REST, placed
+from gossamer_fx.outputs.vtu_format import Grid, read_pvd, read_vtu
 from gossamer_fx.plot.shapes import SOLID, Integers, Shape, smooth_normals
 
 Tables = dict[str, Array]
@@ -31,9 +35,10 @@ _REQUIRED = {
     "ledger.csv": ("step", "iterations", "kinetic", "supplied", "dissipated", "energy_error")
 }
 # Triangles of a film up to which values that vary in them are drawn on triangles of a quarter of the size.
-_FINE = 4000
+_FINE = 12000
 _VTK_TRIANGLES = (5, 22, 69)  # VTK's numbers of triangles: linear, quadratic, Lagrange
 _TIME_SLACK = 1e-6  # of the run's length, by which a time may lie outside it
+_LINE_PARTS = 6  # numbers of a line in lines.csv: its two ends
 _VECTOR_PARTS = 12  # numbers of a frame in solids.csv: origin and three axes
 
 
@@ -71,12 +76,27 @@ class RunReader:
         self.solids = [RecordedSolid(solid) for solid in self.about.get("solids", [])]
         self._points = self._vectors("points.csv", 3)
         self._frames = self._vectors("solids.csv", _VECTOR_PARTS)
+        self._connectors = self._vectors("lines.csv", _LINE_PARTS)
         self.times: Array = self._points[0]
         if self.bodies:
             # a run that was killed may have written fewer steps of one body
             self.times = min((body.times for body in self.bodies.values()), key=len)
         self.groups: list[str] = self.about.get("groups", [])
         self._captions: list[str] = self.about.get("captions", [])
+
+    def __repr__(self) -> str:
+        """Title, how the run ended, and what there is to draw."""
+        names = ", ".join(f"'{name}'" for name in self.bodies) or "no bodies on a mesh"
+        return (
+            f"<RunReader of '{self.folder}', {self.title!r}: {self.about['status']}; "
+            f"{len(self.times)} states of {names}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """The bodies and their fields as a table, for notebooks; see `InlineReport` for pictures."""
+        rows = [(name, ", ".join(fields)) for name, fields in self.fields.items()]
+        caption = escape(f"{self.title}: {self.about['status']}, {len(self.times)} states")
+        return f"<p>{caption}</p>{table(('body', 'fields'), rows)}"
 
     @property
     def films(self) -> list[str]:
@@ -165,6 +185,17 @@ class RunReader:
         )
         return int(abs(self.times - time).argmin())
 
+    def require_fields(self) -> None:
+        """Refuse a run without recorded states.
+
+        Raises:
+            InputError: there is nothing to draw.
+        """
+        first_time = 0.0
+        if len(self.times):
+            first_time = float(self.times[0])
+        self.frame(first_time)
+
     def known_fields(self) -> list[str]:
         """Names of the fields of films or, where there are only lines, of lines; without the direction of tension."""
         names = [name for body in self.films or self.fields for name in self.fields[body]]
@@ -231,14 +262,23 @@ class RunReader:
             of_triangles.append(np.full(len(surface), SOLID, dtype=np.int64))
             if not len(solid.triangles):
                 lines.append(X[solid.lines])
+        lines.append(self.connector_lines(time))
         return Shape(
             time=time,
             corners=np.concatenate(corners),
             normals=np.concatenate(normals),
             kinds=np.concatenate(of_triangles),
             lines=np.concatenate(lines),
-            dots=_at_time(self._points, time),
+            dots=self.dots(time),
         )
+
+    def connector_lines(self, time: float) -> Array:
+        """Ends (n, 2, 3) of ropes, springs and bars of tapes at a time [m]."""
+        return _at_time(self._connectors, time).reshape(-1, 2, 3)
+
+    def dots(self, time: float) -> Array:
+        """Positions (n, 3) of the bodies without a mesh at a time [m]."""
+        return _at_time(self._points, time)
 
     def solid_points(self, time: float) -> list[Array]:
         """Points (n, 3) of each of the solids at a time [m]."""
@@ -296,7 +336,10 @@ class RecordedBody:
     def __init__(self, folder: Path, name: str) -> None:
         """Open the field files of a body, one for each part of a run that was restarted."""
         path = folder / f"{file_name(name)}.bp"
-        self.segments = [FieldFile(one) for one in segments(path)]
+        self.segments: list[FieldFile] = [AdiosFile(one) for one in segments(path)]
+        listed = path.with_suffix(".pvd")
+        if not self.segments and listed.is_file():
+            self.segments = [VtuFiles(listed)]
         check(bool(self.segments), f"'{path}' is missing; write the run again.")
         self._frames = [
             (segment, step) for segment in self.segments for step in range(len(segment.times))
@@ -310,7 +353,7 @@ class RecordedBody:
 
 
 class FieldFile:
-    """One ADIOS2 file: a mesh as the ranks of that run divided it, and fields on its points at some times.
+    """A mesh as the ranks of a run divided it, and fields on its points at some times.
 
     Attributes:
         times: of the steps [s].
@@ -318,6 +361,129 @@ class FieldFile:
         pieces: points (n, 3) of straight triangles, or (n, 2) of straight lines.
         vertices: numbers of the same shape, equal where pieces share a point.
         is_film: whether the pieces are triangles.
+    """
+
+    times: Array
+    X: Array
+    pieces: Integers
+    vertices: Integers
+    is_film: bool
+
+    def read(self, field: str, step: int) -> Array:
+        """Values (p,) of a field at the points at a step; of vectors their lengths."""
+        values = self.components(field, step)
+        return np.linalg.norm(values, axis=1) if values.ndim == 2 else values
+
+    def components(self, field: str, step: int) -> Array:
+        """Values (p,) or (p, 3) of a field at the points at a step."""
+        raise NotImplementedError
+
+    def positions(self, step: int) -> Array:
+        """Positions (p, 3) of the points at a step [m]."""
+        moved: Array = self.X + self.components("displacement", step)
+        return moved
+
+    def joined_positions(self, step: int) -> Array:
+        """Positions of the vertices at a step [m], by their numbers."""
+        joined: Array = self.positions(step)[self._point_of_vertex]
+        return joined
+
+    def _join(self, pieces: Integers) -> None:
+        """Set pieces and vertices; pieces that two ranks wrote are kept once."""
+        # Points that lie on each other in the mesh and at the start, in the middle and at the end of the run are one
+        # vertex.  Layers of a folded film may lie on each other for some time, but not in the mesh.
+        last = len(self.times) - 1
+        positions = [self.X] + [self.positions(step) for step in sorted({0, last // 2, last})]
+        pitch = ALIKE * float(np.ptp(self.X, axis=0).max(initial=0.0)) or 1.0
+        keys = np.rint(np.concatenate(positions, axis=1) / pitch).astype(np.int64)
+        _, self._point_of_vertex, vertex_of_point = np.unique(
+            keys, axis=0, return_index=True, return_inverse=True
+        )
+        vertices = vertex_of_point.ravel()[pieces]
+        first_of_each = np.unique(np.sort(vertices, axis=1), axis=0, return_index=True)[1]
+        kept = np.sort(first_of_each)
+        self.pieces = pieces[kept]
+        self.vertices = vertices[kept]
+
+
+class VtuFiles(FieldFile):
+    """The files of a PVD file that `outputs.VTU` wrote.
+
+    Args:
+        path: of the PVD file.
+
+    Raises:
+        InputError: a file is missing or damaged, or the numbers of points differ between times.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Read times and mesh; fields are read when they are asked for."""
+        self._path = path
+        entries = read_pvd(path)
+        times = sorted({entry.time for entry in entries})
+        check(bool(times), f"'{path}' lists no files; let the run make a record.")
+        self.times = np.array(times)
+        self._files = [
+            [path.parent / entry.file for entry in entries if entry.time == time] for time in times
+        ]
+        # The last step that was read: a picture asks for several of its fields.
+        self._step = -1
+        self._arrays: dict[str, Array] = {}
+        self._reference = self._grids(0)
+        cells = []
+        count = 0
+        for grid in self._reference:
+            cells.append(grid.cells + count)
+            count += len(grid.points)
+        self.is_film = max(grid.cells.shape[1] for grid in self._reference) == 3
+        # An empty part, of a rank without cells, has no cell whose number of nodes could be read.
+        pieces = [part for part in cells if len(part)]
+        self.X = self.positions(0) - self.components("displacement", 0)
+        self._join(np.concatenate(pieces))
+
+    def positions(self, step: int) -> Array:
+        """Positions (p, 3) of the points at a step [m]."""
+        return self._array("points", step)
+
+    def components(self, field: str, step: int) -> Array:
+        """Values (p,) or (p, 3) of a field at the points at a step."""
+        return self._array(field, step)
+
+    def _array(self, name: str, step: int) -> Array:
+        """An array of a step, of all parts; "points" are the positions.
+
+        Raises:
+            InputError: a file lacks the array, or has another number of points than the first step.
+        """
+        if step != self._step:
+            grids = self._grids(step)
+            arrays = {"points": np.concatenate([grid.points for grid in grids])}
+            for key in grids[0].arrays:
+                values = [grid.arrays[key] for grid in grids if key in grid.arrays]
+                arrays[without_unit(key)] = np.concatenate(values)
+            self._arrays = arrays
+            self._step = step
+        found = self._arrays.get(name)
+        count = sum(len(grid.points) for grid in self._reference)
+        if found is None or len(found) != count:
+            raise InputError(
+                f"'{self._path}' is damaged: its field {name!r} at step {step} cannot be read; write the run again."
+            )
+        return found
+
+    def _grids(self, step: int) -> list[Grid]:
+        """The parts of a step, one for each rank of the run."""
+        return [read_vtu(file) for file in self._files[step]]
+
+
+class AdiosFile(FieldFile):
+    """One ADIOS2 file that `outputs.VTX` wrote.
+
+    Args:
+        path: of the file.
+
+    Raises:
+        InputError: it cannot be read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -330,10 +496,10 @@ class FieldFile:
             steps = self._file.num_steps()
             if not steps:
                 raise ValueError("there are no steps")
-            self.times: Array = np.ravel(self._file.read("step", step_selection=[0, steps]))
+            self.times = np.ravel(self._file.read("step", step_selection=[0, steps]))
             # ADIOS2 keeps the part of each rank as a block
             self._blocks = len(self._file.all_blocks_info("geometry")[0])
-            self.is_film: bool = int(np.ravel(self._file.read("types"))[0]) in _VTK_TRIANGLES
+            self.is_film = int(np.ravel(self._file.read("types"))[0]) in _VTK_TRIANGLES
             self.X, cells = self._read_mesh()
         except Exception as error:  # ADIOS2 raises what its C++ side throws
             raise InputError(
@@ -343,25 +509,10 @@ class FieldFile:
             steps >= noted,
             f"'{path}' has {steps} steps, but {noted} were written; put back a copy of it.",
         )
-        self._join(cells)
+        self._join(linear_pieces(from_vtk(cells), 2 if self.is_film else 1))
 
-    def read(self, field: str, step: int) -> Array:
-        """Values (p,) of a field at the points at a step; of vectors their lengths."""
-        values = self._read(field, step)
-        return np.linalg.norm(values, axis=1) if values.ndim == 2 else values
-
-    def positions(self, step: int) -> Array:
-        """Positions (p, 3) of the points at a step [m]."""
-        moved: Array = self.X + self._read("displacement", step)
-        return moved
-
-    def joined_positions(self, step: int) -> Array:
-        """Positions of the vertices at a step [m], by their numbers."""
-        joined: Array = self.positions(step)[self._point_of_vertex]
-        return joined
-
-    def _read(self, field: str, step: int) -> Array:
-        """Values (p,) or (p, k) of a field at the points at a step, from the blocks of all ranks."""
+    def components(self, field: str, step: int) -> Array:
+        """Values (p,) or (p, 3) of a field at the points at a step, from the blocks of all ranks."""
         try:
             blocks = [
                 np.ravel(self._file.read(field, block_id=block, step_selection=[step, 1]))
@@ -389,21 +540,3 @@ class FieldFile:
                 cells.append(own.astype(np.int64) + count)
             count += len(x)
         return np.concatenate(points), np.concatenate(cells)
-
-    def _join(self, cells: Integers) -> None:
-        """Set pieces and vertices; pieces that two ranks wrote are kept once."""
-        pieces = linear_pieces(from_vtk(cells), 2 if self.is_film else 1)
-        # Points that lie on each other in the mesh and at the start, in the middle and at the end of the run are one
-        # vertex.  Layers of a folded film may lie on each other for some time, but not in the mesh.
-        last = len(self.times) - 1
-        positions = [self.X] + [self.positions(step) for step in sorted({0, last // 2, last})]
-        pitch = ALIKE * float(np.ptp(self.X, axis=0).max(initial=0.0)) or 1.0
-        keys = np.rint(np.concatenate(positions, axis=1) / pitch).astype(np.int64)
-        _, self._point_of_vertex, vertex_of_point = np.unique(
-            keys, axis=0, return_index=True, return_inverse=True
-        )
-        vertices = vertex_of_point.ravel()[pieces]
-        first_of_each = np.unique(np.sort(vertices, axis=1), axis=0, return_index=True)[1]
-        kept = np.sort(first_of_each)
-        self.pieces: Integers = pieces[kept]
-        self.vertices: Integers = vertices[kept]

@@ -2,22 +2,9 @@
 
 from __future__ import annotations
 
-UNITS = {
-    "displacement": "m",
-    "velocity": "m/s",
-    "curvature1": "1/m",
-    "curvature2": "1/m",
-    "moment1": "N m/m",
-    "moment2": "N m/m",
-    "fold_angle": "rad",
-    "strain1": "",
-    "strain2": "",
-    "stress1": "Pa",
-    "stress2": "Pa",
-    "pressure": "Pa",
-    "mode_amplitude": "m",
-    "wrinkle_amplitude": "m",
-}
+from gossamer_fx.fields.units import UNITS as UNITS
+from gossamer_fx.fields.units import scaled as scaled
+
 NAMES = {
     "displacement": "Displacement",
     "velocity": "Speed",
@@ -31,6 +18,7 @@ NAMES = {
     "stress1": "Larger principal stress",
     "stress2": "Smaller principal stress",
     "pressure": "Pressure inside over outside",
+    "contact_pressure": "Contact pressure",
     "state": "State of the film",
     "mode_amplitude": "Amplitude of the mode",
     "wrinkle_slope": "Slope of the wrinkles",
@@ -38,19 +26,6 @@ NAMES = {
     "wrinkle_direction": "Direction of the wrinkles",
     "group": "Parts of the films",
 }
-_PREFIXES = {1e-9: "n", 1e-6: "µ", 1e-3: "m", 1.0: "", 1e3: "k", 1e6: "M", 1e9: "G"}
-_ROUND_OFF = 1e-9  # of a factor: 0.9999999999 is written as 1, not as 1000 of the smaller unit
-
-
-def scaled(largest: float) -> tuple[float, str]:
-    """Factor and prefix of the unit in which a number lies between 1 and 1000.
-
-    Example:
-        `scaled(0.02)` is `(1e-3, "m")`: 0.02 s are 20 ms.
-    """
-    fitting = [factor for factor in _PREFIXES if factor <= largest * (1 + _ROUND_OFF)]
-    factor = max(fitting, default=1.0)
-    return factor, _PREFIXES[factor]
 
 
 def plain_text(text: str) -> str:

@@ -40,7 +40,8 @@
       const n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
       for (const corner of [a, b, c]) for (let k = 0; k < 3; k++) normals[corner + k] += n[k];
     }
-    const table = data.fields[field].table, count = t.length / 3;
+    const table = data.fields[field].table, smooth = data.fields[field].smooth;
+    const count = smooth ? t.length : t.length / 3; // a colour for each corner, or for each triangle
     const kinds = part.kinds[field].subarray((frame - part.first) * count, (frame - part.first + 1) * count);
     const out = new Float32Array(9 * (t.length + part.lines.length));
     let o = 0;
@@ -52,7 +53,7 @@
       }
       o += 9;
     };
-    for (let i = 0; i < t.length; i++) put(t[i], true, table[kinds[Math.floor(i / 3)]]);
+    for (let i = 0; i < t.length; i++) put(t[i], true, table[kinds[smooth ? i : Math.floor(i / 3)]]);
     for (const corner of part.lines) put(corner, false, [76, 84, 94]);
     return [out, t.length, part.lines.length];
   }

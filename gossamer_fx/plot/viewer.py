@@ -74,11 +74,13 @@ def view_data(run: RunReader) -> dict[str, Any]:
     files_of_frame = [
         tuple(body.at(frame)[0] for body in run.bodies.values()) for frame in range(len(run.times))
     ]
+    # Of a triangle at one time.
+    colour_bytes = sum(3 if _is_smooth(colours) else 1 for _, colours in fields)
     share = max(_MAX_VERTICES // max(len(run.bodies), 1), _MIN_VERTICES)
     surfaces = {
         file: _thinned(file, share) for body in run.bodies.values() for file in body.segments
     }
-    frames = _chosen_frames(run, files_of_frame, surfaces, len(fields))
+    frames = _chosen_frames(run, files_of_frame, surfaces, colour_bytes)
     box = _box_around(run, frames)
     second, prefix = scaled(float(run.times[-1]))
     parts: list[dict[str, Any]] = []
@@ -114,11 +116,13 @@ def _chosen_frames(
     run: RunReader,
     files_of_frame: list[tuple[FieldFile, ...]],
     surfaces: dict[FieldFile, _Surface],
-    fields: int,
+    colour_bytes: int,
 ) -> list[int]:
     """Numbers of recorded states that are evenly spread over the run and do not need too many bytes."""
     sizes = [
-        sum(surfaces[file].frame_bytes + fields * len(surfaces[file].pieces) for file in files)
+        sum(
+            surfaces[file].frame_bytes + colour_bytes * len(surfaces[file].pieces) for file in files
+        )
         for files in files_of_frame
     ]
     affordable = int(_MAX_BYTES / max(float(np.mean(sizes)), 1.0))
@@ -132,7 +136,8 @@ def _box_around(run: RunReader, frames: list[int]) -> _Box:
     lows = []
     highs = []
     for frame in frames:
-        points = list(run.solid_points(float(run.times[frame])))
+        time = float(run.times[frame])
+        points = [*run.solid_points(time), run.connector_lines(time).reshape(-1, 3)]
         for body in run.bodies.values():
             file, step = body.at(frame)
             points.append(file.positions(step))
@@ -162,6 +167,10 @@ def _part(
     for solid in run.solids:
         lines.append(solid.lines + vertices)
         vertices += len(solid.X)
+    # Each rope, spring and bar of a tape has its two ends for itself.
+    ends = run.connector_lines(float(run.times[frames[0]])).reshape(-1, 3)
+    lines.append(np.arange(len(ends)).reshape(-1, 2) + vertices)
+    vertices += len(ends)
     positions = []
     kinds: list[list[Integers]] = [[np.zeros(0, dtype=np.int64)] for _ in fields]
     for frame in frames:
@@ -172,8 +181,14 @@ def _part(
                 for found, (field, colours) in zip(kinds, fields, strict=True):
                     has_field = field in run.fields[name]
                     values = _piece_values(surface, field, step, has_field)
-                    found.append(colours.kinds(values))
-        positions += [box.packed(x) for x in run.solid_points(float(run.times[frame]))]
+                    # Numbers vary along a triangle, states and groups do not.
+                    if _is_smooth(colours):
+                        found.append(colours.kinds(values.ravel()))
+                    else:
+                        found.append(colours.kinds(values.mean(axis=1)))
+        time = float(run.times[frame])
+        positions += [box.packed(x) for x in run.solid_points(time)]
+        positions.append(box.packed(run.connector_lines(time).reshape(-1, 3)))
     return {
         "frames": len(frames),
         "vertices": vertices,
@@ -184,17 +199,22 @@ def _part(
     }
 
 
+def _is_smooth(colours: Colouring) -> bool:
+    """Whether a field has a colour at each corner of a triangle, instead of one for the triangle."""
+    return isinstance(colours.key, Scale)
+
+
 def _piece_values(
     surface: _Surface,
     field: str,
     step: int,
     has_field: bool,
 ) -> Array:
-    """Values (n,) of a field on the pieces of a surface; not numbers where the body does not have it."""
+    """Values (n, 3) of a field at the corners of the pieces; not numbers where the body does not have it."""
     if not has_field:
-        return np.full(len(surface.origin), np.nan)
+        return np.full((len(surface.origin), 3), np.nan)
     corners = surface.file.pieces[surface.origin]
-    values: Array = surface.file.read(field, step)[corners].mean(axis=1)
+    values: Array = surface.file.read(field, step)[corners]
     return values
 
 
@@ -228,6 +248,7 @@ def _legend(name: str, colours: Colouring) -> dict[str, Any]:
     """A field in the list of those that can be shown: its name, table of colours, and their meaning."""
     legend: dict[str, Any] = {
         "name": NAMES.get(name, name),
+        "smooth": _is_smooth(colours),
         "table": np.rint(255 * colours.table).astype(int).tolist(),
     }
     if isinstance(colours.key, Scale):

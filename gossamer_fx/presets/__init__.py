@@ -1,4 +1,4 @@
-"""Figures of real films and gases, each with its source; optics of surfaces are in `gossamer_fx.orbit.optics`."""
+"""Figures of real films, fibres, composites and gases, each with its source; surfaces are in `orbit.optics`."""
 
 from gossamer_fx.checks.lazy_names import lazy_names
 

@@ -76,6 +76,16 @@ class Run(Protocol):
         ...
 
     @property
+    def energy_defect(self) -> float:
+        """Closing error of the energy balance [J]."""
+        ...
+
+    @property
+    def largest_energy(self) -> float:
+        """Largest energy so far [J], to which `energy_error` refers."""
+        ...
+
+    @property
     def mass_error(self) -> float:
         """Closing error of the gas masses, as a share of the largest mass."""
         ...

@@ -98,8 +98,9 @@ class RecordedShapes:
         recorded, paths = comm.bcast(on_rank_zero(comm, read))
         check(
             name in recorded and bool(paths),
-            f"RecordedShapes: the run in '{self.folder}' has no fields of '{name}', but of: "
-            f"{', '.join(recorded) or 'none'}; give the film the name that it had there.",
+            f"RecordedShapes: the run in '{self.folder}' has no fields of '{name}' in ADIOS2 files, but fields of: "
+            f"{', '.join(recorded) or 'none'}; give the film the name that it had there, and record "
+            'with the format "vtx".',
         )
         return list(paths)
 

@@ -164,6 +164,11 @@ class Simulation:
             self._release()
             raise
 
+    def __repr__(self) -> str:
+        """Where the run is; without energies, which are sums over all ranks."""
+        names = ", ".join(f"'{body.name}'" for body in self.scene.bodies)
+        return f"<Simulation of {names or 'gas'} at t = {self.time:.6g} s, step {self.step}>"
+
     def _try_step(self) -> None:
         """Begin a step and undo it: errors of loads, valves and motions come before files are made."""
         self.history.commit()
@@ -257,18 +262,23 @@ class Simulation:
     @property
     def at_rest(self) -> bool:
         """Whether no energy of the run so far was larger than what round-off gives to a scene at rest."""
-        return self._largest_energy() <= self.solver.newton.round_off_energy
+        return self.largest_energy <= self.solver.newton.round_off_energy
 
     @property
     def energy_error(self) -> float:
         """Closing error of the energy balance, over the largest energy at the end of a step so far; zero at rest."""
         if self.at_rest:
             return 0.0
-        now = self.totals
-        missing = (now.energy - self.first.energy) - (now.supplied - now.dissipated)
-        return missing / self._largest_energy()
+        return self.energy_defect / self.largest_energy
 
-    def _largest_energy(self) -> float:
+    @property
+    def energy_defect(self) -> float:
+        """Closing error of the energy balance [J]: what was gained since the start, less what was supplied."""
+        now = self.totals
+        return (now.energy - self.first.energy) - (now.supplied - now.dissipated)
+
+    @property
+    def largest_energy(self) -> float:
         """Largest energy so far [J]: kinetic and stored, or supplied and dissipated, whichever is more."""
         return max(self.solver.newton.energy, self.totals.size)
 

@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, check, check_on_all
+from gossamer_fx.drawing.html import table
 from gossamer_fx.model.body import Body, BringsCoordinates, is_body
 from gossamer_fx.model.state import InitialState
 from gossamer_fx.model.terms import BringsTerms, RefersToItems, terms_of
@@ -96,6 +97,22 @@ class Scene:
                 self._add(other)
         # After what it refers to: terms may need a part that is compiled before.
         self.items.append(item)
+
+    def __repr__(self) -> str:
+        """Kinds and names of the items."""
+        names = [f"{type(item).__name__} '{item.name}'" for item in self.items]
+        return f"<Scene of {', '.join(names)}>"
+
+    def _repr_html_(self) -> str:
+        """The items as a table, for notebooks."""
+        rows = []
+        for item in self.items:
+            size = ""
+            mesh = getattr(item, "mesh", None)
+            if mesh is not None:
+                size = repr(mesh).strip("<>")
+            rows.append((type(item).__name__, item.name, size))
+        return table(("kind", "name", "mesh"), rows)
 
     @property
     def bodies(self) -> list[Body]:

@@ -49,7 +49,7 @@ def run_design(design: RobustDesign, comm: MPI.Intracomm, folder: Path) -> str:
     text = tables(design, results, confirmed)
 
     def write() -> None:
-        (folder / "runs.csv").write_text(_csv(results + confirmed))
+        (folder / "runs.csv").write_text(results_as_csv(results + confirmed))
         (folder / "sweep.md").write_text(text)
         draw(design, results, folder / "main_effects.png")
 
@@ -91,7 +91,7 @@ def _effects_table(design: RobustDesign, results: Sequence[Result], goal: str) -
     for name, effect in design.effects(results, goal).items():
         entries = []
         for level, ratio in zip(design.control[name], effect, strict=True):
-            entries.append(f"{_plain(level)}: {ratio:.2f}")
+            entries.append(f"{value_text(level)}: {ratio:.2f}")
         lines.append(f"| {name} | {', '.join(entries)} | {shares[name]:.0%} |")
     # Failed runs make the shares estimates, whose sum may exceed one.
     interactions = max(1 - sum(shares.values()), 0)
@@ -166,14 +166,14 @@ def _draw_panel(
     """Draw the effects [dB] of the levels of one factor, and the mean of all runs."""
     panel.axhline(mean, color="#b8bec4", linewidth=1)
     panel.plot(range(len(effect)), effect, "o-", color="#0072B2", markersize=4)
-    panel.set_xticks(range(len(effect)), [_plain(level) for level in levels], fontsize=8)
+    panel.set_xticks(range(len(effect)), [value_text(level) for level in levels], fontsize=8)
     panel.set_xlim(-0.4, len(effect) - 0.6)
     panel.set_title(name, fontsize=9)
     panel.tick_params(axis="y", labelsize=8)
     panel.spines[["top", "right"]].set_visible(False)
 
 
-def _csv(results: Sequence[Result]) -> str:
+def results_as_csv(results: Sequence[Result]) -> str:
     """All results as comma-separated values, with a header."""
     # A dictionary keeps the order in which names occur first; failed runs lack numbers.
     names: dict[str, None] = {}
@@ -192,10 +192,10 @@ def _csv(results: Sequence[Result]) -> str:
 
 def _words(values: dict[str, Any]) -> str:
     """Values with their names, such as "bore 0.3, crease 1"."""
-    return ", ".join(f"{name} {_plain(value)}" for name, value in values.items())
+    return ", ".join(f"{name} {value_text(value)}" for name, value in values.items())
 
 
-def _plain(value: Any) -> str:
+def value_text(value: Any) -> str:
     """A level as text: words as they are, numbers without trailing zeros."""
     if isinstance(value, str):
         return value

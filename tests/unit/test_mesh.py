@@ -216,3 +216,39 @@ def test_what_stands_beside_or_behind_a_mesh_is_not_executed(tmp_path: Path) -> 
         with pytest.raises(InputError, match="no triangles"):
             read_mesh(tmp_path / name, MPI.COMM_SELF)
     assert not mark.exists()
+
+
+@pytest.mark.mpi
+def test_a_mesh_says_how_large_it_is_and_which_groups_it_has(comm):
+    words = repr(sheet(comm, 3, 2))
+    assert words.startswith("<Mesh of 12 triangles, 12 points; groups: ")
+    assert "film (surfaces)" in words and "left (curves)" in words
+
+
+def test_a_file_without_groups_is_warned_of(tmp_path, caplog):
+    def square(model):
+        model.occ.addRectangle(0, 0, 0, 1, 1)
+        model.occ.synchronize()
+        model.mesh.setSize(model.getEntities(0), 0.5)
+        model.mesh.generate(2)
+
+    def named_square(model):
+        model.occ.addRectangle(0, 0, 0, 1, 1)
+        model.occ.synchronize()
+        model.addPhysicalGroup(2, [1], name="film")
+        model.mesh.generate(2)
+
+    import gmsh
+
+    for name, build in (("bare", square), ("named", named_square)):
+        gmsh.initialize()
+        gmsh.option.setNumber("General.Terminal", 0)
+        build(gmsh.model)
+        gmsh.write(str(tmp_path / f"{name}.msh"))
+        gmsh.finalize()
+    caplog.set_level("INFO", logger="gossamer_fx")
+    read_mesh(tmp_path / "bare.msh", MPI.COMM_SELF)
+    read_mesh(tmp_path / "named.msh", MPI.COMM_SELF)
+    bare, named = caplog.records
+    assert bare.levelname == "WARNING" and "groups: none" in bare.getMessage()
+    assert named.levelname == "INFO" and "groups: film (surfaces)" in named.getMessage()

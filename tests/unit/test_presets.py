@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.presets import films, gases
+from gossamer_fx.presets import fibres, films, gases, laminae
 
 KGF_PER_MM2 = 9.80665e6  # Pa
 MATERIALS = [thing for thing in vars(films).values() if isinstance(thing, films.FilmMaterial)]
@@ -49,3 +49,41 @@ def test_mylar_is_as_its_sheet_says_in_other_units() -> None:
 def test_gases_have_the_measured_speed_of_sound(gas: gx.IdealGas, speed: float) -> None:
     measured = (gas.gamma * gas.R * 273.15) ** 0.5
     assert measured == pytest.approx(speed, rel=4e-3)
+
+
+FIBRES = [thing for thing in vars(fibres).values() if isinstance(thing, fibres.Fibre)]
+
+
+@pytest.mark.parametrize("fibre", FIBRES, ids=lambda fibre: fibre.name)
+def test_a_cable_of_a_fibre_carries_waves_as_fast_as_the_fibre(fibre: fibres.Fibre) -> None:
+    """√(EA/μ) = √(E/ρ), whatever the gaps between the fibres."""
+    law = fibre.law(linear_density=2e-3)
+    assert (law.EA / law.line_density) ** 0.5 == pytest.approx((fibre.E / fibre.density) ** 0.5)
+    assert len(fibre.source) > 40
+    with pytest.raises(gx.InputError, match="linear_density is 0"):
+        fibre.law(linear_density=0.0)
+
+
+@pytest.mark.parametrize(
+    "fibre, kilograms_per_mm2",
+    # the moduli of the same table in its other unit
+    [(fibres.VECTRAN_HT, 7600.0), (fibres.TECHNORA, 7500.0), (fibres.POLYESTER, 1300.0)],
+)
+def test_fibres_are_as_their_sheet_says_in_other_units(
+    fibre: fibres.Fibre, kilograms_per_mm2: float
+) -> None:
+    assert pytest.approx(kilograms_per_mm2 * KGF_PER_MM2, rel=0.03) == fibre.E
+
+
+def test_pbo_is_as_a_review_lists_it() -> None:
+    """270 and 275 GPa: doi:10.1038/s41598-021-87957-7, table 1."""
+    assert pytest.approx(270e9, rel=0.02) == fibres.PBO_HM.E
+
+
+def test_a_layer_makes_both_laws_and_refuses_others() -> None:
+    layer = laminae.GRAPHITE_EPOXY_HM
+    for kind in (gx.LinearOrthotropic, gx.Orthotropic):
+        law = layer.law(1e-4, direction=(1.0, 0.0, 0.0), kind=kind)
+        assert type(law) is kind and (law.E1, law.G12) == (layer.E1, layer.G12)
+    with pytest.raises(gx.InputError, match="is not a law of orthotropic films"):
+        layer.law(1e-4, direction=(1.0, 0.0, 0.0), kind=gx.Linear)

@@ -182,7 +182,7 @@ def test_the_report_needs_nothing_else(recorded: Path, tmp_path: Path) -> None:
     assert not re.search(r'(src|href)="(?!data:)', text)
     assert not re.search("http(?!-equiv=)", without_images)
     assert "A &lt;pillow&gt;" in text and "<h1>A <pillow>" not in text
-    assert text.count("data:image/png;base64,") == 2
+    assert text.count("data:image/png;base64,") == 4  # each for wide and for narrow screens
     data = json.loads(re.search(r'id="run-data">(.*?)</script>', text, re.DOTALL)[1])
     assert len(data["labels"]) == 6 and data["fields"][0]["name"] == "State of the film"
     [part] = data["parts"]
@@ -263,3 +263,59 @@ def test_components_of_a_probe_share_a_panel() -> None:
         "x of the ball": [""],
     }
     assert panels["tip [m]"]["y"] is y
+
+
+# ---- another run in the folder --------------------------------------------------------------------------------------
+
+
+def fall(folder: Path, overwrite: bool = False) -> gx.Simulation:
+    """The run of a ball that is recorded in a folder; it has neither gas nor films."""
+    ball = gx.PointMass(1.0, comm=WORLD, name="ball")
+    recording = gx.Recording(folder, overwrite=overwrite)
+    return gx.Simulation(gx.Scene(ball), gx.Midpoint(dt=DT), outputs=[recording])
+
+
+@pytest.mark.mpi
+def test_a_folder_with_another_run_is_refused(folder: Path) -> None:
+    fall(folder / "run").run(until=2 * DT)
+    WORLD.barrier()
+    before = (folder / "run" / "ledger.csv").read_bytes()
+    with pytest.raises(gx.InputError, match=r"run' holds a run already.*overwrite=True\.$"):
+        fall(folder / "run")
+    WORLD.barrier()
+    assert (folder / "run" / "ledger.csv").read_bytes() == before
+
+
+@pytest.mark.mpi
+def test_a_run_that_replaces_another_leaves_none_of_its_files(folder: Path) -> None:
+    case = pillow(WORLD)
+    case.simulation([case.recording(folder / "run")]).run(until=2 * DT)
+    run = fall(folder / "run", overwrite=True)
+    WORLD.barrier()
+    assert (folder / "run" / "gas.csv").exists()  # as nothing was recorded yet
+    WORLD.barrier()
+    run.run(until=2 * DT)
+    WORLD.barrier()
+    names = {path.name for path in (folder / "run").rglob("*")} - {"fields"}
+    assert names == {"run.json", "ledger.csv", "points.csv"}
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("name", ["ledger.csv", "gas.csv", "fields/film.bp"])
+def test_a_single_output_is_not_mixed_into_a_recorded_run(folder: Path, name: str) -> None:
+    case = pillow(WORLD)
+    case.simulation([case.recording(folder / "run")]).run(until=2 * DT)
+    path = folder / "run" / name
+    film = next(item for item in case.scene.items if isinstance(item, gx.Membrane))
+    other: gx.Ledger | gx.outputs.Probes | gx.outputs.VTX
+    if name == "fields/film.bp":
+        path = path.with_name("the film.bp")
+        other = gx.outputs.VTX(path, film)
+    elif name == "gas.csv":
+        other = gx.outputs.Probes(path, {"one": lambda run: 1.0})
+    else:
+        other = gx.Ledger(path)
+    with pytest.raises(gx.InputError, match="holds a run already"):
+        gx.Simulation(case.scene, gx.Midpoint(dt=DT), outputs=[other])
+    # other files may be next to those of the run
+    gx.Simulation(case.scene, gx.Midpoint(dt=DT), outputs=[gx.Ledger(folder / "run" / "mine.csv")])

@@ -90,7 +90,7 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.elements.append((tag, dict(attrs)))
-        if tag not in ("meta", "img", "input"):
+        if tag not in ("meta", "img", "input", "source"):
             self.inside.append(tag)
         if tag == "script":
             self.scripts.append("")
@@ -110,6 +110,7 @@ class Page(HTMLParser):
 
 ALLOWED = {
     *("html", "head", "meta", "title", "style", "body", "h1", "h2", "p", "div", "canvas", "button"),
+    *("picture", "source"),
     *("input", "span", "select", "img", "pre", "table", "tr", "th", "td", "script"),
 }
 

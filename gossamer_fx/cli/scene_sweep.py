@@ -1,0 +1,183 @@
+"""Sweeps over the arguments of a scene file: gossamer sweep SCENE --over NAME=VALUE,VALUE ..."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import inspect
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.checks.errors import check, on_rank_zero
+from gossamer_fx.cli.case import Case
+from gossamer_fx.outputs.output import Output, make_parent, replace_file
+from gossamer_fx.run.checkpoint import Checkpoints
+from gossamer_fx.sweep.factorial import Factorial
+
+Build = Callable[..., Case]
+
+
+def values_of(words: Sequence[str]) -> dict[str, list[Any]]:
+    """Values by name from words NAME=VALUE,VALUE; values are numbers, True, False, or else words.
+
+    Raises:
+        InputError: a word of another form, a name without a value, or one that is given twice.
+    """
+    over: dict[str, list[Any]] = {}
+    for word in words:
+        name, equals, text = word.partition("=")
+        values = [_value(part) for part in text.split(",")]
+        check(
+            bool(equals) and name.isidentifier() and "" not in values,
+            f"'{word}' is not of the form NAME=VALUE,VALUE; give arguments of build like cells=4,8,16.",
+        )
+        check(name not in over, f"--over has {name} twice; give all its values at once.")
+        over[name] = values
+    return over
+
+
+def _value(text: str) -> Any:
+    """A number or truth value from its text; any other text as it is."""
+    try:
+        found = ast.literal_eval(text.strip())
+    except (ValueError, SyntaxError):
+        return text.strip()
+    if isinstance(found, int | float | str):
+        return found
+    return text.strip()
+
+
+def check_arguments_of(build: Build, path: Path, names: Sequence[str]) -> None:
+    """Refuse names that are not arguments of the function `build` of a scene file.
+
+    Raises:
+        InputError: names them and the arguments that there are.
+    """
+    parameters = inspect.signature(build).parameters
+    takes_any = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
+    # The first one is the communicator.
+    known = list(parameters)[1:]
+    unknown = [name for name in names if name not in known and not takes_any]
+    check(
+        not unknown,
+        f"build in '{path}' takes no {', '.join(unknown)}; its arguments are: "
+        f"{', '.join(known) or 'none but the communicator'}.",
+    )
+
+
+def check_same_scene(comm: MPI.Intracomm, path: Path, folder: Path) -> None:
+    """Refuse a folder whose runs are of another scene file, or of this one before it was changed.
+
+    The results of runs are found by the values of their arguments, which do not tell the scene.  A new
+    folder gets the checksum of the file.
+
+    Raises:
+        InputError: names both files.
+    """
+
+    def compare() -> None:
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        mark = folder / "scene.json"
+        make_parent(MPI.COMM_SELF, mark)
+        if mark.is_file():
+            about = json.loads(mark.read_text(encoding="utf-8"))
+            check(
+                about.get("sha256") == digest,
+                f"'{folder}' holds runs of '{about.get('file')}' as it was before a change, or of another "
+                "scene; give another folder with --output, or remove this one.",
+            )
+        else:
+            replace_file(mark, json.dumps({"file": str(path), "sha256": digest}))
+
+    on_rank_zero(comm, compare)
+
+
+class SceneOutcome:
+    """Makes one run of a scene file; its numbers are those of the probes, and how the run went.
+
+    For each probe it returns the value at the end, the smallest and the largest one, and for each chamber the
+    last pressure.  The run is recorded
+    in its folder with checkpoints, from which it continues if it was killed.
+
+    Args:
+        build: the function of the scene file.
+        count: of all runs of the sweep, for the progress.
+        progress: called with a line when a run begins.
+    """
+
+    def __init__(self, build: Build, count: int, progress: Callable[[str], None]) -> None:
+        self._build = build
+        self._count = count
+        self._progress = progress
+
+    def __call__(self, comm: MPI.Intracomm, folder: Path, **values: Any) -> dict[str, float]:
+        """Make the run with some arguments of `build`."""
+        words = ", ".join(f"{name}={value}" for name, value in values.items())
+        if comm.rank == 0:
+            self._progress(f"run with {words} ({self._count} runs in all)")
+        case = self._build(comm, **values)
+        check(
+            isinstance(case, Case),
+            f"build returns {type(case).__name__}; let it return a gossamer_fx.Case.",
+        )
+        saves = folder / "checkpoints"
+        is_restart = comm.bcast(any(saves.glob("step-*")))
+        restart = saves if is_restart else None
+        # What a run without a checkpoint has left is replaced: it has no result.
+        outputs: list[Output] = [case.recording(folder, overwrite=True)]
+        run = case.simulation(outputs, Checkpoints(saves), restart)
+        run.run(until=case.until)
+        numbers = dict(on_rank_zero(comm, lambda: _probe_numbers(folder)) or {})
+        numbers = dict(comm.bcast(numbers))
+        numbers["energy error"] = run.energy_error
+        numbers["steps"] = float(run.step)
+        numbers["iterations a step"] = run.iterations / max(run.step, 1)
+        return numbers
+
+
+def _probe_numbers(folder: Path) -> dict[str, float]:
+    """Last, smallest and largest value of each probe of a run, and the last pressure of each chamber."""
+    from gossamer_fx.plot.run_reader import RunReader
+
+    run = RunReader(folder)
+    numbers: dict[str, float] = {}
+    for name, values in run.table("probes.csv").items():
+        if name not in ("time", "step"):
+            numbers[f"{name} at the end"] = float(values[-1])
+            numbers[f"{name} smallest"] = float(np.min(values))
+            numbers[f"{name} largest"] = float(np.max(values))
+    for name, values in run.table("gas.csv").items():
+        if name.endswith(" pressure"):
+            numbers[f"{name} [Pa] at the end"] = float(values[-1])
+    return numbers
+
+
+def scene_sweep(
+    build: Build,
+    path: Path,
+    words: Sequence[str],
+    listed: bool,
+    progress: Callable[[str], None],
+) -> Factorial:
+    """The sweep that a command line asks for.
+
+    Args:
+        build: the function of the scene file.
+        path: of the scene file.
+        words: NAME=VALUE,VALUE for each argument that is varied.
+        listed: whether the values belong together one by one.
+        progress: called with a line when a run begins.
+
+    Raises:
+        InputError: words of another form, unknown arguments, or values that make no sweep.
+    """
+    over = values_of(words)
+    check_arguments_of(build, path, list(over))
+    plan = Factorial(lambda comm, folder, **values: {}, over, listed=listed)
+    outcome = SceneOutcome(build, len(plan.cases()), progress)
+    return Factorial(outcome, over, listed=listed)

@@ -1,0 +1,104 @@
+"""Export of a recorded run as VTU and PVD files, for ParaView, VisIt and pyvista."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from gossamer_fx.checks.arguments import check_arguments
+from gossamer_fx.checks.errors import OutputFailure, check
+from gossamer_fx.fields.units import with_unit
+from gossamer_fx.outputs.file_names import file_name
+from gossamer_fx.outputs.vtu_format import Entry, Grid, Integers, write_pvd, write_vtu
+from gossamer_fx.plot.plot import file_to_write
+from gossamer_fx.plot.run_reader import RunReader
+
+# Lists all parts of the scene.
+_SCENE = "run.pvd"
+
+
+@check_arguments
+def export(run: RunReader, folder: str | Path) -> list[Path]:
+    """Write all recorded states of a run as VTU files, and PVD files that list them.
+
+    `run.pvd` has the whole scene: films, cables and beams with their fields, solids, ropes, springs and
+    tapes as lines, and bodies without a mesh as points.  `NAME.pvd` has one of these parts.  Points are at
+    their present positions, arrays have their units in their names, e.g. "stress1 [Pa]", and cells of
+    order 2 are cut into straight pieces.
+
+    Args:
+        run: a recorded run.
+        folder: for the files only; it is made.  An earlier export in it is replaced.
+
+    Returns:
+        The PVD files; the first one has the whole scene.
+
+    Raises:
+        InputError: the run has no fields, or the folder holds something else.
+        OutputFailure: a file cannot be written.
+
+    Example:
+        >>> [path.name for path in gx.plot.export(recorded, folder / "for ParaView")]
+        ['run.pvd', 'film.pvd']
+    """
+    run.require_fields()
+    folder = Path(folder)
+    file_to_write(folder / _SCENE)
+    is_export = (folder / _SCENE).is_file()
+    check(
+        is_export or not any(folder.iterdir()),
+        f"'{folder}' holds other files than those of an export; give another folder.",
+    )
+    entries: dict[str, list[Entry]] = {}
+    try:
+        for number in range(len(run.times)):
+            time = float(run.times[number])
+            for part, (name, grid) in enumerate(_grids(run, number)):
+                files = folder / f"{name}_files"
+                if name not in entries:
+                    # Of an earlier export, which may have had more times.
+                    shutil.rmtree(files, ignore_errors=True)
+                    files.mkdir()
+                    entries[name] = []
+                file = f"{files.name}/{number:05d}.vtu"
+                write_vtu(folder / file, grid)
+                entries[name].append(Entry(time, part, file))
+        lists = [folder / _SCENE]
+        everything = [entry for of_part in entries.values() for entry in of_part]
+        write_pvd(lists[0], sorted(everything, key=lambda entry: (entry.time, entry.part)))
+        for name, of_part in entries.items():
+            lists.append(folder / f"{name}.pvd")
+            write_pvd(lists[-1], [Entry(entry.time, 0, entry.file) for entry in of_part])
+    except OSError as error:
+        raise OutputFailure(
+            f"Cannot write to '{folder}' ({error.strerror}); choose a folder that is writable."
+        ) from error
+    return lists
+
+
+def _grids(run: RunReader, frame: int) -> Iterator[tuple[str, Grid]]:
+    """The parts of the scene in a recorded state, by names of files."""
+    for name, body in run.bodies.items():
+        segment, step = body.at(frame)
+        arrays = {with_unit(field): segment.components(field, step) for field in run.fields[name]}
+        yield file_name(name), Grid(segment.positions(step), segment.pieces, arrays)
+    time = float(run.times[frame])
+    points = run.solid_points(time)
+    for kind, size in (("triangles", 3), ("lines", 2)):
+        cells: list[Integers] = [np.zeros((0, size), dtype=np.int64)]
+        count = 0
+        for X, solid in zip(points, run.solids, strict=True):
+            cells.append(getattr(solid, kind) + count)
+            count += len(X)
+        joined = np.concatenate(cells)
+        if len(joined):
+            yield f"solids ({kind})", Grid(np.concatenate(points), joined, {})
+    ends = run.connector_lines(time).reshape(-1, 3)
+    if len(ends):
+        yield "ropes and springs", Grid(ends, np.arange(len(ends)).reshape(-1, 2), {})
+    dots = run.dots(time)
+    if len(dots):
+        yield "bodies without a mesh", Grid(dots, np.arange(len(dots))[:, None], {})

@@ -1,0 +1,207 @@
+"""What users see in pictures: rare colours, names of curves, ropes and tapes, letters on a phone."""
+
+from __future__ import annotations
+
+import re
+from base64 import b64decode
+from io import BytesIO
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.plot import plot as pictures
+from gossamer_fx.plot.colours import STATE_COLOURS
+from gossamer_fx.plot.curve_panels import label_ends, run_curves, wrapped
+from gossamer_fx.plot.viewer import view_data
+
+COMM = MPI.COMM_SELF
+LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
+DT = 1e-3
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> gx.plot.RunReader:
+    """A film that falls on a tape, a rope and a spring."""
+    film = gx.Membrane(sheet(COMM, 4, 4), LAW, name="film")
+    hook = gx.Ground((1.5, 1.5, 0.0))
+    tape = gx.connectors.Tape.along_edges(film, gx.CableLaw(1e3, 0.01), edges="left")
+    rope = gx.connectors.Rope(film.port("top right"), hook, stiffness=1e3, length=1.0)
+    spring = gx.connectors.Spring(film.port("bottom right"), hook, stiffness=10.0, length=1.6)
+    fall = gx.Gravity(film, (0.0, 0.0, -9.81))
+    folder = tmp_path_factory.mktemp("falls") / "run"
+    recording = gx.Recording(folder, every=2, title="A film on ropes")
+    scene = gx.Scene(film, tape, rope, spring, fall)
+    gx.Simulation(scene, gx.Midpoint(dt=DT), outputs=[recording]).run(until=6 * DT)
+    return gx.plot.RunReader(folder)
+
+
+# ---- ropes, springs and tapes ---------------------------------------------------------------------------------------
+
+
+def test_ropes_springs_and_tapes_are_drawn(recorded: gx.plot.RunReader) -> None:
+    """Four bars of the tape, the rope and the spring, at their positions in each state."""
+    for frame in range(len(recorded.times)):
+        shape = recorded.shape(frame, "state", lambda values: np.zeros(len(values), dtype=int))
+        assert shape.lines.shape == (6, 2, 3)
+        tape = shape.lines[:4]
+        assert tape[:, :, 0] == pytest.approx(0.0, abs=1e-3)
+        # Of a falling film the tape's points are those of its mesh.
+        segment, step = recorded.bodies["film"].at(frame)
+        points = segment.positions(step)
+        for point in tape.reshape(-1, 3):
+            assert np.linalg.norm(points - point, axis=1).min() == pytest.approx(0.0, abs=1e-12)
+        assert shape.lines[4:, 1] == pytest.approx(np.array([[1.5, 1.5, 0.0]] * 2))
+    data = view_data(recorded)
+    lines = np.frombuffer(b64decode(data["parts"][0]["lines"]), dtype="<u4")
+    assert len(lines) == 2 * 6
+    assert lines.max() < data["parts"][0]["vertices"]
+
+
+def test_a_scene_without_them_writes_no_table(tmp_path: Path) -> None:
+    film = gx.Membrane(sheet(COMM, 2, 2), LAW)
+    recording = gx.Recording(tmp_path / "run")
+    gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT), outputs=[recording]).run(until=DT)
+    assert not (tmp_path / "run" / "lines.csv").exists()
+
+
+# ---- colours --------------------------------------------------------------------------------------------------------
+
+
+def test_a_gif_keeps_the_colour_of_a_few_cells_in_one_frame(tmp_path: Path) -> None:
+    """As of film that is slack for a moment: blue in one frame of sixty, among shades of grey and orange."""
+    from PIL import Image
+
+    height, width = 80, 120
+    shade = np.linspace(0.5, 1.0, width)[None, :, None]
+    frames = []
+    for number in range(60):
+        grey = np.asarray(STATE_COLOURS[2])
+        orange = np.asarray(STATE_COLOURS[1])
+        image = np.where(np.arange(height)[:, None, None] < 40 + number % 7, grey, orange) * shade
+        frames.append(np.rint(255 * image).astype(np.uint8))
+    blue = np.rint(255 * np.asarray(STATE_COLOURS[0])).astype(np.uint8)
+    frames[31][10:14, 20:24] = blue
+    pictures._write_gif(tmp_path / "a.gif", frames, pause=0.05)
+    with Image.open(tmp_path / "a.gif") as image:
+        image.seek(31)
+        shown = np.asarray(image.convert("RGB"))[12, 22].astype(int)
+    assert abs(shown - blue).max() <= 8
+
+
+def test_the_view_shows_numbers_smoothly_and_states_by_triangle(
+    recorded: gx.plot.RunReader,
+) -> None:
+    data = view_data(recorded)
+    triangles = len(b64decode(data["parts"][0]["triangles"])) // 12
+    smooth = {field["name"]: field["smooth"] for field in data["fields"]}
+    assert smooth["Displacement"] and not smooth["State of the film"]
+    for field, kinds in zip(data["fields"], data["parts"][0]["kinds"], strict=True):
+        colours = len(b64decode(kinds))
+        corners = 3 if field["smooth"] else 1
+        assert colours == corners * triangles * len(data["labels"])
+
+
+# ---- names of curves ------------------------------------------------------------------------------------------------
+
+
+def test_long_names_keep_what_tells_them_apart() -> None:
+    one = wrapped("damping of the large film of the left wing (mass)", 18, 2)
+    other = wrapped("damping of the large film of the left wing (stiffness)", 18, 2)
+    assert one != other and one.endswith("(mass)") and other.endswith("(stiffness)")
+    for text in (one, other):
+        assert len(text.splitlines()) <= 2
+        assert all(len(line) <= 18 for line in text.splitlines())
+    assert wrapped("kinetic", 18, 2) == "kinetic"
+
+
+def boxes_of_labels(names: list[str]) -> list:
+    """Boxes of the labels of curves that end at the same value, in pixels; and that of the page."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4.0, 2.9), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axes.plot([0, 1], [0, 1])
+    label_ends(axes, dict.fromkeys(names, (0.9, "black")))
+    figure.draw_without_rendering()
+    return [text.get_window_extent() for text in axes.texts], figure.bbox
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        [f"in {part} of the left wing" for part in ("film", "hem", "tape", "boom")],
+        [f"chamber {number}" for number in range(7)],
+        [f"chamber {number} of the folded tube" for number in range(7)],
+    ],
+)
+def test_labels_neither_overlap_nor_leave_the_page(names: list[str]) -> None:
+    boxes, page = boxes_of_labels(names)
+    boxes.sort(key=lambda box: box.y0)
+    for lower, upper in pairwise(boxes):
+        assert lower.y1 <= upper.y0 + 1.0
+    for box in boxes:
+        assert page.x0 <= box.x0 and box.x1 <= page.x1
+
+
+def test_a_curve_that_ends_at_zero_has_its_name(tmp_path: Path) -> None:
+    """As the energy of a contact that has opened, on a logarithmic axis."""
+    from matplotlib.figure import Figure
+
+    from gossamer_fx.plot.curve_panels import LINES, _lines
+
+    t = np.linspace(0, 1, 50)
+    contact = np.where(t < 0.5, 1e-4 * t, 0.0)
+    curves = {"kinetic": 1.0 + t, "in contact": contact}
+    axes = Figure().subplots()
+    _lines(t, curves, dict(zip(curves, LINES, strict=False)), "Energy", "J", axes)
+    assert axes.get_yscale() == "log"
+    assert {text.get_text() for text in axes.texts} == {"kinetic", "in contact"}
+
+
+# ---- a phone, a film as MP4 -----------------------------------------------------------------------------------------
+
+
+def test_a_report_has_pictures_for_a_narrow_screen(
+    recorded: gx.plot.RunReader, tmp_path: Path
+) -> None:
+    from PIL import Image
+
+    gx.write_report(recorded, tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text()
+    narrow = re.findall(r'<source media="\(max-width: 700px\)" srcset="data:[^,]*,([^"]*)">', page)
+    wide = re.findall(r'<img [^>]*src="data:[^,]*,([^"]*)">', page)
+    assert len(narrow) == len(wide) == 2
+    for one, other in zip(narrow, wide, strict=True):
+        with (
+            Image.open(BytesIO(b64decode(one))) as small,
+            Image.open(BytesIO(b64decode(other))) as large,
+        ):
+            assert large.width == 3 * small.width
+            assert small.height > small.width
+    assert page.count('<div class="table">') == page.count("<table>")
+    assert run_curves(recorded).panels
+
+
+def test_an_mp4_is_made_by_the_ffmpeg_of_a_package(
+    recorded: gx.plot.RunReader, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("imageio_ffmpeg")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    gx.plot.animate(recorded, "state", path=tmp_path / "run.mp4", seconds=0.2)
+    assert (tmp_path / "run.mp4").read_bytes()[4:8] == b"ftyp"
+
+
+def test_without_any_ffmpeg_one_sentence_says_what_to_install(
+    recorded: gx.plot.RunReader, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pictures, "find_ffmpeg", lambda: None)
+    with pytest.raises(gx.InputError, match=r"imageio-ffmpeg, or write a \.gif\.$"):
+        gx.plot.animate(recorded, "state", path=tmp_path / "run.mp4")
+    assert not list(tmp_path.iterdir())
