@@ -160,11 +160,11 @@ def _smooth(domain: Mesh, in_cells: Array) -> Array:
 
     def mean_at_vertices(values: Array) -> Array:
         sums = la.vector(dofmap.index_map, values.shape[1] + 1)
-        weighted = np.column_stack([values, np.ones(len(values))]) * areas[: len(values), None]
+        weighted = np.column_stack([values[:own], np.ones(own)]) * areas[:own, None]
         table = sums.array.reshape(-1, values.shape[1] + 1)
         # Each rank adds its own cells; the sums of shared vertices are completed by the exchange.
         for corner in range(3):
-            np.add.at(table, nodes[:own, corner], weighted[:own])
+            np.add.at(table, nodes[:own, corner], weighted)
         sums.scatter_reverse(la.InsertMode.add)
         sums.scatter_forward()
         means: Array = table[:, :-1] / table[:, -1:]
