@@ -23,6 +23,7 @@ Call = dict[str, Any]
 # Results and errors, which users do not make, and what takes any number of arguments or none.
 UNCALLED = {
     "orbit.MagneticDipole",  # needs ERFA
+    "orbit.HeatBalance",
     "steppers.EndPoint",
     "analysis.Derivative",
     "analysis.RunTape",
@@ -73,9 +74,11 @@ def make_inputs(folder: Path) -> Inputs:
     run = gx.Simulation(
         gx.Scene(moving),
         gx.Midpoint(dt=1e-3),
-        outputs=[gx.Recording(folder / "run", every=1)],
+        outputs=[gx.Recording(folder / "run", every=1, probes={"clock [s]": lambda run: run.time})],
     )
     run.run(until=3e-3)
+    if WORLD.rank == 0:
+        (folder / "measured.csv").write_text("time [ms],clock [ms]\n0,0\n3,3.1\n")
 
     def write(model: Any) -> None:
         import gmsh
@@ -405,6 +408,26 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "outputs": [],
             "halvings": 8,
         },
+        "materials.ThermalExpansion": {
+            "alpha": 2e-5,
+            "temperature": 310.0,
+            "reference": 300.0,
+        },
+        "orbit.ThermalProperties": {
+            "heat_capacity": 10.0,
+            "absorptivity": 0.2,
+            "emissivity": (0.1, 0.5),
+        },
+        "orbit.SolarHeating": {
+            "film": film,
+            "orbit": orbit,
+            "properties": gx.orbit.ThermalProperties(10.0, absorptivity=0.2, emissivity=0.5),
+            "initial_temperature": 300.0,
+            "space_temperature": 2.7,
+            "infrared": 237.0,
+            "albedo": 0.3,
+            "shadow_pixels": 8,
+        },
         "orbit.SolarPressure": {
             "body": film,
             "orbit": orbit,
@@ -604,6 +627,11 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "plot.animate": {"run": reader, "field": "state", "path": folder / "a.gif", "seconds": 0.1},
         "plot.curves": {"run": reader, "path": folder / "a.png"},
         "plot.field": {"run": reader, "field": "state", "times": (0.0,), "path": folder / "a.png"},
+        "plot.overlay": {
+            "run": reader,
+            "measured": [inputs.run.parent / "measured.csv"],
+            "path": folder / "a.png",
+        },
         "plot.strip": {"run": reader, "field": "state", "path": folder / "a.png", "count": 6},
         "read_mesh": {"path": inputs.mesh_file, "comm": WORLD},
         "sections.rectangle": {"width2": 0.1, "width3": 0.1, **tube},
