@@ -606,6 +606,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "folder": folder / "hostile modes",
             "amplitude": 0.1,
             "frames": 2,
+            "overwrite": True,
         },
         "plot.modes": {
             "folders": [inputs.mode],
