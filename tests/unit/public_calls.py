@@ -73,9 +73,11 @@ def make_inputs(folder: Path) -> Inputs:
     run = gx.Simulation(
         gx.Scene(moving),
         gx.Midpoint(dt=1e-3),
-        outputs=[gx.Recording(folder / "run", every=1)],
+        outputs=[gx.Recording(folder / "run", every=1, probes={"clock [s]": lambda run: run.time})],
     )
     run.run(until=3e-3)
+    if WORLD.rank == 0:
+        (folder / "measured.csv").write_text("time [ms],clock [ms]\n0,0\n3,3.1\n")
 
     def write(model: Any) -> None:
         import gmsh
@@ -603,6 +605,11 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "plot.animate": {"run": reader, "field": "state", "path": folder / "a.gif", "seconds": 0.1},
         "plot.curves": {"run": reader, "path": folder / "a.png"},
         "plot.field": {"run": reader, "field": "state", "times": (0.0,), "path": folder / "a.png"},
+        "plot.overlay": {
+            "run": reader,
+            "measured": [inputs.run.parent / "measured.csv"],
+            "path": folder / "a.png",
+        },
         "plot.strip": {"run": reader, "field": "state", "path": folder / "a.png", "count": 6},
         "read_mesh": {"path": inputs.mesh_file, "comm": WORLD},
         "sections.rectangle": {"width2": 0.1, "width3": 0.1, **tube},

@@ -288,16 +288,17 @@ class End:
 
         x_k = x_c + Z_k d    in x and z,    y_k = Y_k,                                            (2)
 
-    and the foot of the lever, x_c - lever d, stays at its height.
+    and the foot of the lever, x_c - lever d, stays at its height.  Without a lever the end is free.
     """
 
-    def __init__(self, film: gx.Membrane, lever: float, start: Array) -> None:
+    def __init__(self, film: gx.Membrane, lever: float | None, start: Array) -> None:
         self.name = "end"
         self._film = film
         self._lever = lever
         self._piece = RigidPiece(
             "end plate", film, np.array([start, [0.0, 0.0, 1.0]]), np.zeros((2, 3))
         )
+        self.centre = self._piece.port()
 
     def requires(self) -> Iterable[Any]:
         """The film and the piece."""
@@ -322,6 +323,8 @@ class End:
         for k, port in enumerate((piece.port(), *piece.directors)):
             measure = PointMeasure([(port,)], np.zeros((1, 3, 3)), across, np.zeros(1))
             yield PointConstraint(f"{self.name} plane {k}", measure)
+        if self._lever is None:
+            return
         foot = piece.port(-self._lever)
         up = np.eye(3)[[2]]
         rail = PointMeasure([(foot,)], np.zeros((1, 3, 3)), up, np.array([self._lever]))
