@@ -1,8 +1,8 @@
 """What is a follower pressure, and what does its stiffness change?
 
-`Pressure` acts along the normal of the deformed film, and so does `Chamber`.  When the film turns,
-the force turns with it: the linearised load is a stiffness, which the package always includes.  A
-dead load keeps the direction that it had.  The difference is large where pressure is what carries.
+`Pressure` acts along the normal of the deformed film, and so does the gas of a `Chamber`.  When the
+film turns, the force turns with it: the linearised load is a stiffness, which the package always
+includes.  A dead load keeps the direction that it had.
 A ring (a slice of a long cylinder) of radius R and mass per area μ, without bending stiffness, under
 the pressure p inside vibrates without stretching, n waves around, at
 
@@ -41,7 +41,12 @@ from gossamer_fx.model.body import Array
 
 RADIUS = 0.1  # m
 PRESSURE = 1e3  # Pa
-FILM = gx.Linear(E=2.5e9, nu=0.3, density=1420.0, thickness=25e-6)
+FILM = gx.Linear(
+    E=2.5e9,
+    nu=0.3,
+    density=1420.0,
+    thickness=25e-6,
+)
 WAVES = (2, 3, 4, 5)
 
 
@@ -68,8 +73,13 @@ class DeadPressure:
 def build(comm: MPI.Intracomm, dead: bool = False, around: int = 48) -> gx.Equilibrium:
     """A free ring of `around` edges, whose points stay in their planes x = constant."""
     width = 2 * np.pi * RADIUS / around
-    film = gx.Membrane(cylinder(comm, RADIUS, width, around, 1, order=2), FILM, order=2)
-    load = DeadPressure(film, PRESSURE) if dead else gx.Pressure(film, PRESSURE)
+    film = gx.Membrane(
+        cylinder(comm, RADIUS, width, around, 1, order=2),
+        FILM,
+        order=2,
+    )
+    kind = DeadPressure if dead else gx.Pressure
+    load = kind(film, PRESSURE)
     plane = gx.Fixed(film, "wall", components=(0,))
     return gx.Equilibrium(gx.Scene(film, load, plane))
 
@@ -125,9 +135,24 @@ def draw(found: dict[str, Array], path: Path) -> None:
     ring.legend(frameon=False, loc="center")
     n = np.linspace(1, WAVES[-1], 100)
     for (name, values), colour in zip(found.items(), (BLUE, RED), strict=True):
-        plot.plot(n, closed_form(n, name == "dead"), color=colour, label=f"{name}: closed form")
-        plot.plot(WAVES, values, "o", color=colour, label=f"{name}: film")
-    plot.set(xlabel="waves around, n", ylabel="frequency [Hz]", ylim=(0, None))
+        plot.plot(
+            n,
+            closed_form(n, name == "dead"),
+            color=colour,
+            label=f"{name}: closed form",
+        )
+        plot.plot(
+            WAVES,
+            values,
+            "o",
+            color=colour,
+            label=f"{name}: film",
+        )
+    plot.set(
+        xlabel="waves around, n",
+        ylabel="frequency [Hz]",
+        ylim=(0, None),
+    )
     plot.grid(alpha=0.3)
     plot.legend(frameon=False)
     save(figure, path)

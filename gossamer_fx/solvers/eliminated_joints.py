@@ -34,7 +34,7 @@ from scipy.linalg import lu_factor, lu_solve
 
 import gossamer_fx.solvers.factorisation as factorisation
 from gossamer_fx.algebra.numbering import PREFIX
-from gossamer_fx.model.body import Array
+from gossamer_fx.model.body import Array, Indices
 
 if TYPE_CHECKING:
     from gossamer_fx.system.system import System
@@ -52,7 +52,7 @@ MAX_APPLICATIONS = 30
 FACTORISED_STEPS = 10
 
 
-def eliminated_unknowns(system: System) -> Array | None:
+def eliminated_unknowns(system: System) -> Indices | None:
     """Positions (k,) of the unknowns g of a scene; None if this preconditioner does not serve it."""
     numbering = system.numbering
     if system.comm.size > 1 or numbering.block_size != 3:
@@ -61,7 +61,7 @@ def eliminated_unknowns(system: System) -> Array | None:
     for body in system.fields:
         if body.block.size == 3:
             is_film[system.block(body).owned] = True
-    eliminated = np.flatnonzero(~is_film)
+    eliminated = np.flatnonzero(~is_film).astype(PETSc.IntType)
     if not 0 < len(eliminated) <= MAX_ELIMINATED:
         return None
     return eliminated
@@ -81,10 +81,10 @@ class EliminatedJoints:
 
     needs_couplings = True
 
-    def __init__(self, system: System, eliminated: Array) -> None:
+    def __init__(self, system: System, eliminated: Indices) -> None:
         """Find the unknowns of films; there is no matrix yet."""
         self._system = system
-        self._rest = eliminated.astype(PETSc.IntType)
+        self._rest = eliminated
         films = np.setdiff1d(np.arange(system.numbering.size_local), eliminated)
         self._films = films
         self._film_set = PETSc.IS().createBlock(3, (films[::3] // 3).astype(PETSc.IntType))
