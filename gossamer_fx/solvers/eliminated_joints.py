@@ -29,6 +29,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from petsc4py import PETSc
 from scipy.linalg import lu_factor, lu_solve
 
@@ -52,7 +53,7 @@ MAX_APPLICATIONS = 30
 FACTORISED_STEPS = 10
 
 
-def eliminated_unknowns(system: System) -> Array | None:
+def eliminated_unknowns(system: System) -> npt.NDArray[np.intp] | None:
     """Positions (k,) of the unknowns g of a scene; None if this preconditioner does not serve it."""
     numbering = system.numbering
     if system.comm.size > 1 or numbering.block_size != 3:
@@ -81,7 +82,7 @@ class EliminatedJoints:
 
     needs_couplings = True
 
-    def __init__(self, system: System, eliminated: Array) -> None:
+    def __init__(self, system: System, eliminated: npt.NDArray[np.intp]) -> None:
         """Find the unknowns of films; there is no matrix yet."""
         self._system = system
         self._rest = eliminated.astype(PETSc.IntType)

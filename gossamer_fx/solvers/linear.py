@@ -36,6 +36,7 @@ All options can be overridden by those of PETSc with the prefix `gx_` (e.g. `-gx
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -304,7 +305,7 @@ def configure(
         largest_direct = MAX_UNKNOWNS_DIRECT_WITH_CONTACT
     is_small = system.numbering.size <= largest_direct
     is_free = PETSc.Options(pc.getOptionsPrefix()).getString("pc_type", "python") == "python"
-    eliminated: Array | None = None
+    eliminated: npt.NDArray[np.intp] | None = None
     if system.constraints is not None and is_free and not (direct or is_small):
         # Imported here, as scenes without joints must not pay for it.
         from gossamer_fx.solvers.eliminated_joints import EliminatedJoints, eliminated_unknowns
