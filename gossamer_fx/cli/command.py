@@ -230,6 +230,15 @@ def _parser() -> argparse.ArgumentParser:
         "-c", "--curves", action="store_true", help="ledger, gas and probes over the time"
     )
     plot.add_argument(
+        "-w",
+        "--with",
+        dest="measured",
+        type=Path,
+        nargs="+",
+        metavar="CSV",
+        help="measured series over the probes of the run; columns 'time [s]', 'tip x [mm]', ...",
+    )
+    plot.add_argument(
         "--azimuth-degrees", type=float, metavar="ANGLE", help="of the camera; 0 looks along y"
     )
     plot.add_argument(
@@ -480,7 +489,9 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.plot.viewpoint import View
 
     run, folder = RunReader(wanted.run), wanted.run
-    chosen = [w for w in ("time", "strip", "animate", "curves") if getattr(wanted, w)]
+    pictures_of = {name: name for name in ("time", "strip", "animate", "curves")}
+    pictures_of["measured"] = "with"
+    chosen = [option for name, option in pictures_of.items() if getattr(wanted, name)]
     check(
         len(chosen) <= 1,
         f"--{' and --'.join(chosen)} are several pictures; give one of them at a time.",
@@ -496,8 +507,10 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     view = View(
         azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom, opacity=wanted.opacity
     )
+    field: str = wanted.field or ""
     # Curves have no field.
-    field: str = wanted.field or ("" if chosen == ["curves"] else default_field(run))
+    if not field and chosen not in (["curves"], ["with"]):
+        field = default_field(run)
     output: Path | None = wanted.output
     if not chosen or wanted.strip:
         _write_and_print(
@@ -516,6 +529,11 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         )
     if not chosen or wanted.curves:
         _write_and_print(output or folder / "curves.png", lambda path: pictures.curves(run, path))
+    if wanted.measured:
+        _write_and_print(
+            output or folder / "measured.png",
+            lambda path: pictures.overlay(run, measured=wanted.measured, path=path),
+        )
 
 
 def _report(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:

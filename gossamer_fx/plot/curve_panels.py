@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import cycle
@@ -16,6 +16,7 @@ from gossamer_fx.fields.fields import STATES
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.ledger import LOST
 from gossamer_fx.plot.colours import STATE_COLOURS
+from gossamer_fx.plot.measured_series import MeasuredSeries, rms_difference
 from gossamer_fx.plot.run_reader import RunReader, Tables
 from gossamer_fx.plot.units import plain_text, scaled
 
@@ -38,6 +39,9 @@ _SHOWN_SHARE = 0.02  # share of the area from which on a state is named
 _SMALLEST_ERROR = 1e-17
 _USUAL_ERROR = 1e-12  # to which the axis of errors goes at least
 _STORED = "stored "  # before the names of parts that store energy
+_UNIT = re.compile(r"\[([^]]*)\]$")  # at the end of a probe's name
+_LEGEND_LINE = 0.11  # height of a line of a legend, of the height of the curves
+_MANY_MARKS = 200  # measured values from which on their marks are small
 _PROBE = re.compile(r"(.+) (\S+)( \[[^]]*\])")  # a probe's name with a unit: "tip x [m]"
 
 Panel = Callable[["Axes"], None]
@@ -106,6 +110,26 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
             for title, curves in grouped(probes).items()
         ]
     return Curves(panels, start=float(t[0]), end=float(t[-1]), unit=f"{prefix}s")
+
+
+def overlay_curves(run: RunReader, series: Sequence[MeasuredSeries]) -> Curves:
+    """A panel for each probe that was measured, with the measured series over it.
+
+    Args:
+        run: with these probes.
+        series: measured.
+    """
+    probes = _thinned(run.table("probes.csv"))
+    end = max(float(probes["time"].max()), *(float(one.t.max()) for one in series))
+    start = min(float(probes["time"].min()), *(float(one.t.min()) for one in series))
+    second, prefix = scaled(max(abs(start), abs(end)))
+    by_probe: dict[str, list[MeasuredSeries]] = {}
+    for one in series:
+        by_probe.setdefault(one.probe, []).append(one)
+    panels: list[Panel] = [
+        partial(_overlay, probes, name, entries, second) for name, entries in by_probe.items()
+    ]
+    return Curves(panels, start=start / second, end=end / second, unit=f"{prefix}s")
 
 
 def grouped(probes: Tables) -> dict[str, Tables]:
@@ -245,6 +269,38 @@ def _probes(
     label_ends(axes, ends)
 
 
+def _overlay(
+    probes: Tables, name: str, series: Sequence[MeasuredSeries], second: float, axes: Axes
+) -> None:
+    """Draw a probe as a line and measured values as marks, with a legend."""
+    unit = _UNIT.search(name)
+    words = "" if unit is None else f" {unit[1]}"
+    axes.plot(probes["time"] / second, probes[name], color=LINES[0], label="computed")
+    for one, colour in zip(series, cycle(LINES[1:]), strict=False):
+        difference = rms_difference(one, probes)
+        label = one.label
+        if np.isfinite(difference):
+            label += f" (rms difference {difference:.3g}{words})"
+        many = len(one.t) > _MANY_MARKS
+        axes.plot(
+            one.t / second,
+            one.y,
+            linestyle="none",
+            marker="." if many else "o",
+            markersize=3 if many else 4.5,
+            markerfacecolor="none",
+            color=colour,
+            # Marks at the ends of the time axis are whole.
+            clip_on=False,
+            label=plain_text(label),
+        )
+    axes.set_title(plain_text(name))
+    # Room for the legend above the curves.
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + _LEGEND_LINE * (len(series) + 1) * (high - low))
+    axes.legend(frameon=False, fontsize=8, loc="upper left")
+
+
 def label_ends(axes: Axes, ends: Mapping[str, tuple[float, str]]) -> None:
     """Name curves at their right ends, moved apart where the names would overlap.
 
@@ -261,7 +317,7 @@ def label_ends(axes: Axes, ends: Mapping[str, tuple[float, str]]) -> None:
     )
     texts = [wrapped(plain_text(name), _LABEL_WIDTH, _LABEL_LINES) for _, name, _ in labels]
     lines = np.array([len(text.splitlines()) for text in texts])
-    # Where there is no room for two lines each, a long name loses its middle instead.
+    # A long name loses its middle if the axes are too low for two lines each.
     if (_LABEL_PITCH * lines + _LABEL_GAP).sum() > 1:
         texts = [wrapped(plain_text(name), _LABEL_WIDTH, 1) for _, name, _ in labels]
         lines = np.ones(len(labels), dtype=int)

@@ -74,9 +74,11 @@ def make_inputs(folder: Path) -> Inputs:
     run = gx.Simulation(
         gx.Scene(moving),
         gx.Midpoint(dt=1e-3),
-        outputs=[gx.Recording(folder / "run", every=1)],
+        outputs=[gx.Recording(folder / "run", every=1, probes={"clock [s]": lambda run: run.time})],
     )
     run.run(until=3e-3)
+    if WORLD.rank == 0:
+        (folder / "measured.csv").write_text("time [ms],clock [ms]\n0,0\n3,3.1\n")
 
     def write(model: Any) -> None:
         import gmsh
@@ -483,6 +485,12 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "loads.Torque": {"frame": A, "torque": z},
         "connectors.TorsionDamper": {**hinge, "damping": 1.0},
         "connectors.TorsionSpring": {**hinge, "stiffness": 1.0, "rest_angle": 0.0},
+        "outputs.VTU": {
+            "path": folder / "a.pvd",
+            "fields": ("displacement",),
+            "every": 1,
+            "times": (0.1,),
+        },
         "outputs.VTX": {
             "path": folder / "a.bp",
             "fields": ("displacement",),
@@ -598,6 +606,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "folder": folder / "hostile modes",
             "amplitude": 0.1,
             "frames": 2,
+            "overwrite": True,
         },
         "plot.modes": {
             "folders": [inputs.mode],
@@ -620,10 +629,22 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "array": "L18",
             "usual": {"a": 1},
         },
+        "sweep.Factorial": {
+            "outcome": lambda comm, folder, **values: {"y": 1.0},
+            "over": {"a": [1, 2]},
+            "listed": False,
+        },
+        "plot.InlineReport": {"run": reader, "height": 500},
+        "plot.export": {"run": reader, "folder": folder / "vtu"},
         "plot.RunReader": {"folder": inputs.run},
         "plot.animate": {"run": reader, "field": "state", "path": folder / "a.gif", "seconds": 0.1},
         "plot.curves": {"run": reader, "path": folder / "a.png"},
         "plot.field": {"run": reader, "field": "state", "times": (0.0,), "path": folder / "a.png"},
+        "plot.overlay": {
+            "run": reader,
+            "measured": [inputs.run.parent / "measured.csv"],
+            "path": folder / "a.png",
+        },
         "plot.strip": {"run": reader, "field": "state", "path": folder / "a.png", "count": 6},
         "read_mesh": {"path": inputs.mesh_file, "comm": WORLD},
         "sections.rectangle": {"width2": 0.1, "width3": 0.1, **tube},

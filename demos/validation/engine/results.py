@@ -66,7 +66,8 @@ def run(
         if only not in test.name:
             continue
         known = stored["tests"].get(test.name, {})
-        if known.get("digest") == test.digest and not fresh:
+        is_known = known.get("digest") == test.digest and not known.get("failed")
+        if is_known and not fresh:
             continue
         stored["tests"][test.name] = _compute(model.predict, test, comm, quick)
         # After each test, so that a run that was ended goes on from there.

@@ -1,0 +1,238 @@
+"""An inflated tube, clamped at one end, whose other end is closed and bears a transverse load.
+
+Half of the tube is modelled, on one side of the plane of bending: an isotropic film of order 2 that bears
+no compression, under constant pressure.  The section at the clamped end does not change; the other end is a rigid
+plate whose centre is lowered step by step, and the load is its reaction.
+
+The diameter of the input is that of the inflated tube.  The stretches of the stress-free tube follow from
+
+    λ_L/λ_H S_L = p r/2,    λ_H/λ_L S_H = p r,    S = E t/(1-ν²) (strains of Green)               (1)
+
+The stiffness E t of the wall is not an input: it is such that the model has the measured slope n of load
+against deflection at zero load, by the secant method from n L³/(3 π r³), which neglects shear.  All else
+is predicted: the load at larger deflections, the load at which the first cell wrinkles, and the largest
+load, at which the tube collapses.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from mpi4py import MPI
+from scipy.optimize import fsolve
+
+import gossamer_fx as gx
+from demos.validation.engine.case import Array, Inputs
+from demos.validation.engine.comparison import Predicted, Prediction
+from demos.validation.models.braided_tube import End, Lowered, half_tube_mesh
+from gossamer_fx.fields.fields import STATES
+
+# Cells over half of the section.
+CELLS_AROUND = 8
+QUICK_CELLS_AROUND = 6
+
+# Steps of the deflection of the tip over the length of the tube.
+STEP = 0.01
+QUICK_STEP = 0.025
+
+# Deflection over the length at which the slope is taken.
+SLOPE_STEP = 1e-3
+
+# Relative error of the slope at which the stiffness is found, and the largest number of corrections.
+SLOPE_TOLERANCE = 1e-4
+MAX_CORRECTIONS = 4
+
+# Bisections of the deflection of the first wrinkle within the step in which it appears.
+BISECTIONS = 5
+
+# Distance from the ends, over the radius, up to which wrinkles do not count: the rigid plate and the
+# clamp disturb the stress there.
+END_ZONE = 1.0
+
+# Mass per area [kg/m²]: it only paces the pseudo-time of the equilibria.
+AREAL_MASS = 0.2
+# Thickness [m] that splits E t into both; results do not depend on it.
+THICKNESS = 1e-4
+
+
+@dataclass(frozen=True)
+class Cantilever:
+    """The tube in SI units.
+
+    Attributes:
+        radius: of the inflated tube.
+        length: of the inflated tube.
+        pressure: held.
+        stiffness: E t [N/m].
+        poisson: ν.
+    """
+
+    radius: float
+    length: float
+    pressure: float
+    stiffness: float
+    poisson: float
+
+    def stretches(self) -> tuple[float, float]:
+        """λ_L and λ_H of the inflated tube, equations (1) of the module."""
+        ν = self.poisson
+        plane = self.stiffness / (1 - ν**2)
+        hoop_force = self.pressure * self.radius
+
+        def excess(stretches: Array) -> Array:
+            λ_L, λ_H = stretches
+            E_L = (λ_L**2 - 1) / 2
+            E_H = (λ_H**2 - 1) / 2
+            S_L = plane * (E_L + ν * E_H)
+            S_H = plane * (E_H + ν * E_L)
+            return (
+                np.array([λ_L / λ_H * S_L - hoop_force / 2, λ_H / λ_L * S_H - hoop_force])
+                / hoop_force
+            )
+
+        λ_L, λ_H = fsolve(excess, [1.0, 1.0], xtol=1e-13)
+        return float(λ_L), float(λ_H)
+
+
+class Bending:
+    """The equilibria of a cantilever whose tip is lowered."""
+
+    def __init__(self, tube: Cantilever, comm: MPI.Intracomm, around: int) -> None:
+        λ_L, λ_H = tube.stretches()
+        cells = max(round(tube.length / (math.pi * tube.radius / around)), 4)
+        x = np.linspace(0.0, tube.length, cells + 1)
+        # The band of this mesh is not used: it is one ring of the wall.
+        mesh = half_tube_mesh(comm, x / λ_L, tube.radius / λ_H, around, (cells - 1, cells))
+        side_angle = math.pi / around
+        apothem = tube.radius / λ_H * side_angle / 2 / math.tan(side_angle / 2)
+
+        def inflate(X: Array) -> Array:
+            """From the prism to the inflated circular tube, by a scale around and one along."""
+            angle = np.arctan2(X[1], X[2])
+            from_middle = np.mod(angle, side_angle) - side_angle / 2
+            prism_radius = apothem / np.cos(from_middle)
+            scale = tube.radius / prism_radius
+            return np.vstack([(λ_L - 1) * X[0], (scale - 1) * X[1], (scale - 1) * X[2]])
+
+        wall = gx.TensionField(
+            E=tube.stiffness / THICKNESS,
+            nu=tube.poisson,
+            density=AREAL_MASS / THICKNESS,
+            thickness=THICKNESS,
+        )
+        film = gx.Membrane(mesh, wall, order=2, displacement=inflate, name="wall")
+        end = End(film, None, np.array([tube.length, 0.0, 0.0]))
+        self._load = Lowered(end.centre, 0.0)
+        scene = gx.Scene(
+            film,
+            gx.Pressure(film, tube.pressure),
+            end,
+            gx.Fixed(film, "middle"),
+            gx.Fixed(film, "plane", components=(1,)),
+            gx.Fixed(film, "cap", components=(1,)),
+            self._load,
+        )
+        self._search = gx.Equilibrium(scene)
+        self._film = film
+        zone = END_ZONE * tube.radius
+        self._counted = (zone / λ_L, (tube.length - zone) / λ_L)
+        self.seconds = 0.0
+        self.iterations = 0
+        self.unknowns = self._search.system.numbering.size
+
+    def load(self, deflection: float) -> float:
+        """The load of the whole tube [N] at a deflection of the tip [m], from the present state."""
+        found = self._search.find(at=deflection)
+        self.seconds += found.seconds
+        self.iterations += found.iterations
+        return -2 * float(self._search.reaction(self._load)[0][2])
+
+    def wrinkled(self) -> bool:
+        """Whether a cell of the wall, away from the ends, bears no tension in some direction.  Collective."""
+        points, state = gx.fields.field_values(self._search, self._film, field="state")
+        begin, end = self._counted
+        is_counted = (points[:, 0] > begin) & (points[:, 0] < end)
+        here = bool((state[is_counted] < STATES["taut"] - 0.5).any())
+        return bool(self._film.comm.allreduce(here, op=MPI.LOR))
+
+
+def stiff_as_measured(
+    tube: Cantilever, slope: float, comm: MPI.Intracomm, around: int
+) -> Cantilever:
+    """The tube with the E t whose slope at zero load is the measured one [N/m].
+
+    The slope of the model is nearly proportional to E t, so that each correction is by the ratio of the
+    slopes.
+    """
+    step = SLOPE_STEP * tube.length
+    for _ in range(MAX_CORRECTIONS):
+        bending = Bending(tube, comm, around)
+        ratio = slope / ((bending.load(step) - bending.load(0.0)) / step)
+        tube = replace(tube, stiffness=tube.stiffness * ratio)
+        if abs(ratio - 1) < SLOPE_TOLERANCE:
+            break
+    return tube
+
+
+def first_wrinkle(bending: Bending, before: float, after: float) -> float:
+    """The load [N] at which the first cell wrinkles, between two deflections [m]."""
+    load = bending.load(after)
+    for _ in range(BISECTIONS):
+        middle = (before + after) / 2
+        middle_load = bending.load(middle)
+        if bending.wrinkled():
+            after = middle
+            load = middle_load
+        else:
+            before = middle
+    return load
+
+
+def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
+    """Load [N] against deflection [m], the first wrinkle and the collapse."""
+    radius = inputs.number("diameter", "m", above=0) / 2
+    length = inputs.number("length", "m", above=0)
+    slope = inputs.number("slope", "N/m", above=0)
+    read_at = inputs.numbers("read_at", "m")
+    last_deflection = inputs.number("deflection", "m", above=0)
+    tube = Cantilever(
+        radius=radius,
+        length=length,
+        pressure=inputs.number("pressure", "Pa", above=0),
+        stiffness=slope * length**3 / (3 * math.pi * radius**3),
+        poisson=inputs.number("poisson", "1"),
+    )
+    around = QUICK_CELLS_AROUND if quick else CELLS_AROUND
+    tube = stiff_as_measured(tube, slope, comm, around)
+    bending = Bending(tube, comm, around)
+    count = math.ceil(last_deflection / (length * (QUICK_STEP if quick else STEP)))
+    deflections = np.union1d(np.linspace(0.0, last_deflection, count + 1), read_at)
+    loads = []
+    step_of_wrinkles = 0
+    for k, deflection in enumerate(deflections):
+        loads.append(bending.load(float(deflection)))
+        if step_of_wrinkles == 0 and bending.wrinkled():
+            step_of_wrinkles = max(k, 1)
+    curve = np.array(loads)
+    quantities = {
+        "load": Predicted(curve, deflections),
+        "collapse load": Predicted(float(curve.max())),
+    }
+    for deflection in read_at:
+        load = float(np.interp(deflection, deflections, curve))
+        quantities[f"load at {1e3 * deflection:g} mm"] = Predicted(load)
+    if step_of_wrinkles:
+        before = float(deflections[step_of_wrinkles - 1])
+        after = float(deflections[step_of_wrinkles])
+        # From the straight tube: wrinkled film finds its taut state again only from nearby.
+        first = first_wrinkle(Bending(tube, comm, around), before, after)
+        quantities["first wrinkle"] = Predicted(first)
+    details = {
+        "stiffness [N/m]": tube.stiffness,
+        "unknowns": float(bending.unknowns),
+        "iterations": float(bending.iterations),
+        "seconds": bending.seconds,
+    }
+    return Prediction(quantities, details)
