@@ -140,6 +140,7 @@ class BlockFactors:
         """Whether the factors without pivots solve a system of equations."""
         if self._without_pivots.getFailedReason() != PETSc.PC.FailedReason.NOERROR:
             return False
+        assert self._right is not None, "setUp makes it"
         self._without_pivots.apply(self._right, self._solution)
         matrix.mult(self._solution, self._product)
         self._product.axpy(-1.0, self._right)

@@ -226,14 +226,13 @@ def _draw_panel(
         label = ", ".join(f"{name} {value_text(result.values[name])}" for name in others)
         level = result.values[first]
         # Words are drawn at equal distances, numbers on their scale.
-        x = float(levels.index(level)) if _has_words(levels) else float(level)
-        y = result.numbers.get(number, np.nan)
-        curves.setdefault(label, []).append((x, y))
+        position = float(levels.index(level)) if _has_words(levels) else float(level)
+        curves.setdefault(label, []).append((position, result.numbers.get(number, np.nan)))
     ends = {}
     for (label, points), colour in zip(curves.items(), cycle(LINES), strict=False):
-        x, y = np.array(sorted(points)).T
-        axes.plot(x, y, "o-", color=colour, markersize=4, linewidth=1.2)
-        finite = y[np.isfinite(y)]
+        at_levels, numbers = np.array(sorted(points)).T
+        axes.plot(at_levels, numbers, "o-", color=colour, markersize=4, linewidth=1.2)
+        finite = numbers[np.isfinite(numbers)]
         if label and len(finite):
             ends[label] = (float(finite[-1]), colour)
     if _has_words(levels):

@@ -23,6 +23,7 @@ Call = dict[str, Any]
 # Results and errors, which users do not make, and what takes any number of arguments or none.
 UNCALLED = {
     "orbit.MagneticDipole",  # needs ERFA
+    "orbit.HeatBalance",
     "steppers.EndPoint",
     "analysis.Derivative",
     "analysis.RunTape",
@@ -407,6 +408,26 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "outputs": [],
             "halvings": 8,
         },
+        "materials.ThermalExpansion": {
+            "alpha": 2e-5,
+            "temperature": 310.0,
+            "reference": 300.0,
+        },
+        "orbit.ThermalProperties": {
+            "heat_capacity": 10.0,
+            "absorptivity": 0.2,
+            "emissivity": (0.1, 0.5),
+        },
+        "orbit.SolarHeating": {
+            "film": film,
+            "orbit": orbit,
+            "properties": gx.orbit.ThermalProperties(10.0, absorptivity=0.2, emissivity=0.5),
+            "initial_temperature": 300.0,
+            "space_temperature": 2.7,
+            "infrared": 237.0,
+            "albedo": 0.3,
+            "shadow_pixels": 8,
+        },
         "orbit.SolarPressure": {
             "body": film,
             "orbit": orbit,
@@ -464,6 +485,12 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "loads.Torque": {"frame": A, "torque": z},
         "connectors.TorsionDamper": {**hinge, "damping": 1.0},
         "connectors.TorsionSpring": {**hinge, "stiffness": 1.0, "rest_angle": 0.0},
+        "outputs.VTU": {
+            "path": folder / "a.pvd",
+            "fields": ("displacement",),
+            "every": 1,
+            "times": (0.1,),
+        },
         "outputs.VTX": {
             "path": folder / "a.bp",
             "fields": ("displacement",),
@@ -579,6 +606,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "folder": folder / "hostile modes",
             "amplitude": 0.1,
             "frames": 2,
+            "overwrite": True,
         },
         "plot.modes": {
             "folders": [inputs.mode],
@@ -601,6 +629,13 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "array": "L18",
             "usual": {"a": 1},
         },
+        "sweep.Factorial": {
+            "outcome": lambda comm, folder, **values: {"y": 1.0},
+            "over": {"a": [1, 2]},
+            "listed": False,
+        },
+        "plot.InlineReport": {"run": reader, "height": 500},
+        "plot.export": {"run": reader, "folder": folder / "vtu"},
         "plot.RunReader": {"folder": inputs.run},
         "plot.animate": {"run": reader, "field": "state", "path": folder / "a.gif", "seconds": 0.1},
         "plot.curves": {"run": reader, "path": folder / "a.png"},
