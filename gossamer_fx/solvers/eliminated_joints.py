@@ -82,7 +82,7 @@ class EliminatedJoints:
     needs_couplings = True
 
     def __init__(self, system: System, eliminated: Indices) -> None:
-        """Find the unknowns of films; there is no matrix yet."""
+        """Find the unknowns of films; `setUp` takes the first matrix."""
         self._system = system
         self._rest = eliminated
         films = np.setdiff1d(np.arange(system.numbering.size_local), eliminated)
