@@ -82,7 +82,7 @@ class EliminatedJoints:
     needs_couplings = True
 
     def __init__(self, system: System, eliminated: Indices) -> None:
-        """Find the unknowns of films; there is no matrix yet."""
+        """Find the unknowns of films; `setUp` takes the first matrix."""
         self._system = system
         self._rest = eliminated
         films = np.setdiff1d(np.arange(system.numbering.size_local), eliminated)
@@ -186,10 +186,14 @@ class EliminatedJoints:
         values = r.array_r
         of_films = self._films_of(values[self._films])
         of_rest = lu_solve(self._schur, values[self._rest] - self._C @ of_films, check_finite=False)
+        if not np.isfinite(of_rest).all():
+            self.problem = "the Schur complement of the joints is singular"
         with z as out:
             out[self._films] = of_films - of_rest @ self._Z
             out[self._rest] = of_rest
 
     def recover(self) -> None:
-        """Become usable again after a matrix, such as an infinite one, that could not be factorised."""
+        """Become usable again after a system that was not solved: the next ones are factorised if this failed."""
         self._step = None
+        if self.problem:
+            self._complete_steps = FACTORISED_STEPS
