@@ -207,9 +207,7 @@ def eclipse(orbit: gx.orbit.Orbit) -> tuple[float, float]:
     return (midnight - half) / rate, (midnight + half) / rate
 
 
-def draw(
-    series: gx.Series, fields: dict[str, tuple[np.ndarray, np.ndarray]], path: Path
-) -> None:
+def draw(series: gx.Series, fields: dict[str, tuple[np.ndarray, np.ndarray]], path: Path) -> None:
     """Temperature, tension and flatness over time, and the temperature of the film at three times."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
