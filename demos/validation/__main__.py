@@ -5,6 +5,9 @@ this prints predicted and measured values, the error of a peer and ours; it writ
 .md and .png.  Tests whose results are stored are not computed again.  Ends with code 1 if an error is
 larger than the case asks, or, in the quick form, if a test fails.
 
+With --set the tests have other inputs; with --sensitivity each input is changed in turn and the errors are
+printed.
+
 With --store the results are those that docs/measured.md shows: they go to demos/validation/results,
 and the table of the page is made again from all that is there.
 On two ranks: ./gossamer mpi 2 demos/validation NAME.
@@ -13,15 +16,17 @@ On two ranks: ./gossamer mpi 2 demos/validation NAME.
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import sys
 from pathlib import Path
 
 from mpi4py import MPI
 
-from demos.validation.engine.case import Case, read_case
+from demos.validation.engine.case import Case, read_case, with_inputs
 from demos.validation.engine.report import figure, misses, table
 from demos.validation.engine.results import Stored, read, result_path, run
+from demos.validation.engine.sensitivity import sensitivities
 from gossamer_fx.checks.errors import InputError, check, on_rank_zero
 
 HERE = Path(__file__).resolve().parent
@@ -42,15 +47,25 @@ def main(words: list[str] | None = None) -> int:
         not wanted.store or (not wanted.quick and wanted.name in (*NAMES, "all")),
         "--store is for full forms of the cases of demos/validation; leave --quick or the file out.",
     )
+    check(
+        not (wanted.store and wanted.set),
+        "--store is for the inputs of the cases; leave --set out.",
+    )
+    changes = dict(_change(word) for word in wanted.set)
     missed = []
     folder = STORED if wanted.store else wanted.out
     for path in _paths(wanted.name):
-        case = read_case(path, MODELS)
+        case = with_inputs(read_case(path, MODELS), changes)
+        if wanted.sensitivity:
+            for line in sensitivities(case, comm, quick=wanted.quick, only=wanted.only):
+                if comm.rank == 0:
+                    print(line, flush=True)
+            continue
         stored = run(case, folder, comm, quick=wanted.quick, only=wanted.only, fresh=wanted.fresh)
         missed += misses(case, stored, wanted.quick)
         if comm.rank == 0:
             _report(case, stored, folder, wanted.quick)
-    if comm.rank == 0:
+    if comm.rank == 0 and not wanted.sensitivity:
         if wanted.store:
             on_rank_zero(MPI.COMM_SELF, write_page)
         print("\n".join(missed) or "All errors are within what the cases ask.")
@@ -68,11 +83,35 @@ def _parser() -> argparse.ArgumentParser:
         "--out", type=Path, default=Path("out/validation"), help="folder of the results"
     )
     parser.add_argument("--only", default="", help="only tests whose name contains this")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="INPUT=NUMBER",
+        help="another number as an input, in the unit of the case; may be repeated",
+    )
+    parser.add_argument(
+        "--sensitivity", action="store_true", help="the error with each input 1 %% larger"
+    )
     parser.add_argument("--fresh", action="store_true", help="compute everything again")
     parser.add_argument(
         "--store", action="store_true", help="store the results that docs/measured.md shows"
     )
     return parser
+
+
+def _change(word: str) -> tuple[str, float]:
+    """Name and number of a word INPUT=NUMBER."""
+    name, _, text = word.partition("=")
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    check(
+        name.isidentifier() and math.isfinite(number),
+        f"--set is '{word}'; give INPUT=NUMBER, e.g. pressure=69.",
+    )
+    return name, number
 
 
 def _paths(name: str) -> list[Path]:

@@ -8,6 +8,8 @@ from .form_finding import EdgeCable as EdgeCable
 from .form_finding import Prestress as Prestress
 from .form_finding import find_form as find_form
 from .gas_results import ChamberPressure as ChamberPressure
+from .mesh_convergence import Convergence as Convergence
+from .mesh_convergence import convergence as convergence
 from .mode_sensitivity import Frequency as Frequency
 from .mode_shapes import ModeShapes as ModeShapes
 from .natural_modes import Mode as Mode

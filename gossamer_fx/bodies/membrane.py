@@ -18,7 +18,14 @@ from gossamer_fx.bodies.initial_strain import (
     strain_in_frame,
     strain_of_stress,
 )
-from gossamer_fx.bodies.meshed import Meshed, PointFunction, Property, checked, positions
+from gossamer_fx.bodies.meshed import (
+    Meshed,
+    PointFunction,
+    Property,
+    checked,
+    checked_function,
+    positions,
+)
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, frame, green_lagrange, surface_gradient, tension
@@ -55,7 +62,8 @@ class Membrane(Meshed):
             tensor (3, 3), whose part in the film counts; {group: number or tensor} of surfaces of the mesh, elsewhere
             none; or a function of points (3, n) that returns (n,) or (3, 3, n).  Tensile for laws that wrinkle.
         initial_strain: E0 in place of a stress, given in the same way.
-        displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
+        displacement: initial displacement [m], a function of the points (3, n) that returns (3, n), or {group:
+            function} of surfaces or lines of the mesh, elsewhere none, e.g. to open layers that coincide; default none.
         velocity: initial velocity [m/s], given in the same way.
         name: name in messages and output.
 
@@ -82,7 +90,7 @@ class Membrane(Meshed):
         thermal: ThermalExpansion | None = None,
         initial_stress: Tensors = None,
         initial_strain: Tensors = None,
-        displacement: PointFunction | None = None,
+        displacement: PointFunction | Mapping[str, PointFunction] | None = None,
         velocity: PointFunction | None = None,
         name: str = "film",
     ) -> None:
@@ -117,9 +125,15 @@ class Membrane(Meshed):
         self._initial_stress = initial_stress
         self._initial_strain = initial_strain
         self._prestress()
-        self._displacement = checked(
-            displacement, f"Membrane '{name}': its displacement", mesh.comm
-        )
+        what = f"Membrane '{name}': its displacement"
+        self._displacement: PointFunction | Mapping[str, PointFunction] | None
+        if isinstance(displacement, Mapping):
+            self._displacement = {
+                group: checked_function(function, f"{what} of '{group}'", mesh.comm)
+                for group, function in displacement.items()
+            }
+        else:
+            self._displacement = checked(displacement, what, mesh.comm)
         self._velocity = checked(velocity, f"Membrane '{name}': its velocity", mesh.comm)
         degree = max(2 * (order - 1), 1)
         self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": degree})
@@ -235,4 +249,14 @@ class Membrane(Meshed):
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:
-        return positions(self.space, self._displacement, self._velocity)
+        if not isinstance(self._displacement, Mapping):
+            return positions(self.space, self._displacement, self._velocity)
+        x, v = positions(self.space, None, self._velocity)
+        points = x.reshape(-1, 3)
+        moved = points.copy()
+        for group, function in self._displacement.items():
+            nodes = self.nodes(group)
+            # Ghosts belong to another rank, which moves them.
+            owned = nodes[nodes < len(points)]
+            moved[owned] = points[owned] + function(points[owned].T).T
+        return moved.ravel(), v

@@ -76,9 +76,14 @@ class Meshed(ABC):
 
 
 def checked(function: PointFunction | None, what: str, comm: MPI.Intracomm) -> PointFunction | None:
-    """The function, with a check of what it returns on all ranks; each calls it with its own points."""
+    """A function or None; see `checked_function`."""
     if function is None:
         return None
+    return checked_function(function, what, comm)
+
+
+def checked_function(function: PointFunction, what: str, comm: MPI.Intracomm) -> PointFunction:
+    """The function, with a check of what it returns on all ranks; each calls it with its own points."""
     check(
         callable(function),
         f"{what} is {function!r}; give a function of the points (3, n) that returns (3, n).",

@@ -105,7 +105,7 @@ class Plate(Membrane):
         thermal: ThermalExpansion | None = None,
         initial_stress: Tensors = None,
         initial_strain: Tensors = None,
-        displacement: PointFunction | None = None,
+        displacement: PointFunction | Mapping[str, PointFunction] | None = None,
         velocity: PointFunction | None = None,
         name: str = "plate",
     ) -> None:

@@ -13,6 +13,11 @@
     temperature             of a film with thermal expansion or solar heating [K]; zero without
     group                   number of the cell's part among those of all films, see `fields.groups`
 
+    wrinkle_slope           largest slope of wrinkles that the mesh does not resolve, see
+                            `fields.wrinkles`: local means, where `state` may alternate between cells
+    wrinkle_amplitude       estimate of their amplitude [m]
+    wrinkle_direction       along their crests on the deformed film; zero without wrinkles
+
     fold_angle              angle of the creases at a cell [rad], zero in other cells
     mode_amplitude          distance from the equilibrium in the record of a mode [m], else zero
     contact_pressure        at the nodes [N/m²], both sides of a film added, by the area of the
@@ -190,6 +195,9 @@ FIELDS = {
     # The gas has a separate state, and a fold may have turned more than once: neither is a function
     # of the film's coordinates.
     "group": Field((), of_films=True),
+    "wrinkle_slope": Field((), of_films=True),
+    "wrinkle_amplitude": Field((), of_films=True),
+    "wrinkle_direction": Field((3,), of_films=True),
     "pressure": Field((), of_films=True),
     "temperature": Field((), of_films=True),
     "fold_angle": Field((), of_films=True),
@@ -313,6 +321,14 @@ def _collect_group(function: fem.Function, film: MeshBody, system: System) -> No
             function.x.array[nodes] = parts[:, None]
 
 
+def _collect_wrinkles(function: fem.Function, film: MeshBody, system: System) -> None:
+    """Set a function to a map of the wrinkles."""
+    # Imported here, as few outputs need it.
+    from gossamer_fx.fields.wrinkles import collect_wrinkles
+
+    collect_wrinkles(function, film, system)
+
+
 def _collect_cell_values(function: fem.Function, body: MeshBody, system: System) -> None:
     """Set a discontinuous function to the mean of the terms' values in each cell, and else to zero."""
     sums = function.x
@@ -370,6 +386,9 @@ _COLLECTORS: dict[str, Collector] = {
     "pressure": _collect_pressure,
     "temperature": _collect_temperature,
     "group": _collect_group,
+    "wrinkle_slope": _collect_wrinkles,
+    "wrinkle_amplitude": _collect_wrinkles,
+    "wrinkle_direction": _collect_wrinkles,
     "fold_angle": _collect_cell_values,
     "contact_pressure": _collect_node_values,
     "mode_amplitude": _collect_node_values,

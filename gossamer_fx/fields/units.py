@@ -17,6 +17,7 @@ UNITS = {
     "stress2": "Pa",
     "pressure": "Pa",
     "mode_amplitude": "m",
+    "wrinkle_amplitude": "m",
     "contact_pressure": "Pa",
 }
 

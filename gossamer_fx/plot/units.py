@@ -25,6 +25,9 @@ NAMES = {
     "contact_pressure": "Contact pressure",
     "state": "State of the film",
     "mode_amplitude": "Amplitude of the mode",
+    "wrinkle_slope": "Slope of the wrinkles",
+    "wrinkle_amplitude": "Amplitude of the wrinkles",
+    "wrinkle_direction": "Direction of the wrinkles",
     "group": "Parts of the films",
 }
 

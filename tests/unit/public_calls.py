@@ -27,6 +27,7 @@ UNCALLED = {
     "analysis.Derivative",
     "analysis.RunTape",
     "analysis.EquilibriumResult",
+    "analysis.Convergence",
     "analysis.Gradient",
     "analysis.Optimum",
     "InputError",
@@ -51,13 +52,14 @@ UNCALLED |= {
 
 @dataclass(frozen=True)
 class Inputs:
-    """What some calls read: a recorded run, a mesh file, and an equilibrium with its modes."""
+    """What some calls read: a recorded run and mode, a mesh file, and an equilibrium with its modes."""
 
     film: gx.Membrane
     equilibrium: gx.Equilibrium
     modes: list[gx.analysis.Mode]
     run: Path
     mesh_file: Path
+    mode: Path
 
 
 def make_inputs(folder: Path) -> Inputs:
@@ -86,7 +88,8 @@ def make_inputs(folder: Path) -> Inputs:
     gx.gmsh_mesh(write, WORLD)
     WORLD.barrier()
     modes = gx.analysis.modes(equilibrium, 1)
-    return Inputs(film, equilibrium, modes, folder / "run", folder / "triangle.msh")
+    (mode,) = gx.outputs.record_modes(equilibrium, modes, folder / "modes", frames=2)
+    return Inputs(film, equilibrium, modes, folder / "run", folder / "triangle.msh", mode)
 
 
 def triangle(model: Any) -> None:
@@ -559,6 +562,29 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "control.patch": {"centre": P, "points": [P, P, P]},
         "reduction.RecordedShapes": {"body": inputs.film, "folder": inputs.run},
         "reduction.Snapshots": {"body": film, "every": 2},
+        "analysis.convergence": {
+            "quantity": lambda n: 1.0 + 1.0 / n,
+            "meshes": [2, 4, 8],
+            "sizes": [0.5, 0.25, 0.125],
+            "exact": 1.0,
+        },
+        "outputs.record": {
+            "equilibrium": inputs.equilibrium,
+            "outputs": [gx.Ledger(folder / "static.csv")],
+            "at": [0.0],
+        },
+        "outputs.record_modes": {
+            "equilibrium": inputs.equilibrium,
+            "modes": inputs.modes,
+            "folder": folder / "hostile modes",
+            "amplitude": 0.1,
+            "frames": 2,
+        },
+        "plot.modes": {
+            "folders": [inputs.mode],
+            "path": folder / "modes.png",
+            "view": None,
+        },
         "analysis.ModeShapes": {
             "body": inputs.film,
             "equilibrium": inputs.equilibrium,

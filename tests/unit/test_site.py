@@ -102,9 +102,9 @@ def test_programs_on_pages_run(path: Path, tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     for program in programs:
-        if (
-            path.parent.name != "tutorials" or not names
-        ):  # the programs of a tutorial follow each other
+        # The programs of tutorials and how-tos follow each other.
+        follows = path.parent.name in ("tutorials", "howto")
+        if not follows or not names:
             names = {"__name__": "page"}
         with contextlib.redirect_stdout(io.StringIO()):
             exec(compile(program, str(path), "exec"), names)

@@ -34,7 +34,7 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -250,6 +250,39 @@ def read_case(path: Path, models: list[str]) -> Case:
     )
 
 
+def with_inputs(case: Case, changes: Mapping[str, float]) -> Case:
+    """The case with other numbers as inputs of all its tests.
+
+    Args:
+        case: the case.
+        changes: numbers by the name of the input, in the unit that the case has, or without one if the
+            case has no such input.
+
+    Raises:
+        InputError: an input that is not one number.
+    """
+    tests = []
+    for test in case.tests:
+        values = dict(test.inputs.values)
+        for name, number in changes.items():
+            old = values.get(name, {"value": 0.0, "unit": "1"})
+            is_number = isinstance(old, dict) and isinstance(old.get("value"), int | float)
+            check(
+                is_number,
+                f"{test.inputs.where}: '{name}' is not one number; set another input.",
+            )
+            values[name] = {**old, "value": number}
+        inputs = Inputs(test.inputs.where, values)
+        tests.append(replace(test, inputs=inputs, digest=digest_of(case.model, values)))
+    return replace(case, tests=tuple(tests))
+
+
+def digest_of(model: str, values: Mapping[str, Any]) -> str:
+    """A short text that differs if a model or its inputs differ."""
+    text = json.dumps([model, values], sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
 def _parsed(path: Path, where: str) -> dict[str, Any]:
     """The data of a TOML file."""
     check(
@@ -280,8 +313,7 @@ def _test(where: str, model: str, shared: Mapping[str, Any], data: Any) -> Test:
     )
     here = f"{where}, test '{name}'"
     values = {**shared, **_mapping(here, entry.get("inputs", {}), "inputs")}
-    text = json.dumps([model, values], sort_keys=True, default=str)
-    digest = hashlib.sha256(text.encode()).hexdigest()[:16]
+    digest = digest_of(model, values)
     measured = entry.get("measured")
     check(
         isinstance(measured, list) and len(measured) > 0,

@@ -58,7 +58,7 @@ def _cells(comparison: Comparison) -> list[str]:
         name += f" at {comparison.x[k]:.4g} {measured.x_unit}"
     elif len(measured.y) > 1:
         label = measured.labels[k] if measured.labels else f"value {k + 1}"
-        name += f", {label} of {len(measured.y)}"
+        name += f", {label} (one of {len(measured.y)})"
     unit = "" if measured.unit == "1" else f" {measured.unit}"
     error = comparison.mean_error if measured.is_mean_of_sizes else comparison.bias
     return [

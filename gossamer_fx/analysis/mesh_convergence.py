@@ -1,0 +1,343 @@
+"""Convergence of a quantity with the mesh: errors, orders and run times, as a table and a picture.
+
+With the values v of meshes of size h, the error of each is |v - v*|, v* the exact value.  If that is not
+known, it is estimated from the three finest meshes, whose values change by Δ1 and then by Δ2
+(Richardson extrapolation):
+
+    v* = v3 + Δ2/((h2/h3)^p - 1),    Δ1/Δ2 = ((h1/h2)^p - 1)/(1 - (h3/h2)^p)                  (1)
+
+where the second equation gives the order p; for sizes of one ratio r it is p = log(Δ1/Δ2)/log r.  The
+estimate exists if Δ1 and Δ2 have the same sign and the second is smaller.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.checks.arguments import check_arguments
+from gossamer_fx.checks.errors import InputError, OutputFailure, check
+from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.mesh.quality import corner_points, sizes
+from gossamer_fx.model.body import Array
+
+# The name of a quantity that is returned as a number.
+ONLY = "value"
+
+# Orders between which (1) is solved: others are not seen in finite elements.
+MIN_ORDER = 0.1
+MAX_ORDER = 10.0
+BISECTIONS = 60
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Convergence:
+    """Values of quantities on meshes of different size, from the coarsest to the finest.
+
+    Attributes:
+        sizes: h of the meshes (n,) [m]: the root of twice the mean area of triangles, or the mean length of
+            line elements; or the numbers that were given.
+        cells: numbers of cells (n,); zeros where they are not known.
+        seconds: CPU time of each computation (n,) [s], of rank 0.
+        values: of each quantity (n,), by name.
+        exact: value that errors refer to, by name; a quantity without one is left out.
+        is_extrapolated: whether it was estimated by (1), by name.
+
+    Example:
+        >>> found = gx.analysis.convergence(lambda n: 2.0 + 1.0 / n**2, meshes=[4, 8, 16])
+        >>> found.orders["value"].round(2)
+        array([nan,  2.,  2.])
+    """
+
+    sizes: Array
+    cells: Array
+    seconds: Array
+    values: Mapping[str, Array]
+    exact: Mapping[str, float]
+    is_extrapolated: Mapping[str, bool]
+
+    @property
+    def errors(self) -> dict[str, Array]:
+        """|v - v*|, over |v*| unless that is zero, (n,) by name."""
+        found = {}
+        for name, values in self.values.items():
+            exact = self.exact.get(name, math.nan)
+            found[name] = np.abs(values - exact) / (abs(exact) or 1.0)
+        return found
+
+    @property
+    def orders(self) -> dict[str, Array]:
+        """Observed order between each mesh and the one before, (n,) by name; NaN of the first."""
+        found = {}
+        for name, errors in self.errors.items():
+            orders = np.full(len(errors), np.nan)
+            for k in range(1, len(errors)):
+                ratio = self.sizes[k - 1] / self.sizes[k]
+                if errors[k - 1] > 0 and errors[k] > 0 and ratio != 1:
+                    orders[k] = math.log(errors[k - 1] / errors[k]) / math.log(ratio)
+            found[name] = orders
+        return found
+
+    def table(self) -> str:
+        """A table in Markdown: size, number of cells, value, relative error, order and CPU time of each mesh."""
+        return "\n".join(self._lines())
+
+    def _lines(self) -> Iterator[str]:
+        """The lines of the table."""
+        has_cells = bool(self.cells.any())
+        head = ["h"]
+        if has_cells:
+            head.append("cells")
+        for name in self.values:
+            head += [name, "error", "order"]
+        head.append("CPU time [s]")
+        yield "| " + " | ".join(head) + " |"
+        yield "|---" * len(head) + "|"
+        errors = self.errors
+        orders = self.orders
+        for k in range(len(self.sizes)):
+            cells = [f"{self.sizes[k]:.3g}"]
+            if has_cells:
+                cells.append(f"{self.cells[k]:.0f}")
+            for name, values in self.values.items():
+                cells += [f"{values[k]:.6g}", _number(errors[name][k], ".1e")]
+                cells.append(_number(orders[name][k], ".1f"))
+            cells.append(f"{self.seconds[k]:.2g}")
+            yield "| " + " | ".join(cells) + " |"
+        for name, is_extrapolated in self.is_extrapolated.items():
+            if is_extrapolated:
+                yield f"\nErrors of {name} refer to {self.exact[name]:.6g}, extrapolated from the three finest meshes."
+            elif name not in self.exact:
+                yield f"\n{name} has no errors: its values do not approach a limit yet; give finer meshes, or `exact`."
+
+    def plot(
+        self, path: str | Path, *, others: Mapping[str, Convergence] | None = None, name: str = ""
+    ) -> None:
+        """Write a PNG of the errors against the CPU time and against h.
+
+        Args:
+            path: of the file, ending in `.png`.
+            others: further computations, e.g. with another element, by the names of their curves.
+            name: of the curves of this one; default: the names of the quantities.
+
+        Raises:
+            OutputFailure: the file cannot be written.
+        """
+        # Imported here, as only pictures need it.
+        import matplotlib
+
+        matplotlib.use("Agg")
+        from matplotlib import pyplot
+
+        figure, (left, right) = pyplot.subplots(
+            1, 2, figsize=(9.0, 3.8), sharey=True, layout="constrained"
+        )
+        for label, found in {name: self, **(others or {})}.items():
+            for quantity, errors in found.errors.items():
+                words = ", ".join(word for word in (label, quantity) if word)
+                if label and len(found.values) == 1:
+                    words = label
+                left.loglog(found.seconds, errors, marker="o", markersize=4, label=words)
+                right.loglog(found.sizes, errors, marker="o", markersize=4, label=words)
+        left.set_ylabel("relative error")
+        left.set_xlabel("CPU time [s]")
+        right.set_xlabel("size of cells h")
+        right.legend(frameon=False)
+        for panel in (left, right):
+            panel.grid(True, which="both", alpha=0.25)
+        try:
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
+            figure.savefig(path, dpi=130)
+        except OSError as error:
+            raise OutputFailure(
+                f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
+            ) from error
+        finally:
+            pyplot.close(figure)
+
+
+@check_arguments
+def convergence(
+    quantity: Callable[[Any], Any],
+    *,
+    meshes: Sequence[Any],
+    sizes: Sequence[float] = (),
+    exact: float | Mapping[str, float] | None = None,
+) -> Convergence:
+    """Compute quantities on several meshes, and their errors, orders and run times.
+
+    The coarsest mesh is computed once more before, so that its time is without compilation.
+
+    Args:
+        quantity: a function of one of the meshes that returns a number, or numbers by name; e.g. it builds
+            a scene, finds its equilibrium and reads a displacement.
+        meshes: two or more: each a `Mesh`, or anything else that the function takes, e.g. numbers of cells.
+        sizes: h of each; default: of a `Mesh` its mean size of cells, of a number n its inverse 1/n.
+        exact: exact value, or values by name; default: extrapolated from the three finest meshes.
+
+    Raises:
+        InputError: fewer than two meshes, no sizes, or a quantity that is not a finite number.
+
+    Example:
+        The tip of a bar of length 1 that hangs by its weight, with a uniform displacement in each cell:
+
+        >>> def lowest(mesh):
+        ...     rope = gx.Cable(mesh, gx.CableLaw(1e3, 0.1), name="rope")
+        ...     hung = gx.Scene(rope, gx.Fixed(rope, "start"), gx.Gravity(rope, (9.81, 0.0, 0.0)))
+        ...     equilibrium = gx.Equilibrium(hung)
+        ...     equilibrium.find()
+        ...     return gx.probes.Position(rope.port("end"), "x")(equilibrium) - 1.0
+        >>> from gossamer_fx.meshes.line import line
+        >>> meshes = [line(comm, [(0, 0, 0), (1, 0, 0)], n) for n in (2, 4, 8)]
+        >>> found = gx.analysis.convergence(lowest, meshes=meshes)
+        >>> round(1e4 * found.exact["value"], 2)
+        4.9
+    """
+    check(len(meshes) >= 2, f"convergence: there are {len(meshes)} meshes; give two or more.")
+    steps = _sizes(meshes, sizes)
+    # From the coarsest to the finest, whatever the order in which they were given.
+    order = np.argsort(-steps, kind="stable")
+    # Once without the clock, so that no time of compilation is in the first row.
+    quantity(meshes[order[0]])
+    rows: list[dict[str, float]] = []
+    seconds = []
+    for k in order:
+        started = time.process_time()
+        rows.append(_numbers(quantity(meshes[k])))
+        seconds.append(time.process_time() - started)
+    names = list(rows[0])
+    for row in rows:
+        check(
+            list(row) == names,
+            f"convergence: the quantities are {', '.join(names)} and then {', '.join(row)}; return the same names.",
+        )
+    values = {name: np.array([row[name] for row in rows]) for name in names}
+    exact_values = {}
+    is_extrapolated = {}
+    for name in names:
+        given = exact
+        if isinstance(exact, Mapping):
+            given = exact.get(name)
+        is_extrapolated[name] = given is None
+        if given is None:
+            limit = extrapolated(steps[order], values[name])
+            is_extrapolated[name] = not math.isnan(limit)
+            if is_extrapolated[name]:
+                exact_values[name] = limit
+        else:
+            assert not isinstance(given, Mapping)
+            exact_values[name] = float(given)
+    cells = np.array([_cell_count(meshes[k]) for k in order], dtype=float)
+    return Convergence(
+        sizes=steps[order],
+        cells=cells,
+        seconds=np.array(seconds),
+        values=values,
+        exact=exact_values,
+        is_extrapolated=is_extrapolated,
+    )
+
+
+def extrapolated(h: Array, values: Array) -> float:
+    """The limit of values on meshes of falling size h by (1), from the last three; NaN if there is none."""
+    if len(values) < 3:
+        return math.nan
+    first = float(values[-2] - values[-3])
+    second = float(values[-1] - values[-2])
+    if first == second == 0:
+        return float(values[-1])
+    if first * second <= 0 or abs(second) >= abs(first):
+        return math.nan
+    coarse = float(h[-3] / h[-2])
+    fine = float(h[-2] / h[-1])
+
+    def excess(p: float) -> float:
+        """Of the ratio of changes that an order p gives, over the observed one."""
+        return (coarse**p - 1) / (1 - fine**-p) - first / second
+
+    low = MIN_ORDER
+    high = MAX_ORDER
+    if excess(low) > 0 or excess(high) < 0:
+        return math.nan
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        if excess(middle) > 0:
+            high = middle
+        else:
+            low = middle
+    return float(values[-1]) + second / (fine**low - 1)
+
+
+def _sizes(meshes: Sequence[Any], given: Sequence[float]) -> Array:
+    """h of each mesh."""
+    if len(given):
+        found = np.asarray(given, dtype=float)
+        check(
+            len(found) == len(meshes) and bool((found > 0).all()),
+            f"convergence: sizes is {list(given)!r}; give a positive number for each of the {len(meshes)} meshes.",
+        )
+        return found
+    sizes_of_meshes = []
+    for mesh in meshes:
+        if isinstance(mesh, Mesh):
+            sizes_of_meshes.append(_cell_size(mesh))
+        elif isinstance(mesh, int | float) and not isinstance(mesh, bool) and mesh > 0:
+            sizes_of_meshes.append(1.0 / mesh)
+        else:
+            raise InputError(
+                f"convergence: the size of {mesh!r} is not known; give sizes, or meshes as Mesh or numbers of cells."
+            )
+    return np.array(sizes_of_meshes)
+
+
+def _cell_size(mesh: Mesh) -> float:
+    """Mean size of the cells of a mesh [m]."""
+    count = _cell_count(mesh)
+    own = float(sizes(corner_points(mesh.domain)).sum())
+    mean = mesh.comm.allreduce(own, op=MPI.SUM) / count
+    if mesh.domain.topology.dim == 2:
+        # The side of a square of two triangles.
+        return math.sqrt(2 * mean)
+    return mean
+
+
+def _cell_count(mesh: Any) -> int:
+    """Number of cells of a mesh, 0 if that is not known."""
+    if not isinstance(mesh, Mesh):
+        return 0
+    topology = mesh.domain.topology
+    return int(topology.index_map(topology.dim).size_global)
+
+
+def _numbers(found: Any) -> dict[str, float]:
+    """What a quantity returned, by name."""
+    if not isinstance(found, Mapping):
+        found = {ONLY: found}
+    numbers = {}
+    for name, value in found.items():
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            number = math.nan
+        check(
+            math.isfinite(number),
+            f"convergence: the quantity {name!r} is {value!r}; return a finite number.",
+        )
+        numbers[str(name)] = number
+    check(bool(numbers), "convergence: the quantity has no number; return one, or several by name.")
+    return numbers
+
+
+def _number(value: float, form: str) -> str:
+    """A number in a table; nothing for NaN."""
+    if math.isnan(value):
+        return ""
+    return f"{value:{form}}"

@@ -1,0 +1,196 @@
+"""Maps of wrinkles that a mesh does not resolve: slope, amplitude and direction of the crests.
+
+A law without compression replaces wrinkles by a strain that costs no energy.  With the stress S of a cell
+and the compliance F of taut film, this wrinkling strain is
+
+    A = F S - e,    A = a n⊗n in wrinkled film, n across the crests                           (1)
+
+Neighbouring cells share it unevenly: the equations of a cell fix averages over its neighbourhood only, so
+that wrinkled and taut cells may alternate like a chessboard on any mesh.  The maps are therefore made of
+the mean of A over the cells around each node, taken twice.
+
+For wrinkles w = W sin(π s/L), whose excess of length is the trace a of (1),
+
+    slope      π W/L = 2 √a                                                                   (2)
+    amplitude  W = 2 L √a/π,    L = √π (B/T)^(1/4) √ℓ                                         (3)
+
+with the half wavelength L of a stretched sheet of bending stiffness B, tension T and length ℓ (Cerda &
+Mahadevan, Phys. Rev. Lett. 90 (2003) 074302, doi:10.1103/PhysRevLett.90.074302).  ℓ is the square root of
+the area of the film, so that (3) is an estimate: wrinkles that are n times shorter have 1/√n of it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import ufl
+from dolfinx import fem, la
+
+from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.errors import check
+from gossamer_fx.fields.body_shape import BodyShape
+from gossamer_fx.forms.backend import interpolation_points
+from gossamer_fx.forms.compilation import compile_expression
+from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.forms.spaces import cell_nodes
+from gossamer_fx.materials.film import FilmLaw
+from gossamer_fx.mesh.quality import area_vectors, corner_points
+from gossamer_fx.model.body import Array, MeshBody
+from gossamer_fx.system.system import System
+from gossamer_fx.terms.discrete_gradient import gradient
+
+# Mean values over neighbouring cells are taken so often.
+SMOOTHINGS = 2
+
+# Components of a symmetric tensor (3, 3): the tension T follows in the last column.
+SYMMETRIC = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+TENSION = 6
+
+# Tension per width [N/m] below which the film is slack, so that (3) has no wavelength.
+LEAST_TENSION = 1e-12
+
+
+def collect_wrinkles(function: fem.Function, film: MeshBody, system: System) -> None:
+    """Set a function on a film to one of the maps, which its name tells.  Collective."""
+    shape = BodyShape(system.state, film)
+    shape.update()
+    body = shape.body
+    tensors, tension = _smoothed(shape, body)
+    eigenvalues, vectors = np.linalg.eigh(tensors)
+    excess = np.maximum(eigenvalues, 0.0).sum(axis=1)
+    slope = 2 * np.sqrt(excess)
+    at_vertices: Array
+    if function.name == "wrinkle_slope":
+        at_vertices = slope
+    elif function.name == "wrinkle_amplitude":
+        at_vertices = slope * _half_wavelength(body, tension) / math.pi
+    else:
+        at_vertices = _crests(shape, tensors, vectors)
+    _spread(function, body, at_vertices)
+
+
+def wrinkling_strain(film: Membrane, x: Expr) -> Expr:
+    """A of (1) as (A11, A22, 2 A12) in the frame of the film, of the positions x."""
+    e = film.measure(x)
+    stress = gradient(film.density, e)
+    return film.law.taut_strain(stress, film.constants) - e
+
+
+def _check_law(film: Membrane) -> None:
+    """Refuse laws without the strain of a stress, and those in C, whose stress takes minutes to compile in UFL.
+
+    Raises:
+        InputError: names the film and its law.
+    """
+    law = type(film.law)
+    is_known = law.taut_strain is not FilmLaw.taut_strain and law.c_law is FilmLaw.c_law
+    check(
+        is_known,
+        f"'{film.name}' has no maps of wrinkles, as its law is {law.__name__}; use the field 'state', or an isotropic "
+        "law.",
+    )
+
+
+def _smoothed(shape: BodyShape, film: Membrane) -> tuple[Array, Array]:
+    """A in space (n, 3, 3) and the tension T [N/m] (n,) at the local vertices of the mesh, as local means."""
+    domain = film.space.mesh
+    in_cells = fem.functionspace(domain, ("Discontinuous Lagrange", 0, (TENSION + 1,)))
+    cellwise = fem.Function(in_cells)
+    _check_law(film)
+    strain = wrinkling_strain(film, shape.q)
+    in_frame = ufl.as_matrix([[strain[0], strain[2] / 2], [strain[2] / 2, strain[1]]])
+    deformation = film.deformation(shape.q)
+    in_space = ufl.dot(deformation, ufl.dot(in_frame, deformation.T))
+    stress = gradient(film.density, film.measure(shape.q))
+    mean = (stress[0] + stress[1]) / 2
+    radius = ufl.sqrt(((stress[0] - stress[1]) / 2) ** 2 + stress[2] ** 2)
+    numbers = [in_space[i, j] for i, j in SYMMETRIC]
+    expression = ufl.as_vector([*numbers, mean + radius])
+    cellwise.interpolate(compile_expression(expression, interpolation_points(in_cells)))
+
+    # Values of all local cells, ghosts included, in the order of the cells.
+    cellwise.x.scatter_forward()
+    rows = cell_nodes(in_cells).ravel()
+    values = cellwise.x.array.reshape(-1, TENSION + 1)[rows]
+    values = _smooth(domain, values)
+    tensors = np.zeros((len(values), 3, 3))
+    for k, (i, j) in enumerate(SYMMETRIC):
+        tensors[:, i, j] = values[:, k]
+        tensors[:, j, i] = values[:, k]
+    return tensors, values[:, TENSION]
+
+
+def _smooth(domain: object, in_cells: Array) -> Array:
+    """Values (vertices, k) at the vertices: means over the cells around them, weighted by area, several times."""
+    at_vertices = fem.functionspace(domain, ("Lagrange", 1))
+    dofmap = at_vertices.dofmap
+    nodes = cell_nodes(at_vertices)
+    own = domain.topology.index_map(2).size_local  # type: ignore[attr-defined]
+    areas = np.linalg.norm(area_vectors(corner_points(domain)), axis=1)
+
+    def mean_at_vertices(values: Array) -> Array:
+        sums = la.vector(dofmap.index_map, values.shape[1] + 1)
+        weighted = np.column_stack([values, np.ones(len(values))]) * areas[: len(values), None]
+        table = sums.array.reshape(-1, values.shape[1] + 1)
+        # Each rank adds its own cells; the sums of shared vertices are completed by the exchange.
+        for corner in range(3):
+            np.add.at(table, nodes[:own, corner], weighted[:own])
+        sums.scatter_reverse(la.InsertMode.add)
+        sums.scatter_forward()
+        means: Array = table[:, :-1] / table[:, -1:]
+        return means
+
+    found = mean_at_vertices(in_cells)
+    for _ in range(SMOOTHINGS - 1):
+        found = mean_at_vertices(found[nodes].mean(axis=1))
+    return found
+
+
+def _half_wavelength(film: Membrane, tension: Array) -> Array:
+    """L of (3) [m] for tensions (n,) [N/m]; 0 where the film is slack."""
+    domain = film.space.mesh
+    own = domain.topology.index_map(2).size_local
+    areas = np.linalg.norm(area_vectors(corner_points(domain))[:own], axis=1)
+    length = math.sqrt(film.comm.allreduce(float(areas.sum())))
+    law = film.law
+    modulus = getattr(law, "E", None) or getattr(law, "E2", 0.0)
+    nu = getattr(law, "nu", 0.0)
+    bending = modulus * law.thickness**3 / (12 * (1 - nu**2))
+    is_taut = tension > LEAST_TENSION
+    ratio = np.where(is_taut, bending / np.where(is_taut, tension, 1.0), 0.0)
+    found: Array = math.sqrt(math.pi * length) * ratio**0.25
+    return found
+
+
+def _crests(shape: BodyShape, tensors: Array, vectors: Array) -> Array:
+    """Unit vectors (n, 3) along the crests at the local vertices: in the film, normal to n of (1)."""
+    across = vectors[:, :, -1]
+    # The normal of the film is the eigenvector of the eigenvalue that is zero: the smallest in size is that of the
+    # normal or of the crest, both of which are perpendicular to n; the crest is the one nearer to the film.
+    normals = _normals(shape)
+    crests = np.cross(normals, across)
+    lengths = np.linalg.norm(crests, axis=1, keepdims=True)
+    has_wrinkles = np.trace(tensors, axis1=1, axis2=2) > 0
+    unit = crests / np.where(lengths > 0, lengths, 1.0)
+    # A direction and its opposite are the same: the largest component is positive.
+    largest = np.abs(unit).argmax(axis=1)
+    signs = np.sign(unit[np.arange(len(unit)), largest])
+    found: Array = unit * signs[:, None] * has_wrinkles[:, None]
+    return found
+
+
+def _normals(shape: BodyShape) -> Array:
+    """Mean normals (n, 3) of the deformed film at the local vertices."""
+    space = shape.body.space
+    positions = shape.q.x.array.reshape(-1, 3)
+    corners = positions[cell_nodes(space)[:, :3]]
+    return _smooth(space.mesh, area_vectors(corners))
+
+
+def _spread(function: fem.Function, film: Membrane, at_vertices: Array) -> None:
+    """Set a function to the values at the vertices, linear between them."""
+    shape = at_vertices.shape[1:]
+    linear = fem.Function(fem.functionspace(film.space.mesh, ("Lagrange", 1, shape)))
+    linear.x.array[:] = at_vertices.ravel()
+    function.interpolate(linear)

@@ -1,0 +1,91 @@
+"""The model of braided tori: surface, cables, waves, and the radius under more pressure."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from demos.validation.__main__ import CASES, MODELS
+from demos.validation.engine.case import read_case
+from demos.validation.models import braided_torus
+
+CASE = read_case(CASES / "hiad_torus.toml", MODELS)
+TORUS = braided_torus.Torus.read(CASE.tests[1].inputs)
+
+
+def test_the_mesh_is_a_closed_torus_with_its_cords(comm):
+    along, around = 16, 6
+    line = np.column_stack([np.full(2 * along, 1.5), np.zeros(2 * along)])
+    φ = braided_torus.section_angles(TORUS, around)
+    mesh = braided_torus.torus_mesh(comm, braided_torus.surface(line, 0.17, φ), [0, 4])
+    film = gx.Membrane(mesh, gx.Linear(1e9, 0.3, density=1e3, thickness=1e-4), order=2)
+    scene = gx.Scene(film, gx.Pressure(film, 1.0))
+    load = gx.Equilibrium(scene).system
+    # A closed surface: the pressure has no resultant.
+    total = np.abs(load.load_forces().array.reshape(-1, 3).sum(axis=0)).max()
+    assert total < 1e-12
+    law = gx.CableLaw(1.0, 1.0)
+    for name in ("cord 0", "cord 1"):
+        tape = gx.connectors.Tape.along_edges(film, law, edges=name)
+        # Both cords are half of the minor radius further in than the centre line.
+        circle = 2 * math.pi * (1.5 - 0.17 / 2)
+        assert float(sum(tape.lengths)) == pytest.approx(circle, rel=2e-3)
+
+
+def test_a_cable_pulls_along_its_line_with_its_stiffness():
+    pulley = np.array([0.6, 0.0, -0.2])
+    X = np.array([1.5, 0.1, -0.1])
+    cable = braided_torus.Cable(None, pulley, 45.0, 1e6)
+    assert cable.tension(X + 1.0) == 45.0
+    cable.hold(X)
+    cable.begin(1e-3, 0.0, X, 0 * X)
+    assert cable.tension(X) == pytest.approx(45.0 + 1e3)
+    force = cable.force(X)
+    assert np.cross(force, pulley - X) == pytest.approx(np.zeros(3), abs=1e-9)
+    differences = np.zeros((3, 3))
+    for j, step in enumerate(1e-6 * np.eye(3)):
+        differences[:, j] = (cable.force(X + step) - cable.force(X - step)) / 2e-6
+    assert cable.tangent(X) == pytest.approx(differences, rel=1e-6, abs=1.0)
+    # A slack cable does not push.
+    cable.begin(-1.0, 0.0, X, 0 * X)
+    assert cable.tension(X) == 0.0
+
+
+def test_amplitudes_are_those_of_a_wave():
+    θ = np.arange(96) * 2 * math.pi / 96
+    radius = 1.5 + 4e-3 * np.cos(3 * θ + 1) + 1e-3 * np.sin(5 * θ)
+    assert braided_torus.amplitudes(radius) == pytest.approx([4e-3, 0.0, 1e-3], abs=1e-12)
+
+
+def test_the_torus_grows_with_the_pressure_as_its_cords_do(comm):
+    """Two cords carry p π r² (1 - 2 cot²β), and the radius follows their strain; coarse."""
+    case = read_case(CASES / "hiad_torus_growth.toml", MODELS)
+    inputs = case.tests[0].inputs
+    prediction = braided_torus.predict(inputs, comm, True)
+    growth = float(prediction.quantities["growth of the mean radius"].y)
+    torus = braided_torus.Torus.read(inputs)
+    tube = torus.tube
+    later = replace(tube, cord_force=tube.cord_force * 137.9 / 34.5)
+    strain = later.cord_strain_after_inflation() - tube.cord_strain_after_inflation()
+    # The cords are on a circle that is half a minor radius smaller; the wall and the section count, too.
+    assert growth == pytest.approx(strain * torus.shape_radius.mean(), rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"first_forces": {"value": [1.0], "unit": "N"}}, "first_forces 1 numbers"),
+        ({"cord_angles": {"value": [210, 340], "unit": "deg"}}, "multiples of 60"),
+        ({"cells_along": {"value": 20, "unit": "1"}}, "cells_around' is missing"),
+        ({"shape": {"value": [[1.5, 0.0]], "unit": "m"}}, "shape has 1 points"),
+        ({"pulleys": {"value": [[1, 2, 3]], "unit": "m"}}, "pulleys has 3 columns"),
+    ],
+)
+def test_bad_inputs_are_refused_in_one_sentence(changes, words):
+    inputs = CASE.tests[0].inputs
+    with pytest.raises(gx.InputError, match=words):
+        braided_torus.Torus.read(replace(inputs, values={**inputs.values, **changes}))

@@ -1,0 +1,93 @@
+"""Maps of wrinkles against fields of known strain."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from gossamer_fx.meshes.sheet import sheet
+
+E = 2.5e9
+NU = 0.3
+THICKNESS = 1e-5
+LAW = gx.TensionField(E, NU, density=1400.0, thickness=THICKNESS)
+FABRIC = gx.Orthotropic(
+    E, E / 2, NU, E / 4, density=1400.0, thickness=THICKNESS, direction=(1.0, 0.0, 0.0)
+)
+STRETCH = 1e-3
+SHORTENING = 4e-3
+
+
+def stretched(law, comm, angle=0.0, order=1):
+    """A film that is stretched along one direction and shortened across it, by uniform strains."""
+    t = np.array([math.cos(angle), math.sin(angle), 0.0])
+    n = np.array([-math.sin(angle), math.cos(angle), 0.0])
+
+    def displacement(X):
+        along = (math.sqrt(1 + 2 * STRETCH) - 1) * np.outer(t, t)
+        across = (math.sqrt(1 - 2 * SHORTENING) - 1) * np.outer(n, n)
+        return (along + across) @ X
+
+    film = gx.Membrane(sheet(comm, 4, 4, 2.0, 2.0), law, order=order, displacement=displacement)
+    return gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-6)), film, t
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("angle", [0.0, 0.7])
+def test_slope_amplitude_and_direction(comm, angle, order):
+    """a = -(γ2 + ν γ1), slope 2 √a; W = 2 L √a/π with L = √(π ℓ) (B/T)^(1/4), ℓ = 2 m."""
+    run, film, t = stretched(LAW, comm, angle, order)
+    excess = SHORTENING - NU * STRETCH
+    _, slope = gx.fields.field_values(run, film, field="wrinkle_slope")
+    # The push forward of the strain across the crests has its shortened length.
+    assert slope == pytest.approx(2 * math.sqrt(excess), rel=1e-2)
+    tension = E * THICKNESS * STRETCH
+    bending = E * THICKNESS**3 / 12 / (1 - NU**2)
+    half = math.sqrt(math.pi * 2.0) * (bending / tension) ** 0.25
+    _, amplitude = gx.fields.field_values(run, film, field="wrinkle_amplitude")
+    assert amplitude == pytest.approx(2 * half * math.sqrt(excess) / math.pi, rel=1e-2)
+    _, direction = gx.fields.field_values(run, film, field="wrinkle_direction")
+    cosines = np.abs(direction.reshape(-1, 3) @ t)
+    assert cosines == pytest.approx(1.0, abs=1e-6)
+
+
+def test_taut_film_has_no_wrinkles(comm):
+    film = gx.Membrane(sheet(comm, 3, 3), LAW, initial_stress=1e6)
+    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-6))
+    for field in ("wrinkle_slope", "wrinkle_amplitude"):
+        _, values = gx.fields.field_values(run, film, field=field)
+        assert values == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.mpi
+def test_a_chessboard_of_states_is_smoothed(comm):
+    """Cells that are sheared to and fro alternate between two strains; the map has little of it."""
+
+    def zigzag(X):
+        x, y, _ = X
+        shift = 2e-3 * np.where(np.rint(4 * x) % 2 == 1, 1.0, -1.0)
+        return np.vstack([0 * x, -5e-3 * y + shift * y, 0 * x])
+
+    film = gx.Membrane(sheet(comm, 8, 8, 2.0, 2.0), LAW, displacement=zigzag)
+    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-6))
+    _, strain = gx.fields.field_values(run, film, field="strain2")
+    _, slope = gx.fields.field_values(run, film, field="wrinkle_slope")
+    if strain.size:
+        spread_of_strain = np.ptp(np.sqrt(np.maximum(-strain, 0.0)))
+        assert np.ptp(slope) / 2 < 0.6 * spread_of_strain
+
+
+@pytest.mark.parametrize(
+    "law",
+    [gx.analysis.Prestress(E, NU, density=1400.0, thickness=THICKNESS, tension=1.0), FABRIC],
+    ids=lambda law: type(law).__name__,
+)
+def test_laws_without_maps_are_refused(comm, law):
+    film = gx.Membrane(sheet(comm, 2, 2), law)
+    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-6))
+    with pytest.raises(gx.InputError, match="has no maps of wrinkles"):
+        gx.fields.field_values(run, film, field="wrinkle_slope")
