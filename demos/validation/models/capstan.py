@@ -48,6 +48,8 @@ DT = 2e-4  # [s]
 # The pull is averaged over the last part of the motion, after a slip of the drawn end of this many
 # times the elongation of the cable.
 SLIP_OVER_ELONGATION = 4.0
+# Least duration of the motion [s], in which vibrations of the start have decayed.
+MIN_DURATION = 0.05
 AVERAGED_SHARE = 0.25
 
 
@@ -138,7 +140,8 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     cell_length = float(np.linalg.norm(points[-1] - points[-2]))
     length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     elongation = PULL * math.exp(friction * wrap) / EA * length
-    end_of_slip = 2 * RAMP + (1 + SLIP_OVER_ELONGATION) * elongation / SPEED
+    slip_time = (1 + SLIP_OVER_ELONGATION) * elongation / SPEED
+    end_of_slip = 2 * RAMP + max(slip_time, MIN_DURATION)
     pulls = []
     averaged_from = (1 - AVERAGED_SHARE) * end_of_slip
     while run.time < end_of_slip:

@@ -119,6 +119,7 @@ class Kite:
     tip_load: float
     point_load: float
     loaded: tuple[int, int, int]
+    bending_factor: float
 
     @staticmethod
     def read(inputs: Inputs) -> Kite:
@@ -145,6 +146,10 @@ class Kite:
             stiffness = modulus * math.pi * diameter**2 / 4
             pulley_lines.append((int(i), int(pulley), int(j), length, stiffness))
         loaded = inputs.numbers("loaded_nodes", "1")
+        # For a sensitivity: the bending stiffness of tubes over that of the fits.
+        bending_factor = 1.0
+        if "bending_factor" in inputs:
+            bending_factor = inputs.number("bending_factor", "1", above=0)
         return Kite(
             points=points,
             leading=leading,
@@ -159,6 +164,7 @@ class Kite:
             tip_load=inputs.number("tip_load", "kg"),
             point_load=inputs.number("point_load", "kg"),
             loaded=(int(loaded[0]), int(loaded[1]), int(loaded[2])),
+            bending_factor=bending_factor,
         )
 
     @property
@@ -288,7 +294,7 @@ class Hanging:
     def _section(self, tube: Tube, areal_mass: float) -> gx.sections.Section:
         Et = wall_stiffness(tube.radius, self.kite.pressure)
         r = tube.radius
-        EI = tube.share * math.pi * r**3 * Et
+        EI = self.kite.bending_factor * tube.share * math.pi * r**3 * Et
         line_density = 2 * math.pi * r * areal_mass
         return gx.sections.Section(
             EA=2 * math.pi * r * Et,
