@@ -13,7 +13,7 @@ curvature κ_w = p/(2 E t), EI is the secant M(κ)/κ of Stein and Hedgepeth's s
 
 and found by iteration over equilibria.
 
-Weight: the canopy has a density per area; what remains of the total is spread evenly over the surface of
+Weight: the canopy has a density per area; the remainder of the total is spread evenly over the surface of
 the tubes.
 """
 
