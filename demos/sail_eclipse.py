@@ -57,25 +57,25 @@ class Tension:
 
 
 class Flatness:
-    """Root mean square of the heights [m] of the film's nodes above their mean plane, a probe.
+    """Root mean square of the distances [m] of the film's nodes from the plane that fits them best, a probe.
 
     It is that of the middle of the last step: steps are far longer than the vibrations of the film, which therefore
     alternate from step to step.
     """
 
-    def __init__(self, film: gx.Membrane, frame: gx.RigidBody) -> None:
+    def __init__(self, film: gx.Membrane) -> None:
         self._film = film
-        self._normal = frame.frame().directors[2]
 
     def __call__(self, run: Any) -> float:
         system = run.system
-        normal = system.state.vector(self._normal)
         owned = system.block(self._film).owned
         middle = (system.previous.array_r[owned] + system.q0.array_r[owned]) / 2
-        heights = middle.reshape(-1, 3) @ normal
-        own = np.array([len(heights), heights.sum(), heights @ heights])
-        count, total, squares = run.comm.allreduce(own)
-        return math.sqrt(max(squares / count - (total / count) ** 2, 0.0))
+        x = middle.reshape(-1, 3)
+        count, *total = run.comm.allreduce(np.array([len(x), *x.sum(axis=0)]))
+        from_centre = x - np.array(total) / count
+        moments = run.comm.allreduce(from_centre.T @ from_centre) / count
+        # The least principal moment is that across the plane.
+        return math.sqrt(max(float(np.linalg.eigvalsh(moments)[0]), 0.0))
 
 
 def sail(
@@ -161,7 +161,7 @@ def main(
             "hottest": lambda run: heating.balance(run).highest,
             "mean": lambda run: heating.balance(run).mean,
             "tension": Tension(springs),
-            "flatness": Flatness(film, frame),
+            "flatness": Flatness(film),
             "taut": gx.probes.AreaFraction(film, "taut"),
         }
     )
@@ -221,7 +221,7 @@ def draw(series: gx.Series, fields: dict[str, tuple[np.ndarray, np.ndarray]], pa
     curves = [
         ("temperature [K]", {"hottest": "#c1121f", "mean": "#444444", "coldest": "#1d5fa8"}, 1.0),
         ("tension of the edges [N/m]", {"tension": "#444444"}, 1.0),
-        ("out of plane, rms [mm]", {"flatness": "#444444"}, 1e3),
+        ("out of plane, rms [µm]", {"flatness": "#444444"}, 1e6),
     ]
     for row, (label, names, factor) in enumerate(curves):
         axes = figure.add_subplot(grid[row, 0])

@@ -130,9 +130,9 @@ def _triangulated(
     order = np.argsort(numbers)
     points = coordinates.reshape(-1, 3)[order][np.searchsorted(numbers[order], used)]
     triangles = np.searchsorted(used, nodes).astype(np.int64)
-    a, b, c = (points[triangles[:, k]] for k in range(3))
+    first, second, third = (points[triangles[:, k]] for k in range(3))
     # Parts of a fragmented face may have normals of either sign.
-    down = np.cross(b - a, c - a)[:, 2] < 0
+    down = np.cross(second - first, third - first)[:, 2] < 0
     triangles[down] = triangles[down][:, ::-1]
     model.remove()
     model.setCurrent(current)

@@ -15,19 +15,25 @@ import tempfile
 
 FLAGS = "-fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer -g"
 # Tests of the rooms that have C kernels of the package.
-DEFAULT_TESTS = ["tests/contact", "tests/reduction"]
+DEFAULT_TESTS = ["tests/contact", "tests/reduction", "tests/conservation/test_compartments.py"]
+
+
+def library_path(name: str) -> str:
+    """Path of a library of the C compiler."""
+    command = ["gcc", f"-print-file-name={name}"]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
 
 def main() -> int:
-    runtime = subprocess.run(
-        ["gcc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True
-    ).stdout.strip()
+    # The sanitizer replaces the function that throws C++ exceptions, and has to find the original: Python
+    # itself is C, so that the C++ library would be loaded too late.
+    preloaded = [library_path("libasan.so"), library_path("libstdc++.so.6")]
     with tempfile.TemporaryDirectory() as kernels:
         environment = {
             **os.environ,
             "GOSSAMER_CFLAGS": FLAGS,
             # The sanitizer has to be loaded before Python, which was not compiled with it.
-            "LD_PRELOAD": runtime,
+            "LD_PRELOAD": " ".join(preloaded),
             "ASAN_OPTIONS": "detect_leaks=0",
             "UBSAN_OPTIONS": "print_stacktrace=1",
             # Kernels of this run are of no use for others.

@@ -80,7 +80,8 @@ class Numbering:
         local_starts: for each block the index of its first unknown in the local part of a vector;
             the last entry is `size_local`.
         indices: for each block the global indices of its owned and ghost unknowns.
-        block_size: unknowns of a node if all nodes have equally many, otherwise 1.
+        block_size: unknowns of a node if all nodes have equally many; otherwise 3 if all nodes consist
+            of vectors, and 1 if some do not.
         full: whether matrices are dense.
     """
 
@@ -100,12 +101,9 @@ class Numbering:
         self._node_starts = [np.array(comm.allgather(b.index_map.local_range[0])) for b in blocks]
         self.indices = [self._block_indices(k) for k in range(len(blocks))]
 
-        # dolfinx enters the unknowns of a node as one block; PETSc accepts that if all blocks have
-        # the same size, and single numbers otherwise.
-        sizes_of_nodes = {b.size for b in blocks}
-        self.block_size = 1
-        if len(sizes_of_nodes) == 1:
-            self.block_size = sizes_of_nodes.pop()
+        # dolfinx enters the unknowns of a node as one block, which PETSc accepts if its own blocks have
+        # the same size.
+        self.block_size = _common_block_size({b.size for b in blocks})
 
         largest = max((b.size for b in blocks), default=0)
         has_large_node = largest >= DENSE_NODE_SIZE and largest >= DENSE_NODE_SHARE * self.size
@@ -156,8 +154,8 @@ class Numbering:
     def matrix(self) -> PETSc.Mat:
         """A new matrix; the first assembly determines its sparsity pattern.
 
-        If all nodes have equally many unknowns it stores the blocks of nodes (BAIJ), which takes
-        half the time of single numbers to assemble, factorise and multiply.  The option
+        If nodes consist of blocks of one size it stores blocks (BAIJ), which takes half the time of
+        single numbers to assemble, factorise and multiply.  The option
         `-gx_mat_type` chooses another type.
         """
         kind = "aij"
@@ -184,3 +182,15 @@ class Numbering:
         for form in forms:
             add_to_matrix(view, form, unrolled)
         A.restoreLocalSubMatrix(local, local, view)
+
+
+def _common_block_size(sizes: set[int]) -> int:
+    """Size of the blocks of a matrix whose nodes have these numbers of unknowns.
+
+    A hub has four vectors and its multipliers two, so that one of them in a scene of films leaves the
+    blocks of three.
+    """
+    if len(sizes) == 1:
+        return next(iter(sizes))
+    has_vectors = bool(sizes) and all(size % 3 == 0 for size in sizes)
+    return 3 if has_vectors else 1

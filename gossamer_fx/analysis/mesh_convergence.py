@@ -67,7 +67,7 @@ class Convergence:
     @property
     def errors(self) -> dict[str, Array]:
         """|v - v*|, over |v*| unless that is zero, (n,) by name."""
-        found = {}
+        found: dict[str, Array] = {}
         for name, values in self.values.items():
             exact = self.exact.get(name, math.nan)
             found[name] = np.abs(values - exact) / (abs(exact) or 1.0)
@@ -76,7 +76,7 @@ class Convergence:
     @property
     def orders(self) -> dict[str, Array]:
         """Observed order between each mesh and the one before, (n,) by name; NaN of the first."""
-        found = {}
+        found: dict[str, Array] = {}
         for name, errors in self.errors.items():
             orders = np.full(len(errors), np.nan)
             for k in range(1, len(errors)):

@@ -26,6 +26,7 @@ import math
 import numpy as np
 import ufl
 from dolfinx import fem, la
+from dolfinx.mesh import Mesh as DomainMesh
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
@@ -53,7 +54,7 @@ LEAST_TENSION = 1e-12
 
 def collect_wrinkles(function: fem.Function, film: MeshBody, system: System) -> None:
     """Set a function on a film to one of the maps, which its name tells.  Collective."""
-    shape = BodyShape(system.state, film)
+    shape = BodyShape(system, film)
     shape.update()
     body = shape.body
     tensors, tension = _smoothed(shape, body)
@@ -70,9 +71,8 @@ def collect_wrinkles(function: fem.Function, film: MeshBody, system: System) -> 
     _spread(function, body, at_vertices)
 
 
-def wrinkling_strain(film: Membrane, x: Expr) -> Expr:
-    """A of (1) as (A11, A22, 2 A12) in the frame of the film, of the positions x."""
-    e = film.measure(x)
+def wrinkling_strain(film: Membrane, e: Expr) -> Expr:
+    """A of (1) as (A11, A22, 2 A12) in the frame of the film, of a strain e without thermal strain."""
     stress = gradient(film.density, e)
     return film.law.taut_strain(stress, film.constants) - e
 
@@ -98,11 +98,12 @@ def _smoothed(shape: BodyShape, film: Membrane) -> tuple[Array, Array]:
     in_cells = fem.functionspace(domain, ("Discontinuous Lagrange", 0, (TENSION + 1,)))
     cellwise = fem.Function(in_cells)
     _check_law(film)
-    strain = wrinkling_strain(film, shape.q)
+    elastic = shape.elastic_strain()
+    strain = wrinkling_strain(film, elastic)
     in_frame = ufl.as_matrix([[strain[0], strain[2] / 2], [strain[2] / 2, strain[1]]])
     deformation = film.deformation(shape.q)
     in_space = ufl.dot(deformation, ufl.dot(in_frame, deformation.T))
-    stress = gradient(film.density, film.measure(shape.q))
+    stress = gradient(film.density, elastic)
     mean = (stress[0] + stress[1]) / 2
     radius = ufl.sqrt(((stress[0] - stress[1]) / 2) ** 2 + stress[2] ** 2)
     numbers = [in_space[i, j] for i, j in SYMMETRIC]
@@ -121,12 +122,12 @@ def _smoothed(shape: BodyShape, film: Membrane) -> tuple[Array, Array]:
     return tensors, values[:, TENSION]
 
 
-def _smooth(domain: object, in_cells: Array) -> Array:
+def _smooth(domain: DomainMesh, in_cells: Array) -> Array:
     """Values (vertices, k) at the vertices: means over the cells around them, weighted by area, several times."""
     at_vertices = fem.functionspace(domain, ("Lagrange", 1))
     dofmap = at_vertices.dofmap
     nodes = cell_nodes(at_vertices)
-    own = domain.topology.index_map(2).size_local  # type: ignore[attr-defined]
+    own = domain.topology.index_map(2).size_local
     areas = np.linalg.norm(area_vectors(corner_points(domain)), axis=1)
 
     def mean_at_vertices(values: Array) -> Array:
@@ -154,7 +155,8 @@ def _half_wavelength(film: Membrane, tension: Array) -> Array:
     areas = np.linalg.norm(area_vectors(corner_points(domain))[:own], axis=1)
     length = math.sqrt(film.comm.allreduce(float(areas.sum())))
     law = film.law
-    modulus = getattr(law, "E", None) or getattr(law, "E2", 0.0)
+    # An orthotropic film has no E; the modulus of its second axis stands for it.
+    modulus: float = getattr(law, "E", 0.0) or getattr(law, "E2", 0.0)
     nu = getattr(law, "nu", 0.0)
     bending = modulus * law.thickness**3 / (12 * (1 - nu**2))
     is_taut = tension > LEAST_TENSION

@@ -45,6 +45,7 @@ bodies.  Arrays over chambers have the shape (n,) and SI units.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -55,6 +56,9 @@ from gossamer_fx.model.body import Array
 
 # Values at the first and the second end of an opening; complex for derivatives by complex steps.
 Pair = tuple[Number, Number]
+
+# Pressure [Pa] and temperature [K] at one place
+State = tuple[Number, Number]
 
 # An end of an opening: the number of a chamber, or a boundary of constant state.
 End = int | Holder
@@ -157,6 +161,9 @@ class Balance:
         self.h = 0.0
         self.temperatures: Array = np.zeros(n)
         self._gas = gas
+        # Properties of the gas that are asked for each flow
+        self._cv = gas.cv
+        self._cp = gas.cp
         self.passages = passages
         self.walls = walls
         self._n = n
@@ -186,7 +193,7 @@ class Balance:
         self._p0 = p
         self._m0 = m
         self._U0 = U
-        self.temperatures = U / (m * self._gas.cv)
+        self.temperatures = U / (m * self._cv)
         for passage in self.passages:
             passage.area = passage.aperture(h, t)
         self._choose_weights(p, self.temperatures, V)
@@ -226,18 +233,24 @@ class Balance:
         What one end of an opening loses the other gains in the same sum, so the network conserves
         mass and energy to round-off.
         """
-        p, T = self._flow_state(y, V)
-        rates = Rates(np.zeros_like(p), np.zeros_like(p))
+        n = self._n
+        # Lists of numbers: for so few chambers NumPy takes three times as long.
+        mass: list[Number] = [0.0] * n
+        energy: list[Number] = [0.0] * n
+        mass_supplied: Number = 0.0
+        energy_supplied: Number = 0.0
+        states = _states(*self._flow_state(y, V))
         for passage in self.passages:
-            at_ends = self._at_ends(passage, p, T)
+            at_ends = _at_ends(passage, states)
             mass_flow, energy_flow = self._flows(passage, *at_ends)
             for end, sign in zip(passage.ends, (-1, 1), strict=True):
                 if isinstance(end, int):
-                    rates.mass[end] += sign * mass_flow.real
-                    rates.energy[end] += sign * energy_flow.real
+                    mass[end] += sign * mass_flow.real
+                    energy[end] += sign * energy_flow.real
                 else:
-                    rates.mass_supplied -= sign * mass_flow.real
-                    rates.energy_supplied -= sign * energy_flow.real
+                    mass_supplied -= sign * mass_flow.real
+                    energy_supplied -= sign * energy_flow.real
+        rates = Rates(np.array(mass), np.array(energy), mass_supplied, energy_supplied)
         for (wall, k), weight in zip(self.walls, self._wall_weights, strict=True):
             heat = self._heat(wall, k, weight, y, V)
             rates.energy[k] += heat
@@ -300,16 +313,22 @@ class Balance:
         """Subtract h times the derivatives of the flows, by the chain rule through (3)."""
         n = self._n
         p, T = self._flow_state(y, V)
-        total_mass = self._m0 + y[n:]
+        states = _states(p, T)
+        # Lists of numbers, as in `rates`
+        end_pressure: Any = y[:n].tolist()
+        temperature: Any = T.tolist()
+        total_mass: Any = (self._m0 + y[n:]).tolist()
+        volume: Any = V.tolist()
+        weight: Any = self._weights.tolist()
         for passage in self.passages:
-            at_ends = self._at_ends(passage, p, T)
+            at_ends = _at_ends(passage, states)
             for side, k in enumerate(passage.ends):
                 if not isinstance(k, int):
                     continue
                 by_pressure = self._slope(passage, at_ends, side, "pressure")
                 by_temperature = self._slope(passage, at_ends, side, "temperature")
                 # ∂T/∂(p1 V) of (3)
-                T_by_pV = 1 / ((self._gas.gamma - 1) * total_mass[k] * self._gas.cv)
+                T_by_pV = 1 / ((self._gas.gamma - 1) * total_mass[k] * self._cv)
                 for end, sign in zip(passage.ends, (-self.h, self.h), strict=True):
                     if not isinstance(end, int):
                         continue
@@ -317,10 +336,10 @@ class Balance:
                     # energy flow (row end).
                     slopes = zip((n + end, end), by_pressure, by_temperature, strict=True)
                     for row, p_slope, T_slope in slopes:
-                        by_p1 = p_slope * self._weights[k] + T_slope * V[k] * T_by_pV
+                        by_p1 = p_slope * weight[k] + T_slope * volume[k] * T_by_pV
                         by_y[row, k] -= sign * by_p1
-                        by_y[row, n + k] += sign * T_slope * T[k] / total_mass[k]
-                        by_V[row, k] -= sign * T_slope * y[k] * T_by_pV
+                        by_y[row, n + k] += sign * T_slope * temperature[k] / total_mass[k]
+                        by_V[row, k] -= sign * T_slope * end_pressure[k] * T_by_pV
 
     def _add_heat_derivatives(
         self,
@@ -336,7 +355,7 @@ class Balance:
             p1 = y[k]
             m1 = y[n + k]
             # -h ∂Q/∂U1
-            cooling = self.h * wall.conductance * weight / (m1 * self._gas.cv)
+            cooling = self.h * wall.conductance * weight / (m1 * self._cv)
             by_y[k, k] += cooling * V[k] / heat_factor
             by_y[k, n + k] -= cooling * p1 * V[k] / (heat_factor * m1)
             by_V[k, k] += cooling * p1 / heat_factor
@@ -420,19 +439,7 @@ class Balance:
         total_energy = self._U0 + p1 * V / (self._gas.gamma - 1)
         total_mass = self._m0 + m1
         p = self._p0 + self._weights * (p1 - self._p0)
-        return p, total_energy / (total_mass * self._gas.cv)
-
-    def _at_ends(
-        self,
-        passage: Passage,
-        p: Array,
-        T: Array,
-    ) -> tuple[Pair, Pair]:
-        """Pressures [Pa] and temperatures [K] at the two ends of an opening."""
-        first, second = passage.ends
-        first_pressure, first_temperature = _state_at(first, p, T)
-        second_pressure, second_temperature = _state_at(second, p, T)
-        return (first_pressure, second_pressure), (first_temperature, second_temperature)
+        return p, total_energy / (total_mass * self._cv)
 
     def _flows(
         self,
@@ -446,7 +453,7 @@ class Balance:
         upstream_temperature = T[0]
         if p[0].real < p[1].real:
             upstream_temperature = T[1]
-        return mass_flow, self._gas.cp * upstream_temperature * mass_flow
+        return mass_flow, self._cp * upstream_temperature * mass_flow
 
     def _heat(
         self,
@@ -457,7 +464,7 @@ class Balance:
         V: Array,
     ) -> Number:
         """Heat flow [W] from a wall into chamber k."""
-        cv = self._gas.cv
+        cv = self._cv
         end_energy = y[k] * V[k] / (self._gas.gamma - 1)
         start_temperature = self._U0[k] / (self._m0[k] * cv)
         end_temperature = end_energy / (y[self._n + k] * cv)
@@ -479,8 +486,9 @@ class Balance:
         relaxation = np.zeros_like(p)  # ζ of (4)
         equalisation = np.zeros_like(p)  # z of (5)
         at_rest = np.zeros_like(p)
+        states = _states(p, T)
         for passage in self.passages:
-            pressures, temperatures = self._at_ends(passage, p, T)
+            pressures, temperatures = _at_ends(passage, states)
             # Of equal pressures the hotter end counts as upstream.
             is_first = pressures[0] >= pressures[1]
             if is_first and pressures[0] <= pressures[1]:
@@ -512,7 +520,7 @@ class Balance:
         self._amplification = at_rest
         wall_weights = []
         for wall, k in self.walls:
-            heat_capacity = self._m0[k] * self._gas.cv
+            heat_capacity = self._m0[k] * self._cv
             cooling_rate = wall.conductance / heat_capacity
             wall_weights.append(_fitted_weight(self.h * cooling_rate))
         self._wall_weights = np.array(wall_weights)
@@ -529,14 +537,25 @@ class Balance:
         return mass_flow.real / (pu - pd)
 
 
-def _state_at(
-    end: End,
-    p: Array,
-    T: Array,
-) -> Pair:
-    """Pressure [Pa] and temperature [K] of one end of an opening, for those of all chambers."""
+def _states(p: Array, T: Array) -> list[State]:
+    """Pressure [Pa] and temperature [K] of each chamber, as Python's or dual numbers."""
+    pressures: Any = p.tolist()
+    temperatures: Any = T.tolist()
+    return list(zip(pressures, temperatures, strict=True))
+
+
+def _at_ends(passage: Passage, states: list[State]) -> tuple[Pair, Pair]:
+    """Pressures [Pa] and temperatures [K] at the two ends of an opening, for the states of all chambers."""
+    first, second = passage.ends
+    first_pressure, first_temperature = _state_at(first, states)
+    second_pressure, second_temperature = _state_at(second, states)
+    return (first_pressure, second_pressure), (first_temperature, second_temperature)
+
+
+def _state_at(end: End, states: list[State]) -> State:
+    """Pressure [Pa] and temperature [K] of one end of an opening."""
     if isinstance(end, int):
-        return p[end], T[end]
+        return states[end]
     return end.pressure, end.temperature
 
 

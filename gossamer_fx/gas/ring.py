@@ -39,10 +39,11 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.point_measures import Gather, add_blocks
-from gossamer_fx.algebra.rotations import cross_matrices
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.c_source import CStruct, check_indices
+from gossamer_fx.gas.kernels.library import library
 from gossamer_fx.model.body import Array
 from gossamer_fx.terms.assembly import Assembly
 
@@ -206,6 +207,8 @@ class Loop:
             nodes = np.concatenate([walk[:, 2], walk[:, 4]])
         self._strips = _strips(len(walk), order)
         self._tabulate(order)
+        self._c = library(system.comm)
+        self._c_strips = self._strips_for_kernel(len(nodes))
 
         self.indices = system.block(ring.body).to_global(nodes)
         self._gather = Gather(system.numbering, [self.indices])
@@ -215,7 +218,8 @@ class Loop:
         self._own = self.indices[self._mine] - start
         # Rows of the tangent that this rank adds: strips and the nodes of theirs that it owns.
         strip, node = np.nonzero(self._mine[self._strips])
-        self._rows = (strip, node)
+        self._row_count = len(strip)
+        self._c_rows = self._rows_for_kernel(strip, node)
         self._row_indices = self.indices[self._strips[strip, node]]
         columns = self.indices[self._strips[strip]]
         self._column_indices = columns.reshape(len(strip), 3 * self._strips.shape[1])
@@ -246,8 +250,44 @@ class Loop:
         self._ds = at_points(dN, across)
         self._dr = at_points(N, across_slope)
         self._test = at_points(N, across) * weights.reshape(-1, 1)
-        self._by_xr = _products(self._test, self._dr)
-        self._by_xs = _products(self._test, self._ds)
+
+    def _strips_for_kernel(self, nodes: int) -> CStruct:
+        """The strips of a ring of so many nodes as `ring_strips` of ring.h."""
+        check_indices("The nodes of strips", self._strips, nodes)
+        strips, nodes_of_strip = self._strips.shape
+        points = len(self._weights)
+
+        def table(name: str, values: Array) -> Any:
+            return self._c.array(
+                name, np.ascontiguousarray(values), "float64", (points, nodes_of_strip)
+            )
+
+        return self._c.struct(
+            "ring_strips",
+            {
+                "strip_count": strips,
+                "node_count": nodes_of_strip,
+                "point_count": points,
+                "nodes": self._c.array(
+                    "nodes", self._strips.astype(np.int32), "int32", self._strips.shape
+                ),
+                "along": table("along", self._ds),
+                "across": table("across", self._dr),
+                "test": table("test", self._test),
+            },
+        )
+
+    def _rows_for_kernel(self, strip: Indices, node: Indices) -> CStruct:
+        """The rows of the tangent that this rank adds as `ring_rows` of ring.h."""
+        count = len(strip)
+        return self._c.struct(
+            "ring_rows",
+            {
+                "count": count,
+                "strip": self._c.array("strip", strip.astype(np.int32), "int32", (count,)),
+                "node": self._c.array("node", node.astype(np.int32), "int32", (count,)),
+            },
+        )
 
     def aperture(self, h: float) -> float:
         """|a| [m²] of (1) at q0 + ½ h v0, for a step of length h [s].  Collective.
@@ -297,6 +337,7 @@ class Loop:
         at_middle = self._gradient(self._middle())
         at_end = self._gradient(self._X1)
         self.gradients = (at_middle, at_end)
+        self._products: Array | None = None
 
     def accept(self) -> None:
         """Make the end of this step the start of the next."""
@@ -307,10 +348,12 @@ class Loop:
 
         An array (3,): three volumes, a magnitude for round-off, and a swept volume.
         """
-        at_middle, at_end = self.gradients
-        terms = at_end * self._X1
-        swept = at_middle * (self._X1 - self._X0)
-        return np.array([terms.sum(), abs(terms).sum(), swept.sum()])
+        if self._products is None:
+            at_middle, at_end = self.gradients
+            terms = at_end * self._X1
+            swept = at_middle * (self._X1 - self._X0)
+            self._products = np.array([terms.sum(), abs(terms).sum(), swept.sum()])
+        return self._products
 
     def direction(self, vertices: Indices) -> Indices:
         """In which direction the walk passes edges, given by their global end vertices (m, 2).
@@ -351,16 +394,18 @@ class Loop:
 
     def add_tangent(self, A: PETSc.Mat, scale: float) -> None:
         """Add scale · α · ∂G/∂q at q̄, the derivative of scale · G(q̄) by q1; each rank adds its rows."""
-        xs, xr = self._strip_tangents(self._middle())
         # δG_i = Σ_j a_ij × δx_j, from δn = δx,s × x,r + x,s × δx,r
-        strips, nodes = self._strips.shape
-        pairs = self._by_xr.T @ xs - self._by_xs.T @ xr
-        a = pairs.reshape(strips, nodes, nodes, 3)
-        # (rows, nodes, 3, 3): a 3 × 3 block for each pair of a row and a node of its strip
-        blocks = scale * self._alpha * cross_matrices(a[self._rows])
-        rows_first = blocks.transpose(0, 2, 1, 3)
-        values = rows_first.reshape(len(blocks), 3, 3 * nodes)
-        add_blocks(A, self._row_indices, self._column_indices, values)
+        shape = (self._row_count, 3, self._column_indices.shape[1])
+        blocks = np.empty(shape)
+        X = self._middle()
+        self._c.lib.ring_tangent(
+            self._c_strips.pointer,
+            self._c_rows.pointer,
+            self._c.array("X", X, "float64", X.shape),
+            scale * self._alpha,
+            self._c.array("blocks", blocks, "float64", shape, writable=True),
+        )
+        add_blocks(A, self._row_indices, self._column_indices, blocks)
 
     def _middle(self) -> Array:
         """Positions (nodes, 3) [m] of the nodes at q̄."""
@@ -374,10 +419,12 @@ class Loop:
 
     def _gradient(self, X: Array) -> Array:
         """G (nodes, 3) of (2) for the positions X (nodes, 3) of the nodes."""
-        xs, xr = self._strip_tangents(X)
-        of_strips = self._test.T @ _cross(xs, xr)
         G = np.zeros_like(X)
-        np.add.at(G, self._strips, of_strips)
+        self._c.lib.add_ring_gradient(
+            self._c_strips.pointer,
+            self._c.array("X", X, "float64", X.shape),
+            self._c.array("G", G, "float64", G.shape, writable=True),
+        )
         return G
 
 
@@ -385,12 +432,6 @@ def _quadrature(degree: int) -> tuple[Array, Array]:
     """Points (g, 1) and weights (g,) on the interval [0, 1], exact for polynomials of a degree."""
     points, weights = basix.make_quadrature(basix.CellType.interval, degree)
     return np.asarray(points), np.asarray(weights)
-
-
-def _products(test: Array, slopes: Array) -> Array:
-    """Products (g, k·k) of each test function (g, k) and the slope (g, k) of each function."""
-    products = np.einsum("gi,gj->gij", test, slopes)
-    return products.reshape(len(test), -1)
 
 
 def _lowest(points: Array) -> int:

@@ -88,6 +88,9 @@ class FilmSurface:
         self._local_size = system.numbering.size_local
         self._alpha = system.rule.alpha
         self._form: fem.Form | None = None
+        # Owned parts of G_c(q̄) and G_c(q1) of the present iterate, once they were asked for, by chamber
+        self._totals_at_mid: dict[int, Array] = {}
+        self._totals_at_end: dict[int, Array] = {}
 
     def add(self, side: Side) -> int:
         """Register a chamber; returns its index in the results.
@@ -180,14 +183,14 @@ class FilmSurface:
             self._at_mid = self._at_end
         else:
             self._at_mid = self._gradient(self._alpha)
+        self._totals_at_mid.clear()
+        self._totals_at_end.clear()
         volume_terms = self._at_end * q1
         swept_terms = self._at_mid * (q1 - q0)
+        terms = np.stack([volume_terms, abs(volume_terms), swept_terms])
         sums = np.zeros((len(self._sides), 3))
         for c, side in enumerate(self._sides):
-            rows = self._rows(c)
-            sums[c, 0] = volume_terms[rows].sum()
-            sums[c, 1] = abs(volume_terms[rows]).sum()
-            sums[c, 2] = swept_terms[rows].sum()
+            sums[c] = terms[:, self._rows(c)].sum(axis=(1, 2))
             # Every rank knows all of a loop, so one rank adds it.
             if self._comm.rank == 0:
                 shares = np.zeros(3)
@@ -260,13 +263,17 @@ class FilmSurface:
 
     def _total_at_mid(self, c: int) -> Array:
         """G_c(q̄), owned part."""
-        of_loops = [loop.gradients[0] for loop in self._sides[c].loops]
-        return self._total(c, self._at_mid, of_loops)
+        if c not in self._totals_at_mid:
+            of_loops = [loop.gradients[0] for loop in self._sides[c].loops]
+            self._totals_at_mid[c] = self._total(c, self._at_mid, of_loops)
+        return self._totals_at_mid[c]
 
     def _total_at_end(self, c: int) -> Array:
         """G_c(q1), owned part."""
-        of_loops = [loop.gradients[1] for loop in self._sides[c].loops]
-        return self._total(c, self._at_end, of_loops)
+        if c not in self._totals_at_end:
+            of_loops = [loop.gradients[1] for loop in self._sides[c].loops]
+            self._totals_at_end[c] = self._total(c, self._at_end, of_loops)
+        return self._totals_at_end[c]
 
     def _total(
         self,

@@ -59,12 +59,16 @@ from gossamer_fx.orbit.flight import Flight
 from gossamer_fx.orbit.orbit import Orbit
 from gossamer_fx.orbit.radiation import STEFAN_BOLTZMANN, advance, substeps, view_factor
 from gossamer_fx.orbit.shadow_map import ShadowMap
+from gossamer_fx.orbit.solar_pressure import MAX_SHADOW_PIXELS
 
 # Speed of light [m/s], exact: the flux of sunlight over its pressure.
 LIGHT_SPEED = 299792458.0
 
 # The middle of a reference triangle.
 MIDDLE = np.array([[1 / 3, 1 / 3]])
+
+# Largest temperature [K] that is taken.  No film is hotter, and the fourth power of larger numbers overflows.
+MAX_TEMPERATURE = 1e5
 
 # Temperature of the sky [K].
 SPACE_TEMPERATURE = 2.7
@@ -218,7 +222,7 @@ class SolarHeating:
         self.name = name or f"heating of {film.name}"
         check(
             film.full is film,
-            f"'{self.name}': the film '{film.name}' is a reduced one, which has no triangles of its own; heat the "
+            f"'{self.name}': the film '{film.name}' is a reduced one, whose triangles are samples; heat the "
             "film itself.",
         )
         self._check_numbers()
@@ -235,12 +239,13 @@ class SolarHeating:
         for what in ("initial_temperature", "space_temperature"):
             value = getattr(self, what)
             check(
-                value is None or value >= 0,
-                f"'{self.name}': {what} is {value!r} K; give an absolute temperature, not below 0 K.",
+                value is None or 0 <= value <= MAX_TEMPERATURE,
+                f"'{self.name}': {what} is {value!r} K; give an absolute temperature from 0 to {MAX_TEMPERATURE:g} K.",
             )
         check(
-            self.shadow_pixels >= 0,
-            f"'{self.name}': shadow_pixels is {self.shadow_pixels!r}; give pixels across the film, or zero.",
+            0 <= self.shadow_pixels <= MAX_SHADOW_PIXELS,
+            f"'{self.name}': shadow_pixels is {self.shadow_pixels!r}; give pixels across the film, at most "
+            f"{MAX_SHADOW_PIXELS}, or zero.",
         )
         check(
             self.initial_temperature is not None or self.film.thermal is not None,

@@ -286,7 +286,7 @@ class Checkpoints:
                 shutil.rmtree(path, ignore_errors=True)
 
     def _arrays(self, run: SavedRun) -> dict[str, Any]:
-        """This rank's share: names (n,) of its n nodes with (n, size) of every vector, by block; cells likewise."""
+        """This rank's share: names (n,) of its n nodes with (n, size) of every vector, by block; also cells."""
         numbering = run.system.numbering
         arrays: dict[str, Any] = {}
         for k, names in enumerate(self._names):

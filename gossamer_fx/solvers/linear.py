@@ -18,7 +18,8 @@ This is exact if P = A; otherwise it preconditions GMRES on (1).
 
 Algorithm, in a Newton iteration.
 
-1. Set up P: a factorisation, or the two-level preconditioner (`solvers.two_level`).
+1. Set up P: a factorisation, the two-level preconditioner (`solvers.two_level`), or the one that
+   eliminates a few joints (`solvers.eliminated_joints`).
 2. Compute Z by one application of P⁻¹ for each column of G.  If P is not a factorisation, Z of an
    earlier iteration of the step is used, as long as the Krylov iterations do not rise.
 3. Compute Σ from this Z.
@@ -35,6 +36,7 @@ All options can be overridden by those of PETSc with the prefix `gx_` (e.g. `-gx
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -214,7 +216,7 @@ class BorderedPreconditioner:
         is_new_step = step != self._step
         self._set_up_sparse(is_new_step)
         # Only the two-level preconditioner costs so much that it pays to use an earlier Z.
-        may_reuse = self._sparse.getType() == "python"
+        may_reuse = not factorisation.is_exact(self._sparse)
         if not may_reuse or is_new_step or self._has_aged():
             self._solve_columns()
             self._step = step
@@ -232,7 +234,7 @@ class BorderedPreconditioner:
         tangent = self._operator.A
         was_slow = self._applications > MAX_APPLICATIONS_WITHOUT_COUPLINGS
         self._needs_couplings = not is_new_step and (self._needs_couplings or was_slow)
-        if self._sparse.getType() in factorisation.TYPES:
+        if factorisation.is_exact(self._sparse) or _needs_all_couplings(self._sparse):
             factorisation.replace(self._sparse, tangent.whole())
         elif self._needs_couplings:
             self._sparse.setOperators(tangent.for_preconditioner())
@@ -282,8 +284,9 @@ def configure(
 ) -> None:
     """Choose the Krylov method and the preconditioner of the sparse part; PETSc's options may override.
 
-    A matrix is factorised if `direct`, if it is small, or if it has Lagrange multipliers: these have
-    zeros on the diagonal, for which an incomplete factorisation fails.
+    A matrix is factorised if `direct` or if it is small.  Lagrange multipliers have zeros on the diagonal,
+    for which an incomplete factorisation fails: with a few of them films are solved iteratively and the
+    rest is eliminated (`solvers.eliminated_joints`), with many the matrix is factorised, too.
 
     Two alternatives were measured and rejected:
     - Constraints satisfied exactly by the coarse space instead: for an antenna with up to half a million
@@ -301,21 +304,47 @@ def configure(
     if system.active_sets:
         largest_direct = MAX_UNKNOWNS_DIRECT_WITH_CONTACT
     is_small = system.numbering.size <= largest_direct
+    is_free = PETSc.Options(pc.getOptionsPrefix()).getString("pc_type", "python") == "python"
+    eliminated: npt.NDArray[np.intp] | None = None
+    if system.constraints is not None and is_free and not (direct or is_small):
+        # Imported here, as scenes without joints must not pay for it.
+        from gossamer_fx.solvers.eliminated_joints import EliminatedJoints, eliminated_unknowns
+
+        eliminated = eliminated_unknowns(system)
+    if eliminated is not None:
+        _choose_gmres(ksp)
+        pc.setType("python")
+        pc.setPythonContext(EliminatedJoints(system, eliminated))
+        return
     if direct or system.constraints is not None or is_small:
         ksp.setType("preonly")
-        factorisation.choose(pc, system.A)
+        # Multipliers have zeros on the diagonal, and statics singular matrices, which need pivots.
+        if direct or system.constraints is not None:
+            factorisation.choose(pc, system.A)
+        else:
+            factorisation.choose_for_steps(pc, system.A)
         return
-    ksp.setType("gmres")
-    ksp.setGMRESRestart(MAX_KSP_ITERATIONS)
-    # On the right, so that the tolerance refers to the true residual.
-    ksp.setPCSide(PETSc.PC.Side.RIGHT)
-    ksp.setTolerances(rtol=LINEAR_RTOL, max_it=MAX_KSP_ITERATIONS)
-    if PETSc.Options(pc.getOptionsPrefix()).getString("pc_type", "python") == "python":
+    _choose_gmres(ksp)
+    if is_free:
         # Imported here, as small scenes must not pay for it.
         from gossamer_fx.solvers.two_level import TwoLevel
 
         pc.setType("python")
         pc.setPythonContext(TwoLevel(system))
+
+
+def _choose_gmres(ksp: PETSc.KSP) -> None:
+    """Solve by GMRES, to the tolerance of Newton's iterations."""
+    ksp.setType("gmres")
+    ksp.setGMRESRestart(MAX_KSP_ITERATIONS)
+    # On the right, so that the tolerance refers to the true residual.
+    ksp.setPCSide(PETSc.PC.Side.RIGHT)
+    ksp.setTolerances(rtol=LINEAR_RTOL, max_it=MAX_KSP_ITERATIONS)
+
+
+def _needs_all_couplings(pc: PETSc.PC) -> bool:
+    """Whether a preconditioner takes the tangent with all couplings of contact."""
+    return pc.getType() == "python" and getattr(pc.getPythonContext(), "needs_couplings", False)
 
 
 def recover(pc: PETSc.PC) -> None:

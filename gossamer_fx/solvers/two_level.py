@@ -28,7 +28,8 @@ iterations doubles.  PETSc's options of L have the prefix `gx_local_`.
 Cost.  An application is one product with A, one solve with L and one coarse solve.  The set-up of L is
 most of the cost of a Newton iteration; (Pᵀ A P) is set up about once a step.
 
-Limits.  L needs a diagonal without zeros, so that systems with Lagrange multipliers are factorised.
+Limits.  L needs a diagonal without zeros, so that systems with Lagrange multipliers have other preconditioners
+(`solvers.eliminated_joints`), or are factorised.
 """
 
 from __future__ import annotations

@@ -231,9 +231,9 @@ def _draw_panel(
         curves.setdefault(label, []).append((x, y))
     ends = {}
     for (label, points), colour in zip(curves.items(), cycle(LINES), strict=False):
-        x, y = np.array(sorted(points)).T
-        axes.plot(x, y, "o-", color=colour, markersize=4, linewidth=1.2)
-        finite = y[np.isfinite(y)]
+        at_levels, numbers = np.array(sorted(points)).T
+        axes.plot(at_levels, numbers, "o-", color=colour, markersize=4, linewidth=1.2)
+        finite = numbers[np.isfinite(numbers)]
         if label and len(finite):
             ends[label] = (float(finite[-1]), colour)
     if _has_words(levels):

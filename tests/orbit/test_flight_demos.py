@@ -56,9 +56,7 @@ def test_a_sail_cools_shrinks_and_pulls_in_an_eclipse(folder: Path) -> None:
     assert 140 < dark < 230
     # The film shrinks by α ΔT against the springs of two edges, on which it is far stiffer.
     half_shrinkage = sail_eclipse.ALPHA * (lit - dark) * sail_eclipse.SIDE / 2
-    pull = (
-        result["tension a minute into it [N/m]"] - result["tension before the eclipse [N/m]"]
-    )
+    pull = result["tension a minute into it [N/m]"] - result["tension before the eclipse [N/m]"]
     assert 0.7 < pull / (sail_eclipse.SPRING * half_shrinkage) < 1.0
     assert abs(result["heat_error"]) < 1e-12
     assert abs(result["energy_error"]) < 1e-9

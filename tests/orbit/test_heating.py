@@ -67,14 +67,13 @@ def test_a_sunlit_film_reaches_radiative_equilibrium(comm) -> None:
     """(ε_f + ε_b) σ T⁴ = α S."""
     end = flight(comm, T0=250.0, dt=2.0, until=200.0)
     expected = (0.2 * flux() / (0.65 * STEFAN_BOLTZMANN)) ** 0.25
-    # The Sun is not quite overhead: the film is 7000 km beside the line to it.
+    # The Sun is not quite overhead: the film is 7000 km from the line to it.
     assert end.heat.mean == pytest.approx(expected, rel=1e-6)
     assert end.heat.highest - end.heat.lowest < 1e-6
     assert abs(end.heat.error) < 1e-12
     assert abs(end.run.energy_error) < 1e-9
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("until", [2.0, 8.0])
 def test_it_is_reached_with_the_time_constant_of_the_film(comm, until: float) -> None:
     """A small difference decays as exp(-t/τ), τ = C/(4 (ε_f + ε_b) σ T³)."""
@@ -127,7 +126,6 @@ def test_a_turning_film_is_of_second_order_in_the_step(comm) -> None:
     assert abs(errors[-1]) < 0.02 < 280.0 - ends[-1]
 
 
-@pytest.mark.mpi
 def test_the_back_absorbs_as_the_back_does(comm) -> None:
     """A film that turns its back to the Sun has the temperature of the back's absorptivity."""
     dark_back = gx.orbit.ThermalProperties(CAPACITY, absorptivity=(0.1, 0.8), emissivity=0.4)
@@ -199,7 +197,6 @@ def test_the_view_factor_is_the_integral_over_the_visible_sphere(height, angle) 
     assert found == pytest.approx(integral, abs=2e-6)
 
 
-@pytest.mark.mpi
 def test_infrared_of_the_earth_keeps_a_film_warm(comm) -> None:
     """Edge on to the Earth in the dark: both faces see it, each with the same view factor."""
     grey = gx.orbit.ThermalProperties(CAPACITY, absorptivity=0.0, emissivity=0.5)
@@ -210,7 +207,6 @@ def test_infrared_of_the_earth_keeps_a_film_warm(comm) -> None:
     assert end.heat.mean == pytest.approx(expected, rel=1e-4)
 
 
-@pytest.mark.mpi
 def test_albedo_adds_to_the_day_side_only(comm) -> None:
     """The film turns its edge to the Sun and one face to the Earth, above the brightest point."""
     temperatures = []
@@ -239,7 +235,6 @@ def test_albedo_adds_to_the_day_side_only(comm) -> None:
     assert (temperatures[1] / temperatures[0]) ** 4 == pytest.approx(ratio, rel=1e-3)
 
 
-@pytest.mark.mpi
 def test_an_eclipse_cools_the_film_as_fast_as_it_radiates(comm) -> None:
     """From its beginning on, T = T0 (1 + 3 B T0³ t/C)^(-1/3)."""
     # On the night side, with the Sun behind the Earth.

@@ -23,6 +23,7 @@ Call = dict[str, Any]
 # Results and errors, which users do not make, and what takes any number of arguments or none.
 UNCALLED = {
     "orbit.MagneticDipole",  # needs ERFA
+    "orbit.HeatBalance",
     "steppers.EndPoint",
     "analysis.Derivative",
     "analysis.RunTape",
@@ -406,6 +407,26 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "stepper": gx.Midpoint(dt=0.1),
             "outputs": [],
             "halvings": 8,
+        },
+        "materials.ThermalExpansion": {
+            "alpha": 2e-5,
+            "temperature": 310.0,
+            "reference": 300.0,
+        },
+        "orbit.ThermalProperties": {
+            "heat_capacity": 10.0,
+            "absorptivity": 0.2,
+            "emissivity": (0.1, 0.5),
+        },
+        "orbit.SolarHeating": {
+            "film": film,
+            "orbit": orbit,
+            "properties": gx.orbit.ThermalProperties(10.0, absorptivity=0.2, emissivity=0.5),
+            "initial_temperature": 300.0,
+            "space_temperature": 2.7,
+            "infrared": 237.0,
+            "albedo": 0.3,
+            "shadow_pixels": 8,
         },
         "orbit.SolarPressure": {
             "body": film,

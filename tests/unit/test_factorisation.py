@@ -118,3 +118,61 @@ def test_a_coarse_space_is_set_up_anew_after_a_failure():
     assert "singular" in factorisation.set_up(pc)
     pc.setOperators(matrix([1.0, 4.0, 2.0]))
     assert factorisation.set_up(pc) == ""
+
+
+def blocks_of_three(dense: np.ndarray) -> PETSc.Mat:
+    """A dense array as a matrix of 3 x 3 blocks, all of which are stored."""
+    n = len(dense) // 3
+    ends = np.arange(0, n * n + 1, n, dtype=PETSc.IntType)
+    columns = np.tile(np.arange(n, dtype=PETSc.IntType), n)
+    blocks = dense.reshape(n, 3, n, 3).transpose(0, 2, 1, 3)
+    values = np.ascontiguousarray(blocks).ravel()
+    A = PETSc.Mat().createBAIJ(dense.shape, 3, csr=(ends, columns, values), comm=PETSc.COMM_SELF)
+    return A
+
+
+def factorised(dense: np.ndarray) -> PETSc.PC:
+    A = blocks_of_three(dense)
+    pc = PETSc.PC().create(PETSc.COMM_SELF)
+    pc.setOperators(A)
+    factorisation.choose_for_steps(pc, A)
+    assert str(pc.getPythonContext()) == "a factorisation of blocks"
+    return pc
+
+
+def solution(pc: PETSc.PC, right: np.ndarray) -> np.ndarray:
+    pc.setUp()
+    x, b = pc.getOperators()[0].createVecs()
+    b.array[:] = right
+    pc.apply(b, x)
+    found: np.ndarray = x.array_r.copy()
+    return found
+
+
+def test_blocks_are_factorised_whether_or_not_they_need_pivots():
+    """Without pivoting the second matrix has no factors: its diagonal blocks are zero."""
+    random = np.random.default_rng(3)
+    definite = random.normal(size=(12, 12)) + 12 * np.eye(12)
+    saddle = random.normal(size=(12, 12))
+    for k in range(0, 12, 3):
+        saddle[k : k + 3, k : k + 3] = 0
+    right = random.normal(size=12)
+    pc = factorised(definite)
+    assert solution(pc, right) == pytest.approx(np.linalg.solve(definite, right), rel=1e-12)
+    pc.setOperators(blocks_of_three(saddle))
+    assert solution(pc, right) == pytest.approx(np.linalg.solve(saddle, right), rel=1e-11)
+    pc.setOperators(blocks_of_three(2 * definite))
+    assert solution(pc, right) == pytest.approx(np.linalg.solve(definite, right) / 2, rel=1e-12)
+
+
+def test_singular_blocks_are_told_and_the_next_matrix_is_solved():
+    """A row of zeros has no pivot; the iteration that asked ends with NaN and goes on with the next matrix."""
+    definite = np.eye(6)
+    singular = np.diag([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])
+    pc = factorised(singular)
+    assert np.isnan(solution(pc, np.ones(6))).all()
+    assert "MUMPS: the matrix is singular" in factorisation.reason(pc)
+    pc.getPythonContext().recover()
+    pc.setOperators(blocks_of_three(definite))
+    assert solution(pc, np.ones(6)) == pytest.approx(np.ones(6), rel=1e-15)
+    assert factorisation.reason(pc) == ""

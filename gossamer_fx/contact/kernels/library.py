@@ -17,6 +17,7 @@ SOURCES = (
     "ccd.c",
     "intersections.c",
     "pass_through.c",
+    "separation.c",
     "potential.c",
     "block_pattern.c",
 )

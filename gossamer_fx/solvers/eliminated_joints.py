@@ -1,0 +1,196 @@
+"""Preconditioner for films with a few other unknowns: hubs, tethers and multipliers are eliminated exactly.
+
+Problem.  An incomplete factorisation needs a diagonal without zeros, which Lagrange multipliers do not have.
+A film of any size would therefore be factorised completely because of one hub.
+
+Idea.  With the unknowns f of films and the few others g,
+
+    [ F  B ] [z_f]   [r_f]
+    [ C  D ] [z_g] = [r_g]                                                                    (1)
+
+F is factorised incompletely, F̃ ≈ F, and g is eliminated.  With Z = F̃⁻¹ B and Σ = D - C Z,
+
+    z_g = Σ⁻¹ (r_g - C F̃⁻¹ r_f)                                                               (2)
+    z_f = F̃⁻¹ r_f - Z z_g                                                                     (3)
+
+Algorithm.
+
+1. F with all couplings of contact is factorised with two levels of fill.  Without these couplings the packed
+   sail of IKAROS takes 9 to 55 Krylov iterations, with them 1 to 8.
+2. Z is computed once a step, by an application of F̃⁻¹ for each column of B.
+3. Where F is too ill-conditioned, as in slack film and long steps, Krylov iterations rise.  If a solve has
+   taken more of them than a complete factorisation costs, matrices are factorised for some steps.
+
+Limits.  One rank, and bodies whose nodes have three unknowns.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+from scipy.linalg import lu_factor, lu_solve
+
+import gossamer_fx.solvers.factorisation as factorisation
+from gossamer_fx.algebra.numbering import PREFIX
+from gossamer_fx.model.body import Array
+
+if TYPE_CHECKING:
+    from gossamer_fx.system.system import System
+
+# Levels of fill of F̃: of the packed sail with 30 thousand unknowns none takes 2 to 194 Krylov iterations, two 1 to 8.
+ILU_LEVELS = 2
+
+# Largest number of unknowns g: an application of F̃⁻¹ for each, once a step.
+MAX_ELIMINATED = 60
+
+# Krylov iterations of a solve that cost as much as a complete factorisation.
+MAX_APPLICATIONS = 30
+
+# Steps in which matrices are then factorised, before F̃ is tried again.
+FACTORISED_STEPS = 10
+
+
+def eliminated_unknowns(system: System) -> npt.NDArray[np.intp] | None:
+    """Positions (k,) of the unknowns g of a scene; None if this preconditioner does not serve it."""
+    numbering = system.numbering
+    if system.comm.size > 1 or numbering.block_size != 3:
+        return None
+    is_film = np.zeros(numbering.size_local, dtype=bool)
+    for body in system.fields:
+        if body.block.size == 3:
+            is_film[system.block(body).owned] = True
+    eliminated = np.flatnonzero(~is_film)
+    if not 0 < len(eliminated) <= MAX_ELIMINATED:
+        return None
+    return eliminated
+
+
+class EliminatedJoints:
+    """The preconditioner (2) and (3), as PETSc's Python preconditioner.
+
+    Args:
+        system: compiled scene, whose time and step length tell when a new step begins.
+        eliminated: of `eliminated_unknowns`.
+
+    Attributes:
+        needs_couplings: all couplings of contact are part of its matrix.
+        problem: why the last factorisation failed; empty if it did not.
+    """
+
+    needs_couplings = True
+
+    def __init__(self, system: System, eliminated: Array) -> None:
+        """Find the unknowns of films; there is no matrix yet."""
+        self._system = system
+        self._rest = eliminated.astype(PETSc.IntType)
+        films = np.setdiff1d(np.arange(system.numbering.size_local), eliminated)
+        self._films = films
+        self._film_set = PETSc.IS().createBlock(3, (films[::3] // 3).astype(PETSc.IntType))
+        self._incomplete = PETSc.PC().create(PETSc.COMM_SELF)
+        self._incomplete.setOptionsPrefix(PREFIX + "local_")
+        self._complete = PETSc.PC().create(PETSc.COMM_SELF)
+        factorisation.choose(self._complete)
+        self._is_complete = False
+        self._complete_steps = 0  # left before F̃ is tried again
+        self._step: tuple[float, float] | None = None  # time and length of the step of Z
+        self._applications = 0  # since the last set-up
+        self._Z: Array = np.zeros((0, len(films)))
+        self.problem = ""
+
+    def __str__(self) -> str:
+        return f"ilu of {ILU_LEVELS} levels and {len(self._rest)} unknowns eliminated"
+
+    def setUp(self, pc: PETSc.PC) -> None:
+        """Set up for the present matrix; called by PETSc."""
+        matrix = pc.getOperators()[0]
+        step = self._system.time, self._system.h
+        is_new_step = step != self._step
+        self._step = step
+        if is_new_step and self._complete_steps:
+            self._complete_steps -= 1
+        if self._applications > MAX_APPLICATIONS:
+            self._complete_steps = FACTORISED_STEPS
+        self._applications = 0
+        self._is_complete = self._complete_steps > 0
+        if self._is_complete:
+            factorisation.replace(self._complete, matrix)
+            self.problem = factorisation.set_up(self._complete)
+        else:
+            self._set_up_incomplete(matrix, is_new_step)
+
+    def _set_up_incomplete(self, matrix: PETSc.Mat, is_new_step: bool) -> None:
+        """Factorise F incompletely, and eliminate g."""
+        F = matrix.createSubMatrix(self._film_set, self._film_set)
+        # A new object: the pattern of contact differs from that of the matrix before.
+        self._incomplete.destroy()
+        self._incomplete = PETSc.PC().create(PETSc.COMM_SELF)
+        self._incomplete.setOptionsPrefix(PREFIX + "local_")
+        self._incomplete.setType("ilu")
+        self._incomplete.setFactorOrdering("rcm")
+        self._incomplete.setFactorLevels(ILU_LEVELS)
+        self._incomplete.setFromOptions()
+        self._incomplete.setOperators(F)
+        self._incomplete.setUp()
+        self.problem = ""
+        if self._incomplete.getFailedReason() != PETSc.PC.FailedReason.NOERROR:
+            self.problem = "PETSc: the incomplete factorisation of the films failed"
+            return
+        self._right, self._solution = F.createVecs()
+        self._take_rows(matrix)
+        if is_new_step or len(self._Z) != len(self._rest):
+            columns = self._columns(matrix)
+            self._Z = np.array([self._films_of(column) for column in columns])
+        self._schur = lu_factor(self._D - self._C @ self._Z.T, check_finite=False)
+
+    def _take_rows(self, matrix: PETSc.Mat) -> None:
+        """Read C (k, films) and D (k, k), row by row."""
+        rows = np.zeros((len(self._rest), matrix.getSize()[0]))
+        for k, row in enumerate(self._rest):
+            columns, values = matrix.getRow(int(row))
+            rows[k, columns] = values
+        self._C = rows[:, self._films]
+        self._D = rows[:, self._rest]
+
+    def _columns(self, matrix: PETSc.Mat) -> Array:
+        """B (films, k), as k rows."""
+        unit, product = matrix.createVecs()
+        columns = np.zeros((len(self._rest), len(self._films)))
+        for k, column in enumerate(self._rest):
+            unit.zeroEntries()
+            unit.array[column] = 1.0
+            matrix.mult(unit, product)
+            columns[k] = product.array_r[self._films]
+        return columns
+
+    def _films_of(self, values: Array) -> Array:
+        """F̃⁻¹ of some values (films,)."""
+        if not values.any():
+            return np.zeros(len(values))
+        self._right.array[:] = values
+        self._incomplete.apply(self._right, self._solution)
+        solution: Array = self._solution.array_r.copy()
+        return solution
+
+    def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
+        """Compute z from r by (2) and (3); called by PETSc."""
+        self._applications += 1
+        if self.problem:
+            # The caller's iteration ends, and the step is repeated.
+            z.array[:] = np.nan
+            return
+        if self._is_complete:
+            self._complete.apply(r, z)
+            return
+        values = r.array_r
+        of_films = self._films_of(values[self._films])
+        of_rest = lu_solve(self._schur, values[self._rest] - self._C @ of_films, check_finite=False)
+        with z as out:
+            out[self._films] = of_films - of_rest @ self._Z
+            out[self._rest] = of_rest
+
+    def recover(self) -> None:
+        """Become usable again after a matrix, such as an infinite one, that could not be factorised."""
+        self._step = None

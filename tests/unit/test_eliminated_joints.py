@@ -1,0 +1,114 @@
+"""The preconditioner that eliminates hubs and multipliers: it solves, and knows when to factorise instead."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import gossamer_fx as gx
+import gossamer_fx.solvers.linear as linear
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.solvers import eliminated_joints
+from gossamer_fx.solvers.eliminated_joints import EliminatedJoints, eliminated_unknowns
+
+LAW = gx.Miyazaki(1e8, 0.3, density=1400.0, thickness=1e-5, residual_stiffness=1e-3)
+
+
+def hung_film(comm, cells=6, *more):
+    """A film that is thrown off a free hub on four ropes."""
+    film = gx.Membrane(
+        sheet(comm, cells, cells),
+        LAW,
+        name="film",
+        velocity=lambda X: np.vstack([0 * X[0], 0 * X[0], X[0] * (1 - X[0])]),
+    )
+    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name="hub")
+    items: list[object] = [film, hub, gx.Damping(film, stiffness_factor=1e-4)]
+    for k, corner in enumerate([(0.0, 0, 0), (1.0, 0, 0), (0.0, 1, 0), (1.0, 1, 0)]):
+        anchor = np.subtract(corner, (0.0, 0.1, 0.0))
+        items.append(
+            gx.connectors.Rope(
+                hub.port(tuple(anchor)),
+                film.port_at(corner),
+                length=0.1,
+                stiffness=1e2,
+                name=f"rope {k}",
+            )
+        )
+    return gx.Simulation(gx.Scene(*items, *more), gx.Midpoint(dt=1e-3))
+
+
+def run_iteratively(comm, monkeypatch, **limits):
+    """The run with the preconditioner, whatever its size."""
+    monkeypatch.setattr(linear, "MAX_UNKNOWNS_DIRECT", 0)
+    for name, value in limits.items():
+        monkeypatch.setattr(eliminated_joints, name, value)
+    run = hung_film(comm)
+    monkeypatch.undo()
+    return run
+
+
+def test_steps_are_those_of_a_factorisation(monkeypatch):
+    """Energy and momenta are kept, and the state is the same to the tolerance of Newton's iteration."""
+    comm = MPI.COMM_SELF
+    run = run_iteratively(comm, monkeypatch)
+    solver = run.solver.newton
+    assert solver.ksp.getType() == "gmres"
+    assert isinstance(solver._preconditioner.getPythonContext(), EliminatedJoints)
+    other = hung_film(comm)
+    assert other.solver.newton.ksp.getType() == "preonly"
+    start = run.totals.momentum.copy()
+    for simulation in (run, other):
+        simulation.run(until=5e-3)
+    assert abs(run.energy_error) < 1e-9 * run.totals.energy
+    assert run.totals.momentum == pytest.approx(start, abs=1e-9)
+    difference = run.system.q0.array_r - other.system.q0.array_r
+    assert np.linalg.norm(difference) < 1e-7 * np.linalg.norm(other.system.q0.array_r)
+    assert solver.linear_iterations < 8 * solver.all_iterations
+
+
+def test_one_application_solves_where_the_films_are_factorised_completely(monkeypatch):
+    """With enough levels of fill F̃ is F, and the elimination exact, multipliers included."""
+    run = run_iteratively(MPI.COMM_SELF, monkeypatch)
+    system = run.system
+    system.begin_step(1e-3)
+    system.set_inertia(2e6)
+    zero = system.numbering.vector()
+    system.predict(zero)
+    system.set_increment(zero, None)
+    A = system.tangent()
+    monkeypatch.setattr(eliminated_joints, "ILU_LEVELS", 1000)
+    unknowns = eliminated_unknowns(system)
+    assert len(unknowns) == 12 + 6
+    exact = EliminatedJoints(system, unknowns)
+    pc = PETSc.PC().create(PETSc.COMM_SELF)
+    pc.setOperators(A)
+    exact.setUp(pc)
+    r, z = A.createVecs()
+    r.setRandom()
+    exact.apply(pc, r, z)
+    left = A * z - r
+    assert left.norm() < 1e-9 * r.norm()
+
+
+def test_matrices_are_factorised_after_a_solve_that_took_too_long(monkeypatch):
+    """A limit of no application at all lets each solve be too long."""
+    run = run_iteratively(MPI.COMM_SELF, monkeypatch)
+    context = run.solver.newton._preconditioner.getPythonContext()
+    monkeypatch.setattr(eliminated_joints, "MAX_APPLICATIONS", 0)
+    run.run(until=2e-3)
+    assert context._is_complete
+    assert abs(run.energy_error) < 1e-11 * run.totals.energy
+    monkeypatch.undo()
+    run.run(until=2e-3 + 11e-3)
+    assert not context._is_complete
+
+
+@pytest.mark.mpi
+def test_several_ranks_and_many_joints_are_factorised(comm):
+    """There the preconditioner does not serve."""
+    many = [gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name=f"body {k}") for k in range(4)]
+    system = hung_film(comm, 6, *many).system
+    assert eliminated_unknowns(system) is None
