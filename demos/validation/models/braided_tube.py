@@ -378,7 +378,7 @@ def band_port(film: gx.Membrane) -> Port:
         corners = mesh.geometry.x[mesh.geometry.dofmap[cell]]
         area = np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0])) / 2
         shares[film.space.dofmap.cell_dofs(cell)[3:]] += area / 3
-    # Ranks add their parts: a node at the border of two of them occurs twice.
+    # Ranks add their parts: a node at the boundary of two of them occurs twice.
     nodes = np.flatnonzero(shares)
     return mean_of(film, nodes, shares[nodes])
 
@@ -411,7 +411,7 @@ def build(tube: Tube, comm: MPI.Intracomm, around: int) -> Model:
     apothem = tube.radius / λ_H * side_angle / 2 / math.tan(side_angle / 2)
 
     def inflate(X: Array) -> Array:
-        """From the prism to the inflated circular tube; its end keeps its proportions."""
+        """From the prism to the inflated circular tube; its end has constant proportions."""
         angle = np.arctan2(X[1], X[2])
         from_middle = np.mod(angle, side_angle) - side_angle / 2
         # At the corners both ends of the interval are the same side of the polygon.
