@@ -1,7 +1,7 @@
 """How does the pressure of an airbag follow its volume?
 
 A `Chamber` knows the mass m and the energy U of its gas, and takes its volume V from the deformed
-film in every iteration.  There is no curve of pressure to give.  While no heat and no gas pass,
+film in every iteration.  No curve of pressure is prescribed.  While no heat and no gas pass,
 
     dU = -p dV,   U = p V/(γ - 1)    hence    p V^γ = constant      (a fast event)
 
@@ -12,7 +12,7 @@ isothermal.  Here a plate squeezes a closed bag within 0.1 s, with G = 0, with �
 with a perfect wall.  The exponent -d ln p/d ln V comes out as 1.400, 1.16, and 1.000.
 
 Where the values come from:
-    adiabat, isotherm  any book on thermodynamics, e.g. Shapiro, Compressible Fluid Flow (1953) ch. 1
+    adiabat, isotherm  Shapiro, Dynamics and Thermodynamics of Compressible Fluid Flow (1953) ch. 1
     film               of the stiffness of a coated nylon fabric: 400 MPa, 0.3 mm
     bag, pressure      chosen: 0.3 m across, 20 kPa above an atmosphere
 

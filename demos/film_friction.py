@@ -7,17 +7,17 @@ turn at the left and at the right edge, each of the n - 1 gaps between them carr
     F = (n - 1) μ p A                           to pull the odd sheets out between the even ones
     F dx                                        is dissipated, `run.totals.losses["contact"]`
 
-so a thin stack holds far more than a sheet on a table: friction adds up, as between the pages of two
-books.  The table printed compares F with the mean force of contact while the sheets slide, for two
-to five sheets and three pressures.  The sheets vibrate; the means agree with F within 2 %.  Energy
-closes to 1e-9, with the heat of friction counted.
+so a thin stack holds far more than a sheet on a table: friction adds up over the gaps.  The table
+printed compares F with the mean force of contact while the sheets slide, for two to five sheets and
+three pressures.  The sheets vibrate; the means agree with F within 2 %.  Energy closes to 1e-9, with
+the heat of friction counted.
 
 Coulomb's law needs care in three points.  Below `slip_velocity` the force falls to zero, so that
 sheets at rest creep (1 mm/s by default: give less for long times).  Static and sliding friction are
 the same.  An `Equilibrium` has no friction: pull slowly in a `Simulation` instead.
 
 Where the values come from:
-    μ = 0.4            chosen; polyimide on itself: 0.48 (DuPont, Kapton HN data sheet H-38492: kinetic)
+    μ = 0.4            chosen; ASTM D1894 is the test that gives it for a film
     sheets             chosen: 0.1 m × 0.1 m × 0.1 mm, 0.2 mm apart, pulled at 20 mm/s
 
     ./gossamer demo film_friction

@@ -2,24 +2,24 @@
 
 A start needs no history of folding: the position of every point of the flat film is given, by a map
 of `gx.fold` or by `displacement`.  The order is in the result, as the order of the layers, and in
-what can move at the same time:
+what can move at the same time.
 
-1.  Folds that cross at right angles go one after the other.  Only when the first is shut, and all
-    layers lie on each other, can the second turn without stretching the film.  Halving a square
-    along x and then along y stacks its quarters as 10, 00, 01, 11 from top to bottom; along y
-    first as 01, 00, 10, 11.  The first fold made is the last to open.
-2.  Folds of a Miura sheet, whose lines are not at right angles, turn all at once.  `gx.fold.Miura` has
-    one angle θ, and the film is not stretched at any: its energy is round-off.
+Folds that cross at right angles go one after the other.  Only when the first is shut, and all layers
+lie on each other, can the second turn without stretching the film.  Halving a square along x and then
+along y stacks its quarters as 10, 00, 01, 11 from top to bottom; along y first as 01, 00, 10, 11.
+The first fold made is the last to open.
 
-Layers must start apart.  `Contact` refuses a start in which they pierce or coincide, and the probe
+Folds of a Miura sheet, whose lines are not at right angles, turn all at once.  `gx.fold.Miura` has one
+angle θ, and the film is not stretched at any: its energy is round-off.
+
+Layers must start apart.  `Contact` refuses a start in which they intersect or coincide, and the probe
 `ContactGap` is the smallest gap.  A gap between shut layers costs strain where the outer layer goes
 round the inner one.  The energies printed say so: with a second fold by a right angle the film has
 12 kJ while the first one is open by 90° (it would tear), and 0.3 J at 1°; a Miura sheet has 1e-27 J.
 The gap of the quarters that are opened by 1° and 3° is 3 µm, next to the corner where the folds cross.
 
 Where the values come from:
-    single vertex      two straight lines that cross: the turned first fold stiffens the second, as a
-                       bent sheet does (Gauss: a developable surface is straight in one direction)
+    crossing folds     Gauss: a sheet that does not stretch is straight in one direction wherever it bends
     Miura              Schenk & Guest (2013), doi:10.1073/pnas.1217998110
     film, size         polyimide of 25 µm, 0.2 m × 0.2 m
 
@@ -79,7 +79,8 @@ def folded_twice(first: str, openings: tuple[float, float]) -> Callable[[Array],
         first: direction of the line that is folded first.
         openings: angles [rad] between the halves, of the first and of the second fold.
     """
-    a, b = (0, 1) if first == "x" else (1, 0)
+    a = "xy".index(first)
+    b = 1 - a
 
     def displacement(X: Array) -> Array:
         x = np.zeros_like(X)

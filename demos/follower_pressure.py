@@ -1,8 +1,8 @@
 """What is a follower pressure, and what does its stiffness change?
 
-`Pressure` acts along the normal of the deformed film, and `Chamber` likewise.  When the film turns,
-the force turns with it: the linearised load is a stiffness, which the package always includes.  A
-dead load keeps the direction that it had.  The difference is large where pressure is what carries.
+`Pressure` acts along the normal of the deformed film, and so does the gas of a `Chamber`.  When the
+film turns, the force turns with it: the linearised load is a stiffness, which the package always
+includes.  A dead load keeps the direction that it had.
 A ring (a slice of a long cylinder) of radius R and mass per area μ, without bending stiffness, under
 the pressure p inside vibrates without stretching, n waves around, at
 
@@ -69,7 +69,8 @@ def build(comm: MPI.Intracomm, dead: bool = False, around: int = 48) -> gx.Equil
     """A free ring of `around` edges, whose points stay in their planes x = constant."""
     width = 2 * np.pi * RADIUS / around
     film = gx.Membrane(cylinder(comm, RADIUS, width, around, 1, order=2), FILM, order=2)
-    load = DeadPressure(film, PRESSURE) if dead else gx.Pressure(film, PRESSURE)
+    kind = DeadPressure if dead else gx.Pressure
+    load = kind(film, PRESSURE)
     plane = gx.Fixed(film, "wall", components=(0,))
     return gx.Equilibrium(gx.Scene(film, load, plane))
 

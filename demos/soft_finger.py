@@ -113,7 +113,7 @@ class Controller:
         """Nothing to prepare."""
 
     def record(self, run: Any, last: bool) -> None:
-        """Measure the angle after a step; valves keep their areas within the next one."""
+        """Measure the angle after a step; the areas of the valves are constant within the next one."""
         angle = self._finger.angle(run)
         self.angles.append(angle)
         self.error = TARGET - angle

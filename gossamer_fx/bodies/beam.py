@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
@@ -22,7 +23,6 @@ from gossamer_fx.checks.errors import check_on_all
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr, beam_strain
 from gossamer_fx.materials.film import constants
-from gossamer_fx.materials.thermal import ThermalExpansion
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array, Indices, Port, Vector
 from gossamer_fx.model.state import State
@@ -31,6 +31,9 @@ from gossamer_fx.sections import Section
 from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy
 from gossamer_fx.terms.point_constraints import PointConstraint
+
+if TYPE_CHECKING:
+    from gossamer_fx.materials.thermal import ThermalExpansion
 
 # Sine of the angle between the given normal and the beam, below which the normal counts as parallel
 # to it: the direction of the section would be round-off.

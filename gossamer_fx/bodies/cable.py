@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import ufl
 from dolfinx.mesh import Mesh as DolfinxMesh
@@ -21,13 +21,15 @@ from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, bar_strain
 from gossamer_fx.forms.strain_path import Piece
 from gossamer_fx.materials.film import constants, parameters
-from gossamer_fx.materials.thermal import ThermalExpansion
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy
+
+if TYPE_CHECKING:
+    from gossamer_fx.materials.thermal import ThermalExpansion
 
 
 class BarLaw:

@@ -10,11 +10,11 @@ from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.bodies.meshed import Meshed
 from gossamer_fx.checks.errors import check
-from gossamer_fx.materials.thermal import ThermalExpansion
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Block
 
 if TYPE_CHECKING:
+    from gossamer_fx.materials.thermal import ThermalExpansion
     from gossamer_fx.terms.thermal_strain import ThermalStrain
 
 

@@ -31,7 +31,6 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, frame, green_lagrange, surface_gradient, tension
 from gossamer_fx.forms.strain_path import Piece
 from gossamer_fx.materials.film import FilmLaw, constants, parameters
-from gossamer_fx.materials.thermal import ThermalExpansion
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array, Block
 from gossamer_fx.model.state import State
@@ -40,6 +39,7 @@ from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy
 
 if TYPE_CHECKING:
+    from gossamer_fx.materials.thermal import ThermalExpansion
     from gossamer_fx.terms.thermal_strain import ThermalStrain
 
 

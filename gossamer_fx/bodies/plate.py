@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
@@ -31,7 +31,6 @@ from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.forms.tied_strain import tied_strain
 from gossamer_fx.materials.film import FilmLaw
-from gossamer_fx.materials.thermal import ThermalExpansion
 from gossamer_fx.mesh.edges import EdgeTable
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.mesh.quality import area_vectors, corner_points
@@ -39,6 +38,9 @@ from gossamer_fx.model.body import Array, Indices
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.quadratic_energies import QuadraticEnergy
+
+if TYPE_CHECKING:
+    from gossamer_fx.materials.thermal import ThermalExpansion
 
 # Sine of the angle between neighbouring cells below which they count as lying in one plane.
 FLAT = 1e-6

@@ -497,6 +497,8 @@ _SIMPLE: dict[Any, Kind] = {
 def _shown(value: Any) -> str:
     """A value as a message shows it: itself if that is short, else its class."""
     text = repr(value)
-    if "\n" in text or len(text) > _MAX_SHOWN or " object at " in text:
+    # Objects show in angle brackets what they contain, which is not what is wrong with them.
+    is_object = text.startswith("<")
+    if "\n" in text or len(text) > _MAX_SHOWN or is_object or " object at " in text:
         return f"of the kind {type(value).__name__}"
     return text

@@ -105,11 +105,6 @@ class CompiledContacts(
         for contact_set in self.contact_sets.values():
             contact_set.limit_update(update)
 
-    def separate(self, q: PETSc.Vec, change: PETSc.Vec) -> bool:
-        # All are asked, whatever the first one says: each is collective.
-        found = [contact_set.separate(q, change) for contact_set in self.contact_sets.values()]
-        return any(found)
-
     def set_static_load(self, force: float) -> None:
         for contact_set in self.contact_sets.values():
             contact_set.set_static_load(force)

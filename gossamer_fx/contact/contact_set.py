@@ -51,7 +51,6 @@ from gossamer_fx.contact.potential import (
     evaluate,
     pair_starts,
 )
-from gossamer_fx.contact.separation import Separation
 from gossamer_fx.contact.system_view import ContactAssembly
 
 if TYPE_CHECKING:
@@ -128,7 +127,6 @@ class ContactSet:
         self.acting_count = 0
         self.closest = math.inf
         self._restored = history.restored
-        self._separation = Separation(self.points, system)
         self._turns = LargeTurns(mesh, activation_distance, system)
         self._start_time = 0.0  # of x0
         self._end_time = 0.0
@@ -264,8 +262,6 @@ class ContactSet:
         self.search.begin_step()
         self._start = self._distances_at(self.x0) or PairDistances.of(self.candidates, self.x0)
         self._grow_activation()
-        if self._alpha < 1:
-            self._separation.begin_step()
         # For the predicted end; `extend_active_set` corrects it after the solution.
         step = StepDistances(self._start, predicted, FAR * self.activation_distance)
         self._set_active(step.may_touch(self._activation_distances()))
@@ -444,18 +440,6 @@ class ContactSet:
             way = np.linalg.norm(rows[:, :3], axis=1)
             # A whole node keeps the direction of its update.
             rows *= np.minimum(1.0, longest / np.maximum(way, TINY))[:, None]
-
-    def separate(self, q: PETSc.Vec, change: PETSc.Vec) -> bool:
-        """Add to a vector what parts pairs that passed through each other at coordinates q; collective.
-
-        Returns:
-            whether there are any on any rank.
-        """
-        # An equilibrium has no start from which a pair could have passed.
-        if self.pairs is None or self._alpha == 1:
-            return False
-        x1 = self.points.at(q, self._end_time)
-        return self._separation.of(self.pairs, self.x0, x1, change)
 
     # ---- forces ----
 

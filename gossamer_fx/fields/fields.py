@@ -59,6 +59,9 @@ from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import gradient
 from gossamer_fx.terms.element_energies import thermal_strain_of
 
+# Fields of `fields.wrinkles`
+WRINKLE_MAPS = ("wrinkle_slope", "wrinkle_amplitude", "wrinkle_direction")
+
 # Values of the field "state" by name
 STATES = {"slack": SLACK, "wrinkled": WRINKLED, "taut": TAUT}
 
@@ -276,6 +279,11 @@ class FieldFunctions:
     ) -> Callable[[], None]:
         """What sets the function of a field to the accepted state."""
         field = FIELDS[function.name]
+        if function.name in WRINKLE_MAPS:
+            # Imported here, as few outputs need it.
+            from gossamer_fx.fields.wrinkles import WrinkleMap
+
+            return WrinkleMap(function, body, system).update
         if field.expression is None:
             return partial(_COLLECTORS[function.name], function, body, system)
         points = interpolation_points(function.function_space)
@@ -319,14 +327,6 @@ def _collect_group(function: fem.Function, film: MeshBody, system: System) -> No
         if other is film:
             nodes = cell_nodes(function.function_space)[: len(parts)]
             function.x.array[nodes] = parts[:, None]
-
-
-def _collect_wrinkles(function: fem.Function, film: MeshBody, system: System) -> None:
-    """Set a function to a map of the wrinkles."""
-    # Imported here, as few outputs need it.
-    from gossamer_fx.fields.wrinkles import collect_wrinkles
-
-    collect_wrinkles(function, film, system)
 
 
 def _collect_cell_values(function: fem.Function, body: MeshBody, system: System) -> None:
@@ -386,9 +386,6 @@ _COLLECTORS: dict[str, Collector] = {
     "pressure": _collect_pressure,
     "temperature": _collect_temperature,
     "group": _collect_group,
-    "wrinkle_slope": _collect_wrinkles,
-    "wrinkle_amplitude": _collect_wrinkles,
-    "wrinkle_direction": _collect_wrinkles,
     "fold_angle": _collect_cell_values,
     "contact_pressure": _collect_node_values,
     "mode_amplitude": _collect_node_values,

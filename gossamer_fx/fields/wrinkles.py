@@ -26,7 +26,7 @@ import math
 import numpy as np
 import ufl
 from dolfinx import fem, la
-from dolfinx.mesh import Mesh as DomainMesh
+from dolfinx.mesh import Mesh
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
@@ -35,7 +35,7 @@ from gossamer_fx.forms.backend import interpolation_points
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.spaces import cell_nodes
-from gossamer_fx.materials.film import FilmLaw
+from gossamer_fx.materials.film import FilmLaw, IsotropicFilm
 from gossamer_fx.mesh.quality import area_vectors, corner_points
 from gossamer_fx.model.body import Array, MeshBody
 from gossamer_fx.system.system import System
@@ -52,52 +52,92 @@ TENSION = 6
 LEAST_TENSION = 1e-12
 
 
-def collect_wrinkles(function: fem.Function, film: MeshBody, system: System) -> None:
-    """Set a function on a film to one of the maps, which its name tells.  Collective."""
-    shape = BodyShape(system, film)
-    shape.update()
-    body = shape.body
-    tensors, tension = _smoothed(shape, body)
-    eigenvalues, vectors = np.linalg.eigh(tensors)
-    excess = np.maximum(eigenvalues, 0.0).sum(axis=1)
-    slope = 2 * np.sqrt(excess)
-    at_vertices: Array
-    if function.name == "wrinkle_slope":
-        at_vertices = slope
-    elif function.name == "wrinkle_amplitude":
-        at_vertices = slope * _half_wavelength(body, tension) / math.pi
-    else:
-        at_vertices = _crests(shape, tensors, vectors)
-    _spread(function, body, at_vertices)
+class WrinkleMap:
+    """Sets a function on a film to one of the maps, which its name tells; compiled once.
+
+    Args:
+        function: on the film's mesh, with one of the names of the maps.
+        film: in the system.
+        system: the compiled scene.
+
+    Raises:
+        InputError: the law of the film has no maps.
+    """
+
+    def __init__(self, function: fem.Function, film: MeshBody, system: System) -> None:
+        self._function = function
+        self._shape = BodyShape(system, film)
+        body = self._shape.body
+        _check_law(body)
+        domain = body.space.mesh
+        self._cellwise = fem.Function(
+            fem.functionspace(domain, ("Discontinuous Lagrange", 0, (TENSION + 1,)))
+        )
+        points = interpolation_points(self._cellwise.function_space)
+        self._expression = compile_expression(_tensor_and_tension(self._shape), points)
+        self._linear = fem.Function(
+            fem.functionspace(domain, ("Lagrange", 1, tuple(function.ufl_shape)))
+        )
+
+    def update(self) -> None:
+        """Set the function to the accepted state.  Collective."""
+        self._shape.update()
+        body = self._shape.body
+        tensors, tension = self._smoothed()
+        eigenvalues, vectors = np.linalg.eigh(tensors)
+        excess = np.maximum(eigenvalues, 0.0).sum(axis=1)
+        slope = 2 * np.sqrt(excess)
+        at_vertices: Array
+        if self._function.name == "wrinkle_slope":
+            at_vertices = slope
+        elif self._function.name == "wrinkle_amplitude":
+            at_vertices = slope * _half_wavelength(body, tension) / math.pi
+        else:
+            at_vertices = _crests(self._shape, tensors, vectors)
+        # Linear between the vertices.
+        self._linear.x.array[:] = at_vertices.ravel()
+        self._function.interpolate(self._linear)
+
+    def _smoothed(self) -> tuple[Array, Array]:
+        """A in space (n, 3, 3) and the tension T [N/m] (n,) at the local vertices, as local means."""
+        cellwise = self._cellwise
+        cellwise.interpolate(self._expression)
+        cellwise.x.scatter_forward()
+        # Values of all local cells, ghosts included, in the order of the cells.
+        rows = cell_nodes(cellwise.function_space).ravel()
+        values = cellwise.x.array.reshape(-1, TENSION + 1)[rows]
+        values = _smooth(cellwise.function_space.mesh, values)
+        tensors = np.zeros((len(values), 3, 3))
+        for k, (i, j) in enumerate(SYMMETRIC):
+            tensors[:, i, j] = values[:, k]
+            tensors[:, j, i] = values[:, k]
+        return tensors, values[:, TENSION]
 
 
 def wrinkling_strain(film: Membrane, e: Expr) -> Expr:
-    """A of (1) as (A11, A22, 2 A12) in the frame of the film, of a strain e without thermal strain."""
+    """A of (1) as (A11, A22, 2 A12) in the frame of the film, of its elastic strain e."""
     stress = gradient(film.density, e)
     return film.law.taut_strain(stress, film.constants) - e
 
 
 def _check_law(film: Membrane) -> None:
-    """Refuse laws without the strain of a stress, and those in C, whose stress takes minutes to compile in UFL.
+    """Refuse laws without the strain of a stress, and orthotropic ones, whose stress takes minutes to compile in UFL.
 
     Raises:
         InputError: names the film and its law.
     """
     law = type(film.law)
-    is_known = law.taut_strain is not FilmLaw.taut_strain and law.c_law is FilmLaw.c_law
+    has_maps = issubclass(law, IsotropicFilm) and law.taut_strain is not FilmLaw.taut_strain
     check(
-        is_known,
+        has_maps,
         f"'{film.name}' has no maps of wrinkles, as its law is {law.__name__}; use the field 'state', or an isotropic "
         "law.",
     )
 
 
-def _smoothed(shape: BodyShape, film: Membrane) -> tuple[Array, Array]:
-    """A in space (n, 3, 3) and the tension T [N/m] (n,) at the local vertices of the mesh, as local means."""
-    domain = film.space.mesh
-    in_cells = fem.functionspace(domain, ("Discontinuous Lagrange", 0, (TENSION + 1,)))
-    cellwise = fem.Function(in_cells)
-    _check_law(film)
+def _tensor_and_tension(shape: BodyShape) -> Expr:
+    """The components of A in space and the tension T [N/m], as an expression (7,)."""
+    film = shape.body
     elastic = shape.elastic_strain()
     strain = wrinkling_strain(film, elastic)
     in_frame = ufl.as_matrix([[strain[0], strain[2] / 2], [strain[2] / 2, strain[1]]])
@@ -107,22 +147,10 @@ def _smoothed(shape: BodyShape, film: Membrane) -> tuple[Array, Array]:
     mean = (stress[0] + stress[1]) / 2
     radius = ufl.sqrt(((stress[0] - stress[1]) / 2) ** 2 + stress[2] ** 2)
     numbers = [in_space[i, j] for i, j in SYMMETRIC]
-    expression = ufl.as_vector([*numbers, mean + radius])
-    cellwise.interpolate(compile_expression(expression, interpolation_points(in_cells)))
-
-    # Values of all local cells, ghosts included, in the order of the cells.
-    cellwise.x.scatter_forward()
-    rows = cell_nodes(in_cells).ravel()
-    values = cellwise.x.array.reshape(-1, TENSION + 1)[rows]
-    values = _smooth(domain, values)
-    tensors = np.zeros((len(values), 3, 3))
-    for k, (i, j) in enumerate(SYMMETRIC):
-        tensors[:, i, j] = values[:, k]
-        tensors[:, j, i] = values[:, k]
-    return tensors, values[:, TENSION]
+    return ufl.as_vector([*numbers, mean + radius])
 
 
-def _smooth(domain: DomainMesh, in_cells: Array) -> Array:
+def _smooth(domain: Mesh, in_cells: Array) -> Array:
     """Values (vertices, k) at the vertices: means over the cells around them, weighted by area, several times."""
     at_vertices = fem.functionspace(domain, ("Lagrange", 1))
     dofmap = at_vertices.dofmap
@@ -132,11 +160,11 @@ def _smooth(domain: DomainMesh, in_cells: Array) -> Array:
 
     def mean_at_vertices(values: Array) -> Array:
         sums = la.vector(dofmap.index_map, values.shape[1] + 1)
-        weighted = np.column_stack([values, np.ones(len(values))]) * areas[: len(values), None]
+        weighted = np.column_stack([values[:own], np.ones(own)]) * areas[:own, None]
         table = sums.array.reshape(-1, values.shape[1] + 1)
         # Each rank adds its own cells; the sums of shared vertices are completed by the exchange.
         for corner in range(3):
-            np.add.at(table, nodes[:own, corner], weighted[:own])
+            np.add.at(table, nodes[:own, corner], weighted)
         sums.scatter_reverse(la.InsertMode.add)
         sums.scatter_forward()
         means: Array = table[:, :-1] / table[:, -1:]
@@ -155,10 +183,9 @@ def _half_wavelength(film: Membrane, tension: Array) -> Array:
     areas = np.linalg.norm(area_vectors(corner_points(domain))[:own], axis=1)
     length = math.sqrt(film.comm.allreduce(float(areas.sum())))
     law = film.law
-    # An orthotropic film has no E; the modulus of its second axis stands for it.
-    modulus: float = getattr(law, "E", 0.0) or getattr(law, "E2", 0.0)
-    nu = getattr(law, "nu", 0.0)
-    bending = modulus * law.thickness**3 / (12 * (1 - nu**2))
+    # `_check_law` leaves isotropic laws only.
+    assert isinstance(law, IsotropicFilm)
+    bending = law.E * law.thickness**3 / (12 * (1 - law.nu**2))
     is_taut = tension > LEAST_TENSION
     ratio = np.where(is_taut, bending / np.where(is_taut, tension, 1.0), 0.0)
     found: Array = math.sqrt(math.pi * length) * ratio**0.25
@@ -168,8 +195,6 @@ def _half_wavelength(film: Membrane, tension: Array) -> Array:
 def _crests(shape: BodyShape, tensors: Array, vectors: Array) -> Array:
     """Unit vectors (n, 3) along the crests at the local vertices: in the film, normal to n of (1)."""
     across = vectors[:, :, -1]
-    # The normal of the film is the eigenvector of the eigenvalue that is zero: the smallest in size is that of the
-    # normal or of the crest, both of which are perpendicular to n; the crest is the one nearer to the film.
     normals = _normals(shape)
     crests = np.cross(normals, across)
     lengths = np.linalg.norm(crests, axis=1, keepdims=True)
@@ -188,11 +213,3 @@ def _normals(shape: BodyShape) -> Array:
     positions = shape.q.x.array.reshape(-1, 3)
     corners = positions[cell_nodes(space)[:, :3]]
     return _smooth(space.mesh, area_vectors(corners))
-
-
-def _spread(function: fem.Function, film: Membrane, at_vertices: Array) -> None:
-    """Set a function to the values at the vertices, linear between them."""
-    shape = at_vertices.shape[1:]
-    linear = fem.Function(fem.functionspace(film.space.mesh, ("Lagrange", 1, shape)))
-    linear.x.array[:] = at_vertices.ravel()
-    function.interpolate(linear)

@@ -57,7 +57,7 @@ from gossamer_fx.model.body import Array
 # Values at the first and the second end of an opening; complex for derivatives by complex steps.
 Pair = tuple[Number, Number]
 
-# Pressure [Pa] and temperature [K] at one place
+# Pressure [Pa] and temperature [K] at one end of an opening
 State = tuple[Number, Number]
 
 # An end of an opening: the number of a chamber, or a boundary of constant state.

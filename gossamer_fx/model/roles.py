@@ -189,14 +189,6 @@ class ActiveSet(Protocol):
         """Shorten a Newton update (n,) of this rank's coordinates, in place (step-length control)."""
         ...
 
-    # Not abstract: a user's connectivity may have no sides.
-    def separate(self, q: PETSc.Vec, change: PETSc.Vec) -> bool:
-        """Add to a vector the displacements [m] that put pairs back that passed each other at coordinates q.
-
-        Collective.  Returns whether any rank has added some.
-        """
-        return False
-
     # Not abstract: dynamics has no such load.
     def set_static_load(self, force: float) -> None:
         """Take the norm [N] of all loads of an equilibrium, which pairs may have to carry."""

@@ -292,6 +292,7 @@ def record_modes(
     *,
     amplitude: float | None = None,
     frames: int = PERIOD_FRAMES,
+    overwrite: bool = False,
 ) -> list[Path]:
     """Write each mode as a recording over one period, for animations and pictures.
 
@@ -304,6 +305,7 @@ def record_modes(
         folder: in which a folder is made for each mode.
         amplitude: largest displacement of a node [m]; default: 0.05 of the largest side of the scene.
         frames: states of a period, at least two.
+        overwrite: whether records that are in the folders already are replaced.
 
     Returns:
         The folders of the modes.
@@ -333,7 +335,8 @@ def record_modes(
             f"record_modes: nothing moves in mode {number}; give modes of this equilibrium.",
         )
         path = Path(folder) / f"mode_{number}"
-        recording = _mode_recording(equilibrium, path, f"Mode {number}: {mode.frequency:.4g} Hz")
+        title = f"Mode {number}: {mode.frequency:.4g} Hz"
+        recording = _mode_recording(equilibrium, path, title, overwrite)
         run = ModeRun(equilibrium, mode, number, amplitude, frames)
         try:
             run.show(0)
@@ -350,13 +353,13 @@ def record_modes(
     return folders
 
 
-def _mode_recording(equilibrium: Equilibrium, path: Path, title: str) -> Recording:
+def _mode_recording(equilibrium: Equilibrium, path: Path, title: str, overwrite: bool) -> Recording:
     """The recording of a mode, with the fields of modes for films."""
     fields = {}
     for body in equilibrium.system.bodies:
         if isinstance(body, Membrane) and is_on_mesh(body):
             fields[body.name] = MODE_FIELDS
-    return Recording(path, fields, title=title, every=1)
+    return Recording(path, fields, title=title, every=1, overwrite=overwrite)
 
 
 def _open(run: StaticRun, outputs: Sequence[Output]) -> FileLocks:

@@ -122,8 +122,7 @@ def read_vtu(path: Path) -> Grid:
     """
     try:
         root = ElementTree.fromstring(path.read_text(encoding="utf-8"))
-        points: Array = np.zeros((0, 3))
-        arrays = {}
+        arrays: dict[str, npt.NDArray] = {}
         for element in root.iter("DataArray"):
             arrays[element.attrib["Name"]] = _values(element)
         points = arrays.pop("Points")

@@ -317,7 +317,7 @@ def label_ends(axes: Axes, ends: Mapping[str, tuple[float, str]]) -> None:
     )
     texts = [wrapped(plain_text(name), _LABEL_WIDTH, _LABEL_LINES) for _, name, _ in labels]
     lines = np.array([len(text.splitlines()) for text in texts])
-    # Where there is no room for two lines each, a long name loses its middle instead.
+    # A long name loses its middle if the axes are too low for two lines each.
     if (_LABEL_PITCH * lines + _LABEL_GAP).sum() > 1:
         texts = [wrapped(plain_text(name), _LABEL_WIDTH, 1) for _, name, _ in labels]
         lines = np.ones(len(labels), dtype=int)

@@ -19,7 +19,7 @@ from gossamer_fx.plot.camera import Camera, aim, render
 from gossamer_fx.plot.colours import Colouring, colouring, sampled
 from gossamer_fx.plot.curve_panels import overlay_curves, run_curves
 from gossamer_fx.plot.measured_series import read_measured
-from gossamer_fx.plot.page import Views, write_page
+from gossamer_fx.plot.page import WIDTH, Views, write_page
 from gossamer_fx.plot.run_reader import RunReader
 from gossamer_fx.plot.shapes import Integers, Shape
 from gossamer_fx.plot.units import NAMES, scaled
@@ -41,8 +41,15 @@ _SAME_SCALE = 1.05
 # Enough for a smooth motion; more frames make the file larger.
 _FRAMES_PER_SECOND = 20
 
-# Pixels per inch of a page that is 12 inches wide: 960 pixels.
-_ANIMATION_DPI = 80
+# Pixels of the width of an animation of a wide scene; of a tall one it is less.
+_ANIMATION_PIXELS = 960
+
+# Most pixels per inch of an animation: more make letters and files large.
+_MAX_ANIMATION_DPI = 120
+
+# Least width of the page of an animation, which its key needs, and the height of its picture [inches].
+_MIN_ANIMATION_WIDTH = 5.0
+_ANIMATION_HEIGHT = 5.0
 
 # Height of the letters of the time, and their distance above the image [inches].
 _TIME_SIZE = 0.13
@@ -58,7 +65,7 @@ _MIN_PAUSE = 20
 _SHORT_OF_WHITE = 250
 
 # Bits of red, green and blue by which the colours of a GIF are told apart before its palette is made.
-_COLOUR_BITS = 5
+_COLOUR_BITS = 7
 
 # Smallest interval of recorded times whose digits are shown, in the unit of the times.
 _MIN_INTERVAL = 1e-6
@@ -389,16 +396,20 @@ def _images(
 
     file = BytesIO()
     views = Views(captions=[" "], size=camera.size, draw=blank, key=colours.key)
-    place = write_page(file, run.title, views, dpi=_ANIMATION_DPI)
+    # The page is as wide as its picture: a tall scene would leave most of a wide one empty.
+    width = min(max(_ANIMATION_HEIGHT * camera.aspect, _MIN_ANIMATION_WIDTH), WIDTH)
+    dpi = min(round(_ANIMATION_PIXELS / width), _MAX_ANIMATION_DPI)
+    place = write_page(file, run.title, views, dpi=dpi, width=width)
     assert place is not None
     written = Image.open(file).convert("RGB")
-    # MP4 needs an even number of rows.
+    # MP4 needs even numbers of rows and columns.
     even_height = 2 * ((written.height + 1) // 2)
-    page = Image.new("RGB", (written.width, even_height), "white")
+    even_width = 2 * ((written.width + 1) // 2)
+    page = Image.new("RGB", (even_width, even_height), "white")
     page.paste(written, (0, 0))
-    letters = round(_TIME_SIZE * _ANIMATION_DPI)
+    letters = round(_TIME_SIZE * dpi)
     font = ImageFont.truetype(f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf", letters)
-    caption = (place.left, place.top - _TIME_ABOVE * _ANIMATION_DPI)
+    caption = (place.left, place.top - _TIME_ABOVE * dpi)
     factor, prefix = scaled(float(run.times[-1]))
     # As many digits as tell two records from each other, the same in all frames.
     shortest = max(np.diff(run.times).min(initial=1.0) / factor, _MIN_INTERVAL)

@@ -29,13 +29,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 from scipy.linalg import lu_factor, lu_solve
 
 import gossamer_fx.solvers.factorisation as factorisation
 from gossamer_fx.algebra.numbering import PREFIX
-from gossamer_fx.model.body import Array
+from gossamer_fx.model.body import Array, Indices
 
 if TYPE_CHECKING:
     from gossamer_fx.system.system import System
@@ -53,7 +52,7 @@ MAX_APPLICATIONS = 30
 FACTORISED_STEPS = 10
 
 
-def eliminated_unknowns(system: System) -> npt.NDArray[np.intp] | None:
+def eliminated_unknowns(system: System) -> Indices | None:
     """Positions (k,) of the unknowns g of a scene; None if this preconditioner does not serve it."""
     numbering = system.numbering
     if system.comm.size > 1 or numbering.block_size != 3:
@@ -62,7 +61,7 @@ def eliminated_unknowns(system: System) -> npt.NDArray[np.intp] | None:
     for body in system.fields:
         if body.block.size == 3:
             is_film[system.block(body).owned] = True
-    eliminated = np.flatnonzero(~is_film)
+    eliminated = np.flatnonzero(~is_film).astype(PETSc.IntType)
     if not 0 < len(eliminated) <= MAX_ELIMINATED:
         return None
     return eliminated
@@ -82,10 +81,10 @@ class EliminatedJoints:
 
     needs_couplings = True
 
-    def __init__(self, system: System, eliminated: Array) -> None:
-        """Find the unknowns of films; there is no matrix yet."""
+    def __init__(self, system: System, eliminated: Indices) -> None:
+        """Find the unknowns of films; `setUp` takes the first matrix."""
         self._system = system
-        self._rest = eliminated.astype(PETSc.IntType)
+        self._rest = eliminated
         films = np.setdiff1d(np.arange(system.numbering.size_local), eliminated)
         self._films = films
         self._film_set = PETSc.IS().createBlock(3, (films[::3] // 3).astype(PETSc.IntType))
@@ -187,10 +186,14 @@ class EliminatedJoints:
         values = r.array_r
         of_films = self._films_of(values[self._films])
         of_rest = lu_solve(self._schur, values[self._rest] - self._C @ of_films, check_finite=False)
+        if not np.isfinite(of_rest).all():
+            self.problem = "the Schur complement of the joints is singular"
         with z as out:
             out[self._films] = of_films - of_rest @ self._Z
             out[self._rest] = of_rest
 
     def recover(self) -> None:
-        """Become usable again after a matrix, such as an infinite one, that could not be factorised."""
+        """Become usable again after a system that was not solved: the next ones are factorised if this failed."""
         self._step = None
+        if self.problem:
+            self._complete_steps = FACTORISED_STEPS

@@ -116,7 +116,7 @@ class BlockFactors:
         self._with_pivots = PETSc.PC().create(PETSc.COMM_SELF)
         choose(self._with_pivots)
         self._in_use = self._without_pivots
-        self._right: PETSc.Vec | None = None
+        self._right: PETSc.Vec = None
 
     def setUp(self, pc: PETSc.PC) -> None:
         """Factorise the matrix of the preconditioner; called by PETSc."""

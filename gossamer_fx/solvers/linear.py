@@ -36,12 +36,11 @@ All options can be overridden by those of PETSc with the prefix `gx_` (e.g. `-gx
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import gossamer_fx.solvers.factorisation as factorisation
-from gossamer_fx.model.body import Array
+from gossamer_fx.model.body import Array, Indices
 from gossamer_fx.system.system import System
 from gossamer_fx.system.tangent import Tangent
 
@@ -305,7 +304,7 @@ def configure(
         largest_direct = MAX_UNKNOWNS_DIRECT_WITH_CONTACT
     is_small = system.numbering.size <= largest_direct
     is_free = PETSc.Options(pc.getOptionsPrefix()).getString("pc_type", "python") == "python"
-    eliminated: npt.NDArray[np.intp] | None = None
+    eliminated: Indices | None = None
     if system.constraints is not None and is_free and not (direct or is_small):
         # Imported here, as scenes without joints must not pay for it.
         from gossamer_fx.solvers.eliminated_joints import EliminatedJoints, eliminated_unknowns

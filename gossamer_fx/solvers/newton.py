@@ -19,15 +19,13 @@ of iterates, and a line search, which evaluates it elsewhere, must not be used.
 
 Algorithm.
 
-1. Start at w = 0 and at the first guess of y.  Fixed coordinates have their values of the end of the step,
-   and layers that pass through each other in the prediction are parted.
+1. Start at w = 0 and at the first guess of y.  Fixed coordinates have their values of the end of the step.
 2. Compute ε from (3), then r and s.
 3. If r and s pass the test of convergence (below), replace ε by the true strain e(q1) and evaluate
    r and s again.  If they pass again, go to step 6; otherwise continue with these strains.
 4. Assemble the tangent.  The first `geometric_stiffness_delay` tangents of a step have no geometric
    stiffness, as long as the residual is above `COMPLETE_TANGENT_RATIO` of the first one.
-5. Solve the linear system (`solvers.linear`), shorten the update where contact requires it, part layers
-   that would have passed through each other (`contact.separation`), go to 2.
+5. Solve the linear system (`solvers.linear`), shorten the update where contact requires it, go to 2.
 6. If contact pairs were missing, add them and continue from 2, at most `MAX_ACTIVE_SET_UPDATES` times.
 7. Refuse an inadmissible solution, e.g. one with interpenetration.
 
@@ -291,9 +289,6 @@ class Newton:
         self._r.zeroEntries()
         with self._r as w:
             w[self.system.supports.held] = self._fixed_values
-        displacements = self.system.separation(self._r)
-        if displacements is not None:
-            self._r.array[:] += displacements
         self._composite.join(self._r, y, self._x)
         self.iterations = 0
         self._iterate()
@@ -371,21 +366,9 @@ class Newton:
         return w, y
 
     def _limit_update(self, x: PETSc.Vec, update: PETSc.Vec) -> bool:
-        """Shorten and correct an update where contact requires it.
-
-        Returns True, as PETSc asks whether it changed.
-        """
-        n = self._composite.n
+        """Shorten an update where contact requires it; returns True, as PETSc asks whether it changed."""
         with update as values:
-            self.system.limit_update(values[:n])
-        # PETSc subtracts the update.
-        w, _ = self._split(x)
-        with w as values:
-            values -= update.array_r[:n]
-        displacements = self.system.separation(w)
-        if displacements is not None:
-            with update as values:
-                values[:n] -= displacements
+            self.system.limit_update(values[: self._composite.n])
         return True
 
     def _jacobian(

@@ -226,9 +226,8 @@ def _draw_panel(
         label = ", ".join(f"{name} {value_text(result.values[name])}" for name in others)
         level = result.values[first]
         # Words are drawn at equal distances, numbers on their scale.
-        x = float(levels.index(level)) if _has_words(levels) else float(level)
-        y = result.numbers.get(number, np.nan)
-        curves.setdefault(label, []).append((x, y))
+        position = float(levels.index(level)) if _has_words(levels) else float(level)
+        curves.setdefault(label, []).append((position, result.numbers.get(number, np.nan)))
     ends = {}
     for (label, points), colour in zip(curves.items(), cycle(LINES), strict=False):
         at_levels, numbers = np.array(sorted(points)).T

@@ -112,7 +112,6 @@ class System:
         self.previous = numbering.vector()
         self._scratch = numbering.vector()
         self._momenta = numbering.vector()
-        self._change = numbering.vector()
         self.state = State(self.bodies, self.comm, self.q0, self.v0)
         self.end = State(self.bodies, self.comm, self.q1, self.v0)
         self.fields: dict[Body, Coordinates] = {
@@ -332,20 +331,6 @@ class System:
         """Shorten a Newton update (n,) of the owned coordinates, in place, where contact needs it."""
         for active_set in self.active_sets:
             active_set.limit_update(update)
-
-    def separation(self, w: PETSc.Vec) -> Array | None:
-        """What has to be added to an iterate w so that contact pairs are on the sides where they began.
-
-        Returns:
-            displacements (n,) [m] of the owned unknowns; None if no pair has passed another.  Collective.
-        """
-        if not self.active_sets:
-            return None
-        self.increment.end(w, self.q0, self._scratch)
-        self._change.zeroEntries()
-        found = [one.separate(self._scratch, self._change) for one in self.active_sets]
-        displacements: Array = self._change.array_r
-        return displacements if any(found) else None
 
     def set_inertia(self, c: float, offset: PETSc.Vec | None = None) -> None:
         """Choose c [1/s²] and o [m] (none: zero) of the inertia c M (w + o)."""

@@ -485,6 +485,12 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "loads.Torque": {"frame": A, "torque": z},
         "connectors.TorsionDamper": {**hinge, "damping": 1.0},
         "connectors.TorsionSpring": {**hinge, "stiffness": 1.0, "rest_angle": 0.0},
+        "outputs.VTU": {
+            "path": folder / "a.pvd",
+            "fields": ("displacement",),
+            "every": 1,
+            "times": (0.1,),
+        },
         "outputs.VTX": {
             "path": folder / "a.bp",
             "fields": ("displacement",),
@@ -600,6 +606,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "folder": folder / "hostile modes",
             "amplitude": 0.1,
             "frames": 2,
+            "overwrite": True,
         },
         "plot.modes": {
             "folders": [inputs.mode],
@@ -622,6 +629,13 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "array": "L18",
             "usual": {"a": 1},
         },
+        "sweep.Factorial": {
+            "outcome": lambda comm, folder, **values: {"y": 1.0},
+            "over": {"a": [1, 2]},
+            "listed": False,
+        },
+        "plot.InlineReport": {"run": reader, "height": 500},
+        "plot.export": {"run": reader, "folder": folder / "vtu"},
         "plot.RunReader": {"folder": inputs.run},
         "plot.animate": {"run": reader, "field": "state", "path": folder / "a.gif", "seconds": 0.1},
         "plot.curves": {"run": reader, "path": folder / "a.png"},

@@ -106,6 +106,17 @@ def test_matrices_are_factorised_after_a_solve_that_took_too_long(monkeypatch):
     assert not context._is_complete
 
 
+def test_a_singular_elimination_is_followed_by_factorisations(monkeypatch):
+    """A Schur complement of zeros ends the iteration, and the step is made with complete factors."""
+    run = run_iteratively(MPI.COMM_SELF, monkeypatch)
+    context = run.solver.newton._preconditioner.getPythonContext()
+    zeros = (np.full((18, 18), np.nan), np.arange(18))
+    monkeypatch.setattr(eliminated_joints, "lu_factor", lambda *given, **named: zeros)
+    run.run(until=2e-3)
+    assert context._is_complete
+    assert abs(run.energy_error) < 1e-11 * run.totals.energy
+
+
 @pytest.mark.mpi
 def test_several_ranks_and_many_joints_are_factorised(comm):
     """There the preconditioner does not serve."""

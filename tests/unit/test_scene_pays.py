@@ -61,6 +61,9 @@ ABSENT_PARTS = {
     "terms.point_loads",
     "terms.point_masses",
     "terms.quadratic_energies",
+    "materials.thermal",
+    "terms.thermal_strain",
+    "bodies.thermal_expansion",
 }
 
 

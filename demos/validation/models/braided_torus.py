@@ -530,8 +530,16 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     With the input "second_pressure" the pressure goes to that, under the first forces of the cables.
     """
     torus = Torus.read(inputs)
-    cells = torus.cells or (QUICK_CELLS if quick else CELLS)
-    line, remaining = corrected(torus, comm, cells, QUICK_CORRECTIONS if quick else CORRECTIONS)
+    cells = CELLS
+    corrections = CORRECTIONS
+    increment = INCREMENT
+    if quick:
+        cells = QUICK_CELLS
+        corrections = QUICK_CORRECTIONS
+        increment = QUICK_INCREMENT
+    if torus.cells is not None:
+        cells = torus.cells
+    line, remaining = corrected(torus, comm, cells, corrections)
     if "second_pressure" in inputs:
         return _inflate_further(torus, inputs, comm, line, cells[1])
     model = build(torus, comm, line, cells[1], torus.tube.pressure)
@@ -544,7 +552,7 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     radii = [model.line()[:, 0]]
     shortening = 0.0
     while loads[-1] < torus.largest_load and shortening < LARGEST_SHORTENING:
-        shortening += QUICK_INCREMENT if quick else INCREMENT
+        shortening += increment
         found = search.find(at=shortening)
         iterations += found.iterations
         seconds += found.seconds

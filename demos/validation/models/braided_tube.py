@@ -127,6 +127,11 @@ class Tube:
             deflection=inputs.number("deflection", "m", above=0),
         )
         tube.check_angles(inputs.where)
+        check(
+            tube.deflection < tube.half_span,
+            f"{inputs.where}: deflection is {tube.deflection:g} m; give one below half_span, "
+            f"{tube.half_span:g} m.",
+        )
         band_end = tube.load_at + BAND_WIDTH * tube.radius
         check(
             tube.radius < tube.load_at and band_end < tube.half_span,
@@ -246,8 +251,10 @@ def _wall_triangles(number: Array, first: int, last: int) -> list[tuple[int, int
     found = []
     for i in range(first, last):
         for k in range(number.shape[1] - 1):
-            a, b = number[i, k], number[i + 1, k]
-            c, d = number[i + 1, k + 1], number[i, k + 1]
+            a = number[i, k]
+            b = number[i + 1, k]
+            c = number[i + 1, k + 1]
+            d = number[i, k + 1]
             found += [(a, b, c), (a, c, d)]
     return found
 
@@ -378,7 +385,7 @@ def band_port(film: gx.Membrane) -> Port:
         corners = mesh.geometry.x[mesh.geometry.dofmap[cell]]
         area = np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0])) / 2
         shares[film.space.dofmap.cell_dofs(cell)[3:]] += area / 3
-    # Ranks add their parts: a node at the boundary of two of them occurs twice.
+    # Ranks add their parts: a node that two of them share occurs twice.
     nodes = np.flatnonzero(shares)
     return mean_of(film, nodes, shares[nodes])
 
@@ -411,7 +418,7 @@ def build(tube: Tube, comm: MPI.Intracomm, around: int) -> Model:
     apothem = tube.radius / λ_H * side_angle / 2 / math.tan(side_angle / 2)
 
     def inflate(X: Array) -> Array:
-        """From the prism to the inflated circular tube; its end has constant proportions."""
+        """From the prism to the inflated circular tube; the proportions of its end are constant."""
         angle = np.arctan2(X[1], X[2])
         from_middle = np.mod(angle, side_angle) - side_angle / 2
         # At the corners both ends of the interval are the same side of the polygon.
@@ -458,10 +465,13 @@ def _cords(tube: Tube, film: gx.Membrane, around: int, λ_L: float) -> Iterable[
         if line > around:
             # In the other half; its mirror image is in this one.
             continue
-        is_in_plane = line in (0, around)
+        share = 1.0
+        if line in (0, around):
+            # In the plane of symmetry: the other half of the tube has the other half of the cord.
+            share = 0.5
         yield gx.connectors.Tape.along_edges(
             film,
-            tube.cord_law(0.5 if is_in_plane else 1.0),
+            tube.cord_law(share),
             edges=f"line {line}",
             length_factor=factor,
             name=f"cord at {round(math.degrees(angle))} degrees",
@@ -504,7 +514,11 @@ def bend(model: Model, tube: Tube, step: float) -> tuple[Array, Array, dict[str,
 def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     """The total load [N] against the deflection of midspan [m]."""
     tube = Tube.read(inputs)
-    around = QUICK_CELLS_AROUND if quick else CELLS_AROUND
+    around = CELLS_AROUND
+    step = STEP
+    if quick:
+        around = QUICK_CELLS_AROUND
+        step = QUICK_STEP
     if "cells_around" in inputs:
         around = inputs.whole("cells_around", least=6)
         check(
@@ -512,5 +526,5 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
             f"{inputs.where}: cells_around is {around}; give a multiple of 6, for lines every 30 degrees.",
         )
     model = build(tube, comm, around)
-    deflections, loads, details = bend(model, tube, QUICK_STEP if quick else STEP)
+    deflections, loads, details = bend(model, tube, step)
     return Prediction({"load": Predicted(loads, deflections)}, details)

@@ -78,19 +78,6 @@ ptrdiff_t evaluate_pairs(const active_pairs *pairs, const contact_step *step, co
 /* Stored energy [J] at points x, given the parameters (n, 2) of the closest points; scaled_distance (n): x of each. */
 double stored_energy(const active_pairs *pairs, const double *x, const double *parameters, double *scaled_distance);
 
-/* An iterate x1 whose pairs are to be on the sides on which they are at x0. */
-typedef struct {
-    const double *x0;           /* (m, 3) */
-    double *x1;                 /* (m, 3) changed where pairs passed through each other */
-    const double *mobility;     /* (m) [1/kg] inverse masses; zero for points that stay */
-    const double *distance;     /* (n) [m] at which pairs are put that passed */
-    int max_sweeps;
-} pair_separation;
-
-/* Part pairs that pass through each other on straight lines from x0 to x1, each by opposite impulses on its two sides,
-   in sweeps over all pairs; returns the number of impulses. */
-ptrdiff_t separate_pairs(const pair_list *pairs, const pair_separation *separation);
-
 /* Straight motion of pairs from x0 to x1, on which they shall keep a least gap. */
 typedef struct {
     const double *x0;     /* (m, 3) */

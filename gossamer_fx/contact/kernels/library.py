@@ -17,7 +17,6 @@ SOURCES = (
     "ccd.c",
     "intersections.c",
     "pass_through.c",
-    "separation.c",
     "potential.c",
     "block_pattern.c",
 )

@@ -43,7 +43,7 @@ static pair_vectors vectors_in_one_plane(const pair_vectors *start, const pair_v
     return vectors;
 }
 
-int find_meeting(const pair_frame *frame, const pair_vectors *start, const pair_vectors *end, pair_meeting *found)
+int has_passed_through(const pair_frame *frame, const pair_vectors *start, const pair_vectors *end)
 {
     const double start_volume = volume_of(start);
     if (!(start_volume * volume_of(end) < 0)) return 0;
@@ -63,20 +63,7 @@ int find_meeting(const pair_frame *frame, const pair_vectors *start, const pair_
             squared_motion += change * change;
         }
     }
-    if (!(squared_distance <= MEETING_DISTANCE * squared_motion)) return 0;
-    found->u = u;
-    found->v = v;
-    cross(flat.row[1], flat.row[2], found->normal);
-    const double length = sqrt(dot(found->normal, found->normal));
-    const double side = start_volume > 0 ? 1 : -1;
-    for (int c = 0; c < 3; ++c) found->normal[c] *= side / length;
-    return 1;
-}
-
-int has_passed_through(const pair_frame *frame, const pair_vectors *start, const pair_vectors *end)
-{
-    pair_meeting unused;
-    return find_meeting(frame, start, end, &unused);
+    return squared_distance <= MEETING_DISTANCE * squared_motion;
 }
 
 /* Unit vector along which the distance at the end grows, its weights at the four points, and the signed distance. */

@@ -20,16 +20,6 @@ typedef struct {
     int has_passed;    /* whether the sign has changed */
 } signed_distances;
 
-/* Where the sides of a pair pass through each other on straight lines: the parameters of the point of both, and the unit
-   vector to the side on which r began. */
-typedef struct {
-    double u, v;
-    double normal[3];
-} pair_meeting;
-
-/* Find where the four points of a triangle pair or an edge pair pass through each other; 0 if they do not. */
-int find_meeting(const pair_frame *frame, const pair_vectors *start, const pair_vectors *end, pair_meeting *found);
-
 /* Whether the four points of a triangle pair or an edge pair pass through each other on straight lines. */
 int has_passed_through(const pair_frame *frame, const pair_vectors *start, const pair_vectors *end);
 
