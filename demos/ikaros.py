@@ -13,9 +13,8 @@ sail has decayed.
 Where the values come from:
     square 14.1 m, inner edge 3.2 m, 4 trapezoids of 3.5 kg with devices, 4 masses of 0.5 kg, hub of 290 kg, φ1.6 m
                          JAXA's press kit and the project's blog; here the sail ends at whole rows of folds
-    7.4 rpm in the cross, 2.5 rpm open
-                         project's blog, items 550 and 641 (6 and 16 June 2010); thruster use in between is not known
-    hub 85 kg m²         from the two: a uniform cylinder would have 93
+    7.4 rpm in the cross project's blog, item 550 (6 June 2010); docs/measured.md compares the spin with the flight's
+    hub 85 kg m²         of a uniform cylinder 93; less, as docs/measured.md says
     tethers              1e4 N/m, chosen
     film                 polyimide of 7.5 µm, 3 GPa; devices are spread evenly
     damping              chosen: the flight's is not known

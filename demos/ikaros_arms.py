@@ -17,7 +17,7 @@ from the cross.
 Where the values come from:
     3.5 kg a trapezoid with its devices, 0.5 kg at a tip, hub of 290 kg and 85 kg m², 25 rpm before stage 1
                          JAXA's press kit and the project's blog (item 894); inertia as in `demos/ikaros.py`
-    7.4 rpm after it     project's blog, item 550: "a little over 5 m" of arms were out
+    spin after it        docs/measured.md compares it with the flight's
     rods, brake          chosen: the flight took days, here the arms are out after six seconds
 
     ./gossamer demo ikaros_arms

@@ -17,8 +17,8 @@ than the centrifugal force on the roll, and the film leaves the rods before the 
 Where the values come from:
     sail, hub, tethers, film
                          as in `demos/ikaros.py`, here with a roll that begins at the hub's 0.84 m and grows inwards
-    25 rpm before stage 1, 7.4 rpm with "a little over 5 m" of arms out, 2.5 rpm open
-                         project's blog, items 894, 550, 641; thruster use in between is not known
+    25 rpm before stage 1
+                         project's blog, item 894; docs/measured.md compares the spin with the flight's
     ring, rods, brake, damping
                          chosen; the flight had four guides, and a roll without slack
 

@@ -25,6 +25,9 @@ HEAD = (
     "peer's error",
     "time [s]",
 )
+# Least width of a panel, and width of the label of a value [in].
+PANEL_WIDTH = 3.2
+LABEL_WIDTH = 0.17
 PANELS_IN_A_ROW = 4
 # Of the title of a figure.
 LETTERS_PER_INCH = 12
@@ -130,7 +133,14 @@ def figure(case: Case, stored: Stored, path: Path, quick: bool = False) -> None:
         return
     columns = min(PANELS_IN_A_ROW, len(panels))
     rows = math.ceil(len(panels) / columns)
-    size = (max(3.2 * columns, 5.0), 2.7 * rows + 0.7)
+    # Each value of a panel of values has a label below it.
+    labels = [
+        sum(len(comparison.y_measured) for _, comparison in entries)
+        for (_, test_name), entries in panels.items()
+        if not test_name
+    ]
+    width = max([PANEL_WIDTH, *(LABEL_WIDTH * count for count in labels)])
+    size = (max(width * columns, 5.0), 2.7 * rows + 0.7)
     drawing, axes = pyplot.subplots(
         rows, columns, figsize=size, squeeze=False, layout="constrained"
     )

@@ -1,0 +1,84 @@
+"""Parts of the models of validation against closed forms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from demos.validation.models.capstan import helix, tangent
+from demos.validation.models.hanging_kite import (
+    PulleyEnergy,
+    bending_share,
+    wall_stiffness,
+)
+from demos.validation.models.inflated_cantilever import Cantilever
+
+
+def test_a_line_over_a_pulley_has_one_tension_and_does_the_work_of_its_energy():
+    rng = np.random.default_rng(1)
+    law = PulleyEnergy(k=300.0, L=1.0)
+    e0 = rng.uniform(0.05, 0.3, (50, 2))
+    e1 = rng.uniform(0.05, 0.3, (50, 2))
+    S, D = law.average(e0, e1)
+    work = (S * (e1 - e0)).sum(axis=1)
+    assert work == pytest.approx(law.energy(e1) - law.energy(e0), rel=1e-12, abs=1e-12)
+    # Both parts pull with S l.
+    lengths = np.sqrt(2 * e1)
+    at_end, _ = law.average(e1, e1)
+    assert at_end[:, 0] * lengths[:, 0] == pytest.approx(at_end[:, 1] * lengths[:, 1])
+    is_slack = lengths.sum(axis=1) < 1.0
+    assert is_slack.any() and (at_end[is_slack] == 0).all()
+    step = 1e-6
+    for k in range(2):
+        shifted = e1.copy()
+        shifted[:, k] += step
+        difference = (law.average(e0, shifted)[0] - S) / step
+        assert difference == pytest.approx(D[:, :, k], rel=1e-3, abs=1e-2)
+
+
+def test_a_bent_tube_wrinkles_and_tends_to_the_collapse_moment():
+    radius = 0.08
+    pressure = 3e4
+    stiffness = 2e5
+    first = pressure / (2 * stiffness)
+    assert bending_share(0.9 * first, radius, pressure, stiffness) == 1
+    moments = [
+        bending_share(ratio * first, radius, pressure, stiffness)
+        * ratio
+        * first
+        * stiffness
+        * math.pi
+        * radius**3
+        for ratio in (1.0, 2.0, 5.0, 15.0)
+    ]
+    assert np.all(np.diff(moments) > 0)
+    assert moments[0] == pytest.approx(pressure * math.pi * radius**3 / 2)
+    assert moments[-1] == pytest.approx(pressure * math.pi * radius**3, rel=0.08)
+
+
+def test_the_stiffness_of_a_tube_is_that_of_its_fit():
+    """The secant at the first wrinkle of the tube of 0.13 m at 0.3 bar is 397 N/m, see the case file."""
+    radius = 0.065
+    slope = 3 * math.pi * radius**3 * wall_stiffness(radius, 0.3e5)
+    assert slope == pytest.approx(397.7, rel=1e-3)
+
+
+def test_an_inflated_tube_bears_its_pressure():
+    tube = Cantilever(radius=0.08, length=1.0, pressure=5e4, stiffness=2.2e5, poisson=0.3)
+    λ_L, λ_H = tube.stretches()
+    hoop_strain = tube.pressure * tube.radius / tube.stiffness * (1 - 0.3 / 2)
+    assert λ_H - 1 == pytest.approx(hoop_strain, rel=0.1)
+    assert λ_L - 1 == pytest.approx(hoop_strain * 0.2 / 0.85, rel=0.1)
+
+
+@pytest.mark.parametrize("wrap", [math.pi / 2, 2 * math.pi])
+def test_the_tails_of_a_wound_cable_are_tangents(wrap):
+    points = helix(wrap, math.pi / 30)
+    first = points[0] - points[1]
+    assert first / np.linalg.norm(first) == pytest.approx(tangent(wrap, -1), abs=1e-12)
+    turned = np.diff(points[:, [0, 2]], axis=0)
+    directions = turned / np.linalg.norm(turned, axis=1, keepdims=True)
+    turns = np.arccos(np.clip((directions[1:] * directions[:-1]).sum(axis=1), -1, 1))
+    assert turns.sum() == pytest.approx(wrap, rel=1e-6)
