@@ -9,7 +9,7 @@ An initial stress is converted to the strain that has it, by the stiffness of ta
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,9 @@ from gossamer_fx.model.body import Array
 
 # A tensor (3, 3), or a number for one that is the same in all directions; {group: tensor or number}; or a
 # function of points (3, n) that returns (3, 3, n) or (n,).
-Tensors = Any
+Tensors = (
+    float | Array | Sequence[Sequence[float]] | Mapping[str, Any] | Callable[[Array], Array] | None
+)
 
 # A number; {group: number}; or a function of points (3, n) that returns (n,).
 Numbers = float | Mapping[str, float] | Callable[[Array], Array]

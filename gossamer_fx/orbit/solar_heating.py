@@ -74,6 +74,7 @@ MAX_TEMPERATURE = 1e5
 SPACE_TEMPERATURE = 2.7
 
 
+@check_arguments
 @dataclass(frozen=True)
 class HeatBalance:
     """Heat of a film at one time of a run; see `SolarHeating.balance`.

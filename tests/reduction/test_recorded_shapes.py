@@ -101,7 +101,7 @@ def test_what_is_not_there_is_told_in_one_sentence(folder: Path) -> None:
         (
             sail(WORLD, name="other"),
             folder / "run",
-            "no fields of 'other', but of: the sail; give the film the name",
+            "no fields of 'other' in ADIOS2 files, but fields of: the sail; give the film the name",
         ),
         (
             sail(WORLD, cells=3),

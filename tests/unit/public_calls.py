@@ -229,6 +229,8 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         },
         "constraints.Driven": {"body": block, "axis": z, "angle": lambda t: t},
         "analysis.EnclosedVolume": {"film": film},
+        "analysis.ChamberPressure": {"chamber": tank},
+        "analysis.CrossingTime": {"of": gx.analysis.EnclosedVolume(film), "value": 1e-3},
         "analysis.Energy": {},
         "analysis.Frequency": {"equilibrium": inputs.equilibrium, "number": 1},
         "analysis.Limit": {"of": gx.analysis.Energy(), "low": 0.0, "high": 1.0},
