@@ -402,8 +402,8 @@ def _scene_size(equilibrium: Equilibrium) -> float:
         low = np.minimum(low, positions.min(axis=0, initial=np.inf))
         high = np.maximum(high, positions.max(axis=0, initial=-np.inf))
     comm = equilibrium.comm
-    low = np.asarray(comm.allreduce(low, op=MPI.MIN))
-    high = np.asarray(comm.allreduce(high, op=MPI.MAX))
+    comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
+    comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
     sides = high - low
     # A scene of one point has no size: a metre then.
     return float(sides.max()) or 1.0

@@ -61,7 +61,7 @@ def export(run: RunReader, folder: str | Path) -> list[Path]:
                 if name not in entries:
                     # Of an earlier export, which may have had more times.
                     shutil.rmtree(files, ignore_errors=True)
-                    files.mkdir()
+                    files.mkdir(exist_ok=True)
                     entries[name] = []
                 file = f"{files.name}/{number:05d}.vtu"
                 write_vtu(folder / file, grid)

@@ -14,6 +14,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import crossed_sheet, sheet
+from gossamer_fx.model import roles
 from gossamer_fx.orbit.radiation import (
     STEFAN_BOLTZMANN,
     advance,
@@ -270,15 +271,27 @@ def heated_run(comm, until: float, **options: object) -> tuple[gx.Simulation, ob
 def test_a_restart_goes_on_with_the_temperatures_of_all_triangles(comm, folder: Path) -> None:
     pytest.importorskip("adios2", exc_type=ImportError)  # the light install has none
     whole, heating = heated_run(comm, 1.0)
-    heated_run(comm, 0.5, checkpoints=gx.Checkpoints(folder))
+    half, _ = heated_run(comm, 0.5, checkpoints=gx.Checkpoints(folder))
+    restored, _ = heated_run(comm, 0.5, restart=folder)
+    assert np.array_equal(temperatures_of(restored), temperatures_of(half))
     rest, again = heated_run(comm, 1.0, restart=folder)
     a, b = heating.balance(whole), again.balance(rest)
+    # Hot film wrinkles and flutters: on several ranks the order of sums differs from run to run, and the
+    # motion amplifies it.
+    agreement = 1e-9 if comm.size == 1 else 1e-3
     for name in ("stored", "absorbed", "emitted", "lowest", "highest", "mean"):
-        assert getattr(b, name) == pytest.approx(getattr(a, name), rel=1e-9)
+        assert getattr(b, name) == pytest.approx(getattr(a, name), rel=agreement)
     assert abs(b.error) < 1e-12
     difference = abs(rest.system.q0.array_r - whole.system.q0.array_r).max(initial=0.0)
-    assert difference < 1e-8
+    assert difference < (1e-8 if comm.size == 1 else 1e-2)
     assert abs(rest.energy_error) < 1e-9
+
+
+def temperatures_of(run: gx.Simulation) -> np.ndarray:
+    """Temperatures [K] of this rank's triangles."""
+    (kind,) = roles.playing(roles.CellHistory, run.system.compiled)
+    ((_, temperatures),) = kind.cell_history().values()
+    return temperatures.copy()
 
 
 @pytest.mark.mpi

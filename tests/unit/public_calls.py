@@ -637,7 +637,8 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "listed": False,
         },
         "plot.InlineReport": {"run": reader, "height": 500},
-        "plot.export": {"run": reader, "folder": folder / "vtu"},
+        # Files are exported by one process; here each rank has a folder.
+        "plot.export": {"run": reader, "folder": folder / f"vtu {WORLD.rank}"},
         "plot.RunReader": {"folder": inputs.run},
         "plot.animate": {"run": reader, "field": "state", "path": folder / "a.gif", "seconds": 0.1},
         "plot.curves": {"run": reader, "path": folder / "a.png"},
