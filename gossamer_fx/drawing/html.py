@@ -18,10 +18,15 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
         '<table><tr><th>kind</th></tr><tr><td>a &lt; b</td></tr></table>'
     """
     lines = [_row("th", head)]
-    lines += [_row("td", row) for row in rows]
-    return f"<table>{''.join(lines)}</table>"
+    for row in rows:
+        lines.append(_row("td", row))
+    inside = "".join(lines)
+    return f"<table>{inside}</table>"
 
 
 def _row(kind: str, words: Sequence[str]) -> str:
-    cells = "".join(f"<{kind}>{escape(word)}</{kind}>" for word in words)
+    cells = ""
+    for word in words:
+        text = escape(word)
+        cells += f"<{kind}>{text}</{kind}>"
     return f"<tr>{cells}</tr>"

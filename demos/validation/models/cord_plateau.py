@@ -24,9 +24,12 @@ LEVER_RATIOS = {"1": 0.5, "2": 1.0}
 
 def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     """The total load [N] of the plateau; the quick form is the same."""
-    radius = inputs.number("diameter", "m", above=0) / 2
-    lever_ratio = LEVER_RATIOS[inputs.word("cords_up", tuple(LEVER_RATIOS))]
+    diameter = inputs.number("diameter", "m", above=0)
+    radius = diameter / 2
+    cords_up = inputs.word("cords_up", tuple(LEVER_RATIOS))
+    lever_ratio = LEVER_RATIOS[cords_up]
     cord_force = inputs.number("cord_force", "N", above=0)
     arm = inputs.number("arm", "m", above=0)
     moment = 3 * cord_force * radius * lever_ratio
-    return Prediction({"plateau load": Predicted(2 * moment / arm)})
+    load = 2 * moment / arm
+    return Prediction({"plateau load": Predicted(load)})
