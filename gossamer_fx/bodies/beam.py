@@ -14,7 +14,7 @@ from dolfinx.mesh import Mesh as DolfinxMesh
 from gossamer_fx.algebra.point_measures import PointMeasure
 from gossamer_fx.bodies.curve import Curve
 from gossamer_fx.bodies.frames import Frame
-from gossamer_fx.bodies.initial_strain import Numbers, check_one_given, line_numbers
+from gossamer_fx.bodies.initial_strain import Numbers
 from gossamer_fx.bodies.meshed import PointFunction, checked
 from gossamer_fx.bodies.ports import global_node
 from gossamer_fx.bodies.rigid_body import orthonormality
@@ -93,9 +93,7 @@ class Beam(Curve):
         self._frames: dict[int, Frame] = {}
         # A restart compares this argument, see `outputs.arguments`.
         self._normal = tuple(normal)
-        self._initial_tension = initial_tension
-        self._initial_strain = initial_strain
-        self._prestress()
+        self._take_prestress(initial_tension, initial_strain)
         self._reference = self._stress_free(np.asarray(normal, dtype=float))
 
     def _stress_free(self, normal: Array) -> fem.Function:
@@ -128,27 +126,6 @@ class Beam(Curve):
         """Position and directors (n, 3, 3) of local nodes where the beam is free of stress."""
         q: Array = self._reference.x.array.reshape(-1, 3, 3)[nodes]
         return q
-
-    def _prestress(self) -> None:
-        """Add the initial strain to the constants, from the strain or the force that was given."""
-        check_one_given(self.name, self._initial_strain, self._initial_tension, "initial_tension")
-        if self._initial_strain is not None:
-            what = f"'{self.name}': its initial_strain"
-            self.constants.initial_strain = line_numbers(self.mesh, self._initial_strain, what)
-        if self._initial_tension is not None:
-            what = f"'{self.name}': its initial_tension"
-            self.constants.initial_tension = line_numbers(self.mesh, self._initial_tension, what)
-
-    @property
-    def initial_strain(self) -> Expr | None:
-        """Initial axial strain as a UFL expression; None without prestress."""
-        strain = getattr(self.constants, "initial_strain", None)
-        if strain is not None:
-            return strain
-        force = getattr(self.constants, "initial_tension", None)
-        if force is not None:
-            return force / self.constants.EA
-        return None
 
     def measure(self, q: Expr) -> Expr:
         """Strains (ε, γ2, γ3, κ2, κ3, τ)."""

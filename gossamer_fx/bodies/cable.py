@@ -13,7 +13,7 @@ import ufl
 from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.bodies.curve import Curve
-from gossamer_fx.bodies.initial_strain import Numbers, check_one_given, line_numbers
+from gossamer_fx.bodies.initial_strain import Numbers
 from gossamer_fx.bodies.meshed import PointFunction, checked, positions
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
@@ -179,42 +179,17 @@ class Cable(Curve):
         self.constants = law.constants(self.mesh.domain)
         self._take_expansion("Cable", thermal)
         self.length_factor = length_factor
-        # A restart compares these arguments, see `outputs.arguments`.
-        self._initial_tension = initial_tension
-        self._initial_strain = initial_strain
         self._length_ratio: Expr | None = None
         if length_factor != 1:
             self._length_ratio = constant(self.mesh.domain, length_factor)
-        self._prestress()
+        check(
+            initial_tension is None or isinstance(law, CableLaw),
+            f"'{name}': its initial_tension is given, but {type(law).__name__} does not say which strain has it; give "
+            "initial_strain.",
+        )
+        self._take_prestress(initial_tension, initial_strain)
         self._displacement = checked(displacement, f"Cable '{name}': its displacement", mesh.comm)
         self._velocity = checked(velocity, f"Cable '{name}': its velocity", mesh.comm)
-
-    def _prestress(self) -> None:
-        """Add the initial strain to the constants, from the strain or the tension that was given."""
-        check_one_given(self.name, self._initial_strain, self._initial_tension, "initial_tension")
-        if self._initial_strain is not None:
-            what = f"'{self.name}': its initial_strain"
-            self.constants.initial_strain = line_numbers(self.mesh, self._initial_strain, what)
-        if self._initial_tension is not None:
-            what = f"'{self.name}': its initial_tension"
-            check(
-                isinstance(self.law, CableLaw),
-                f"{what} is given, but {type(self.law).__name__} does not say which strain has it; give "
-                "initial_strain.",
-            )
-            self.constants.initial_tension = line_numbers(self.mesh, self._initial_tension, what)
-
-    @property
-    def initial_strain(self) -> Expr | None:
-        """ε0 as a UFL expression; None without prestress."""
-        strain = getattr(self.constants, "initial_strain", None)
-        if strain is not None:
-            return strain
-        tension = getattr(self.constants, "initial_tension", None)
-        if tension is not None:
-            # At the natural length the tension of the law is EA ε0.
-            return tension / self.constants.EA
-        return None
 
     def measure(self, x: Expr) -> Expr:
         """Strain (ε,) of the law at the positions x: from the natural length, and the initial one."""

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
 
+from gossamer_fx.bodies.initial_strain import Numbers, check_one_given, line_numbers
 from gossamer_fx.bodies.meshed import Meshed
 from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Block
 
@@ -20,6 +23,8 @@ if TYPE_CHECKING:
 
 class Curve(Meshed):
     """A body on line elements: `size` numbers a node, Lagrange elements of an `order`."""
+
+    constants: SimpleNamespace  # of its law or section, as coefficients of forms; EA [N] where there is one
 
     def __init__(
         self,
@@ -42,6 +47,31 @@ class Curve(Meshed):
         # the strain of the element is taken where it does not lock
         self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": max(2 * (order - 1), 1)})
         self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})
+
+    def _take_prestress(self, tension: Numbers | None, strain: Numbers | None) -> None:
+        """Add an initial axial strain to the constants, from the force [N] or the strain that was given."""
+        # A restart compares these arguments, see `outputs.arguments`.
+        self._initial_tension = tension
+        self._initial_strain = strain
+        check_one_given(self.name, strain, tension, "initial_tension")
+        if strain is not None:
+            what = f"'{self.name}': its initial_strain"
+            self.constants.initial_strain = line_numbers(self.mesh, strain, what)
+        if tension is not None:
+            what = f"'{self.name}': its initial_tension"
+            self.constants.initial_tension = line_numbers(self.mesh, tension, what)
+
+    @property
+    def initial_strain(self) -> Expr | None:
+        """Initial axial strain ε0 as a UFL expression; None without prestress."""
+        strain = getattr(self.constants, "initial_strain", None)
+        if strain is not None:
+            return strain
+        tension = getattr(self.constants, "initial_tension", None)
+        if tension is not None:
+            # At the natural length the axial force is EA ε0.
+            return tension / self.constants.EA
+        return None
 
     def _take_expansion(self, kind: str, thermal: ThermalExpansion | None) -> None:
         """Set the thermal expansion, which must be one along the line."""

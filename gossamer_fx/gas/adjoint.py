@@ -281,8 +281,9 @@ class GasAdjoint:
             by_position -= self._to_volumes[k] * of_volume
             by_position += self._to_swept[k] * of_swept
         for loop, gradient, factor in self._to_areas:
-            loop.add_to_vector(by_position, factor * gradient)
-            loop.add_to_vector(by_velocity, self._h / 2 * factor * gradient)
+            # The vectors are those of all unknowns, of which the film has some.
+            loop.add_own(by_position, 0, factor * gradient)
+            loop.add_own(by_velocity, 0, self._h / 2 * factor * gradient)
 
     def add_energy_derivative(self, share: float) -> None:
         """Add a share of ∂U/∂V = p/(γ - 1) of each rigid volume, at a given pressure."""

@@ -388,10 +388,6 @@ class Loop:
         """
         values[self._own - start] += G[self._mine]
 
-    def add_to_vector(self, values: Array, G: Array) -> None:
-        """Add a gradient G (nodes, 3) to this rank's part of a system vector."""
-        values[self._own] += G[self._mine]
-
     def add_tangent(self, A: PETSc.Mat, scale: float) -> None:
         """Add scale · α · ∂G/∂q at q̄, the derivative of scale · G(q̄) by q1; each rank adds its rows."""
         # δG_i = Σ_j a_ij × δx_j, from δn = δx,s × x,r + x,s × δx,r
