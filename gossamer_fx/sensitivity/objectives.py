@@ -257,7 +257,14 @@ class CrossingTime:
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
         """Refuse, as `__call__` does."""
-        self(_View(system))
+        self(SceneView(system))
+
+    def has_passed(self, values: Sequence[float]) -> bool:
+        """Whether the value lies between the last two of these, or is one of them."""
+        if len(values) < 2:
+            return False
+        before, after = values[-2:]
+        return (before - self.value) * (after - self.value) <= 0 and before != after
 
     def found(
         self, times: Sequence[float], values: Sequence[float]
@@ -265,26 +272,24 @@ class CrossingTime:
         """The time, and its derivative with respect to the observed result at each of the states.
 
         Args:
-            times: of the recorded states [s].
+            times: of the states up to the crossing, which is in the last step [s].
             values: of the observed result in them.
 
         Raises:
-            InputError: no two neighbouring values have the wanted one between them.
+            InputError: the value was not passed in the last step.
         """
-        excess = np.asarray(values) - self.value
-        passed = np.flatnonzero((excess[:-1] * excess[1:] <= 0) & (excess[:-1] != excess[1:]))
         check(
-            len(passed) > 0,
+            self.has_passed(values),
             f"CrossingTime: the result does not pass {self.value!r}; in the recorded steps it is between "
             f"{min(values):.6g} and {max(values):.6g}.",
         )
-        first = int(passed[0])
-        before, after = excess[first : first + 2]
-        h = times[first + 1] - times[first]
+        last = len(times) - 1
+        before, after = np.asarray(values[-2:]) - self.value
+        h = times[-1] - times[-2]
         change = after - before
-        time = times[first] - before / change * h
+        time = times[-2] - before / change * h
         # d/d(before) and d/d(after) of t - h before/(after - before)
-        return time, {first: -h * after / change**2, first + 1: h * before / change**2}
+        return time, {last - 1: -h * after / change**2, last: h * before / change**2}
 
 
 @check_arguments
@@ -329,7 +334,7 @@ class Functional:
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
         """Add the given derivative."""
-        found = self._derivative(_View(system))
+        found = self._derivative(SceneView(system))
         with by_position as values:
             for body, by_coordinates in found.items():
                 owned = system.block(body).owned
@@ -342,8 +347,8 @@ class Functional:
                 values[owned] += given
 
 
-class _View:
-    """A compiled scene as a run, for functions of the user."""
+class SceneView:
+    """A compiled scene as a run, for objectives and functions of the user."""
 
     def __init__(self, system: System) -> None:
         self.system = system

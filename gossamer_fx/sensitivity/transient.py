@@ -26,6 +26,7 @@ from gossamer_fx.sensitivity.objectives import (
     FormObjective,
     Objective,
     ScalarObjective,
+    SceneView,
 )
 from gossamer_fx.sensitivity.results import Gradient, collected
 from gossamer_fx.sensitivity.tape import Node, RunTape
@@ -119,14 +120,18 @@ class TransientGradients:
     def _observed(self, objective: Objective) -> tuple[float, Objective, dict[int, float]]:
         """The value of a result, what is observed for it, and the share of each node in its derivative."""
         nodes = self._tape.nodes
+        view = SceneView(self._system)
         if not isinstance(objective, CrossingTime):
-            return objective(_View(self._tape)), objective, {len(nodes) - 1: 1.0}
-        view = _View(self._tape)
+            return objective(view), objective, {len(nodes) - 1: 1.0}
+        times = []
         values = []
         for node in nodes:
             self._tape.restore(node)
+            times.append(node.time)
             values.append(objective.of(view))
-        times = [node.time for node in nodes]
+            # States after the first crossing do not count.
+            if objective.has_passed(values):
+                break
         value, shares = objective.found(times, values)
         return value, objective.of, shares
 
@@ -203,10 +208,3 @@ def growth_of(norms: Sequence[float]) -> float:
     if len(norms) < 3 or middle == 0:
         return 1.0
     return float(np.square(norms[-1] / middle))
-
-
-class _View:
-    """The last state of a tape as a run, for objectives."""
-
-    def __init__(self, tape: RunTape) -> None:
-        self.system = tape.system
