@@ -16,15 +16,14 @@ from gossamer_fx.fields.units import with_unit
 from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.mesh.linear_pieces import linear_pieces
 from gossamer_fx.model.body import Array, MeshBody
+from gossamer_fx.outputs.field_output import FieldOutput
 from gossamer_fx.outputs.output import make_parent
-from gossamer_fx.outputs.schedule import Schedule
 from gossamer_fx.outputs.vtu_format import Entry, Grid, Integers, read_pvd, write_pvd, write_vtu
-from gossamer_fx.outputs.vtx import chosen_body
 from gossamer_fx.probes.run import Run
 
 
 @check_arguments
-class VTU:
+class VTU(FieldOutput):
     """Fields of one body in VTU files, one for each time and rank, and a PVD file that lists them.
 
     The points are at their present positions, so that the deformed shape is seen without a filter; the
@@ -54,6 +53,8 @@ class VTU:
         ['00000.vtu', '00001.vtu', '00002.vtu']
     """
 
+    ending = ".pvd"
+
     def __init__(
         self,
         path: str | Path,
@@ -63,26 +64,9 @@ class VTU:
         every: int = 1,
         times: Sequence[float] = (),
     ) -> None:
-        self.path = Path(path)
-        self.body = body
-        self.fields = fields
-        self.schedule = Schedule(every, tuple(times))
-        check(
-            self.path.suffix == ".pvd",
-            f"VTU cannot write '{path}'; give a name that ends in .pvd.",
-        )
-        check(
-            not isinstance(fields, str),
-            f"VTU '{path}': fields is {fields!r}; give a tuple of names, ({fields!r},).",
-        )
-        self.last_time: float | None = None
+        super().__init__(path, body, fields, every, times)
         self._times: list[float] = []
         self._ranks: list[int] = []  # number of files of each record
-
-    @property
-    def times(self) -> Sequence[float]:
-        """Times that the run must meet [s]."""
-        return self.schedule.times
 
     @property
     def folder(self) -> Path:
@@ -100,7 +84,7 @@ class VTU:
         Raises:
             InputError: an unknown field or body, or a folder that cannot be written.
         """
-        body = chosen_body(f"VTU '{self.path}'", self.body, run)
+        body = self.chosen_body(run)
         make_parent(run.comm, self.path, file=True)
         make_parent(run.comm, self.folder, file=False)
         names = list(dict.fromkeys(["displacement", *self.fields]))

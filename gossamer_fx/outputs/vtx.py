@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import OutputFailure, check, on_rank_zero, write_on_all
 from gossamer_fx.fields.fields import FieldFunctions, check_fields
-from gossamer_fx.model.body import MeshBody, is_on_mesh
+from gossamer_fx.model.body import MeshBody
 from gossamer_fx.outputs import field_files
+from gossamer_fx.outputs.field_output import FieldOutput
 from gossamer_fx.outputs.file_names import segment, segment_number, segments
 from gossamer_fx.outputs.output import Probe, Table, evaluate_probe, make_parent
 from gossamer_fx.outputs.schedule import Schedule
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @check_arguments
-class VTX:
+class VTX(FieldOutput):
     """Fields of one body in an ADIOS2 file, which ParaView shows over time.
 
     In ParaView, "Warp By Vector" deforms the mesh.  One file contains functions of one element.
@@ -53,6 +54,8 @@ class VTX:
         5
     """
 
+    ending = ".bp"
+
     def __init__(
         self,
         path: str | Path,
@@ -62,27 +65,11 @@ class VTX:
         every: int = 1,
         times: Sequence[float] = (),
     ) -> None:
-        self.path = Path(path)
-        self.body = body
-        self.fields = fields
-        self.schedule = Schedule(every, tuple(times))
-        check(
-            self.path.suffix == ".bp", f"VTX cannot write '{path}'; give a name that ends in .bp."
-        )
-        check(
-            not isinstance(fields, str),
-            f"VTX '{path}': fields is {fields!r}; give a tuple of names, ({fields!r},).",
-        )
+        super().__init__(path, body, fields, every, times)
         self._writer: VTXWriter | None = None
         self._segment = 0  # number of the segment that is or was written last
         self._steps = 0  # records in it
-        self.last_time: float | None = None
         self._lengths: field_files.Lengths = {}  # of the segment's files, after the last record
-
-    @property
-    def times(self) -> Sequence[float]:
-        """Times that the run must meet [s]."""
-        return self.schedule.times
 
     @property
     def writes(self) -> Sequence[Path]:
@@ -95,7 +82,7 @@ class VTX:
         Raises:
             InputError: an unknown field or body, or a folder that cannot be written.
         """
-        body = chosen_body(f"VTX '{self.path}'", self.body, run)
+        body = self.chosen_body(run)
         check_fields(body, self.fields)
         make_parent(run.comm, self.path, file=False)
         self._functions = FieldFunctions(run.system, body, self.fields)
@@ -316,32 +303,6 @@ class Probes:
 
     def close(self, run: Run) -> None:
         """Nothing to close: each row is written completely."""
-
-
-def chosen_body(output: str, body: MeshBody | None, run: Run) -> MeshBody:
-    """The body whose fields an output records: the given one, else the only one on a mesh.
-
-    Args:
-        output: kind and path of the output, for messages.
-        body: the body that was asked for, if any.
-        run: with the bodies of its scene.
-
-    Raises:
-        InputError: the body is not in the scene, or none was given and the scene has several.
-    """
-    bodies = [one for one in run.system.bodies if is_on_mesh(one)]
-    names = ", ".join(f"'{one.name}'" for one in bodies) or "none"
-    if body is None:
-        check(
-            len(bodies) == 1,
-            f"{output}: say which body is meant; those on a mesh are: {names}.",
-        )
-        return bodies[0]
-    check(
-        body in bodies,
-        f"{output}: '{body.name}' is not a body of the scene on a mesh; those are: {names}.",
-    )
-    return body
 
 
 def _keep_for_ever(writer: VTXWriter) -> None:
