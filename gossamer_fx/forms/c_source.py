@@ -141,6 +141,25 @@ def declarations_of(header: Path) -> str:
     return "\n".join(line for line in lines if not line.startswith("#"))
 
 
+# Libraries of this process, by their headers: each is loaded once.
+_loaded: dict[Path, CLibrary] = {}
+
+
+def loaded_library(
+    comm: MPI.Intracomm,
+    name: str,
+    header: Path,
+    sources: Sequence[str],
+    definitions: Sequence[str] = (),
+) -> CLibrary:
+    """`compile_library` at the first call for a header, which is collective; later the library of then."""
+    found = _loaded.get(header)
+    if found is None:
+        found = compile_library(comm, name, header, sources, definitions)
+        _loaded[header] = found
+    return found
+
+
 def compile_library(
     comm: MPI.Intracomm,
     name: str,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from gossamer_fx.forms.c_source import CLibrary, compile_library
+from gossamer_fx.forms.c_source import CLibrary, loaded_library
 
 HEADER = Path(__file__).parent / "contact.h"
 
@@ -21,11 +21,7 @@ SOURCES = (
     "block_pattern.c",
 )
 
-_loaded: list[CLibrary] = []
-
 
 def library(comm: MPI.Intracomm = MPI.COMM_SELF) -> CLibrary:
     """Return the C functions; the first call compiles them on rank 0 of `comm` and is collective."""
-    if not _loaded:
-        _loaded.append(compile_library(comm, "contact", HEADER, SOURCES))
-    return _loaded[0]
+    return loaded_library(comm, "contact", HEADER, SOURCES)

@@ -7,18 +7,14 @@ from pathlib import Path
 from mpi4py import MPI
 
 from gossamer_fx.forms.backend import KERNELS_TAKE_DATA
-from gossamer_fx.forms.c_source import CLibrary, compile_library
+from gossamer_fx.forms.c_source import CLibrary, loaded_library
 
 HEADER = Path(__file__).parent / "orthotropic.h"
 
 SOURCES = ("relaxed_film.c", "strain_path.c", "orthotropic.c")
 
-_loaded: list[CLibrary] = []
-
 
 def library(comm: MPI.Intracomm = MPI.COMM_SELF) -> CLibrary:
     """Return the C functions; the first call compiles them on rank 0 of `comm` and is collective."""
-    if not _loaded:
-        definitions = ["KERNELS_TAKE_DATA"] if KERNELS_TAKE_DATA else []
-        _loaded.append(compile_library(comm, "orthotropic", HEADER, SOURCES, definitions))
-    return _loaded[0]
+    definitions = ["KERNELS_TAKE_DATA"] if KERNELS_TAKE_DATA else []
+    return loaded_library(comm, "orthotropic", HEADER, SOURCES, definitions)

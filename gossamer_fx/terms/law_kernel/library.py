@@ -7,17 +7,13 @@ from pathlib import Path
 from mpi4py import MPI
 
 from gossamer_fx.forms.backend import KERNELS_TAKE_DATA
-from gossamer_fx.forms.c_source import CLibrary, compile_library
+from gossamer_fx.forms.c_source import CLibrary, loaded_library
 
 HEADER = Path(__file__).parent / "law.h"
-
-_loaded: list[CLibrary] = []
 
 
 def library(comm: MPI.Intracomm = MPI.COMM_SELF) -> CLibrary:
     """Return the C functions; the first call compiles them on rank 0 of `comm` and is collective."""
-    if not _loaded:
-        # Kernels of newer versions of dolfinx have one argument more.
-        definitions = ["KERNELS_TAKE_DATA"] if KERNELS_TAKE_DATA else []
-        _loaded.append(compile_library(comm, "law", HEADER, ["law.c"], definitions))
-    return _loaded[0]
+    # Kernels of newer versions of dolfinx have one argument more.
+    definitions = ["KERNELS_TAKE_DATA"] if KERNELS_TAKE_DATA else []
+    return loaded_library(comm, "law", HEADER, ["law.c"], definitions)
