@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, NoReturn
 from gossamer_fx.version import VERSION
 
 if TYPE_CHECKING:
+    from types import ModuleType
+
     from mpi4py import MPI
 
     from gossamer_fx.cli.case import Case
@@ -374,7 +376,7 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
 
     from gossamer_fx.checks.errors import check
     from gossamer_fx.cli.case import Case
-    from gossamer_fx.cli.user_files import guarded, load, option
+    from gossamer_fx.cli.user_files import build_of, guarded, load, option, unknown_arguments
 
     path: Path = wanted.scene
     check(
@@ -383,16 +385,9 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
     )
     options = dict(option(word) for word in wanted.options)
     module = guarded(comm, path, wanted.debug, lambda: load(path))
-    build = getattr(module, "build", None)
-    check(
-        callable(build),
-        f"'{path}' has no function build(comm); write one that returns a gossamer_fx.Case.",
-    )
-    assert build is not None
+    build = build_of(path, module)
     parameters = inspect.signature(build).parameters
-    # A function with **options takes any name.
-    free = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
-    unknown = [name for name in options if name not in list(parameters)[1:] and not free]
+    unknown = unknown_arguments(build, options)
     check(
         bool(parameters) and not unknown,
         f"build in '{path}' takes no {unknown[0] if unknown else 'comm'!r}; its arguments are: "
@@ -459,17 +454,12 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         print(f"{text}\nwritten to {folder}")
 
 
-def _scene_sweep(wanted: argparse.Namespace, module: object) -> object:
+def _scene_sweep(wanted: argparse.Namespace, module: ModuleType) -> object:
     """The sweep over the arguments of a scene file."""
-    from gossamer_fx.checks.errors import check
     from gossamer_fx.cli.scene_sweep import scene_sweep
+    from gossamer_fx.cli.user_files import build_of
 
-    build = getattr(module, "build", None)
-    check(
-        callable(build),
-        f"'{wanted.design}' has no function build(comm); write one that returns a gossamer_fx.Case.",
-    )
-    assert build is not None
+    build = build_of(wanted.design, module)
 
     def progress(line: str) -> None:
         print(f"gossamer: {line}", file=sys.stderr, flush=True)

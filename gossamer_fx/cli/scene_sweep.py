@@ -15,6 +15,7 @@ from mpi4py import MPI
 
 from gossamer_fx.checks.errors import check, on_rank_zero
 from gossamer_fx.cli.case import Case
+from gossamer_fx.cli.user_files import unknown_arguments
 from gossamer_fx.outputs.output import Output, make_parent, replace_file
 from gossamer_fx.run.checkpoint import Checkpoints
 from gossamer_fx.sweep.factorial import Factorial
@@ -58,11 +59,9 @@ def check_arguments_of(build: Build, path: Path, names: Sequence[str]) -> None:
     Raises:
         InputError: names them and the arguments that there are.
     """
-    parameters = inspect.signature(build).parameters
-    takes_any = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
+    unknown = unknown_arguments(build, names)
     # The first one is the communicator.
-    known = list(parameters)[1:]
-    unknown = [name for name in names if name not in known and not takes_any]
+    known = list(inspect.signature(build).parameters)[1:]
     check(
         not unknown,
         f"build in '{path}' takes no {', '.join(unknown)}; its arguments are: "
@@ -106,20 +105,22 @@ class SceneOutcome:
 
     Args:
         build: the function of the scene file.
-        count: of all runs of the sweep, for the progress.
         progress: called with a line when a run begins.
+
+    Attributes:
+        count: of all runs of the sweep, for the progress.
     """
 
-    def __init__(self, build: Build, count: int, progress: Callable[[str], None]) -> None:
+    def __init__(self, build: Build, progress: Callable[[str], None]) -> None:
         self._build = build
-        self._count = count
         self._progress = progress
+        self.count = 1
 
     def __call__(self, comm: MPI.Intracomm, folder: Path, **values: Any) -> dict[str, float]:
         """Make the run with some arguments of `build`."""
         words = ", ".join(f"{name}={value}" for name, value in values.items())
         if comm.rank == 0:
-            self._progress(f"run with {words} ({self._count} runs in all)")
+            self._progress(f"run with {words} ({self.count} runs in all)")
         case = self._build(comm, **values)
         check(
             isinstance(case, Case),
@@ -178,6 +179,7 @@ def scene_sweep(
     """
     over = values_of(words)
     check_arguments_of(build, path, list(over))
-    plan = Factorial(lambda comm, folder, **values: {}, over, listed=listed)
-    outcome = SceneOutcome(build, len(plan.cases()), progress)
-    return Factorial(outcome, over, listed=listed)
+    outcome = SceneOutcome(build, progress)
+    sweep = Factorial(outcome, over, listed=listed)
+    outcome.count = len(sweep.cases())
+    return sweep

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -44,6 +45,32 @@ def load(path: Path) -> ModuleType:
     sys.modules[path.stem] = module
     spec.loader.exec_module(module)
     return module
+
+
+def build_of(path: Path, module: ModuleType) -> Callable[..., Any]:
+    """The function `build` of a scene file.
+
+    Raises:
+        InputError: it has none.
+    """
+    build = getattr(module, "build", None)
+    check(
+        callable(build),
+        f"'{path}' has no function build(comm); write one that returns a gossamer_fx.Case.",
+    )
+    assert build is not None
+    found: Callable[..., Any] = build
+    return found
+
+
+def unknown_arguments(build: Callable[..., Any], names: Iterable[str]) -> list[str]:
+    """Those of some names that are not arguments of a function, its first one not counted: the communicator."""
+    parameters = inspect.signature(build).parameters
+    # A function with **options takes any name.
+    if any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
+        return []
+    known = list(parameters)[1:]
+    return [name for name in names if name not in known]
 
 
 def guarded[T](

@@ -18,7 +18,7 @@ from mpi4py import MPI
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, on_rank_zero
 from gossamer_fx.sweep.runs import Outcome, Result, SharedRuns
-from gossamer_fx.sweep.sweep_report import results_as_csv, value_text
+from gossamer_fx.sweep.sweep_report import results_as_csv, value_text, values_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -163,8 +163,7 @@ def table(sweep: Factorial, results: Sequence[Result], folders: Sequence[str]) -
     if failed:
         lines.append("")
     for result in failed:
-        values = ", ".join(f"{name} {value_text(v)}" for name, v in result.values.items())
-        lines.append(f"- {values}: {result.failed}")
+        lines.append(f"- {values_text(result.values)}: {result.failed}")
     return "\n".join(lines) + "\n"
 
 
@@ -223,7 +222,7 @@ def _draw_panel(
         others = []
     curves: dict[str, list[tuple[float, float]]] = {}
     for result in results:
-        label = ", ".join(f"{name} {value_text(result.values[name])}" for name in others)
+        label = values_text({name: result.values[name] for name in others})
         level = result.values[first]
         # Words are drawn at equal distances, numbers on their scale.
         position = float(levels.index(level)) if _has_words(levels) else float(level)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +71,7 @@ def tables(design: RobustDesign, results: Sequence[Result], confirmed: Sequence[
         f"{design.array}: {len(results)} runs and {len(confirmed)} to confirm, {seconds:.0f} s; {len(failed)} failed."
     ]
     for result in failed:
-        lines.append(f"- {_words(result.values)}: {result.failed}")
+        lines.append(f"- {values_text(result.values)}: {result.failed}")
     for goal in design.goals:
         lines += _effects_table(design, results, goal)
     lines += _confirmation_table(design, results, confirmed)
@@ -96,7 +96,7 @@ def _effects_table(design: RobustDesign, results: Sequence[Result], goal: str) -
     # Failed runs make the shares estimates, whose sum may exceed one.
     interactions = max(1 - sum(shares.values()), 0)
     lines.append(f"| interactions | | {interactions:.0%} |")
-    lines += ["", f"Best levels: {_words(design.best(results, goal))}."]
+    lines += ["", f"Best levels: {values_text(design.best(results, goal))}."]
     return lines
 
 
@@ -123,7 +123,7 @@ def _confirmation_table(
         mean = np.mean([result.numbers.get(goal, np.nan) for result in group])
         predicted = design.predicted(results, goal, levels)
         lines.append(
-            f"| {which}: {_words(levels)} | {predicted:.2f} | {found[k]:.2f} | {mean:.4g} |"
+            f"| {which}: {values_text(levels)} | {predicted:.2f} | {found[k]:.2f} | {mean:.4g} |"
         )
     return lines
 
@@ -190,7 +190,7 @@ def results_as_csv(results: Sequence[Result]) -> str:
     return text.getvalue()
 
 
-def _words(values: dict[str, Any]) -> str:
+def values_text(values: Mapping[str, Any]) -> str:
     """Values with their names, such as "bore 0.3, crease 1"."""
     return ", ".join(f"{name} {value_text(value)}" for name, value in values.items())
 
