@@ -2,42 +2,38 @@
 
 from __future__ import annotations
 
-import math
-
 from gossamer_fx.checks.errors import check
+from gossamer_fx.plot.units import unit_factor
+
+# The units of case files, divided by commas, by the SI unit of the same dimension.
+DIMENSIONS = {
+    "1": "1, %",
+    "rad": "rad, deg",
+    "m": "m, mm, um, in",
+    "s": "s",
+    "kg": "kg, g",
+    "kg/m": "kg/m",
+    "kg/m2": "kg/m2, g/m2",
+    "kg/m3": "kg/m3",
+    "m/s2": "m/s2",
+    "N": "N, kN, lbf",
+    "N m": "N m, N mm",
+    "N/m": "N/m, kN/m",
+    "N/rad": "N/rad",
+    "Pa": "Pa, kPa, MPa, GPa, bar, psi",
+}
+
+
+def _plain(unit: str) -> str:
+    """A unit as `unit_factor` reads it: powers are raised."""
+    return unit.replace("2", "²").replace("3", "³")
+
 
 # Unit: (SI unit of the same dimension, its size in that unit).
 UNITS = {
-    "1": ("1", 1.0),
-    "%": ("1", 1e-2),
-    "rad": ("rad", 1.0),
-    "deg": ("rad", math.pi / 180),
-    "m": ("m", 1.0),
-    "mm": ("m", 1e-3),
-    "um": ("m", 1e-6),
-    "in": ("m", 25.4e-3),
-    "s": ("s", 1.0),
-    "kg": ("kg", 1.0),
-    "g": ("kg", 1e-3),
-    "kg/m": ("kg/m", 1.0),
-    "kg/m2": ("kg/m2", 1.0),
-    "g/m2": ("kg/m2", 1e-3),
-    "kg/m3": ("kg/m3", 1.0),
-    "m/s2": ("m/s2", 1.0),
-    "N": ("N", 1.0),
-    "kN": ("N", 1e3),
-    "lbf": ("N", 4.4482216152605),
-    "N m": ("N m", 1.0),
-    "N mm": ("N m", 1e-3),
-    "N/m": ("N/m", 1.0),
-    "kN/m": ("N/m", 1e3),
-    "N/rad": ("N/rad", 1.0),
-    "Pa": ("Pa", 1.0),
-    "kPa": ("Pa", 1e3),
-    "MPa": ("Pa", 1e6),
-    "GPa": ("Pa", 1e9),
-    "bar": ("Pa", 1e5),
-    "psi": ("Pa", 6894.757293168361),
+    unit: (si_unit, unit_factor(_plain(unit), _plain(si_unit), unit))
+    for si_unit, units in DIMENSIONS.items()
+    for unit in units.split(", ")
 }
 
 

@@ -22,7 +22,7 @@ step, and the load is its reaction.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -200,6 +200,32 @@ def stations(tube: Tube, size: float) -> tuple[Array, tuple[int, int]]:
         count += cells
         edges.append(count)
     return np.concatenate([*parts, [tube.half_span]]), (edges[0], edges[1])
+
+
+def inflation(radius: float, λ_L: float, λ_H: float, around: int) -> Callable[[Array], Array]:
+    """The displacement from the stress-free prism of `half_tube_mesh` to the inflated circular tube.
+
+    Args:
+        radius: of the inflated tube [m].
+        λ_L: stretch along the tube.
+        λ_H: stretch around it.
+        around: sides of half of the prism.
+
+    Returns:
+        A function of points (3, n); the proportions of the ends of the tube are constant.
+    """
+    side_angle = math.pi / around
+    apothem = radius / λ_H * side_angle / 2 / math.tan(side_angle / 2)
+
+    def inflate(X: Array) -> Array:
+        angle = np.arctan2(X[1], X[2])
+        from_middle = np.mod(angle, side_angle) - side_angle / 2
+        # At the corners both ends of the interval are the same side of the polygon.
+        prism_radius = apothem / np.cos(from_middle)
+        scale = radius / prism_radius
+        return np.vstack([(λ_L - 1) * X[0], (scale - 1) * X[1], (scale - 1) * X[2]])
+
+    return inflate
 
 
 def half_tube_mesh(
@@ -414,18 +440,7 @@ def build(tube: Tube, comm: MPI.Intracomm, around: int) -> Model:
     λ_L, λ_H = tube.stretches()
     x, band = stations(tube, CELL_ASPECT * math.pi * tube.radius / around)
     mesh = half_tube_mesh(comm, x / λ_L, tube.radius / λ_H, around, band)
-    side_angle = math.pi / around
-    apothem = tube.radius / λ_H * side_angle / 2 / math.tan(side_angle / 2)
-
-    def inflate(X: Array) -> Array:
-        """From the prism to the inflated circular tube; the proportions of its end are constant."""
-        angle = np.arctan2(X[1], X[2])
-        from_middle = np.mod(angle, side_angle) - side_angle / 2
-        # At the corners both ends of the interval are the same side of the polygon.
-        prism_radius = apothem / np.cos(from_middle)
-        scale = tube.radius / prism_radius
-        return np.vstack([(λ_L - 1) * X[0], (scale - 1) * X[1], (scale - 1) * X[2]])
-
+    inflate = inflation(tube.radius, λ_L, λ_H, around)
     A11, A12, A22, A66 = tube.stiffnesses
     axial = (1.0, 0.0, 0.0)
     wall = gx.Orthotropic.from_stiffnesses(

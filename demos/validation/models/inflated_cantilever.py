@@ -26,7 +26,7 @@ from scipy.optimize import fsolve
 import gossamer_fx as gx
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
-from demos.validation.models.braided_tube import End, Lowered, half_tube_mesh
+from demos.validation.models.braided_tube import End, Lowered, half_tube_mesh, inflation
 from gossamer_fx.fields.fields import STATES
 
 # Cells over half of the section.
@@ -105,17 +105,7 @@ class Bending:
         x = np.linspace(0.0, tube.length, cells + 1)
         # The band of this mesh is not used: it is one ring of the wall.
         mesh = half_tube_mesh(comm, x / λ_L, tube.radius / λ_H, around, (cells - 1, cells))
-        side_angle = math.pi / around
-        apothem = tube.radius / λ_H * side_angle / 2 / math.tan(side_angle / 2)
-
-        def inflate(X: Array) -> Array:
-            """From the prism to the inflated circular tube, by a scale around and one along."""
-            angle = np.arctan2(X[1], X[2])
-            from_middle = np.mod(angle, side_angle) - side_angle / 2
-            prism_radius = apothem / np.cos(from_middle)
-            scale = tube.radius / prism_radius
-            return np.vstack([(λ_L - 1) * X[0], (scale - 1) * X[1], (scale - 1) * X[2]])
-
+        inflate = inflation(tube.radius, λ_L, λ_H, around)
         wall = gx.TensionField(
             E=tube.stiffness / THICKNESS,
             nu=tube.poisson,
