@@ -165,11 +165,9 @@ def main(
 
 def draw(found: Sequence[Opening], wanted_time: float, path: Path) -> None:
     """Enclosed volume over time of the runs, and the distance of each from what is wanted."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from demos.common.figures import new_figure, save
 
-    figure = Figure(figsize=(9, 3.6), dpi=110)
-    FigureCanvasAgg(figure)
+    figure = new_figure(9.9, 3.96)
     volumes, errors = figure.subplots(1, 2)
     for k, one in enumerate(found):
         shade = 0.75 * (1 - (k + 1) / len(found))
@@ -185,9 +183,7 @@ def draw(found: Sequence[Opening], wanted_time: float, path: Path) -> None:
     errors.set_xlabel("run")
     errors.set_ylabel("error of the opening time, relative")
     errors.set_xticks(numbers)
-    figure.tight_layout()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
+    save(figure, path)
 
 
 if __name__ == "__main__":

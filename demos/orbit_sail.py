@@ -16,6 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.framed_sail import springs_to_frame, stretching
 from gossamer_fx.meshes.sheet import crossed_sheet
 from gossamer_fx.orbit.optics import JPL_SAIL
 from gossamer_fx.outputs.output import Output
@@ -36,43 +37,23 @@ def sail(
     comm: MPI.Comm, cells: int
 ) -> tuple[gx.Membrane, gx.RigidBody, list[gx.connectors.Spring]]:
     """Film, frame, and the springs between them; the centre is at the origin."""
-
-    def stretched(X: np.ndarray) -> np.ndarray:
-        middle = np.array([[SIDE / 2], [SIDE / 2], [0.0]])
-        moved: np.ndarray = (1 + STRETCH) * (X - middle) - X
-        return moved
-
     film = gx.Membrane(
         crossed_sheet(comm, cells, cells, SIDE, SIDE),
         FILM,
-        displacement=stretched,
+        displacement=stretching(SIDE, STRETCH),
         name="sail",
     )
     frame = gx.RigidBody(30.0, (500.0, 500.0, 1000.0), comm=comm, name="frame")
-    each = SIDE / cells
-    stiffness = 500.0
-    springs = []
-    for i in range(cells + 1):
-        for j in range(cells + 1):
-            if 0 < i < cells and 0 < j < cells:
-                continue
-            outward = np.array([(i == cells) - (i == 0), (j == cells) - (j == 0), 0.0])
-            # an edge's node carries the tension of its length; a corner half of it along both edges
-            force = TENSION * each * (outward if np.count_nonzero(outward) == 1 else outward / 2)
-            node = np.array([i * each, j * each, 0.0])
-            place = (1 + STRETCH) * (node - np.array([SIDE / 2, SIDE / 2, 0.0]))
-            size = float(np.linalg.norm(force))
-            hook = frame.port((place + GAP * force / size).tolist())
-            rest = GAP - size / stiffness
-            ends = hook, film.port_at(node.tolist())
-            springs.append(
-                gx.connectors.Spring(
-                    *ends,
-                    stiffness=stiffness,
-                    length=rest,
-                    name=f"tie {i} {j}",
-                )
-            )
+    springs = springs_to_frame(
+        film,
+        frame,
+        side=SIDE,
+        cells=cells,
+        strain=STRETCH,
+        tension=TENSION,
+        gap=GAP,
+        stiffness=500.0,
+    )
     return film, frame, springs
 
 

@@ -19,6 +19,7 @@ from dolfinx.mesh import locate_entities
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.framed_sail import springs_to_frame, stretching
 from gossamer_fx.meshes.sheet import crossed_sheet
 from gossamer_fx.orbit.optics import JPL_SAIL
 
@@ -83,12 +84,6 @@ def sail(
 ) -> tuple[gx.Membrane, gx.RigidBody, list[gx.connectors.Spring]]:
     """Film, frame, and the springs between them; the centre is at the origin."""
     strain = TENSION * (1 - FILM.nu) / (FILM.E * THICKNESS)
-    middle = np.array([SIDE / 2, SIDE / 2, 0.0])
-
-    def stretched(X: np.ndarray) -> np.ndarray:
-        moved: np.ndarray = (1 + strain) * (X - middle[:, None]) - X
-        return moved
-
     mesh = crossed_sheet(comm, cells, cells, SIDE, SIDE)
     groups = dict(mesh.groups)
     in_band = np.zeros(0, dtype=np.int32)
@@ -102,33 +97,20 @@ def sail(
         gx.Mesh(mesh.domain, groups),
         FILM,
         thermal=gx.materials.ThermalExpansion(ALPHA, MOUNTED, reference=MOUNTED),
-        displacement=stretched,
+        displacement=stretching(SIDE, strain),
         name="sail",
     )
     frame = gx.RigidBody(30.0, (500.0, 500.0, 1000.0), comm=comm, name="frame")
-    each = SIDE / cells
-    springs = []
-    for i in range(cells + 1):
-        for j in range(cells + 1):
-            outward = np.array([(i == cells) - (i == 0), (j == cells) - (j == 0), 0.0])
-            if not outward.any():
-                continue
-            # A node of an edge carries the tension of its length, a corner half of it along both edges.
-            is_corner = np.count_nonzero(outward) == 2
-            force = TENSION * each * (outward / 2 if is_corner else outward)
-            size = float(np.linalg.norm(force))
-            node = np.array([i * each, j * each, 0.0])
-            hook = frame.port(((1 + strain) * (node - middle) + GAP * force / size).tolist())
-            stiffness = SPRING * each
-            springs.append(
-                gx.connectors.Spring(
-                    hook,
-                    film.port_at(node.tolist()),
-                    stiffness=stiffness,
-                    length=GAP - size / stiffness,
-                    name=f"tie {i} {j}",
-                )
-            )
+    springs = springs_to_frame(
+        film,
+        frame,
+        side=SIDE,
+        cells=cells,
+        strain=strain,
+        tension=TENSION,
+        gap=GAP,
+        stiffness=SPRING * SIDE / cells,
+    )
     return film, frame, springs
 
 
