@@ -159,7 +159,7 @@ def main(
     """Control `case` of what `build` makes of the numbers given; angles in degrees, torques in N m, over the time.
 
     With `output`, a folder: the recording of the run, and pictures.  "film" are the corners of the triangles of
-    this rank at the end [m].
+    this rank at the end [m], "booms" the nodes of the booms.
     """
     turn = build(comm, case, **given)
     series = gx.Series(turn.probes)
@@ -192,6 +192,7 @@ def main(
         "time": series.time,
         "point_A": moved,
         "film": film_at_end(run),
+        "booms": booms_at_end(run),
         "energy_error": run.energy_error,
         "newton_per_step": run.iterations / run.step,
         "substeps": run.substeps,
@@ -206,6 +207,17 @@ def film_at_end(run: gx.Simulation) -> Array:
     return triangles(run.system, film)
 
 
+def booms_at_end(run: gx.Simulation) -> list[Array]:
+    """Positions (n, 3) [m] of the nodes of each boom on this rank, from end to end."""
+    found = []
+    for boom in run.system.bodies:
+        if isinstance(boom, gx.Beam):
+            x = run.system.state[boom].local_positions()
+            along = boom.space.tabulate_dof_coordinates()[: len(x), 0]
+            found.append(x[np.argsort(along)])
+    return found
+
+
 def settling_time(time: Array, angle: Array, target: float, part: float) -> float:
     """The time [s] from which on an angle stays within a part of its target."""
     outside = np.flatnonzero(np.abs(angle - target) > part * abs(target))
@@ -216,11 +228,13 @@ def settling_time(time: Array, angle: Array, target: float, part: float) -> floa
 def draw_both(results: dict[int, dict], path: Path) -> None:
     """The turned antenna, and angles, torques and displacements of A of both cases over the time."""
     figure = new_figure(width=12.0, height=7.0)
-    left, right = figure.subfigures(1, 2, width_ratios=(1.0, 2.2))
+    left, right = figure.subfigures(1, 2, width_ratios=(1.0, 2.0))
     axes = right.subplots(3, 2, sharex=True)
     for k, (case, result) in enumerate(results.items()):
         film = left.add_subplot(2, 1, k + 1, projection="3d")
-        draw_film(film, result["film"], view=(28.0, -50.0))
+        draw_film(film, result["film"], view=(35.0, -60.0), zoom=0.85)
+        for boom in result["booms"]:
+            film.plot(*boom.T, color="black", lw=1.5)
         film.set_title(f"case {case}: at {result['time'][-1]:g} s")
         axis = int(np.argmax(np.abs(TARGETS[case])))
         target = TARGETS[case][axis]

@@ -55,7 +55,7 @@ def main(
     outputs: list[Output] = [gx.outputs.Progress()]
     if output is not None:
         folder = Path(output)
-        times = [part * case.until for part in (0.1, 0.3, 0.6, 1.0)]
+        times = [part * case.until for part in (0.1, 0.6, 1.0)]
         picture = gx.plot.Picture(folder / "antenna_free.png", times, title=case.title)
         outputs += [case.recording(folder, overwrite=True), picture]
     run = gx.Simulation(case.scene, stepper or case.stepper, outputs=outputs)

@@ -94,6 +94,7 @@ def draw_film(
     colour: str = "#c9d8e8",
     view: tuple[float, float] = (20.0, -60.0),
     alpha: float = 1.0,
+    zoom: float = 1.0,
 ) -> None:
     """Draw triangles (n, 3, 3) in axes of the projection "3d", at the same scale along x, y and z.
 
@@ -103,6 +104,7 @@ def draw_film(
         colour: of the faces.
         view: elevation and azimuth of the eye [°].
         alpha: opacity.
+        zoom: of the first film in its axes; below 1 for axes that are narrow.
     """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -119,6 +121,6 @@ def draw_film(
         middle = (high + low) / 2
         for name, centre, size in zip("xyz", middle, extent, strict=True):
             getattr(axes, f"set_{name}lim")(centre - size / 2, centre + size / 2)
-        axes.set_box_aspect(extent)
+        axes.set_box_aspect(extent, zoom=zoom)
     axes.view_init(elev=view[0], azim=view[1])
     axes.set_axis_off()
