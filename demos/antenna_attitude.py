@@ -231,10 +231,10 @@ def draw_both(results: dict[int, dict], path: Path) -> None:
     left, right = figure.subfigures(1, 2, width_ratios=(1.0, 2.0))
     axes = right.subplots(3, 2, sharex=True)
     for k, (case, result) in enumerate(results.items()):
-        film = left.add_subplot(2, 1, k + 1, projection="3d")
+        film = left.add_subplot(2, 1, k + 1, projection="3d", computed_zorder=False)
         draw_film(film, result["film"], view=(35.0, -60.0), zoom=0.85)
         for boom in result["booms"]:
-            film.plot(*boom.T, color="black", lw=1.5)
+            film.plot(*boom.T, color="black", lw=2.0, zorder=10)
         film.set_title(f"case {case}: at {result['time'][-1]:g} s")
         axis = int(np.argmax(np.abs(TARGETS[case])))
         target = TARGETS[case][axis]
@@ -243,7 +243,7 @@ def draw_both(results: dict[int, dict], path: Path) -> None:
             for part in (0.05, 0.02, 0.002)
         ]
         words = ", ".join(f"{t:.1f}" for t in settled)
-        axes[0, k].set_title(f"case {case}: within 5, 2, 0.2 % after {words} s", fontsize=10)
+        axes[0, k].set_title(f"case {case}: within 5, 2, 0.2 % after {words} s", fontsize=9)
         rows = (
             ("angle [deg]", result["angles"], ("θ about u", "β about v", "γ about w")),
             ("torque [N m]", result["torque"], ("about u", "about v", "about w")),
