@@ -30,7 +30,8 @@ RADIUS = 6378137.0 + ALTITUDE  # of the orbit [m]; equatorial radius of the Eart
 # Half of the width of a triangular panel over the distance from its root: four panels that are swept by 30° just
 # touch with cos 30°.
 PANEL_SLOPE = 0.85
-PANEL_DISTANCE = 2 / 3 * math.sqrt(AREA / 4 / PANEL_SLOPE)  # from the root of a panel to its centre [m]
+# From the root of a panel to its centre [m].
+PANEL_DISTANCE = 2 / 3 * math.sqrt(AREA / 4 / PANEL_SLOPE)
 MAST = np.array([-0.6, 0.0, 0.0])  # from the centre of mass to the roots of the panels [m]
 WALL_TEMPERATURE = 300.0  # of the panels [K]
 # Mean atmosphere at 400 km: density [kg/m³], scale height [m] and temperature [K].

@@ -50,6 +50,7 @@ def solve(name: str, runs: int, quick: bool, folder: Path) -> Stored:
     print(problem.title, flush=True)
     answer: Figures = {}
     if problem.answer is not None:
+        # The quick form only shows that everything runs: its finest case stands for the answer.
         words = next(iter(problem.quick.values()))[-1] if quick else problem.answer
         answer = run(problem.script, SELF, words, problem.seconds)
     points = [
@@ -83,10 +84,12 @@ def solve_point(
     except Failed as failure:
         print(f"{program:26} {_as_text(words):40} failed: {failure}", flush=True)
         return point | {"failure": str(failure)}
+    # Errors are the same in every run; times are not.
     figures = found[-1]
     point["cpu"] = _rounded(median(one["cpu"] for one in found))
     point["error"] = _rounded(problem.error(figures, answer))
     point["unknowns"] = int(figures["dofs"])
+    # A program that goes on after a step without convergence, or lets films pass through each other, may be fast.
     for key in ("unconverged", "penetrations"):
         if key in figures:
             point[key] = int(figures[key])
@@ -114,11 +117,14 @@ def draw(problem: ErrorProblem, points: list[Stored], path: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    # As wide as the text of the site.
     figure = Figure(figsize=(7.0, 4.2), dpi=100, facecolor="white", layout="constrained")
     axes = figure.subplots()
     variants: dict[str, int] = {}
+    # Programs in the order in which they were solved, each once.
     for program in dict.fromkeys(point["program"] for point in points):
         curve = [p for p in points if p["program"] == program and "failure" not in p]
+        # Variants of a program have its colour and another line.
         name = program.split(",")[0]
         line = LINES[variants.get(name, 0)]
         variants[name] = variants.get(name, 0) + 1
@@ -167,6 +173,7 @@ def page_part() -> str:
     parts = []
     for name, problem in ERROR_PROBLEMS.items():
         path = STORED / f"{name}.json"
+        # Problems can be stored one by one.
         if not path.is_file():
             continue
         stored = json.loads(path.read_text(encoding="utf-8"))

@@ -99,6 +99,7 @@ ERROR_PROBLEMS = {
         error=deflection_error,
         curves={
             SELF: series("n", (6, 8, 12, 16), shape="slit ring"),
+            # The peers need many increments, the first of them small.
             "kratos": series("n", (6, 8, 12), shape="slit ring", increments=40, power=3.0),
             "ngsolve": series("n", (3, 4, 6), shape="slit ring", increments=30, power=3.0),
         },
@@ -140,6 +141,7 @@ ERROR_PROBLEMS = {
         error=energy_error,
         curves={
             SELF: series("dt", (4e-4, 2e-4, 1e-4, 5e-5), n=10),
+            # Its iteration is not converged with the usual 20 sweeps: more of them are a second curve.
             "newton": series("dt", (1e-4, 5e-5, 2e-5, 1e-5), n=10),
             "newton, 100 sweeps": series("dt", (1e-4, 5e-5, 2e-5), n=10, iterations=100),
         },
@@ -152,6 +154,7 @@ ERROR_PROBLEMS = {
         measure="error of the height of the tip at 2 s [mm]",
         error=tip_error,
         curves={
+            # Cells in multiples of three: film and booms are tied at the thirds of the diagonals.
             "gossamer, P1": [
                 {"n": n, "elements": 2 * n, "order": 1, "dt": 1e-2} for n in (3, 6, 9)
             ],

@@ -61,6 +61,7 @@ def petals_of(
         across = np.cross(normal, outward)
         inner, outer = trapezoid(surface.area / slope, distance)
         reach = np.linspace(inner, outer, cells + 1)[:, None, None]
+        # Points (cells + 1, cells + 1, 3): along the petal, then across.
         grid = root + reach * (outward + slope * across_ticks[None, :, None] * across)
         a = grid[:-1, :-1].reshape(-1, 3)
         b = grid[1:, :-1].reshape(-1, 3)

@@ -117,7 +117,7 @@ class FlightPicture(DrawnRun):
         for row, name in enumerate(self.probes, start=1):
             axes = figure.add_subplot(grid[row, :])
             axes.plot(t, table[name], color=_NIGHT, lw=1.2)
-            # A long label does not fit beside a low panel.
+            # A long label would be longer than the side of a low panel.
             axes.set_title(plain_text(name), loc="left", fontsize=10)
             axes.grid(alpha=0.3)
             if row == len(self.probes):
@@ -220,7 +220,7 @@ def _draw_arrow(
     """An arrow between two points of a picture, with a name beyond its tip."""
     style = {"arrowstyle": "-|>", "color": colour, "lw": 2}
     axes.annotate("", xy=tip, xytext=start, arrowprops=style)
-    # Beside the tip: an arrow that points to the right has its name on the right.
+    # Next to the tip: an arrow that points to the right has its name on the right.
     to_the_right = tip[0] >= start[0]
     axes.annotate(
         name,

@@ -63,7 +63,7 @@ def test_a_failure_is_a_remark_and_unconverged_steps_are_counted(error_curves) -
 
 @pytest.mark.skipif(
     "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ,
-    reason="a benchmark starts processes of its own",
+    reason="an mpirun cannot start another",
 )
 def test_a_quick_form_solves_draws_and_stores(tmp_path: Path) -> None:
     command = [sys.executable, str(BENCHMARKS), "errors_strip", "--quick", "--runs", "1"]
