@@ -177,10 +177,11 @@ def page_part() -> str:
         if not path.is_file():
             continue
         stored = json.loads(path.read_text(encoding="utf-8"))
+        runs = "one run" if stored["runs"] == 1 else f"median of {stored['runs']} runs"
         picture = f"![{problem.title}: {problem.measure} over CPU time](../demos/benchmarks/results/{name}.png)"
         parts += [
             f"## {problem.title}",
-            f"Answer: {problem.reference} Made by `./gossamer bench {name} --store`; median of {stored['runs']}.",
+            f"Answer: {problem.reference} Made by `./gossamer bench {name} --store`, {runs}.",
             picture,
             # Folded on the site, where the picture is enough at first.
             f":::{{dropdown}} Numbers\n{table(problem, stored).strip()}\n:::",

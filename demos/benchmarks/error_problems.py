@@ -119,7 +119,7 @@ ERROR_PROBLEMS = {
         reference="0.2164 m, as several authors found; the fourth digit is not certain.",
     ),
     "errors_sheet": ErrorProblem(
-        title="Free spinning sheet of 20 × 20 cells that wrinkles, 20 ms in 20, 40 and 80 steps",
+        title="Free spinning sheet of 20 × 20 cells, 20 ms",
         script="sheet",
         measure="change of the angular momentum",
         error=spin_error,
@@ -135,7 +135,7 @@ ERROR_PROBLEMS = {
         reference="The angular momentum at the start. Neither load nor damping acts.",
     ),
     "errors_contact": ErrorProblem(
-        title="A film of 10 × 10 cells thrown at another one, 10 ms",
+        title="A film thrown at another one, 10 ms",
         script="contact",
         measure="change of the energy",
         error=energy_error,
