@@ -35,8 +35,8 @@ HALF_LENGTH = 4.0
 
 # Mesh: cells across, and length of a cell in the fold over the radius of the section, unless the inputs
 # "cells_across" and "cell_of_fold" are given.
-CELLS_ACROSS = 6
-CELL_OF_FOLD = 0.2
+CELLS_ACROSS = 8
+CELL_OF_FOLD = 0.13
 QUICK_CELLS_ACROSS = 4
 QUICK_CELL_OF_FOLD = 0.3
 # Beyond the fold each cell is longer than the one before by this factor, up to a share of the width.
