@@ -164,7 +164,7 @@ ERROR_PROBLEMS = {
         quick={
             "gossamer, P1": [{"n": 3, "elements": 3, "order": 1, "dt": 2e-2, "until": 0.1}],
         },
-        reference="gossamer_fx with a quadratic film of 9 × 9 cells and steps of 5 ms, 1 mm from that of 12 × 12 cells.",
+        reference="gossamer_fx, quadratic film of 9 × 9 cells, steps of 5 ms; 1 mm from 12 × 12 cells.",
         answer={"n": 9, "elements": 18, "order": 2, "dt": 5e-3},
     ),
 }
