@@ -26,3 +26,5 @@ from .sensitivities import Gradient as Gradient
 from .sensitivities import Integral as Integral
 from .sensitivities import RunTape as RunTape
 from .sensitivities import gradient as gradient
+from .travelling_waves import TravellingWaves as TravellingWaves
+from .travelling_waves import travelling_waves as travelling_waves
