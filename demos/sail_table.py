@@ -7,7 +7,8 @@ light: force and torque about the centre of the sail, in its axes, at 1 astronom
 
 Light of pressure P on a triangle of the area vector a exerts the force of `gx.orbit.Optics` (C. R.
 McInnes, Solar Sailing, 1999, section 2.6).  An equilibrium contains no orbit: its light is `gx.orbit.Sunlight`,
-of a given direction and pressure.  In flight use `gx.orbit.SolarPressure`, which also knows distance, shadow and motion.
+of a given direction and pressure.  In flight use `gx.orbit.SolarPressure`, which also knows distance,
+shadow and motion.
 
 Two checks are printed: the forces at the frame balance the light to 1e-8, and the light on the flat
 sail is McInnes' formula.  The sagging sail has 3 % less force in full light than the flat one, whose
@@ -80,7 +81,7 @@ def build(comm: MPI.Intracomm, directions: Array, cells: int = 10) -> gx.Equilib
         return np.vstack([-SLACK * from_centre, -depth * dome])
 
     mesh = crossed_sheet(comm, cells, cells, SIDE, SIDE)
-    # One support holds all edges: two would both count the corner that they share.
+    # One support for all edges, so that one reaction balances the light.
     mesh.groups["frame"] = (1, np.concatenate([mesh.groups[edge][1] for edge in EDGES]))
     film = gx.Membrane(mesh, FILM, displacement=slack)
     frame = gx.Fixed(film, "frame", name="frame")

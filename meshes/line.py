@@ -22,9 +22,10 @@ def line(
     """
     # A polygon has a further segment, from its last point to its first.
     segments = len(points) if closed else len(points) - 1
-    counts = elements
     if isinstance(elements, int):
         counts = [elements] * segments
+    else:
+        counts = list(elements)
 
     def build(model: Any) -> None:
         geo = model.geo

@@ -100,9 +100,7 @@ def trapezoids(
                 if i < 0:
                     pair = [(a, c, b), (b, c, d)]
                 # At the seams only one of the two triangles is inside.
-                cells += [
-                    triangle for triangle in pair if all(abs(u) <= w for u, w in triangle)
-                ]
+                cells += [triangle for triangle in pair if all(abs(u) <= w for u, w in triangle)]
         # The middle of trapezoid 0 points to negative y.
         grid = np.array(cells).reshape(-1, 2) * np.array([slope * h, -h])
         angles = [2 * math.pi * k / n for k in range(n)]

@@ -22,7 +22,7 @@ def resultant(comm, at: float = 0.0, **given) -> np.ndarray:
     """Force (3,) [N] of light on a flat square, from the reactions of its edges."""
     film = gx.Membrane(sheet(comm, 2, 2, SIDE, SIDE), LAW, name="sail")
     light = gx.orbit.Sunlight(film, pressure=PRESSURE, **given)
-    # All nodes but the middle one are on the edges, which one support holds: two would share corners.
+    # All nodes but the middle one are on the edges, which one support holds.
     film.mesh.groups["rim"] = (
         1,
         np.concatenate([film.mesh.groups[edge][1] for edge in ("bottom", "right", "top", "left")]),
@@ -78,5 +78,7 @@ def test_bad_arguments_are_named(comm, given, message):
 def test_light_of_an_orbit_is_not_for_equilibria_and_the_other_one_is_named(comm):
     film = gx.Membrane(sheet(comm, 2, 2), LAW)
     orbit = gx.orbit.Orbit(gx.orbit.Elements(7e6, 0.0), sun=(0.0, 0.0, 1.0))
-    with pytest.raises(gx.InputError, match=r"give an equilibrium its light by gx\.orbit\.Sunlight"):
+    with pytest.raises(
+        gx.InputError, match=r"give an equilibrium its light by gx\.orbit\.Sunlight"
+    ):
         gx.Equilibrium(gx.Scene(film, gx.orbit.SolarPressure(film, orbit)))
