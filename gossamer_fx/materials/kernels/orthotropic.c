@@ -103,8 +103,7 @@ static void response_at(const film_law *law, const double *e, film_response *res
 /* Add the energy that an averaged stress misses along the change of strain d, as terms/discrete_gradient.py does for
    other laws: S += (missing/|d|^2) d with missing = W(e1) - W(e0) - S.d.  The derivative of that goes to D (9), which
    is not symmetric; returns whether there is any. */
-static int add_correction(const film_stiffness *C, const double *e0, const double *e1, averaged_film *average,
-                          double *D)
+static int add_correction(const double *e0, const double *e1, averaged_film *average, double *D)
 {
     const double noise = ENERGY_ROUND_OFF * average->energy;
     if (fabs(average->missing) <= noise) return 0;
@@ -114,15 +113,13 @@ static int add_correction(const film_stiffness *C, const double *e0, const doubl
     const double smallest = SMALLEST_CHANGE * (dot(e0, e0) + dot(e1, e1));
     if (!(square > smallest && square > SMALLEST_SQUARE)) return 0;
     const double missing = average->missing - (average->missing > 0 ? noise : -noise);
-    film_response at_end;
-    relaxed_response(C, e1, &at_end);
     double *S = average->response.S;
     const double *A = average->response.D;
     const double change[3] = {A[0] * d[0] + A[1] * d[1] + A[2] * d[2], A[1] * d[0] + A[3] * d[1] + A[4] * d[2],
                               A[2] * d[0] + A[4] * d[1] + A[5] * d[2]};
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) {
-            const double slope = at_end.S[j] - S[j] - change[j]; /* of `missing`, by e1 */
+            const double slope = average->end_stress[j] - S[j] - change[j]; /* of `missing`, by e1 */
             D[3 * i + j] = d[i] * (slope - 2 * missing / square * d[j]) / square + (i == j) * missing / square;
         }
     for (int i = 0; i < 3; i++) S[i] += missing / square * d[i];
@@ -144,7 +141,7 @@ static void average_response(CELL_ARGUMENTS)
         averaged_film average;
         memset(&average, 0, sizeof average);
         if (law.residual < 1) averaged_response(&law.C, e0, e1, &average);
-        const int is_corrected = add_correction(&law.C, e0, e1, &average, correction);
+        const int is_corrected = add_correction(e0, e1, &average, correction);
         for (int i = 0; i < 9; i++) correction[i] *= 1 - law.residual;
         for (int i = 0; i < 3; i++) middle[i] = (e0[i] + e1[i]) / 2;
         add_residual(&law, middle, 0.5, &average.response);
