@@ -11,7 +11,7 @@
 static const double ROUND_OFF = 1e-12;
 
 /* Halley's step, as an angle, that is the last one: the error that it leaves is of the order of its cube. */
-static const double CONVERGED_STEP = 1e-6;
+static const double CONVERGED_STEP = 1e-5;
 /* Usual films need 2 to 4, braids with a condition of 300 up to 8; bisection alone would need 50. */
 enum { MAX_ITERATIONS = 60 };
 /* From a direction nearby; where more are needed the bracket is safer. */
@@ -279,28 +279,36 @@ void add_wrinkled(const direction_basis *basis, const double *a, double tau, dou
     }
 }
 
-/* Add R^T D R to a symmetric derivative, both (6). */
-static void add_turned(const double R[3][3], const double *D, double *sum)
-{
-    const double full[3][3] = {{D[0], D[1], D[2]}, {D[1], D[3], D[4]}, {D[2], D[4], D[5]}};
-    double DR[3][3];
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) DR[i][j] = full[i][0] * R[0][j] + full[i][1] * R[1][j] + full[i][2] * R[2][j];
-    int k = 0;
-    for (int i = 0; i < 3; i++)
-        for (int j = i; j < 3; j++) sum[k++] += R[0][i] * DR[0][j] + R[1][i] * DR[1][j] + R[2][i] * DR[2][j];
-}
-
+/* The strains p = e1 + e2, q = e1 - e2 and r = 2 e12 turn simply: p stays, (q, r) turns by twice the angle. */
 void add_from_basis(direction m, const film_response *in_basis, film_response *sum)
 {
-    const double c = m.cosine;
-    const double s = m.sine;
-    /* Strains in the basis, of strains in the axes. */
-    const double R[3][3] = {
-        {c * c, s * s, c * s}, {s * s, c * c, -c * s}, {-2 * c * s, 2 * c * s, c * c - s * s}};
+    const double c = m.cosine * m.cosine - m.sine * m.sine;
+    const double s = 2 * m.cosine * m.sine;
     const double *S = in_basis->S;
-    for (int i = 0; i < 3; i++) sum->S[i] += R[0][i] * S[0] + R[1][i] * S[1] + R[2][i] * S[2];
-    add_turned(R, in_basis->D, sum->D);
+    const double *D = in_basis->D;
+    const double S_p = (S[0] + S[1]) / 2;
+    const double S_q = (S[0] - S[1]) / 2;
+    const double turned_S_q = c * S_q - s * S[2];
+    sum->S[0] += S_p + turned_S_q;
+    sum->S[1] += S_p - turned_S_q;
+    sum->S[2] += s * S_q + c * S[2];
+    const double D_pp = (D[0] + D[3]) / 4 + D[1] / 2;
+    const double D_qq = (D[0] + D[3]) / 4 - D[1] / 2;
+    const double D_pq = (D[0] - D[3]) / 4;
+    const double D_pr = (D[2] + D[4]) / 2;
+    const double D_qr = (D[2] - D[4]) / 2;
+    const double D_rr = D[5];
+    const double turned_pq = c * D_pq - s * D_pr;
+    const double turned_pr = s * D_pq + c * D_pr;
+    const double turned_qq = c * c * D_qq - 2 * c * s * D_qr + s * s * D_rr;
+    const double turned_qr = c * s * (D_qq - D_rr) + (c * c - s * s) * D_qr;
+    const double turned_rr = s * s * D_qq + 2 * c * s * D_qr + c * c * D_rr;
+    sum->D[0] += D_pp + turned_qq + 2 * turned_pq;
+    sum->D[1] += D_pp - turned_qq;
+    sum->D[2] += turned_pr + turned_qr;
+    sum->D[3] += D_pp + turned_qq - 2 * turned_pq;
+    sum->D[4] += turned_pr - turned_qr;
+    sum->D[5] += turned_rr;
 }
 
 double relaxed_density(const film_stiffness *C, const double *e)

@@ -54,7 +54,7 @@ enum { MAX_HALVINGS = 6 };
 
 /* Halley's iterations for the directions at the points of a path, and the step that is the last one. */
 enum { PATH_ITERATIONS = 4 };
-static const double CONVERGED_STEP = 1e-6;
+static const double CONVERGED_STEP = 1e-5;
 
 /* a/b limited to [0, 1]. */
 static double fraction(double a, double b)
@@ -68,15 +68,16 @@ static double cone_product(const double *a, const double *b) { return a[0] * b[0
 /* The part of a straight path that lies in the cone h >= |d| of points (h, d) with three components. */
 static interval within_cone(const double *first, const double *last)
 {
+    const double q0 = cone_product(first, first);
+    const int starts_inside = first[0] >= 0 && q0 >= 0;
+    const int ends_inside = last[0] >= 0 && cone_product(last, last) >= 0;
+    if (starts_inside && ends_inside) return (interval){0, 1};
+    if (first[0] < 0 && last[0] < 0) return (interval){1, 1};
     double change[3];
     for (int i = 0; i < 3; i++) change[i] = last[i] - first[i];
     /* The quadratic A s^2 + 2 B s + q0 is positive in the cone, and in the opposite one. */
     const double A = cone_product(change, change);
     const double B = cone_product(first, change);
-    const double q0 = cone_product(first, first);
-    const int starts_inside = first[0] >= 0 && q0 >= 0;
-    const int ends_inside = last[0] >= 0 && cone_product(last, last) >= 0;
-    if (starts_inside && ends_inside) return (interval){0, 1};
     const double discriminant = B * B - A * q0;
     const int passes_through = A < 0 && discriminant > 0 && first[0] * A < B * change[0];
     if (!starts_inside && !ends_inside && !passes_through) return (interval){1, 1};
