@@ -83,6 +83,21 @@ def subdomains(
     }
 
 
+def fabric_airbags(sizes: tuple[int, ...]) -> Cases:
+    """Cells along half an edge, with the yarns along the edges and along the diagonals.
+
+    With the damping of the isotropic airbag (60/s) that of Kratos loses its shape; with 1000/s it comes to rest.
+    """
+    return {
+        f"{n} cells, {angle} degrees": {
+            SELF: {"n": n, "law": "fabric", "angle": angle},
+            "kratos": {"n": n, "law": "fabric", "angle": angle, "damping": 1000},
+        }
+        for n in sizes
+        for angle in (0, 45)
+    }
+
+
 def strips(own: int, kratos: tuple[int, int], exudyn: int, ngsolve: int) -> dict[str, Words]:
     """Cells along, and as few increments of the load as succeed; of Kratos cells and increments."""
     return {
@@ -118,6 +133,26 @@ PROBLEMS = {
         cases={f"{n} cells": {SELF: {"n": n}, "kratos": {"n": n}} for n in (8, 16)},
         quick={"8 cells": {SELF: {"n": 8}, "kratos": {"n": 8}}},
         peers=("kratos",),
+    ),
+    "airbag_fabric": Problem(
+        title="Square airbag of fabric at rest, w_M = 0.2220 m (0 degrees) and 0.2196 m (45 degrees)",
+        cost=lambda r: r["cpu"],
+        unit="s CPU",
+        cases=fabric_airbags((8, 16)),
+        quick=fabric_airbags((8,)),
+        peers=("kratos",),
+        script="airbag",
+    ),
+    "orthotropic": Problem(
+        title="Free sheet, law time of a Newton iteration of orthotropic film over that of isotropic film",
+        cost=lambda r: r["ratio"],
+        unit="times",
+        cases={
+            f"{law}, order {order}": {SELF: {"law": law, "order": order, "n": 48 // order}}
+            for order in (1, 2)
+            for law in ("fabric", "braid", "steep braid")
+        },
+        quick={"braid, order 1": {SELF: {"law": "braid", "n": 10, "steps": 3}}},
     ),
     "plate": Problem(
         title="Cantilever strip and slit ring of Sze, Liu & Lo (2004) under their full load",
