@@ -34,7 +34,6 @@ from dolfinx.mesh import Mesh
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.fields.body_shape import BodyShape
-from gossamer_fx.fields.law_stress import CellStress
 from gossamer_fx.forms.backend import interpolation_points
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.forms.kinematics import Expr
@@ -43,6 +42,7 @@ from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.quality import area_vectors, corner_points
 from gossamer_fx.model.body import Array, MeshBody
 from gossamer_fx.system.system import System
+from gossamer_fx.terms.discrete_gradient import gradient
 
 # Mean values over neighbouring cells are taken so often.
 SMOOTHINGS = 2
@@ -83,9 +83,7 @@ class WrinkleMap:
             fem.functionspace(domain, ("Discontinuous Lagrange", 0, (COLUMNS,)))
         )
         points = interpolation_points(self._cellwise.function_space)
-        self._stress = CellStress(self._shape)
-        columns = _columns(self._shape, self._stress.expression)
-        self._expression = compile_expression(columns, points)
+        self._expression = compile_expression(_columns(self._shape), points)
         self._linear = fem.Function(
             fem.functionspace(domain, ("Lagrange", 1, tuple(function.ufl_shape)))
         )
@@ -93,7 +91,6 @@ class WrinkleMap:
     def update(self) -> None:
         """Set the function to the accepted state.  Collective."""
         self._shape.update()
-        self._stress.update()
         body = self._shape.body
         tensors, tension, bending = self._smoothed()
         eigenvalues, vectors = np.linalg.eigh(tensors)
@@ -145,10 +142,12 @@ def _check_law(film: Membrane) -> None:
     )
 
 
-def _columns(shape: BodyShape, stress: Expr) -> Expr:
+def _columns(shape: BodyShape) -> Expr:
     """The components of A in space, the tension T [N/m], a and B a [N m], as an expression (9,)."""
     film = shape.body
-    strain = film.law.taut_strain(stress, film.constants) - shape.elastic_strain()
+    elastic = shape.elastic_strain()
+    stress = gradient(film.density, elastic)
+    strain = film.law.taut_strain(stress, film.constants) - elastic
     in_frame = ufl.as_matrix([[strain[0], strain[2] / 2], [strain[2] / 2, strain[1]]])
     deformation = film.deformation(shape.q)
     in_space = ufl.dot(deformation, ufl.dot(in_frame, deformation.T))
