@@ -54,9 +54,7 @@ for step in range(FIRST_STEPS + 1, FIRST_STEPS + case["steps"] + 1):
         seconds = solver.seconds["law"]
         iterations = solver.all_iterations
         run.run(until=step * DT)
-        measured[law].append(
-            (solver.seconds["law"] - seconds, solver.all_iterations - iterations)
-        )
+        measured[law].append((solver.seconds["law"] - seconds, solver.all_iterations - iterations))
 law_times = {
     law: float(np.median([seconds / iterations for seconds, iterations in steps]))
     for law, steps in measured.items()
