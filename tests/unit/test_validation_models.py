@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+import gossamer_fx as gx
 from demos.validation.models.capstan import helix, tangent
 from demos.validation.models.hanging_kite import (
     PulleyEnergy,
@@ -14,6 +15,7 @@ from demos.validation.models.hanging_kite import (
     wall_stiffness,
 )
 from demos.validation.models.inflated_cantilever import Cantilever
+from demos.validation.models.tape_spring import FirstGuess, Tape, cells_along
 
 
 def test_a_line_over_a_pulley_has_one_tension_and_does_the_work_of_its_energy():
@@ -82,3 +84,41 @@ def test_the_tails_of_a_wound_cable_are_tangents(wrap):
     directions = turned / np.linalg.norm(turned, axis=1, keepdims=True)
     turns = np.arccos(np.clip((directions[1:] * directions[:-1]).sum(axis=1), -1, 1))
     assert turns.sum() == pytest.approx(wrap, rel=1e-6)
+
+
+STEEL_TAPE = Tape(
+    radius=0.015,
+    angle=math.pi / 2,
+    law=gx.Linear(E=2e11, nu=0.3, density=7850.0, thickness=1e-4),
+)
+
+
+@pytest.mark.parametrize("sense", [1, -1])
+def test_the_first_guess_of_a_folded_tape_keeps_its_middle_line_in_the_fold(sense):
+    """A flat section of a fold lies on a cylinder; far from it the section is the natural arc."""
+    turn = sense * math.radians(40)
+    guess = FirstGuess(STEEL_TAPE, turn)
+    in_fold = 0.5 * abs(turn) * STEEL_TAPE.radius
+    across = np.linspace(0.0, STEEL_TAPE.width, 7)
+    X = np.stack([np.full(7, in_fold), across, np.zeros(7)])
+    x = X + guess.displacement(X)
+    assert x[0] == pytest.approx(STEEL_TAPE.radius * math.sin(0.5 * abs(turn)), rel=1e-5)
+    assert x[1] == pytest.approx(across, abs=1e-9)
+
+    far = np.stack([np.full(7, STEEL_TAPE.length), across, np.zeros(7)])
+    end = far + guess.displacement(far)
+    direction = np.array([math.cos(turn), 0.0, -math.sin(turn)])
+    # The end is a plane section at right angles to the turned axis ...
+    assert direction @ end == pytest.approx(direction @ end[:, 0], abs=1e-12)
+    # ... and the chord of its arc is that of the natural section.
+    chord = np.linalg.norm(end[:, -1] - end[:, 0])
+    assert chord == pytest.approx(2 * STEEL_TAPE.radius * math.sin(STEEL_TAPE.angle / 2), rel=1e-9)
+
+
+def test_cells_are_small_in_the_fold_and_reach_the_end():
+    places = cells_along(STEEL_TAPE, 0.002, math.radians(60))
+    lengths = np.diff(places)
+    assert places[-1] == pytest.approx(STEEL_TAPE.length)
+    assert lengths[:8] == pytest.approx(lengths[0])
+    assert 0.0018 < lengths[0] <= 0.002
+    assert lengths.max() < 0.4 * STEEL_TAPE.width

@@ -1,11 +1,17 @@
-"""A tape spring bent against its curvature: the steady moment of its fold.
+"""The fold of a tape spring: its steady moment and its radius, in both senses of bending.
 
 The tape is a plate on a flat mesh whose rest curvature makes it a circular arc across.  Its ends retain
-their shape and are turned by φ each, without axial force, so that the centres of curvature along and
-across are on different sides of the tape; by symmetry a half is computed.  The moment is M = dU/d(2φ) of
-the stored energy U, after the snap from a straight line through the turns of the fold.
+their shape and are turned by φ each, without axial force; by symmetry a half is computed.  In opposite
+sense the centres of curvature along and across lie on different sides of the tape, in equal sense on one.
 
-A fold that is a cylinder of the radius of the section has M = (1 + ν) D α.
+A tape that is bent from its straight state snaps, and in equal sense it finds other folds than the one
+that is sought.  So the search starts from a folded tape: a cylinder of the radius of the section, a
+transition in which the curvature across grows, and a straight tape.  Equilibria at a few larger turns then
+follow, over which the fold grows by the length of one cell.  On a mesh the moment ripples with that period:
+the steady moment is the mean M = ΔU/(2 Δφ) over it, with the stored energy U.
+
+Theory: a fold that is a cylinder of the radius of the section, of angle α, has M = (1 + ν) D α in opposite
+and (1 - ν) D α in equal sense.
 """
 
 from __future__ import annotations
@@ -19,31 +25,54 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
-from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx import Mesh
+from gossamer_fx.checks.errors import check
+from gossamer_fx.fields.values import positions
+from gossamer_fx.meshes.arrays import cell_corners, mesh_of_arrays, polyline, triangles_of
 
-CELLS_ACROSS = 6
-QUICK_CELLS_ACROSS = 4
-# Length of a cell over its width.
-CELL_ASPECT = 2.2
-# Half of the length over the width of the tape.
+# Half of the length over the width of the tape: four widths beyond, ends do not change the moment.
 HALF_LENGTH = 4.0
 
-# Turns [rad]: the tape snaps near 5 degrees.  Beyond some 20 degrees the fold is longer than a cell and
-# jumps along the mesh.
-TURNS = np.radians(np.arange(0.0, 19.0, 1.0))
-# Turn [rad] from which the moment is that of the fold.
-STEADY_FROM = math.radians(13.0)
+# Mesh: cells across, and length of a cell in the fold over the radius of the section, unless the inputs
+# "cells_across" and "cell_of_fold" are given.
+CELLS_ACROSS = 8
+CELL_OF_FOLD = 0.13
+QUICK_CELLS_ACROSS = 4
+QUICK_CELL_OF_FOLD = 0.3
+# Beyond the fold each cell is longer than the one before by this factor, up to a share of the width.
+GROWTH = 1.15
+LONGEST_CELL = 0.36
+# Turn [rad] added to the fold's end within which the cells remain small: the transition bends most there.
+MARGIN = 0.3
+
+# First turn [rad] of an end.  The fold is then 1.4 radii long, several cells.
+FIRST_TURN = math.radians(40.0)
+# Turns within which the fold grows by a cell.  With three of them some searches find a fold elsewhere.
+STEPS = 6
+QUICK_STEPS = 4
+# Length of the transition of the first guess over the radius.  Any from 2 to 4 leads to the same fold.
+TRANSITION = 2.7
+# Curvature [1/radius] below which the section of the first guess counts as flat.
+FLAT = 1e-6
+
+# Share of the fold's length in which its radius is measured: it ends in a transition.
+MEASURED_SHARE = 0.6
 
 # Axial force over D α/R that counts as zero, and secant iterations for the shift [m] of the end.
-LITTLE_FORCE = 2e-3
+LITTLE_FORCE = 1e-2
 MAX_SECANT_STEPS = 12
-# Largest change of the shift in one of them, over the radius: against steps over the snap.
+# Largest change of the shift in one of them, over the radius: against steps to another fold.
 MAX_SHIFT = 0.15
+# First guess of the axial stiffness of the folded tape over D α/R².
+FIRST_STIFFNESS = 3.0
 
 DENSITY = 7850.0  # [kg/m³]: it only paces the pseudo-time of the equilibria
 SEARCH = gx.analysis.Continuation(
     first_step=1e-3, tolerance=1e-6, inner_tolerance=0.3, fast_iterations=15, max_iterations=40
 )
+
+# Sign of the turn by which the end of a tape whose edges point up goes down.
+SENSES = {"opposite": 1.0, "equal": -1.0}
 
 
 @dataclass(frozen=True)
@@ -60,47 +89,158 @@ class Tape:
         return self.radius * self.angle
 
     @property
+    def length(self) -> float:
+        """Half of the length of the tape [m]."""
+        return HALF_LENGTH * self.width
+
+    @property
     def bending_stiffness(self) -> float:
         """D [N m]."""
         return self.law.E * self.law.thickness**3 / 12 / (1 - self.law.nu**2)
 
+    @property
+    def moment_scale(self) -> float:
+        """D α [N m]."""
+        return self.bending_stiffness * self.angle
+
+    @property
+    def mean_height(self) -> float:
+        """Height of the centre of the natural section above its lowest point [m]."""
+        return _mean_height(self.radius, self.angle)
+
+    def section(self, along_arc: Array, curvature: Array) -> tuple[Array, Array]:
+        """Places (y, z) [m] of a section of this curvature [1/m], from its middle and its centre."""
+        κ = np.maximum(curvature, FLAT / self.radius)
+        y = np.sin(κ * along_arc) / κ
+        z = (1 - np.cos(κ * along_arc)) / κ
+        return y, z - _mean_height(1 / κ, κ * self.width)
+
+
+def _mean_height(radius: Array | float, angle: Array | float) -> Array | float:
+    half = np.asarray(angle) / 2
+    return radius * (1 - np.sin(half) / half)
+
+
+def cells_along(tape: Tape, cell: float, last_turn: float) -> Array:
+    """Places [m] of the cells' ends along the half tape: small ones as far as the fold will reach."""
+    end_of_fold = tape.radius * (last_turn + MARGIN)
+    longest = LONGEST_CELL * tape.width
+    places = [0.0]
+    while places[-1] < tape.length:
+        if places[-1] > end_of_fold:
+            cell = min(GROWTH * cell, longest)
+        places.append(places[-1] + cell)
+    return np.array(places) * (tape.length / places[-1])
+
+
+def graded_sheet(comm: MPI.Intracomm, places: Array, rows: int, width: float) -> Mesh:
+    """A rectangle with columns of cells between `places` [m], each of two triangles with alternate diagonals.
+
+    Groups: "film"; its ends "left" and "right".
+    """
+
+    def arrays() -> tuple[Array, Array, dict[str, Array]]:
+        x, y = np.meshgrid(places, np.linspace(0.0, width, rows + 1))
+        points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+        nodes = np.arange(x.size).reshape(x.shape)
+        a, b, c, d = cell_corners(nodes)
+        row, column = np.indices(a.shape)
+        # Diagonals of one direction only would make a fold lean.
+        rises = (row + column) % 2 == 0
+        first = triangles_of(a, b, np.where(rises, c, d))
+        second = triangles_of(np.where(rises, a, b), c, d)
+        ends = {"left": polyline(nodes[:, 0]), "right": polyline(nodes[:, -1])}
+        return points, np.vstack([first, second]), ends
+
+    return mesh_of_arrays(comm, arrays)
+
+
+class FirstGuess:
+    """A tape folded by a cylinder of the radius of its section; its end is at the height of a straight tape.
+
+    Attributes:
+        end: place x of the end's centre [m].
+    """
+
+    def __init__(self, tape: Tape, turn: float) -> None:
+        self._tape = tape
+        self._turn = turn
+        x, z, _ = self._axis(np.array([tape.length]))
+        self._end_height = float(z[0])
+        self.end = float(x[0])
+
+    def displacement(self, X: Array) -> Array:
+        """Displacements (3, n) [m] of points of the flat mesh."""
+        tape = self._tape
+        x, z, slope = self._axis(X[0])
+        begin = tape.radius * abs(self._turn)
+        share = np.clip((X[0] - begin) / (TRANSITION * tape.radius), 0.0, 1.0)
+        curvature = share**2 * (3 - 2 * share) / tape.radius
+        y, above = tape.section(X[1] - tape.width / 2, curvature)
+        height = tape.mean_height + z - self._end_height
+        return np.stack(
+            [
+                x + above * np.sin(slope) - X[0],
+                y + tape.width / 2 - X[1],
+                height + above * np.cos(slope),
+            ]
+        )
+
+    def _axis(self, s: Array) -> tuple[Array, Array, Array]:
+        """Places x and z [m] and downward slope [rad] of the line of the sections' centres."""
+        R = self._tape.radius
+        size = abs(self._turn)
+        sense = math.copysign(1.0, self._turn)
+        angle = np.minimum(s / R, size)
+        straight = np.maximum(s - R * size, 0.0)
+        x = R * np.sin(angle) + straight * math.cos(size)
+        down = R * (1 - np.cos(angle)) + straight * math.sin(size)
+        return x, -sense * down, sense * angle
+
 
 class Turning:
-    """The equilibria of a half tape whose end is turned."""
+    """The equilibria of a folded half tape whose end is turned.
 
-    def __init__(self, tape: Tape, comm: MPI.Intracomm, across: int) -> None:
+    Args:
+        tape: the tape.
+        comm: its ranks.
+        across: cells across.
+        cell: length of a cell in the fold over the radius.
+        turns: turns of the end [rad], the first one first; negative in equal sense.
+    """
+
+    def __init__(
+        self, tape: Tape, comm: MPI.Intracomm, across: int, cell: float, turns: Array
+    ) -> None:
         R = tape.radius
-        α = tape.angle
-        length = HALF_LENGTH * tape.width
-        mean_height = R * (1 - math.sin(α / 2) / (α / 2))
-        self._shift = 0.0
-        self._little = LITTLE_FORCE * tape.bending_stiffness * α / R
+        guess = FirstGuess(tape, float(turns[0]))
+        self._shift = guess.end - tape.length
+        self._little = LITTLE_FORCE * tape.moment_scale / R
         self._max_shift = MAX_SHIFT * R
-        # First guess of the axial stiffness [N/m]: that of a straight strip.
-        self._stiffness = tape.law.E * tape.law.thickness * tape.width / length
-
-        def section(X: Array) -> tuple[Array, Array]:
-            a = X[1] / R - α / 2
-            return R * (np.sin(a) + α / 2) - X[1], R * (1 - np.cos(a))
-
-        def curved(X: Array) -> Array:
-            y, z = section(X)
-            return np.stack([0 * y, y, z])
+        self._stiffness = FIRST_STIFFNESS * tape.moment_scale / R**2
 
         def turned(X: Array, φ: float) -> Array:
-            y, z = section(X)
-            above = z - mean_height
-            x = self._shift + above * math.sin(φ)
-            return np.stack([x, y, mean_height + above * math.cos(φ)])
+            natural = np.full_like(X[1], 1 / R)
+            y, above = tape.section(X[1] - tape.width / 2, natural)
+            return np.stack(
+                [
+                    self._shift + above * math.sin(φ),
+                    y + tape.width / 2 - X[1],
+                    tape.mean_height + above * math.cos(φ),
+                ]
+            )
 
         def direction(X: Array, φ: float) -> Array:
             ones = np.ones_like(X[0])
             return np.stack([math.cos(φ) * ones, 0 * ones, -math.sin(φ) * ones])
 
-        along = round(across * HALF_LENGTH / CELL_ASPECT)
-        mesh = sheet(comm, along, across, length, tape.width, crossed=True)
+        places = cells_along(tape, cell * R, float(np.abs(turns).max()))
+        mesh = graded_sheet(comm, places, across, tape.width)
         self.plate = gx.Plate(
-            mesh, tape.law, rest_curvature=np.diag((0.0, 1 / R, 0.0)), displacement=curved
+            mesh,
+            tape.law,
+            rest_curvature=np.diag((0.0, 1 / R, 0.0)),
+            displacement=guess.displacement,
         )
         middle = gx.Fixed(
             self.plate,
@@ -130,7 +270,7 @@ class Turning:
             force = float(self._search.reaction(self._end)[0][0])
             if math.isfinite(force_before) and force != force_before:
                 secant = (force - force_before) / step
-                # Past the snap a secant may be negative and lead away.
+                # Where a fold jumps by a cell, a secant may be negative and lead away.
                 if secant > 1e-3 * self._stiffness:
                     self._stiffness = secant
             if abs(force) < self._little:
@@ -140,9 +280,24 @@ class Turning:
             self._shift += step
         return 2 * float(sum(found.totals.stored.values()))
 
+    def fold_radius(self, φ: float) -> float:
+        """Radius [m] of the circle nearest to the middle line of the tape within the fold."""
+        space = self.plate.space
+        x = positions(self._search, self.plate)
+        X = space.tabulate_dof_coordinates()[: len(x)]
+        on_middle = np.isclose(X[:, 1], self._tape.width / 2)
+        in_fold = X[:, 0] <= MEASURED_SHARE * self._tape.radius * abs(φ)
+        # A dozen points: all ranks have them.
+        parts = space.mesh.comm.allgather(x[on_middle & in_fold][:, [0, 2]])
+        points = np.concatenate(parts)
+        # By symmetry the centre (0, c) is above or below the middle: x² + z² = 2 c z + (r² - c²).
+        matrix = np.column_stack([2 * points[:, 1], np.ones(len(points))])
+        c, rest = np.linalg.lstsq(matrix, (points**2).sum(axis=1))[0]
+        return math.sqrt(rest + c**2)
+
 
 def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
-    """Steady and largest moment [N m]."""
+    """Steady moment [N m] and radius of the fold [m]."""
     law = gx.Linear(
         E=inputs.number("E", "Pa", above=0),
         nu=inputs.number("poisson", "1"),
@@ -154,12 +309,32 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         angle=inputs.number("angle", "rad", above=0),
         law=law,
     )
-    turning = Turning(tape, comm, QUICK_CELLS_ACROSS if quick else CELLS_ACROSS)
-    energies = np.array([turning.energy(float(φ)) for φ in TURNS])
-    is_steady = TURNS >= STEADY_FROM
-    moment = float(np.polyfit(2 * TURNS[is_steady], energies[is_steady], 1)[0])
-    peak = float((np.diff(energies) / np.diff(2 * TURNS)).max())
-    quantities = {"steady moment": Predicted(moment), "peak moment": Predicted(peak)}
+    sense = inputs.word("sense", tuple(SENSES))
+    cell = QUICK_CELL_OF_FOLD if quick else CELL_OF_FOLD
+    steps = QUICK_STEPS if quick else STEPS
+    across = QUICK_CELLS_ACROSS if quick else CELLS_ACROSS
+    if "cells_across" in inputs:
+        across = inputs.whole("cells_across", least=2)
+        check(
+            across % 2 == 0,
+            f"{inputs.where}: cells_across is {across}; give an even number, for nodes on the middle line.",
+        )
+    if "cell_of_fold" in inputs:
+        cell = inputs.number("cell_of_fold", "1", above=0)
+    turns = SENSES[sense] * (FIRST_TURN + np.linspace(0.0, cell, steps + 1))
+
+    turning = Turning(tape, comm, across, cell, turns)
+    energies = []
+    radii = []
+    for φ in turns:
+        energies.append(turning.energy(float(φ)))
+        radii.append(turning.fold_radius(float(φ)))
+    # Each half turns by the change of φ.
+    moment = (energies[-1] - energies[0]) / (2 * cell)
+    quantities = {
+        "steady moment": Predicted(moment),
+        "radius of the fold": Predicted(float(np.mean(radii))),
+    }
     details = {
         "unknowns": float(turning.unknowns),
         "iterations": float(turning.iterations),
