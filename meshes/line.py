@@ -22,10 +22,7 @@ def line(
     """
     # A polygon has a further segment, from its last point to its first.
     segments = len(points) if closed else len(points) - 1
-    if isinstance(elements, int):
-        counts = [elements] * segments
-    else:
-        counts = list(elements)
+    counts = [elements] * segments if isinstance(elements, int) else list(elements)
 
     def build(model: Any) -> None:
         geo = model.geo
