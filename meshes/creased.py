@@ -242,7 +242,7 @@ def _name_rim(
         b = corners[(k + 1) % len(corners)]
         on = np.array([_on_a_line(points[edge], [(a, b)]) for edge in edges])
         _add_lines(model, f"side {k + 1}", edges[on])
-        # The node of the corner may have been numbered again by gmsh: it is found by its place.
+        # The node of the corner may have been numbered again by gmsh: it is found by its coordinates.
         entity = model.addDiscreteEntity(0)
         nearest = np.linalg.norm(points[:, :2] - a, axis=1).argmin()
         model.mesh.addElementsByType(entity, 15, [], [nearest + 1])

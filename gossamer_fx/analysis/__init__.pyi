@@ -26,5 +26,5 @@ from .sensitivities import Gradient as Gradient
 from .sensitivities import Integral as Integral
 from .sensitivities import RunTape as RunTape
 from .sensitivities import gradient as gradient
-from .travelling_waves import TravellingWaves as TravellingWaves
-from .travelling_waves import travelling_waves as travelling_waves
+from .wave_separation import TravellingWaves as TravellingWaves
+from .wave_separation import travelling_waves as travelling_waves

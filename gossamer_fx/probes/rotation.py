@@ -20,7 +20,7 @@ class AngularMomentum:
     """Component [kg m²/s] of the angular momentum of the scene about its centre of mass.
 
     In axes of space it is constant without external loads.  In the axes of a hub its first two components
-    tell how far the hub leans away from it.
+    grow as the hub leans away from it.
 
     Args:
         axis: "x", "y" or "z": of space, or the first, second or third axis of `frame`.
@@ -60,7 +60,7 @@ class AngularMomentum:
 class Nutation:
     """Angle [rad], 0 to π, between the third axis of a frame and the scene's angular momentum about its centre of mass.
 
-    A symmetric spinning body keeps its nutation angle; where energy is dissipated it decays if the third
+    The nutation angle of a rigid symmetric body is constant; where energy is dissipated it decays if the third
     axis is that of the largest moment of inertia, and grows otherwise.
 
     Args:
@@ -87,7 +87,7 @@ class Nutation:
         """The angle [rad] in the state of a run; 0 where nothing turns."""
         momentum = angular_momentum_about_centre(run)
         axis = run.system.state.vectors([self.frame.directors[2]])[0]
-        # The angle from its sine and its cosine: small angles keep their digits.
+        # The angle from its sine and its cosine: the cosine alone has no digits of small ones.
         across = float(np.linalg.norm(np.cross(axis, momentum)))
         return math.atan2(across, float(axis @ momentum))
 
