@@ -99,9 +99,9 @@ ERROR_PROBLEMS = {
         error=deflection_error,
         curves={
             SELF: series("n", (6, 8, 12, 16), shape="slit ring"),
-            # The peers need many increments, the first of them small.
+            # The peer needs many increments, the first of them small.  NGSolve is left out: our script of it
+            # returned no deflection with 3 to 6 cells, for a reason that was not found.
             "kratos": series("n", (6, 8, 12), shape="slit ring", increments=40, power=3.0),
-            "ngsolve": series("n", (3, 4, 6), shape="slit ring", increments=30, power=3.0),
         },
         quick={SELF: series("n", (4,), shape="slit ring")},
         reference="Sze, Liu & Lo (2004), to five digits. The first meshes differ from it by more than 1 %.",
