@@ -9,19 +9,22 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.checks.arguments import check_arguments
-from gossamer_fx.checks.errors import check
-from gossamer_fx.checks.user_functions import ask_numbers
-from gossamer_fx.forms.compilation import constant
-from gossamer_fx.forms.kinematics import Expr, area_vector
-from gossamer_fx.model.body import Array
-from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Term
+from gossamer_fx.bodies import Membrane
+from gossamer_fx.extend import (
+    Array,
+    Expr,
+    Load,
+    State,
+    Term,
+    area_vector,
+    ask_numbers,
+    check,
+    check_arguments,
+    constant,
+)
 from gossamer_fx.orbit.optics import MIRROR, PRESSURE, Optics
 from gossamer_fx.orbit.solar_pressure import face_coefficients, surface_measure
 from gossamer_fx.orbit.surface_forces import Symbolic, light_force
-from gossamer_fx.terms.loads import Load
 
 Direction = Sequence[float] | Callable[[float], Sequence[float]]
 

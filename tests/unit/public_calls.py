@@ -232,6 +232,17 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "analysis.ChamberPressure": {"chamber": tank},
         "analysis.CrossingTime": {"of": gx.analysis.EnclosedVolume(film), "value": 1e-3},
         "analysis.Energy": {},
+        "analysis.TravellingWaves": {
+            "forward": 1.0,
+            "backward": 0.0,
+            "forward_frequency": 2.0,
+            "backward_frequency": 0.0,
+        },
+        "analysis.travelling_waves": {
+            "time": np.arange(20.0),
+            "cosine": np.cos(np.arange(20.0)),
+            "sine": np.sin(np.arange(20.0)),
+        },
         "analysis.Frequency": {"equilibrium": inputs.equilibrium, "number": 1},
         "analysis.Limit": {"of": gx.analysis.Energy(), "low": 0.0, "high": 1.0},
         "analysis.Functional": {
@@ -306,6 +317,16 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "Linear": film_law,
         "constraints.Link": {"a": P, "b": Q},
         "probes.MeanSpin": {"body": film, "axis": "z"},
+        "probes.AngularMomentum": {"axis": "z", "frame": gx.ground_frame()},
+        "probes.Nutation": {"frame": gx.ground_frame()},
+        "probes.Imbalance": {"ports": [P, P], "frame": gx.ground_frame()},
+        "probes.Waves": {
+            "ports": [P, P, P, P],
+            "frame": gx.ground_frame(),
+            "number": 1,
+            "part": "sine",
+            "quantity": "radius",
+        },
         "Membrane": {"mesh": mesh, "law": law, "order": 1, "name": "film"},
         "LinearOrthotropic": {**fabric, "direction": (1.0, 0.0, 0.0)},
         "materials.AroundAxis": {"axis": (0.0, 0.0, 1.0), "point": (0.0, 0.0, 0.0)},
@@ -327,6 +348,14 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "orbit.Optics": dict.fromkeys(
             ("reflectivity", "specular", "emissivity", "lambertian"), 0.5
         ),
+        "orbit.Sunlight": {
+            "body": film,
+            "direction": z,
+            "optics": gx.orbit.Optics(),
+            "groups": {"film": gx.orbit.Optics()},
+            "pressure": 5e-6,
+            "name": "light",
+        },
         "orbit.Orbit": {
             "start": gx.orbit.Elements(7e6),
             "sun": z,
