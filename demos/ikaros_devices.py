@@ -1,0 +1,356 @@
+"""The sail of IKAROS as it was built: devices where they are, reinforcing tapes, creases; flown by sunlight for a day.
+
+`demos/ikaros.py` spreads the mass of the devices evenly over a film without bending stiffness.  Here the sail is a
+`Plate` whose film bears no compression.  Where devices are bonded to it, it is thicker, has nearly all of the mass,
+and has a natural curvature: a laminate of several layers curls.  Tapes that only bear tension run along the edges and
+the seams of the trapezoids.  Creases along all folds have a rest angle.
+
+The steady spin is an equilibrium in axes that turn with the sail, with the pressure of sunlight along the axis.  From
+its shape follow the flatness, the slack tethers, the spin that the angular momentum of the flat sail leaves, and the
+windmill torque of sunlight: a device that is curved or tilted turns a part of the pressure into the plane.
+
+Then the sail flies round the Sun: the whole plate for some turns, and for a day a rigid body that has the surfaces of
+the deformed sail.
+
+Where the values come from:
+    7.5 µm polyimide; cells of 25 µm; 15 kg in all
+                         sheets and press kit of the project; 14 kg in the four trapezoids as in `demos/ikaros.py`
+    devices along the outer edge steer, cells lie in the middle of each trapezoid
+                         pictures of the project; sizes here are whole squares of 0.64 m, chosen
+    natural curvature    not published: the study varies it
+    tapes of 25 µm × 10 mm polyimide, creases
+                         chosen: not published; the study varies them
+    -2.7e-5 N m          windmill torque in June 2011, 1.03 au, from > 1 to 0.4 rpm in 21 days (docs/measured.md)
+    front with aluminium the optics of `demos/windmill.py`
+
+    ./gossamer demo ikaros_devices
+    ./gossamer study tapes
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos import ikaros
+from demos.windmill import DISTANCE, FLIGHT, OPTICS
+from gossamer_fx.fields.fields import FieldFunctions
+from gossamer_fx.meshes.sails import trapezoids
+from gossamer_fx.model.body import Array
+from gossamer_fx.orbit.eclipse import AU
+from gossamer_fx.orbit.sky import MU_SUN
+from gossamer_fx.orbit.surface_forces import Rows, light_force
+
+PITCH = 0.64  # between folds, and side of the squares that are devices [m]
+INNER = 2  # rows of the hole
+OUTER = 11  # rows of the sail
+RPM = ikaros.RPM
+FILM = {"E": 3e9, "nu": 0.34, "thickness": 7.5e-6}
+FILM_DENSITY = 1420.0  # of polyimide [kg/m³]
+# Row and columns of the cells of a trapezoid; with these they are 5 % of the sail.
+CELL_ROW = 6
+CELL_COLUMNS = 3
+# Pressure of sunlight at 1 au on a black face [Pa].
+PRESSURE_AT_AU = 4.56e-6
+# The search for the steady spin.  Shapes that are found take 40 to 90 iterations.
+SEARCH = gx.analysis.Continuation(tolerance=1e-4, total_iterations=300)
+# Tethers whose tension is below this part of the mean count as slack.
+SLACK_SHARE = 1e-3
+
+
+@dataclass(frozen=True)
+class Build:
+    """How the sail is built.
+
+    Args:
+        tape: stiffness EA of the reinforcing tapes [N]; 0: no tapes.
+        curvature: natural curvature of the devices [1/m], the same in all directions, away from the Sun.
+        spread: standard deviation of the curvature of single devices over `curvature`.
+        seed: of the random numbers of that spread.
+        crease: stiffness of the creases [N m/m/rad]; 0: no creases.
+        bends: whether film and devices resist bending; without it there is neither curvature nor crease.
+        device: thickness of a device with the film on which it is [m].
+        refine: cells between folds.
+
+    Example:
+        >>> Build(tape=0.0).curvature
+        0.5
+    """
+
+    tape: float = 750.0
+    curvature: float = 0.5
+    spread: float = 0.3
+    seed: int = 1
+    crease: float = 1e-6
+    bends: bool = True
+    device: float = 32.5e-6
+    refine: int = 1
+
+
+# Rest angle of a crease over the angle of the pressed fold: film that was folded for months.
+SET_ANGLE_RATIO = 0.5
+# Mass of a tape per length: 25 µm × 10 mm of polyimide [kg/m].
+TAPE_LINE_DENSITY = 3.6e-4
+
+
+def device_numbers(X: Array) -> Array:
+    """Number of the device (n,) at points X (3, n) [m] of the flat sail, from 1 on; 0 where there is film only."""
+    # Along and outward in the frame of the trapezoid in which a point lies.
+    quarter = np.round(np.arctan2(X[0], -X[1]) / (math.pi / 2))
+    turn = quarter * math.pi / 2
+    along = np.cos(turn) * X[0] + np.sin(turn) * X[1]
+    outward = np.sin(turn) * X[0] - np.cos(turn) * X[1]
+    column = np.floor(along / PITCH + 1e-9)
+    row = np.floor(outward / PITCH + 1e-9)
+    is_cell = (row == CELL_ROW) & (column >= -CELL_COLUMNS) & (column < CELL_COLUMNS)
+    # Every second square along the outer edge steers; the triangles at its ends are not squares.
+    is_square = (column >= 1 - OUTER) & (column < OUTER - 1)
+    steers = (row == OUTER - 1) & is_square & (np.remainder(column, 2) == 0)
+    number = 1 + (column + OUTER) + 2 * OUTER * (row + OUTER * np.remainder(quarter, 4))
+    return np.where(is_cell | steers, number, 0.0)
+
+
+def device_squares() -> int:
+    """Number of squares that are devices."""
+    steering = len([column for column in range(1 - OUTER, OUTER - 1) if column % 2 == 0])
+    return 4 * (2 * CELL_COLUMNS + steering)
+
+
+def curvature_at(build: Build) -> Any:
+    """Natural curvature (3, 3, n) [1/m] as a function of points X (3, n)."""
+    random = np.random.default_rng(build.seed)
+    factors = 1 + build.spread * random.normal(size=8 * OUTER**2 + 2)
+
+    def curvature(X: Array) -> Array:
+        number = device_numbers(X).astype(int)
+        κ = np.where(number > 0, build.curvature * factors[number], 0.0)
+        in_plane = np.diag([1.0, 1.0, 0.0])
+        return in_plane[:, :, None] * κ
+
+    return curvature
+
+
+def folds() -> gx.fold.Ikaros:
+    """The fold, whose lines are the creases of the sail."""
+    _, _, bends = ikaros.rows(PITCH)
+    return gx.fold.Ikaros(n=4, inner=INNER, outer=OUTER, pitch=PITCH, bends=bends)
+
+
+def sail(comm: MPI.Comm, build: Build) -> gx.Membrane:
+    """The four trapezoids with their devices.
+
+    Those have all of the mass of the trapezoids that the film has not.
+    """
+    area = 4 * (OUTER**2 - INNER**2) * PITCH**2
+    devices = device_squares() * PITCH**2
+    film_mass = FILM_DENSITY * FILM["thickness"] * area
+    # What a device weighs per area, with the film on which it is.
+    device_weight = (ikaros.PETALS - film_mass) / devices + FILM_DENSITY * FILM["thickness"]
+    device_density = device_weight / build.device
+    properties = {
+        "thickness": lambda X: np.where(device_numbers(X) > 0, build.device, FILM["thickness"]),
+        "density": lambda X: np.where(device_numbers(X) > 0, device_density, FILM_DENSITY),
+    }
+    law = gx.Miyazaki(**FILM, density=FILM_DENSITY, residual_stiffness=1e-6)
+    mesh = trapezoids(comm, 4, INNER, OUTER, PITCH, build.refine)
+    if not build.bends:
+        return gx.Membrane(mesh, law, properties=properties, name="sail")
+    hinges: list[str] = []
+    if build.crease:
+        mesh = folds().mark(mesh)
+        hinges = [line.name for line in folds().lines(mesh)]
+    return gx.Plate(
+        mesh,
+        law,
+        hinges=hinges,
+        rest_curvature=curvature_at(build) if build.curvature else None,
+        properties=properties,
+        name="sail",
+    )
+
+
+def tapes(film: gx.Membrane, build: Build) -> list[gx.connectors.Tape]:
+    """Tapes along the outer and inner edge and along the four seams."""
+    if not build.tape:
+        return []
+    law = gx.TensionOnly(EA=build.tape, line_density=TAPE_LINE_DENSITY)
+    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * PITCH
+    lines = []
+    for k, corner in enumerate(corners):
+        following = corners[(k + 1) % 4]
+        lines.append((f"outer tape {k}", OUTER * corner, OUTER * following, 2 * OUTER))
+        lines.append((f"inner tape {k}", INNER * corner, INNER * following, 2 * INNER))
+        lines.append((f"seam tape {k}", INNER * corner, OUTER * corner, OUTER - INNER))
+    return [
+        gx.connectors.Tape.through(
+            film,
+            law,
+            points=[(*start, 0.0), (*end, 0.0)],
+            bars_per_segment=count * build.refine,
+            name=name,
+        )
+        for name, start, end, count in lines
+    ]
+
+
+def parts(film: gx.Membrane, build: Build) -> tuple[gx.RigidBody, list[Any]]:
+    """The hub, and what is with the sail: masses at the tips, tethers, tapes and creases."""
+    hub = gx.RigidBody(ikaros.HUB_MASS, ikaros.HUB_INERTIA, comm=film.comm, name="hub")
+    items: list[Any] = [
+        gx.connectors.AttachedMass(film.port(f"tip {k}"), ikaros.TIP, name=f"mass {k}")
+        for k in range(4)
+    ]
+    items.append(ikaros.tethers(film, hub, PITCH, ikaros.HUB_RADIUS))
+    items += tapes(film, build)
+    if build.crease and build.bends:
+        items += folds().creases(
+            film, stiffness=build.crease, set_angle_ratio=SET_ANGLE_RATIO
+        )
+    return hub, items
+
+
+def sun_pressure(distance: float = DISTANCE) -> float:
+    """Pressure of sunlight at a distance from the Sun [au]: force on a flat sail over its area [Pa]."""
+    return PRESSURE_AT_AU / distance**2 * sum(OPTICS.coefficients())
+
+
+def steady(comm: MPI.Comm, build: Build, rpm: float, sunlit: bool = True) -> gx.Equilibrium:
+    """Equilibrium of the open sail in axes that turn with a spin [rpm]; the hub is held in them."""
+    film = sail(comm, build)
+    hub, items = parts(film, build)
+    items.append(gx.loads.Centrifugal(film, (0.0, 0.0, rpm * RPM)))
+    items.append(gx.constraints.FixedJoint(hub.frame(), gx.ground_frame()))
+    if sunlit:
+        items.append(gx.Pressure(film, sun_pressure(), name="sunlight"))
+    search = gx.Equilibrium(gx.Scene(film, hub, *items), SEARCH)
+    search.find()
+    return search
+
+
+def triangles(film: gx.Membrane, positions: Array) -> Array:
+    """Corners (n, 3, 3) [m] of the triangles of this rank, for the positions of its nodes (owned and ghost)."""
+    owned = film.space.mesh.topology.index_map(2).size_local
+    nodes = film.space.dofmap.list[:owned, :3]
+    corners: Array = positions[nodes]
+    return corners
+
+
+def masses(film: gx.Membrane) -> Array:
+    """Masses (n,) [kg] of the triangles of this rank, with their devices."""
+    flat = triangles(film, film.space.tabulate_dof_coordinates())
+    area = np.linalg.norm(area_vectors(flat), axis=1)
+    area_of_film = 4 * (OUTER**2 - INNER**2) * PITCH**2
+    area_of_devices = device_squares() * PITCH**2
+    film_weight = FILM_DENSITY * FILM["thickness"]
+    device_weight = (ikaros.PETALS - film_weight * area_of_film) / area_of_devices
+    is_device = device_numbers(flat.mean(axis=1).T) > 0
+    return np.where(is_device, film_weight + device_weight, film_weight) * area
+
+
+def area_vectors(corners: Array) -> Array:
+    """Area vectors (n, 3) [m²] of triangles (n, 3, 3) [m]."""
+    first = corners[:, 1] - corners[:, 0]
+    second = corners[:, 2] - corners[:, 0]
+    return np.cross(first, second) / 2
+
+
+def inertia(comm: MPI.Comm, corners: Array, mass: Array) -> float:
+    """Moment of inertia [kg m²] about z of triangles (n, 3, 3) with masses (n,), and of the masses at the tips."""
+    xy = corners[:, :, :2]
+    # ∫ x² of a triangle is its mass times (Σ x_k² + (Σ x_k)²)/12.
+    squares = (xy**2).sum(axis=(1, 2)) + (xy.sum(axis=1) ** 2).sum(axis=1)
+    of_film = comm.allreduce(float(mass @ squares) / 12)
+    radius = np.linalg.norm(xy, axis=2).max(initial=0.0)
+    of_tips = 4 * ikaros.TIP * comm.allreduce(float(radius), op=MPI.MAX) ** 2
+    return of_film + of_tips
+
+
+def windmill(comm: MPI.Comm, corners: Array) -> float:
+    """Torque of sunlight [N m] about z on triangles (n, 3, 3) [m]; light travels along z."""
+    areas = area_vectors(corners)
+    front = OPTICS.coefficients()
+    back = OPTICS.coefficients(back=True)
+    forces = light_force(areas, np.array([0.0, 0.0, 1.0]), front, back, Rows)
+    torques = np.cross(corners.mean(axis=1), forces)
+    return float(PRESSURE_AT_AU / DISTANCE**2 * comm.allreduce(torques[:, 2].sum()))
+
+
+def figures(search: gx.Equilibrium) -> dict[str, float]:
+    """What a designer asks of a steady spin.  Collective.
+
+    Returns:
+        rms height: of the sail over its mean plane [mm].
+        warp: mean height of the tips over that of the inner edge [mm].
+        rms tilt: of the triangles against the mean plane [mrad].
+        taut: part of the area.
+        slack tethers: of 16.
+        J: moment of inertia of sail and tips [kg m²].
+        spin change: relative, against the flat sail with the same angular momentum, hub included.
+        torque: windmill torque of sunlight [N m].
+        iterations, residual, unknowns, seconds: of the search; compilation is not counted.
+    """
+    system = search.system
+    film = next(body for body in system.bodies if body.name == "sail")
+    comm = film.comm
+    x = system.state[film].local_positions()
+    corners = triangles(film, x)
+    flat = triangles(film, film.space.tabulate_dof_coordinates())
+    areas = area_vectors(corners)
+    size = np.linalg.norm(areas, axis=1)
+    heights = corners[:, :, 2].mean(axis=1)
+    tilts = 1 - (areas[:, 2] / size) ** 2
+    sums = np.array([size.sum(), size @ heights, size @ heights**2, size @ tilts])
+    area, first, second, tilted = comm.allreduce(sums)
+    mean = first / area
+    # Tips and inner corners, on all ranks.
+    ends = [film.port(f"tip {k}") for k in range(4)]
+    inner = [
+        film.port_at((sx * INNER * PITCH, sy * INNER * PITCH, 0.0))
+        for sx in (-1, 1)
+        for sy in (-1, 1)
+    ]
+    warp = system.state.vectors(ends)[:, 2].mean() - system.state.vectors(inner)[:, 2].mean()
+    mass = masses(film)
+    J = inertia(comm, corners, mass)
+    flat_J = inertia(comm, flat, mass)
+    hub = ikaros.HUB_INERTIA[2]
+    assert search.result is not None
+    return {
+        "rms height": 1e3 * math.sqrt(max(second / area - mean**2, 0.0)),
+        "warp": 1e3 * float(warp),
+        "rms tilt": 1e3 * math.sqrt(tilted / area),
+        "taut": gx.probes.AreaFraction(film, "taut")(search),
+        "slack tethers": slack_tethers(search),
+        "J": J,
+        "spin change": (hub + flat_J) / (hub + J) - 1,
+        "torque": windmill(comm, corners),
+        "iterations": search.result.iterations,
+        "residual": search.result.residual,
+        "unknowns": system.numbering.size,
+        "seconds": search.result.seconds,
+    }
+
+
+def slack_tethers(search: gx.Equilibrium) -> int:
+    """Number of tethers without tension."""
+    ropes = next(
+        item for item in search.scene.items if isinstance(item, gx.connectors.RopeBundle)
+    )
+    stretches = []
+    for pair, length in zip(ropes.ends, ropes.lengths, strict=True):
+        a, b = search.system.state.vectors(pair)
+        stretches.append(max(float(np.linalg.norm(a - b)) - length, 0.0))
+    return int(np.sum(np.array(stretches) <= SLACK_SHARE * np.mean(stretches)))
+
+
+def orbit_of_flight(sun_angle: float) -> gx.orbit.Orbit:
+    """Round the Sun at the distance of June 2011; at the start light travels at `sun_angle` [rad] to z."""
+    start = gx.orbit.Elements(DISTANCE * AU, i=math.pi / 2, perigee=math.pi / 2 + sun_angle)
+    return gx.orbit.Orbit(start, mu=MU_SUN, sun=(0.0, 0.0, 0.0), shadow="none", radius=6.957e8)
