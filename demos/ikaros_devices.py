@@ -30,7 +30,6 @@ Where the values come from:
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,7 +40,6 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos import ikaros
 from demos.windmill import DISTANCE, FLIGHT, OPTICS
-from gossamer_fx.fields.fields import FieldFunctions
 from gossamer_fx.meshes.sails import trapezoids
 from gossamer_fx.model.body import Array
 from gossamer_fx.orbit.eclipse import AU
@@ -94,6 +92,7 @@ class Build:
     refine: int = 1
 
 
+BUILD = Build()
 # Rest angle of a crease over the angle of the pressed fold: film that was folded for months.
 SET_ANGLE_RATIO = 0.5
 # Mass of a tape per length: 25 µm × 10 mm of polyimide [kg/m].
@@ -111,16 +110,18 @@ def device_numbers(X: Array) -> Array:
     row = np.floor(outward / PITCH + 1e-9)
     is_cell = (row == CELL_ROW) & (column >= -CELL_COLUMNS) & (column < CELL_COLUMNS)
     # Every second square along the outer edge steers; the triangles at its ends are not squares.
-    is_square = (column >= 1 - OUTER) & (column < OUTER - 1)
-    steers = (row == OUTER - 1) & is_square & (np.remainder(column, 2) == 0)
+    # Counted from the middle to both sides: a sail with a mirror plane has no windmill torque.
+    from_middle = np.maximum(column, -1 - column)
+    is_square = from_middle < OUTER - 1
+    steers = (row == OUTER - 1) & is_square & (np.remainder(from_middle, 2) == 0)
     number = 1 + (column + OUTER) + 2 * OUTER * (row + OUTER * np.remainder(quarter, 4))
     return np.where(is_cell | steers, number, 0.0)
 
 
 def device_squares() -> int:
     """Number of squares that are devices."""
-    steering = len([column for column in range(1 - OUTER, OUTER - 1) if column % 2 == 0])
-    return 4 * (2 * CELL_COLUMNS + steering)
+    steering_on_a_side = len(range(0, OUTER - 1, 2))
+    return 4 * 2 * (CELL_COLUMNS + steering_on_a_side)
 
 
 def curvature_at(build: Build) -> Any:
@@ -272,6 +273,22 @@ def inertia(comm: MPI.Comm, corners: Array, mass: Array) -> float:
     return of_film + of_tips
 
 
+def rms_height(comm: MPI.Comm, corners: Array) -> float:
+    """Root of the mean square of z [m] about its mean, of triangles (n, 3, 3) by area."""
+    size = np.linalg.norm(area_vectors(corners), axis=1)
+    heights = corners[:, :, 2].mean(axis=1)
+    area, first, second = comm.allreduce(
+        np.array([size.sum(), size @ heights, size @ heights**2])
+    )
+    # Round-off of a flat sail may be negative.
+    return math.sqrt(max(second / area - (first / area) ** 2, 0.0))
+
+
+def sail_of(search: gx.Equilibrium) -> Any:
+    """The film of a steady spin."""
+    return next(body for body in search.system.bodies if body.name == "sail")
+
+
 def windmill(comm: MPI.Comm, corners: Array) -> float:
     """Torque of sunlight [N m] about z on triangles (n, 3, 3) [m]; light travels along z."""
     areas = area_vectors(corners)
@@ -297,18 +314,16 @@ def figures(search: gx.Equilibrium) -> dict[str, float]:
         iterations, residual, unknowns, seconds: of the search; compilation is not counted.
     """
     system = search.system
-    film = next(body for body in system.bodies if body.name == "sail")
+    film = sail_of(search)
     comm = film.comm
     x = system.state[film].local_positions()
     corners = triangles(film, x)
     flat = triangles(film, film.space.tabulate_dof_coordinates())
     areas = area_vectors(corners)
     size = np.linalg.norm(areas, axis=1)
-    heights = corners[:, :, 2].mean(axis=1)
+    # Squared sines of the angles between the normals and the axis.
     tilts = 1 - (areas[:, 2] / size) ** 2
-    sums = np.array([size.sum(), size @ heights, size @ heights**2, size @ tilts])
-    area, first, second, tilted = comm.allreduce(sums)
-    mean = first / area
+    area, tilted = comm.allreduce(np.array([size.sum(), size @ tilts]))
     # Tips and inner corners, on all ranks.
     ends = [film.port(f"tip {k}") for k in range(4)]
     inner = [
@@ -323,7 +338,7 @@ def figures(search: gx.Equilibrium) -> dict[str, float]:
     hub = ikaros.HUB_INERTIA[2]
     assert search.result is not None
     return {
-        "rms height": 1e3 * math.sqrt(max(second / area - mean**2, 0.0)),
+        "rms height": 1e3 * rms_height(comm, corners),
         "warp": 1e3 * float(warp),
         "rms tilt": 1e3 * math.sqrt(tilted / area),
         "taut": gx.probes.AreaFraction(film, "taut")(search),
@@ -354,3 +369,191 @@ def orbit_of_flight(sun_angle: float) -> gx.orbit.Orbit:
     """Round the Sun at the distance of June 2011; at the start light travels at `sun_angle` [rad] to z."""
     start = gx.orbit.Elements(DISTANCE * AU, i=math.pi / 2, perigee=math.pi / 2 + sun_angle)
     return gx.orbit.Orbit(start, mu=MU_SUN, sun=(0.0, 0.0, 0.0), shadow="none", radius=6.957e8)
+
+
+def torque_probe(orbit: gx.orbit.Orbit) -> Any:
+    """The torque of sunlight about z [N m], from which the axis of spin hardly turns."""
+    return gx.probes.LoadResultant(orbit, "sunlight", action="torque", axis="z")
+
+
+def fly_plate(
+    search: gx.Equilibrium, build: Build, rpm: float, sun_angle: float, turns: float, steps: int
+) -> dict[str, float]:
+    """Fly the whole sail from its steady spin, `steps` steps a turn.
+
+    Returns:
+        torque: mean windmill torque of sunlight [N m] over the flight.
+        rms height: of the sail at the end [mm]
+        energy_error, iterations per step, rejected steps, seconds.
+    """
+    film = sail_of(search)
+    hub, items = parts(film, build)
+    orbit = orbit_of_flight(sun_angle)
+    light = gx.orbit.SolarPressure(film, orbit, optics=OPTICS, name="sunlight")
+    items += [orbit, light, gx.StartFrom(search.system)]
+    items.append(gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM)))
+    period = 60 / rpm
+    series = gx.Series({"torque": torque_probe(orbit)})
+    run = gx.Simulation(
+        gx.Scene(film, hub, *items), gx.Midpoint(dt=period / steps), outputs=[series]
+    )
+    run.run(until=turns * period)
+    corners = triangles(film, run.system.state[film].local_positions())
+    return {
+        # The first value is of no step.
+        "torque": float(series["torque"][1:].mean()),
+        "rms height": 1e3 * rms_height(film.comm, corners),
+        "energy_error": abs(run.energy_error),
+        "iterations": run.iterations / run.step,
+        "rejected": run.substeps,
+        "seconds": run.seconds,
+    }
+
+
+def moments(search: gx.Equilibrium) -> tuple[float, float]:
+    """Moments of inertia [kg m²] of hub and sail about a line in the plane of the sail, and about the axis."""
+    film = sail_of(search)
+    own = triangles(film, search.system.state[film].local_positions())
+    J = inertia(film.comm, own, masses(film))
+    # A flat body has half of the moment about its axis about a line in its plane.
+    return ikaros.HUB_INERTIA[0] + J / 2, ikaros.HUB_INERTIA[2] + J
+
+
+def frozen(search: gx.Equilibrium, rpm: float, sun_angle: float) -> tuple[gx.RigidBody, list[Any]]:
+    """Hub and sail as one rigid body in the shape of a steady spin, and its surfaces.  Collective.
+
+    Its products of inertia are left out: a thousandth of the moments.
+    """
+    film = sail_of(search)
+    comm = film.comm
+    own = triangles(film, search.system.state[film].local_positions())
+    corners = np.concatenate(comm.allgather(own))
+    about_diameter, about_axis = moments(search)
+    surfaces = []
+    for triangle, area in zip(corners, area_vectors(corners), strict=True):
+        surface = gx.orbit.Surface(
+            float(np.linalg.norm(area)),
+            tuple(area),
+            centre=tuple(triangle.mean(axis=0)),
+            optics=OPTICS,
+            two_sided=True,
+        )
+        surfaces.append(surface)
+    body = gx.RigidBody(
+        ikaros.HUB_MASS + ikaros.PETALS + 4 * ikaros.TIP,
+        (about_diameter, about_diameter, about_axis),
+        spin=(0.0, 0.0, rpm * RPM),
+        comm=comm,
+        name="hub and sail",
+    )
+    return body, surfaces
+
+
+def fly_frozen(
+    search: gx.Equilibrium,
+    rpm: float,
+    sun_angle: float,
+    until: float,
+    dt: float,
+    output: str | Path | None = None,
+) -> dict[str, float]:
+    """Fly hub and sail as a rigid body with the surfaces of the deformed sail, until a time [s].
+
+    Returns:
+        torque: mean windmill torque [N m].
+        spin change: [rpm].
+        days from 1 to 0.4 rpm: by this torque; in flight 21.
+        drift of the axis: angle between the axis of spin at start and end [rad].
+        sun angle: at the end [rad].
+        torque across: mean torque that turns the axis [N m].
+        energy_error, seconds.
+    """
+    body, surfaces = frozen(search, rpm, sun_angle)
+    orbit = orbit_of_flight(sun_angle)
+    light = gx.orbit.SolarPressure(body, orbit, surfaces=surfaces, name="sunlight")
+    frame = body.frame()
+    # The front of the mesh, along z, is the side away from the Sun.
+    to_sun = gx.probes.SunAngle(orbit, frame.directors[2])
+    probes = {
+        "sun angle [rad]": lambda run: math.pi - to_sun(run),
+        "torque about the axis [N m]": torque_probe(orbit),
+    }
+    series = gx.Series(probes)
+    outputs: list[Any] = [gx.outputs.Progress(), series]
+    if output is not None:
+        picture = gx.plot.FlightPicture(
+            Path(output) / "ikaros_devices.png",
+            orbit,
+            probes=probes,
+            title="IKAROS as built: a day in sunlight",
+        )
+        outputs.append(picture)
+    run = gx.Simulation(gx.Scene(light), gx.Midpoint(dt=dt), outputs=outputs)
+    about_diameter, about_axis = moments(search)
+    before = angular_momentum(run, frame, about_diameter, about_axis)
+    run.run(until=until)
+    after = angular_momentum(run, frame, about_diameter, about_axis)
+    size_before = float(np.linalg.norm(before))
+    size_after = float(np.linalg.norm(after))
+    torque = (size_after - size_before) / run.time
+    turned = math.atan2(float(np.linalg.norm(np.cross(before, after))), float(before @ after))
+    days = math.inf
+    if torque:
+        days = 0.6 * RPM * about_axis / abs(torque) / 86400
+    return {
+        "torque": torque,
+        "mean torque of the probe": float(series["torque about the axis [N m]"][1:].mean()),
+        "spin change": torque * run.time / about_axis / RPM,
+        "days from 1 to 0.4 rpm": days,
+        "drift of the axis": turned,
+        "sun angle": probes["sun angle [rad]"](run),
+        "energy_error": abs(run.energy_error),
+        "seconds": run.seconds,
+    }
+
+
+def angular_momentum(
+    run: gx.Simulation, frame: Any, about_diameter: float, about_axis: float
+) -> Array:
+    """Angular momentum (3,) [N m s] of a rigid body with an axis of symmetry about its centre of mass.
+
+    That of the whole run has the orbit's in it, which is 1e13 times as large.
+    """
+    directors = run.system.state.vectors(frame.directors)
+    rates = run.system.state.rates(frame.directors)
+    # ω = ½ Σ d_k × d_k'
+    spin = np.cross(directors, rates).sum(axis=0) / 2
+    along = float(spin @ directors[2])
+    momentum: Array = about_diameter * spin
+    return momentum + (about_axis - about_diameter) * along * directors[2]
+
+
+def main(
+    build: Build = BUILD,
+    rpm: float = 1.0,
+    sun_angle: float = math.radians(1.0),
+    turns: float = 1.0,
+    steps: int = 30,
+    until: float = 86400.0,
+    dt: float = 6.0,
+    output: str | Path | None = None,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> dict[str, float]:
+    """Find the steady spin, fly the whole sail for some turns, and its frozen shape until a time [s].
+
+    With `output`, a folder: a picture.  Returns `figures`, and with prefixes those of `fly_plate` and `fly_frozen`.
+    """
+    search = steady(comm, build, rpm)
+    found = figures(search)
+    whole = fly_plate(search, build, rpm, sun_angle, turns, steps)
+    rigid = fly_frozen(search, rpm, sun_angle, until, dt, output)
+    found |= {f"whole sail: {name}": value for name, value in whole.items()}
+    found |= {f"rigid sail: {name}": value for name, value in rigid.items()}
+    found["torque over the flight's"] = found["torque"] / FLIGHT
+    return found
+
+
+if __name__ == "__main__":
+    for key, value in main(output="out").items():
+        if MPI.COMM_WORLD.rank == 0:
+            print(f"{key:36} {value:.6g}")
