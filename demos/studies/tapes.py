@@ -30,10 +30,9 @@ BUILDS = {
     "curvature × 4": Build(curvature=2.0),
     "curvature × 4, other devices": Build(curvature=2.0, seed=2),
     "curvature × 4, all alike": Build(curvature=2.0, spread=0.0),
-    "devices × 4 thick": Build(device=130e-6),
-    "devices × 4 thick, curvature × 4": Build(device=130e-6, curvature=2.0),
+    "devices × 2 thick": Build(device=65e-6),
     "no creases": Build(crease=0.0),
-    "creases × 100": Build(crease=1e-4),
+    "creases × 10": Build(crease=1e-5),
     "half the cells": Build(refine=2),
 }
 
