@@ -1,8 +1,8 @@
-"""The law `Elastica` beside a plate whose wrinkles are resolved, on a sheared film: when is it better than a tension field?
+"""The law `Elastica` compared with a plate whose wrinkles are resolved, on a sheared film.
 
-The film of `wrinkled_plate` (380 × 128 mm, both long edges clamped, one moved along itself) in thicknesses from 50 to
-400 µm, sheared by γ = 0.3/128.  The half wavelength that the law needs is predicted by the theory of Wong & Pellegrino
-(2006), not measured on the plate:
+The question is when the law is better than a tension field.  The film of `wrinkled_plate` (380 × 128 mm, both long edges
+clamped, one moved along itself) has thicknesses from 50 to 400 µm and is sheared by γ = 0.3/128.  The half wavelength
+that the law needs is predicted by the theory of Wong & Pellegrino (2006), not measured on the plate:
 
     λ = (πHt)^½ (3(1-ν²)γ)^(-¼)
 
@@ -11,9 +11,17 @@ stress that it leaves out is, with the strain γ/2 along the wrinkles,
 
     r = 2 e/γ = π t/(6 H) (3(1-ν²)/γ)^½
 
+A strip of the law bends across its wrinkle only.  A wrinkle in a film is also held down by the tension σ1 along it,
+which curves with the half length ℓ of its envelope.  The stress that keeps it is that of both,
+
+    D (π/λ)²/t + σ1 (λ/ℓ)²
+
+and λ makes this least, where both parts are equal: the wrinkles bear twice the stress of the strip.  A strip of length
+λ/√2 bears it alone.
+
 Models: "plate" is the reference, with four cells to a half wave; "plate, finer" has six, and is the error of the
-reference; "tension field" and "Elastica" are held in their plane, as the law has the wrinkles already; "Elastica, free"
-may move out of it.  This film has a compressive stress and no bending stiffness, so that cells shorter than the
+reference; "tension field", "Elastica" with λ and "Elastica, λ/√2" are held in their plane, as the law has the wrinkles
+already; "Elastica, free" with λ may move out of it.  This film has a compressive stress and no bending stiffness, so that cells shorter than the
 wrinkles buckle.
 """
 
@@ -48,15 +56,15 @@ ROWS_PER_CELL = 4
 LEAN = 0.11  # m
 # Cells of the films along the sheet and across it.
 FILM_CELLS = (48, 16)
-MODELS = ("plate", "plate, finer", "tension field", "Elastica", "Elastica, free")
+# The law with the length that stands for bending and tension.
+WITH_TENSION = "Elastica, λ/√2"
+MODELS = ("plate", "plate, finer", "tension field", "Elastica", WITH_TENSION, "Elastica, free")
 
 
 def half_wavelength(thickness: float) -> float:
     """λ [m] of the theory."""
-    return (
-        math.sqrt(math.pi * HEIGHT * thickness)
-        * (3 * (1 - FILM["nu"] ** 2) * GAMMA) ** -0.25
-    )
+    of_sizes = math.sqrt(math.pi * HEIGHT * thickness)
+    return of_sizes * (3 * (1 - FILM["nu"] ** 2) * GAMMA) ** -0.25
 
 
 def left_out(thickness: float) -> float:
@@ -72,6 +80,12 @@ def moved(X: np.ndarray, t: float) -> np.ndarray:
 def sheared(X: np.ndarray) -> np.ndarray:
     """Displacement (3, n) [m] of a uniform shear."""
     return np.stack([GAMMA * X[1], 0 * X[0], 0 * X[0]])
+
+
+def waved(X: np.ndarray) -> np.ndarray:
+    """Sheared, with waves of 1 µm: a film that is exactly plane has no reason to leave its plane."""
+    height = 1e-6 * np.sin(150 * X[0] + 90 * X[1])
+    return sheared(X) + np.stack([0 * height, 0 * height, height])
 
 
 def plate(comm: MPI.Comm, thickness: float, cells: int) -> tuple[gx.Fixed, gx.Equilibrium]:
@@ -97,12 +111,7 @@ def plate(comm: MPI.Comm, thickness: float, cells: int) -> tuple[gx.Fixed, gx.Eq
 def membrane(comm: MPI.Comm, law: FilmLaw, is_free: bool) -> tuple[gx.Fixed, gx.Equilibrium]:
     """The film with a law for its mean stress, held in its plane unless it is free."""
     mesh = sheet(comm, *FILM_CELLS, LENGTH, HEIGHT)
-    start = sheared
-    if is_free:
-        # Out of the plane by a hundredth of a thickness: a plane film has no reason to leave it.
-        start = lambda X: sheared(X) + np.stack(  # noqa: E731
-            [0 * X[0], 0 * X[0], 1e-6 * np.sin(150 * X[0] + 90 * X[1])]
-        )
+    start = waved if is_free else sheared
     body = gx.Membrane(mesh, law, order=2, displacement=start)
     # A film that is held in its plane has its heights from there, also on its edges.
     held = (0, 1, 2) if is_free else (0, 1)
@@ -147,7 +156,8 @@ def problem(comm: MPI.Comm, thickness: float, model: str) -> dict[str, float]:
     else:
         law: FilmLaw = gx.TensionField(**FILM, thickness=thickness)
         if model.startswith("Elastica"):
-            law = gx.Elastica(**FILM, thickness=thickness, half_wavelength=λ)
+            half = λ / math.sqrt(2) if model == WITH_TENSION else λ
+            law = gx.Elastica(**FILM, thickness=thickness, half_wavelength=half)
         found = solved(*membrane(comm, law, model.endswith("free")))
     return found | {
         "λ [mm]": 1e3 * λ,
@@ -159,13 +169,14 @@ def problem(comm: MPI.Comm, thickness: float, model: str) -> dict[str, float]:
 
 def draw(results: list[Result], path: Path) -> None:
     """Errors of the force and the energy of both laws over the share of the stress that a tension field leaves out."""
-    from demos.common.figures import BLUE, RED, new_figure, save
+    from demos.common.figures import BLUE, GREEN, RED, new_figure, save
 
     figure = new_figure()
     axes = figure.subplots(1, 2, sharex=True)
     for panel, what in zip(axes, ("force", "energy"), strict=True):
-        for model, colour in (("tension field", BLUE), ("Elastica", RED)):
-            rows = [r for r in results if r.case["model"] == model and not r.failed]
+        for model, colour in (("tension field", BLUE), ("Elastica", RED), (WITH_TENSION, GREEN)):
+            done = [r for r in results if not r.failed]
+            rows = [r for r in done if r.case["model"] == model]
             shares = [r.values["r"] for r in rows]
             errors = [100 * r.values[f"{what} error"] for r in rows]
             panel.plot(shares, errors, "o-", color=colour, label=model)
@@ -174,13 +185,13 @@ def draw(results: list[Result], path: Path) -> None:
         panel.set_ylabel(f"error of the {what} against the plate [%]")
         panel.grid(alpha=0.3)
         panel.legend(frameon=False)
-    figure.suptitle("A sheared film: laws of its mean stress beside resolved wrinkles")
+    figure.suptitle("A sheared film: laws of its mean stress and resolved wrinkles")
     save(figure, path)
 
 
 STUDY = Study(
     "elastica_law",
-    "A sheared film: Elastica and the tension field beside resolved wrinkles",
+    "A sheared film: Elastica, the tension field and resolved wrinkles",
     problem,
     {"thickness": [400e-6, 200e-6, 100e-6, 50e-6], "model": list(MODELS)},
     lambda case: case["thickness"],

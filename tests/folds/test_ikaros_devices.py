@@ -26,14 +26,17 @@ def spinning() -> gx.Equilibrium:
 
 def petals(tilt: float) -> np.ndarray:
     """Triangles (8, 3, 3) of four squares of 1 m², 3 m from the axis, turned about their radius."""
-    corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+    out = np.array([[2.5], [3.5], [3.5], [2.5]])
+    across = np.array([[-0.5], [-0.5], [0.5], [0.5]])
+    up = np.array([0.0, 0.0, 1.0])
     found = []
-    for k in range(4):
-        radial = np.array([math.cos(k * math.pi / 2), math.sin(k * math.pi / 2), 0.0])
-        around = np.array([-radial[1], radial[0], 0.0])
-        tilted = math.cos(tilt) * around + math.sin(tilt) * np.array([0.0, 0.0, 1.0])
-        square = 3.0 * radial + corners[:, :1] * radial + corners[:, 1:] * tilted
-        found += [square[[0, 1, 2]], square[[0, 2, 3]]]
+    for angle in np.arange(4) * math.pi / 2:
+        radial = np.array([math.cos(angle), math.sin(angle), 0.0])
+        around = np.cross(up, radial)
+        tilted = math.cos(tilt) * around + math.sin(tilt) * up
+        square = out * radial + across * tilted
+        found.append(square[[0, 1, 2]])
+        found.append(square[[0, 2, 3]])
     return np.array(found)
 
 
