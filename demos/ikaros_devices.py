@@ -549,6 +549,9 @@ def main(
 ) -> dict[str, float]:
     """Find the steady spin, fly the whole sail for some turns, and its frozen shape until a time [s].
 
+    With the default step the frozen sail turns by 60° in each: the mean of its faces over a step is shorter by cos 30°,
+    and so the torque of sunlight is 21 % too small; steps of 2 s, 12°, leave 1 %.
+
     With `output`, a folder: a picture.  Returns `figures`, and with prefixes those of `fly_plate` and `fly_frozen`.
     """
     search = steady(comm, build, rpm)

@@ -37,6 +37,10 @@ BUILDS = {
 }
 
 
+# Torque [N m] below which the picture shows none: sails with mirror planes have the round-off of zero.
+SMALLEST_TORQUE = 1e-11
+
+
 def problem(comm: MPI.Comm, build: str, rpm: float) -> Mapping[str, float]:
     """The figures of one steady spin."""
     return figures(steady(comm, BUILDS[build], rpm))
@@ -67,6 +71,8 @@ def draw(results: list[Result], path: Path) -> None:
         panel.grid(axis="x", alpha=0.3)
         if is_logarithmic:
             panel.set_xscale("log")
+        if name == "torque":
+            panel.set_xlim(left=SMALLEST_TORQUE)
     axes[1].axvline(abs(FLIGHT), color="black", linestyle=":")
     axes[1].annotate("flight ", (abs(FLIGHT), -0.45), ha="right", va="top", fontsize=8)
     axes[0].set_yticks(range(len(names)), names)

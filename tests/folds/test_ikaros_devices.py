@@ -115,6 +115,6 @@ def test_curved_devices_make_a_windmill_whose_torque_brakes_the_flight() -> None
     found = ikaros_devices.figures(search)
     assert found["rms tilt"] > 3
     assert abs(found["torque"]) > 1e-7
-    rigid = ikaros_devices.fly_frozen(search, 1.0, 0.0, until=120.0, dt=6.0)
-    # The static torque is of the same triangles, at a sun angle of zero.
+    rigid = ikaros_devices.fly_frozen(search, 1.0, 0.0, until=20.0, dt=1.0)
+    # The static torque is of the same triangles, at a sun angle of zero; a step turns the sail by 6°.
     assert rigid["torque"] == pytest.approx(found["torque"], rel=0.05)
