@@ -28,7 +28,9 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.figures import draw_film, new_figure, save, triangles
 from gossamer_fx.meshes import antenna as meshes
+from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Output, Probe
 
 SIDE = 2.1  # m
@@ -156,7 +158,8 @@ def main(
 ) -> dict:
     """Control `case` of what `build` makes of the numbers given; angles in degrees, torques in N m, over the time.
 
-    With `output`, a folder: the recording of the run, and pictures.
+    With `output`, a folder: the recording of the run, and pictures.  "film" are the corners of the triangles of
+    this rank at the end [m], "booms" the nodes of the booms.
     """
     turn = build(comm, case, **given)
     series = gx.Series(turn.probes)
@@ -188,12 +191,73 @@ def main(
         "torque": torques,
         "time": series.time,
         "point_A": moved,
+        "film": film_at_end(run),
+        "booms": booms_at_end(run),
         "energy_error": run.energy_error,
         "newton_per_step": run.iterations / run.step,
         "substeps": run.substeps,
         "dofs": run.system.numbering.size,
         "seconds": run.seconds,
     }
+
+
+def film_at_end(run: gx.Simulation) -> Array:
+    """Positions (n, 3, 3) [m] of the corners of the film's triangles on this rank."""
+    film = next(body for body in run.system.bodies if isinstance(body, gx.Membrane))
+    return triangles(run.system, film)
+
+
+def booms_at_end(run: gx.Simulation) -> list[Array]:
+    """Positions (n, 3) [m] of the nodes of each boom on this rank, from end to end."""
+    found = []
+    for boom in run.system.bodies:
+        if isinstance(boom, gx.Beam):
+            x = run.system.state[boom].local_positions()
+            along = boom.space.tabulate_dof_coordinates()[: len(x), 0]
+            found.append(x[np.argsort(along)])
+    return found
+
+
+def settling_time(time: Array, angle: Array, target: float, part: float) -> float:
+    """The time [s] from which on an angle stays within a part of its target."""
+    outside = np.flatnonzero(np.abs(angle - target) > part * abs(target))
+    last = outside[-1] if len(outside) else 0
+    return float(time[last])
+
+
+def draw_both(results: dict[int, dict], path: Path) -> None:
+    """The turned antenna, and angles, torques and displacements of A of both cases over the time."""
+    figure = new_figure(width=12.0, height=7.0)
+    left, right = figure.subfigures(1, 2, width_ratios=(1.0, 2.0))
+    axes = right.subplots(3, 2, sharex=True)
+    for k, (case, result) in enumerate(results.items()):
+        film = left.add_subplot(2, 1, k + 1, projection="3d", computed_zorder=False)
+        draw_film(film, result["film"], view=(35.0, -60.0), zoom=0.85)
+        for boom in result["booms"]:
+            film.plot(*boom.T, color="black", lw=2.0, zorder=10)
+        film.set_title(f"case {case}: at {result['time'][-1]:g} s")
+        axis = int(np.argmax(np.abs(TARGETS[case])))
+        target = TARGETS[case][axis]
+        settled = [
+            settling_time(result["time"], result["angles"][:, axis], target, part)
+            for part in (0.05, 0.02, 0.002)
+        ]
+        words = ", ".join(f"{t:.1f}" for t in settled)
+        axes[0, k].set_title(f"case {case}: within 5, 2, 0.2 % after {words} s", fontsize=9)
+        rows = (
+            ("angle [deg]", result["angles"], ("θ about u", "β about v", "γ about w")),
+            ("torque [N m]", result["torque"], ("about u", "about v", "about w")),
+            ("displacement of A [m]", result["point_A"], ("X", "Y", "Z")),
+        )
+        for ax, (label, values, names) in zip(axes[:, k], rows, strict=True):
+            for component, name in zip(values.T, names, strict=True):
+                ax.plot(result["time"], component, label=name)
+            ax.grid(alpha=0.3)
+            if k == 0:
+                ax.set_ylabel(label)
+                ax.legend(fontsize=8, frameon=False)
+        axes[-1, k].set_xlabel("time [s]")
+    save(figure, path)
 
 
 def plot(
@@ -218,8 +282,12 @@ def plot(
 
 
 if __name__ == "__main__":
-    for case in TARGETS:
-        result = main(case=case, output=f"out/antenna_attitude/case {case}")
+    results = {
+        case: main(case=case, output=f"out/antenna_attitude/case {case}") for case in TARGETS
+    }
+    if MPI.COMM_WORLD.size == 1:
+        draw_both(results, Path("out/antenna_attitude/antenna_attitude.png"))
+    for case, result in results.items():
         if MPI.COMM_WORLD.rank == 0:
             for key in (
                 "angle_error",

@@ -16,6 +16,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.figures import BLUE, GREY, RED, draw_film, new_figure, petals_of, save
+from gossamer_fx.model.body import Array
 from gossamer_fx.orbit.free_molecular import coefficients
 from gossamer_fx.orbit.surface_forces import Rows
 from gossamer_fx.outputs.output import Output
@@ -25,7 +27,11 @@ MASS = 10.0  # kg
 AREA = 25.0  # of all panels [m²]
 SWEEP = math.radians(30)  # of the panels, towards the rear
 RADIUS = 6378137.0 + ALTITUDE  # of the orbit [m]; equatorial radius of the Earth (WGS 84)
-PANEL_DISTANCE = 1.3  # from the root of a panel to its centre [m]
+# Half of the width of a triangular panel over the distance from its root: four panels that are swept by 30° just
+# touch with cos 30°.
+PANEL_SLOPE = 0.85
+# From the root of a panel to its centre [m].
+PANEL_DISTANCE = 2 / 3 * math.sqrt(AREA / 4 / PANEL_SLOPE)
 MAST = np.array([-0.6, 0.0, 0.0])  # from the centre of mass to the roots of the panels [m]
 WALL_TEMPERATURE = 300.0  # of the panels [K]
 # Mean atmosphere at 400 km: density [kg/m³], scale height [m] and temperature [K].
@@ -63,6 +69,48 @@ def drag_area(air: gx.orbit.Air, speed: float) -> float:
         A, B = coefficients(cosine, speed_ratio, 1.0, 1.0, wall, Rows)
         total += AREA * float(A * cosine + B)
     return total
+
+
+def fall_by_formula(hours: float, mu: float) -> tuple[Array, Array]:
+    """Times [s] and semi-major axes [m] of a circular orbit by the formula, with explicit Euler steps of a minute.
+
+    Args:
+        hours: how long.
+        mu: gravitational parameter of the Earth [m³/s²].
+    """
+    step = 60.0
+    times = step * np.arange(round(3600 * hours / step) + 1)
+    axes = np.empty(len(times))
+    axes[0] = RADIUS
+    for k, a in enumerate(axes[:-1]):
+        speed = math.sqrt(mu / a)
+        air = AIR(a - (RADIUS - ALTITUDE))
+        force = air.density * speed**2 / 2 * drag_area(air, speed)
+        axes[k + 1] = a - step * 2 * force / MASS / math.sqrt(mu / a**3)
+    return times, axes
+
+
+def draw(series: gx.Series, formula: tuple[Array, Array], path: Path) -> None:
+    """The panels with the direction of flight, and semi-major axis and attitude over the time."""
+    figure = new_figure(width=11.0, height=4.6)
+    left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.5))
+    sail = left.add_subplot(projection="3d")
+    draw_film(sail, petals_of(panels(), root=MAST, slope=PANEL_SLOPE), view=(18.0, -60.0))
+    sail.quiver(0.3, 0, 0, 1.6, 0, 0, color=RED, lw=2)
+    sail.text(1.1, 0, 0.35, "flight", color=RED, ha="center")
+    left.suptitle("25 m² in four panels, swept back by 30°", fontsize=10)
+    above, below = right.subplots(2, 1, sharex=True)
+    times, axes = formula
+    above.plot(np.array(series.time) / 3600, (series["a"] - RADIUS) / 1e3, color=BLUE)
+    above.plot(times / 3600, (axes - RADIUS) / 1e3, "--", color=GREY)
+    above.set_ylabel("semi-major axis,\nchange [km]")
+    above.legend(["computed, swinging", "formula, aligned"], fontsize=8, frameon=False)
+    angle = np.degrees(series["angle to the motion [rad]"])
+    below.plot(np.array(series.time) / 3600, angle, color=BLUE, lw=0.4)
+    below.set(xlabel="time [h]", ylabel="angle to the\nmotion [deg]")
+    for panel in (above, below):
+        panel.grid(alpha=0.3)
+    save(figure, path)
 
 
 def main(
@@ -104,33 +152,20 @@ def main(
     )
     nose = body.frame().directors[0]
     probes = {
-        "altitude [km]": lambda run: gx.probes.OrbitState(orbit, "altitude")(run) / 1e3,
         "angle to the motion [rad]": gx.probes.Attitude(orbit, nose, axis="along"),
         "a": gx.probes.OrbitState(orbit, "a"),
     }
     series = gx.Series(probes)
     outputs: list[Output] = [gx.outputs.Progress(), series]
-    if output is not None:
-        drawn = {name: probes[name] for name in ("altitude [km]", "angle to the motion [rad]")}
-        outputs.append(
-            gx.plot.FlightPicture(
-                Path(output) / "deorbit.png", orbit, probes=drawn, title="A de-orbit sail"
-            )
-        )
     run = gx.Simulation(gx.Scene(drag), gx.Midpoint(dt=dt), outputs=outputs)
     run.run(until=3600 * hours)
-    # The fall of a circular orbit by the formula, with explicit Euler steps [s].
-    a = RADIUS
-    step = 60.0
-    for _ in range(round(3600 * hours / step)):
-        speed = math.sqrt(orbit.mu / a)
-        air = AIR(a - orbit.radius)
-        force = air.density * speed**2 / 2 * drag_area(air, speed)
-        a -= step * 2 * force / MASS / math.sqrt(orbit.mu / a**3)
+    formula = fall_by_formula(hours, orbit.mu)
+    if output is not None and comm.rank == 0:
+        draw(series, formula, Path(output) / "deorbit.png")
     last_quarter = len(series.time) * 3 // 4
     return {
         "fall [m]": float(series["a"][0] - series["a"][-1]),
-        "fall by the formula [m]": RADIUS - a,
+        "fall by the formula [m]": float(RADIUS - formula[1][-1]),
         "largest angle to the motion, late [rad]": float(
             series["angle to the motion [rad]"][last_quarter:].max()
         ),
@@ -141,6 +176,6 @@ def main(
 
 
 if __name__ == "__main__":
-    for key, value in main(output="out").items():
+    for key, value in main(output="out/deorbit").items():
         if MPI.COMM_WORLD.rank == 0:
             print(f"{key:40} {value:.6g}")

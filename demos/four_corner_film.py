@@ -90,7 +90,7 @@ def draw(x: Array, cells: Array, path: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(6, 4.2), dpi=100)
+    figure = Figure(figsize=(9, 6), dpi=100, facecolor="white")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     axes.plot_trisurf(
@@ -109,6 +109,6 @@ def draw(x: Array, cells: Array, path: Path) -> None:
 
 
 if __name__ == "__main__":
-    for key, value in main(output="out/four_corner_film").items():
+    for key, value in main(cells=24, output="out/four_corner_film").items():
         if MPI.COMM_WORLD.rank == 0:
             print(f"{key:24} {value:.6g}")

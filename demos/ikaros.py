@@ -42,6 +42,7 @@ from demos.common.deployment import (
     run_figures,
     write_figure,
 )
+from demos.common.disturbances import Disturbance, attitude_probes
 from gossamer_fx.meshes.sails import trapezoids
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe
@@ -93,6 +94,10 @@ def build(
     pitch: float = 0.64,
     refine: int = 1,
     rpm: float = ARM_END,
+    hub_inertia: float = HUB_INERTIA[2],
+    tilt: float = 0.0,
+    offset: float = 0.0,
+    stuck: float = 0.0,
     contact: float = 1.5e-3,
     gap: float = 2e-3,
     damping: float = 1e-4,
@@ -111,6 +116,9 @@ def build(
     Args:
         pitch: between folds [m]; 0.32 has as many as the sail of the flight has rows of devices.
         refine: cells between folds.
+        rpm: spin at the start [rpm].
+        hub_inertia: of the hub about its axis [kg m²]; those across it are `HUB_INERTIA`'s.
+        tilt, offset, stuck: see `demos.common.disturbances.Disturbance`; the guide of one trapezoid sticks.
         contact: activation distance [m]; 0: no contact.
         gap: between the layers [m].
         damping: viscosity of the film over its stiffness [s]; with `tension_only` none where it is slack.
@@ -133,7 +141,13 @@ def build(
         ramp=pitch,
     )
     film = sail(comm, pitch, folds.mark, refine=refine)
-    hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub")
+    disturbance = Disturbance(tilt, offset, stuck)
+    hub = gx.RigidBody(
+        HUB_MASS,
+        (*HUB_INERTIA[:2], hub_inertia),
+        position=disturbance.hub_position(),
+        name="hub",
+    )
     tips = [film.port(f"tip {k}") for k in range(4)]
     items: list[object] = [film, folds.start(film), hub]
     items += [
@@ -141,7 +155,11 @@ def build(
     ]
     radius = min(HUB_RADIUS, folds.radius * math.cos(math.pi / 8 / bends) - 2 * contact)
     items.append(tethers(film, hub, pitch, radius, tether_damping))
-    items.append(gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM)))
+    flat_middle = np.array([0.0, -outer * pitch, 0.0])
+    middle = film.port_at(flat_middle)
+    folded_middle = folds.place(flat_middle[None], np.ones(1))[0]
+    items += disturbance.holding_tethers(hub, middle, folded_middle, TETHER)
+    items.append(gx.RigidMotion(spin=disturbance.spin(rpm * RPM)))
     if damping:
         items.append(
             gx.Damping(
@@ -150,17 +168,17 @@ def build(
         )
     if crease:
         items += folds.creases(film, stiffness=crease, set_angle_ratio=0.5)
+    axis = hub.frame_at((0.0, 0.0, 0.0))
     probes: dict[str, Probe] = {
         "spin of the hub [rpm]": _rpm(gx.probes.AngularVelocity(hub.frame(), "z")),
         "spin of the sail [rpm]": _rpm(gx.probes.MeanSpin(film, "z")),
         **{
-            f"radius {k} [m]": gx.probes.PolarPosition(port, hub.frame(), quantity="radius")
+            f"radius {k} [m]": gx.probes.PolarPosition(port, axis, quantity="radius")
             for k, port in enumerate(tips)
         },
-        "twist [rad]": gx.probes.PolarPosition(tips[0], hub.frame(), quantity="angle"),
-        "middle [m]": gx.probes.PolarPosition(
-            film.port_at((0.0, -outer * pitch, 0.0)), hub.frame(), quantity="radius"
-        ),
+        "twist [rad]": gx.probes.PolarPosition(tips[0], axis, quantity="angle"),
+        "middle [m]": gx.probes.PolarPosition(middle, axis, quantity="radius"),
+        **attitude_probes(hub, tips),
     }
     if contact:
         end = (0.0, 0.0, HUB_HEIGHT / 2)
@@ -322,7 +340,8 @@ def main(
     """Open the sail; `given` are arguments of `build`.  With `output`, a folder: a recording and pictures.
 
     Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative), spins at
-    the end and of the closed form [rpm], radius of the tips at the end and its largest value [m], the
+    the end and of the closed form [rpm], radius of the tips at the end, its smallest and its largest value [m],
+    nutation at the start and the end [deg], imbalance of the tips at the end, the
     time at which the middles of the edges are 6 m out [s], the energy at the start [J], and the energy
     that is still to be dissipated before hub and sail spin as one [J].
     """
@@ -334,7 +353,8 @@ def main(
         draw(series, radius, Path(output) / "ikaros_spin.png")
     first = run.first.angular_momentum
     now = run.totals.angular_momentum
-    inertia = HUB_INERTIA[2] + square_inertia(float(given.get("pitch", 0.64)))  # type: ignore[arg-type]
+    hub_inertia = float(given.get("hub_inertia", HUB_INERTIA[2]))  # type: ignore[arg-type]
+    inertia = hub_inertia + square_inertia(float(given.get("pitch", 0.64)))  # type: ignore[arg-type]
     steady = float(first[2]) / inertia
     out = np.flatnonzero(series["middle [m]"] > OUT)
     return {
@@ -344,6 +364,12 @@ def main(
         "spin_of_sail": float(series["spin of the sail [rpm]"][-1]),
         "spin_in_the_end": steady / RPM,
         "radius": float(radius[-1]),
+        "smallest_radius": min(
+            float(series[name][-1]) for name in case.probes if name.startswith("radius")
+        ),
+        "nutation_at_start": float(series["nutation [deg]"][0]),
+        "nutation": float(series["nutation [deg]"][-1]),
+        "imbalance": float(series["imbalance of the tips"][-1]),
         "largest_radius": float(radius.max()),
         "opened": float(series.time[out[0]]) if len(out) else math.inf,
         "energy": run.first.energy,

@@ -219,9 +219,7 @@ def parts(film: gx.Membrane, build: Build) -> tuple[gx.RigidBody, list[Any]]:
     items.append(ikaros.tethers(film, hub, PITCH, ikaros.HUB_RADIUS))
     items += tapes(film, build)
     if build.crease and build.bends:
-        items += folds().creases(
-            film, stiffness=build.crease, set_angle_ratio=SET_ANGLE_RATIO
-        )
+        items += folds().creases(film, stiffness=build.crease, set_angle_ratio=SET_ANGLE_RATIO)
     return hub, items
 
 
@@ -285,9 +283,7 @@ def rms_height(comm: MPI.Comm, corners: Array) -> float:
     """Root of the mean square of z [m] about its mean, of triangles (n, 3, 3) by area."""
     size = np.linalg.norm(area_vectors(corners), axis=1)
     heights = corners[:, :, 2].mean(axis=1)
-    area, first, second = comm.allreduce(
-        np.array([size.sum(), size @ heights, size @ heights**2])
-    )
+    area, first, second = comm.allreduce(np.array([size.sum(), size @ heights, size @ heights**2]))
     # Round-off of a flat sail may be negative.
     return math.sqrt(max(second / area - (first / area) ** 2, 0.0))
 
@@ -363,9 +359,7 @@ def figures(search: gx.Equilibrium) -> dict[str, float]:
 
 def slack_tethers(search: gx.Equilibrium) -> int:
     """Number of tethers without tension."""
-    ropes = next(
-        item for item in search.scene.items if isinstance(item, gx.connectors.RopeBundle)
-    )
+    ropes = next(item for item in search.scene.items if isinstance(item, gx.connectors.RopeBundle))
     stretches = []
     for pair, length in zip(ropes.ends, ropes.lengths, strict=True):
         a, b = search.system.state.vectors(pair)

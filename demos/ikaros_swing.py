@@ -18,6 +18,8 @@ tethers.  Of the flight neither frequency nor decay were published.
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -26,6 +28,7 @@ from scipy.optimize import curve_fit
 import gossamer_fx as gx
 from demos import ikaros
 from demos.common.deployment import dissipation, dissipation_by_part
+from demos.common.figures import BLUE, GREY, RED, new_figure, save
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array
 
@@ -39,12 +42,12 @@ def main(
     dt: float = 0.2,
     pitch: float = 0.64,
     rpm: float = 2.5,
-) -> dict[str, float]:
+) -> dict[str, Any]:
     """Let the hub swing, with `extra` [rpm] more spin than the sail at first; see `ikaros.build` for the rest.
 
     Returns the frequency [Hz] and that of the closed form, the decay δ [1/s], what the fit leaves of the swing, the
     energy of the swing at the start [J], energy_error, what was dissipated, by each cause [J], steps, iterations (a
-    step) and seconds.
+    step), seconds, and the times [s] and the swing at them [rad/s].
     """
     search, stiffness, J = ikaros.steady(comm, pitch, rpm, held=False)
     inertia = ikaros.HUB_INERTIA[2]
@@ -100,7 +103,38 @@ def main(
         "steps": run.step,
         "iterations": run.iterations / run.step,
         "seconds": run.seconds,
+        "times": np.asarray(series.time),
+        "swings": swing,
     }
+
+
+def draw(results: dict[float, dict[str, Any]], path: Path) -> None:
+    """The swings from several initial spins over the time, and their frequencies over their size.
+
+    Args:
+        results: of `main`, by `extra` [rpm].
+        path: of the picture.
+    """
+    figure = new_figure(width=10.0, height=3.9)
+    left, right = figure.subplots(1, 2, width_ratios=(1.6, 1.0))
+    for (extra, found), colour in zip(results.items(), (BLUE, GREY, RED), strict=False):
+        first = extra * ikaros.RPM
+        left.plot(
+            found["times"], found["swings"] / first, color=colour, lw=1.2, label=f"{extra:g} rpm"
+        )
+    left.set(xlabel="time [s]", ylabel="spin of the hub against the sail / first")
+    left.set_xlim(0.0, 120.0)
+    left.legend(title="first spin", fontsize=8, frameon=False, loc="lower right")
+    left.grid(alpha=0.3)
+    frequencies = [1e3 * found["frequency"] for found in results.values()]
+    right.semilogx(list(results), frequencies, "o-", color=BLUE, label="computed")
+    closed_form = 1e3 * next(iter(results.values()))["closed_form"]
+    right.axhline(closed_form, color=GREY, ls="--", label="small swings, closed form")
+    right.set(xlabel="first spin of the hub [rpm]", ylabel="frequency [mHz]")
+    right.legend(fontsize=8, frameon=False)
+    right.grid(alpha=0.3)
+    figure.suptitle("IKAROS: the hub swings in its open sail")
+    save(figure, path)
 
 
 def fit(t: Array, s: Array) -> tuple[float, float, float]:
@@ -137,8 +171,13 @@ def say(found: dict[str, float]) -> None:
 
 
 if __name__ == "__main__":
+    undamped = {}
     for more in (3e-4, 0.03, 0.2):
         for dampers in (0.0, 100.0):
             result = main(extra=more, tether_damping=dampers)
+            if dampers == 0.0:
+                undamped[more] = result
             if MPI.COMM_WORLD.rank == 0:
                 say(result)
+    if MPI.COMM_WORLD.rank == 0:
+        draw(undamped, Path("out/ikaros_swing/ikaros_swing.png"))

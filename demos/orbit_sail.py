@@ -126,6 +126,6 @@ def main(
 
 
 if __name__ == "__main__":
-    for key, value in main(output="out").items():
+    for key, value in main(cells=16, output="out/orbit_sail").items():
         if MPI.COMM_WORLD.rank == 0:
             print(f"{key:36} {value:.6g}")

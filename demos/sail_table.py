@@ -6,9 +6,9 @@ light: force and torque about the centre of the sail, in its axes, at 1 astronom
     u = (sin α cos β, sin α sin β, -cos α)     direction of the light; α is the cone angle, β the clock angle
 
 Light of pressure P on a triangle of the area vector a exerts the force of `gx.orbit.Optics` (C. R.
-McInnes, Solar Sailing, 1999, section 2.6).  As an equilibrium contains no orbit, the light is a
-part of this file, made of `light_force`, the function that `gx.orbit.SolarPressure` uses too.
-In flight use that one, which also knows distance, shadow and motion.
+McInnes, Solar Sailing, 1999, section 2.6).  An equilibrium contains no orbit: its light is `gx.orbit.Sunlight`,
+of a given direction and pressure.  In flight use `gx.orbit.SolarPressure`, which also knows distance,
+shadow and motion.
 
 Two checks are printed: the forces at the frame balance the light to 1e-8, and the light on the flat
 sail is McInnes' formula.  The sagging sail has 3 % less force in full light than the flat one, whose
@@ -28,22 +28,18 @@ Where the values come from:
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import ufl
-from dolfinx import fem
 from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.figures import BLUE, RED, draw_film, new_figure, save, triangles
-from gossamer_fx.extend import Load, State, Term, area_vector, constant
 from gossamer_fx.meshes.sheet import EDGES, crossed_sheet
 from gossamer_fx.model.body import Array
 from gossamer_fx.orbit.optics import JPL_SAIL, PRESSURE
-from gossamer_fx.orbit.surface_forces import Rows, Symbolic, light_force
+from gossamer_fx.orbit.surface_forces import Rows, light_force
 
 SIDE = 20.0  # m
 CENTRE = (SIDE / 2, SIDE / 2, 0.0)
@@ -74,54 +70,6 @@ def light_direction(cone: float, clock: float) -> Array:
     return np.array([np.sin(α) * np.cos(β), np.sin(α) * np.sin(β), -np.cos(α)])
 
 
-@dataclass(frozen=True, eq=False)
-class Sunlight:
-    """Light on a film in equilibrium, from one of several directions.
-
-    Attributes:
-        body: the film; its front has the normal of the mesh.
-        directions: unit vectors (n, 3) along the light; `find(at=k)` takes direction k.
-    """
-
-    body: gx.Membrane
-    directions: Array
-    name: str = "sunlight"
-
-    def requires(self) -> Iterable[object]:
-        """The film."""
-        yield self.body
-
-    def terms(self, start: State) -> Iterable[Term]:
-        """The force of light on the deformed triangles, as a load that follows them."""
-        film = self.body
-        mesh = film.space.mesh
-        u = fem.Constant(mesh, self.directions[0])
-        front = [constant(mesh, c) for c in JPL_SAIL.coefficients()]
-        back = [constant(mesh, c) for c in JPL_SAIL.coefficients(back=True)]
-        P = constant(mesh, PRESSURE)
-
-        def work(x: object, w: object) -> ufl.Form:
-            force = light_force(
-                area_vector(film.deformation(x)),
-                u,
-                front,
-                back,
-                Symbolic,
-            )
-            return P * ufl.dot(force, w) * film.dx
-
-        def at(k: float) -> None:
-            u.value = self.directions[round(k)]
-
-        yield Load(
-            self.name,
-            film,
-            work,
-            follows=True,
-            at=at,
-        )
-
-
 def build(comm: MPI.Intracomm, directions: Array, cells: int = 10) -> gx.Equilibrium:
     """A slack square in a square frame, in the light from each of the directions (n, 3)."""
 
@@ -133,13 +81,15 @@ def build(comm: MPI.Intracomm, directions: Array, cells: int = 10) -> gx.Equilib
         return np.vstack([-SLACK * from_centre, -depth * dome])
 
     mesh = crossed_sheet(comm, cells, cells, SIDE, SIDE)
-    # One support holds all edges: two would both count the corner that they share.
+    # One support for all edges, so that one reaction balances the light.
     mesh.groups["frame"] = (1, np.concatenate([mesh.groups[edge][1] for edge in EDGES]))
     film = gx.Membrane(mesh, FILM, displacement=slack)
     frame = gx.Fixed(film, "frame", name="frame")
     # The light moves the film by its own width in about a minute.
     search = gx.analysis.Continuation(first_step=20.0)
-    return gx.Equilibrium(gx.Scene(film, Sunlight(film, directions), frame), search)
+    # `find(at=k)` takes direction k.
+    light = gx.orbit.Sunlight(film, direction=lambda k: directions[round(k)], optics=JPL_SAIL)
+    return gx.Equilibrium(gx.Scene(film, light, frame), search)
 
 
 def light_on(corners: Array, u: Array) -> Array:

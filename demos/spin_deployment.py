@@ -35,6 +35,7 @@ from demos.common.deployment import (
     run_figures,
     write_figure,
 )
+from demos.common.disturbances import Disturbance, attitude_probes
 from gossamer_fx.meshes.sails import pinwheel
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe
@@ -44,6 +45,7 @@ from gossamer_fx.system.totals import relative_drift
 TITLE = "A disc of film, deployed by its spin"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(35), zoom=True)
 HUB = 0.1  # diameter of the hub over that of the disc
+HOLD = 1e3  # stiffness of what holds a tip that sticks [N/m]
 CLEAR = 2.0  # distance of the hub from the film on it, over the activation distance
 
 
@@ -70,6 +72,10 @@ def build(
     thickness: float = 7.5e-6,
     tip: float = 2e-3,
     inertia: float = 1.25e-4,
+    slenderness: float = 0.8,
+    tilt: float = 0.0,
+    offset: float = 0.0,
+    stuck: float = 0.0,
     contact: float = 4e-4,
     gap: float = 5e-4,
     friction: float = 0.0,
@@ -94,6 +100,8 @@ def build(
         held: whether a motor keeps this rate; else the hub is free.
         tip: mass at each tip [kg].
         inertia: of the hub about its axis [kg m²].
+        slenderness: inertia of the hub across its axis over that about it; above 1 the hub is a rod.
+        tilt, offset, stuck: see `demos.common.disturbances.Disturbance`; a tip sticks.
         contact: activation distance [m].
         gap: between the layers [m].
         friction: coefficient of the film on itself and the hub.
@@ -117,7 +125,11 @@ def build(
     mesh = folds.mark(pinwheel(comm, n, side, cells, count * cells))
     film = gx.Membrane(mesh, KAPTON_HN.law(thickness, residual_stiffness=1e-6), name="sail")
     height = count * side * math.tan(math.pi / n)
-    hub = gx.RigidBody(0.1, (0.8 * inertia, 0.8 * inertia, inertia), name="hub")
+    disturbance = Disturbance(tilt, offset, stuck)
+    across = slenderness * inertia
+    hub = gx.RigidBody(
+        0.1, (across, across, inertia), position=disturbance.hub_position(), name="hub"
+    )
     radius = folds.radius * math.cos(math.pi / n / cells) - CLEAR * contact
     drum = gx.contact.Cylinder(
         start=(0.0, 0.0, 0.0),
@@ -128,6 +140,9 @@ def build(
     )
     touching = gx.Contact(film, drum, distance=contact, friction=friction)
     spin = sense * 2 * math.pi * rev
+    tips = [film.port(f"tip {k}") for k in range(n)]
+    flat_tip = np.array([tips[0].initial()])
+    rolled_tip = folds.place(flat_tip, np.ones(1))[0]
     items: list[object] = [
         film,
         folds.start(film),
@@ -136,9 +151,10 @@ def build(
         touching,
     ]
     items += [
-        gx.connectors.AttachedMass(film.port(f"tip {k}"), tip, name=f"mass {k}") for k in range(n)
+        gx.connectors.AttachedMass(port, tip, name=f"mass {k}") for k, port in enumerate(tips)
     ]
-    items.append(gx.RigidMotion(spin=(0.0, 0.0, spin)))
+    items += disturbance.holding_tethers(hub, tips[0], rolled_tip, HOLD)
+    items.append(gx.RigidMotion(spin=disturbance.spin(spin)))
     if held:
         items.append(gx.constraints.Driven(hub, (0.0, 0.0, 1.0), angle=lambda t: spin * t))
     if damping:
@@ -149,16 +165,17 @@ def build(
         items.append(gx.Gravity(film, (0.0, 0.0, -gravity)))
     if air:
         items.append(gx.loads.AirDrag(film, air))
-    ports = [film.port(f"tip {k}") for k in range(n)]
+    axis = hub.frame_at((0.0, 0.0, 0.0))
     probes: dict[str, Probe] = {
         "spin of the hub [rad/s]": gx.probes.AngularVelocity(hub.frame(), "z"),
         "spin of the sail [rad/s]": gx.probes.MeanSpin(film, "z"),
         **{
-            f"radius {k} [m]": gx.probes.PolarPosition(p, hub.frame(), quantity="radius")
-            for k, p in enumerate(ports)
+            f"radius {k} [m]": gx.probes.PolarPosition(port, axis, quantity="radius")
+            for k, port in enumerate(tips)
         },
-        "twist [rad]": gx.probes.PolarPosition(ports[0], hub.frame(), quantity="angle"),
+        "twist [rad]": gx.probes.PolarPosition(tips[0], axis, quantity="angle"),
         "penetrations": gx.probes.Penetrations(touching),
+        **attitude_probes(hub, tips),
     }
     control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
     # The first guess of a step may press layers together: its residual is not a measure of the forces.
@@ -184,8 +201,9 @@ def main(
     """Deploy the sail; `given` are arguments of `build`.  With `output`, a folder: a recording and pictures.
 
     Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative, of a free
-    hub), the largest mean radius of the tips [m] and its time [s], the spins at the end [rad/s], and
-    the energy at the start [J].
+    hub), the largest mean radius of the tips [m] and its time [s], the smallest radius of a tip at the end [m], the
+    nutation at the start and the end [deg], the imbalance of the tips at the end, the spins at the end [rad/s],
+    and the energy at the start [J].
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.75, 0.85, 1.0)
@@ -201,6 +219,12 @@ def main(
         "angular_momentum_drift": relative_drift(now, first),
         "largest_radius": float(radius[widest]),
         "when": float(series.time[widest]),
+        "smallest_radius": min(
+            float(series[name][-1]) for name in case.probes if name.startswith("radius")
+        ),
+        "nutation_at_start": float(series["nutation [deg]"][0]),
+        "nutation": float(series["nutation [deg]"][-1]),
+        "imbalance": float(series["imbalance of the tips"][-1]),
         "spin_of_hub": float(series["spin of the hub [rad/s]"][-1]),
         "spin_of_sail": float(series["spin of the sail [rad/s]"][-1]),
         "energy": run.first.energy,

@@ -17,6 +17,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.figures import BLUE, GREY, RED, draw_film, new_figure, petals_of, save
 from gossamer_fx.orbit.eclipse import AU
 from gossamer_fx.orbit.sky import MU_SUN
 from gossamer_fx.outputs.output import Output
@@ -29,6 +30,9 @@ DISTANCE = 1.03  # from the sun [au]
 RPM = 2 * math.pi / 60
 FLIGHT = -2.7e-5  # torque about the axis of spin in flight [N m]
 OPTICS = gx.orbit.Optics(0.8, 0.9, emissivity=0.05, lambertian=0.79)
+# Pitches of the picture [rad]; the petals are drawn with 60 times the pitch of the demo, which could not be seen.
+PITCHES = (0.0, 2e-3, 4e-3, 5.2e-3, 6e-3, 8e-3)
+DRAWN_PITCH = 60 * 5.2e-3
 
 
 def petals(pitch: float) -> list[gx.orbit.Surface]:
@@ -50,15 +54,39 @@ def petals(pitch: float) -> list[gx.orbit.Surface]:
     return found
 
 
+def draw(results: dict[float, dict[str, float]], path: Path) -> None:
+    """The petals, and the torque over the pitch: computed, by the formula, and in flight.
+
+    Args:
+        results: of `main`, by pitch [rad].
+        path: of the picture.
+    """
+    figure = new_figure(width=10.0, height=4.2)
+    left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.3))
+    sail = left.add_subplot(projection="3d")
+    draw_film(sail, petals_of(petals(DRAWN_PITCH)), view=(32.0, -60.0))
+    left.suptitle("The petals; pitch enlarged 60 times", fontsize=10)
+    axes = right.subplots()
+    pitches = [1e3 * pitch for pitch in results]
+    formula = [1e6 * found["formula for a sun angle of 0 [N m]"] for found in results.values()]
+    axes.plot(pitches, formula, color=GREY, label="formula")
+    computed = [1e6 * found["torque [N m]"] for found in results.values()]
+    axes.plot(pitches, computed, "o", color=BLUE, label="computed, sun angle 1°")
+    axes.axhline(1e6 * FLIGHT, color=RED, ls="--", label="IKAROS in flight, June 2011")
+    axes.set(xlabel="pitch of the petals [mrad]", ylabel="torque about the axis of spin [µN m]")
+    axes.legend(fontsize=8, frameon=False)
+    axes.grid(alpha=0.3)
+    save(figure, path)
+
+
 def main(
     pitch: float = 5.2e-3,
     sun_angle: float = math.radians(1.0),
     dt: float = 2.0,
     steps: int = 600,
-    output: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dict[str, float]:
-    """Fly `steps` steps of `dt` [s] round the Sun with 1 rpm; with `output`, a folder: a picture.
+    """Fly `steps` steps of `dt` [s] round the Sun with 1 rpm.
 
     Returns:
         torque about the spin axis [N m], its formula, its ratio to the flight's, days from 1 to 0.4 rpm by it.
@@ -93,19 +121,6 @@ def main(
     }
     series = gx.Series({name: probes[name] for name in ("sun angle [rad]", "torque")})
     outputs: list[Output] = [gx.outputs.Progress(), series]
-    if output is not None:
-        drawn = {
-            "torque about the axis [N m]": probes["torque"],
-            "sun angle [rad]": probes["sun angle [rad]"],
-        }
-        outputs.append(
-            gx.plot.FlightPicture(
-                Path(output) / "windmill.png",
-                orbit,
-                probes=drawn,
-                title="Windmill torque",
-            )
-        )
     run = gx.Simulation(gx.Scene(light), gx.Midpoint(dt=dt), outputs=outputs)
     frame = body.frame()
 
@@ -134,6 +149,9 @@ def main(
 
 
 if __name__ == "__main__":
-    for key, value in main(output="out").items():
-        if MPI.COMM_WORLD.rank == 0:
+    results = {pitch: main(pitch) for pitch in PITCHES}
+    if MPI.COMM_WORLD.rank == 0:
+        draw(results, Path("out/windmill/windmill.png"))
+        # As in flight.
+        for key, value in results[5.2e-3].items():
             print(f"{key:36} {value:.6g}")

@@ -47,6 +47,7 @@ html_theme_options = {
     # one search box, at the top of the list of pages
     "use_sidenotes": False,
     "article_header_end": [],
+    "navbar_persistent": [],
     "primary_sidebar_end": [],
 }
 # Links to the repository and to the source of each page appear when pyproject.toml names the repository.

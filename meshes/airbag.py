@@ -19,6 +19,7 @@ def airbag(comm: MPI.Intracomm, edge: float, cells: int) -> Mesh:
 
     Groups: "top", "bottom", "seam", and the points `CORNERS`.
     """
+    # The pattern is symmetric for even numbers only.
     cells = 2 * max(round(cells / 2), 1)
 
     def build(model: Any) -> None:
@@ -30,7 +31,11 @@ def airbag(comm: MPI.Intracomm, edge: float, cells: int) -> Mesh:
             geo.addPoint(a, a, 0),
             geo.addPoint(-a, a, 0),
         ]
-        lines = [geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
+        lines = []
+        for i in range(4):
+            following = corners[(i + 1) % 4]
+            lines.append(geo.addLine(corners[i], following))
+        # Two surfaces with the same lines share the nodes of the seam only.
         loop = geo.addCurveLoop(lines)
         sheets = [geo.addPlaneSurface([loop]) for _ in range(2)]
         for line in lines:

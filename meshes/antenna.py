@@ -6,13 +6,12 @@ G, H of the middle ninth of the film, which is the cell around the centre of a f
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx import Mesh
 
+from .arrays import Groups, Numbers, Points, mesh_of_arrays, triangles_of
 from .line import line
 
 DIAGONALS = ((1.0, 1.0), (-1.0, 1.0))
@@ -28,7 +27,7 @@ def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
     Group: "film".
     """
 
-    def build(model: Any) -> None:
+    def arrays() -> tuple[Points, Numbers, Groups]:
         ticks = _ticks(cells, side)
         centres = (ticks[1:] + ticks[:-1]) / 2
         grid_nodes = _square_grid(ticks)
@@ -37,22 +36,24 @@ def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
         points = np.column_stack([plane, np.zeros(len(plane))])
 
         # Grid node (i, j) has the number i (cells + 1) + j; the centres of the squares follow.
-        i, j = _square_grid(np.arange(cells)).T
         row = cells + 1
-        first = i * row + j
-        corners = np.array([first, first + row, first + row + 1, first + 1])
-        centre = row**2 + i * cells + j
-        triangles = np.array([[corners[k], corners[(k + 1) % 4], centre] for k in range(4)])
-        # One triangle a row: (side of the square, corner of the triangle, square) is turned round.
-        triangles = triangles.transpose(0, 2, 1)
+        grid = np.arange(row**2).reshape(row, row)
+        centre = row**2 + np.arange(cells**2).reshape(cells, cells)
+        a = grid[:-1, :-1]
+        b = grid[1:, :-1]
+        c = grid[1:, 1:]
+        d = grid[:-1, 1:]
+        triangles = np.concatenate(
+            [
+                triangles_of(a, b, centre),
+                triangles_of(b, c, centre),
+                triangles_of(c, d, centre),
+                triangles_of(d, a, centre),
+            ]
+        )
+        return points, triangles, {}
 
-        surface = model.addDiscreteEntity(2)
-        model.mesh.addNodes(2, surface, [], points.ravel())
-        # gmsh counts from 1.
-        model.mesh.addElementsByType(surface, 2, [], triangles.ravel() + 1)
-        model.addPhysicalGroup(2, [surface], name="film")
-
-    return gmsh_mesh(build, comm)
+    return mesh_of_arrays(comm, arrays)
 
 
 def _ticks(cells: int, side: float) -> np.ndarray:
@@ -78,7 +79,8 @@ def boom(
     diagonal: tuple[float, float],
 ) -> Mesh:
     """A straight boom of `elements` from corner to corner of the film; groups: those of `meshes.line`."""
-    x, y = (side / 2 * c for c in diagonal)
+    x = side / 2 * diagonal[0]
+    y = side / 2 * diagonal[1]
     return line(comm, [(-x, -y, 0), (x, y, 0)], elements)
 
 

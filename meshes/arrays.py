@@ -33,9 +33,11 @@ def mesh_of_arrays(
         points, triangles, groups = arrays()
         film = model.addDiscreteEntity(2)
         model.mesh.addNodes(2, film, range(1, len(points) + 1), points.ravel())
+        # gmsh counts from 1, and lists nodes element by element.
         model.mesh.addElementsByType(film, GMSH_TRIANGLE, [], (triangles + 1).ravel())
         model.addPhysicalGroup(2, [film], name="film")
         for name, nodes in groups.items():
+            # Points are given as (1,), edges as (n, 2).
             dim = nodes.ndim - 1
             kind = GMSH_LINE if dim else GMSH_POINT
             entity = model.addDiscreteEntity(dim)
@@ -79,6 +81,11 @@ def joined(
 
 def rim(triangles: Numbers) -> Numbers:
     """Edges (n, 2) of one triangle only."""
-    sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    edges, count = np.unique(sides, axis=0, return_counts=True)
+    edges, count = np.unique(sorted_sides(triangles), axis=0, return_counts=True)
     return edges[count == 1]
+
+
+def sorted_sides(triangles: Numbers) -> Numbers:
+    """The sides (3 n, 2) of triangles (n, 3), the smaller number first: a side that two share occurs twice."""
+    sides = triangles[:, [[0, 1], [1, 2], [2, 0]]]
+    return np.sort(sides.reshape(-1, 2), axis=1)

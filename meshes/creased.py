@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
 
-from .arrays import Numbers, Points, rim
+from .arrays import Numbers, Points, rim, sorted_sides
 
 Corners = Sequence[tuple[float, float]]
 Segments = Sequence[tuple[tuple[float, float], tuple[float, float]]]
@@ -75,14 +75,16 @@ def creased_tube(
 
         # The compartment of each triangle, from the row of its middle.
         row = rows(points)
-        walled = np.abs(row[:, None] - np.asarray(walls)) < ON
-        which = np.searchsorted(np.asarray(walls), row[triangles].mean(axis=1))
-        all_sides = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-        sides = np.unique(np.sort(all_sides, axis=1), axis=0)
+        wall_rows = np.asarray(walls)
+        walled = np.abs(row[:, None] - wall_rows) < ON
+        which = np.searchsorted(wall_rows, row[triangles].mean(axis=1))
+        sides = np.unique(sorted_sides(triangles), axis=0)
         everything = np.vstack([points, points[~on_rim]])
         names: dict[str, list[int]] = {}
         first = True
-        for sheet, cells in (("top", triangles), ("bottom", twin[triangles][:, ::-1])):
+        # The lower sheet is seen from below: its triangles turn round, so that normals point outwards.
+        below = twin[triangles][:, ::-1]
+        for sheet, cells in (("top", triangles), ("bottom", below)):
             for i in range(len(walls) + 1):
                 entity = model.addDiscreteEntity(2)
                 # gmsh wants each node once: the first entity brings those of all.
@@ -111,8 +113,11 @@ def _triangulated(
     current = model.getCurrent()
     model.add("outline")
     occ = model.occ
-    tags = [occ.addPoint(x, y, 0, h) for (x, y), h in zip(corners, size, strict=True)]
-    loop = [occ.addLine(a, b) for a, b in zip(tags, tags[1:] + tags[:1], strict=True)]
+    tags = []
+    for (x, y), h in zip(corners, size, strict=True):
+        tags.append(occ.addPoint(x, y, 0, h))
+    following = tags[1:] + tags[:1]
+    loop = [occ.addLine(a, b) for a, b in zip(tags, following, strict=True)]
     face = occ.addPlaneSurface([occ.addCurveLoop(loop)])
     cuts = []
     for first, last in lines:
@@ -131,14 +136,19 @@ def _triangulated(
     model.mesh.generate(2)
     # gmsh numbers nodes with gaps, and counts those at the ends of lines outside: only used ones.
     numbers, coordinates, _ = model.mesh.getNodes()
-    nodes = model.mesh.getElementsByType(2)[1].reshape(-1, 3)
+    _, flat_nodes = model.mesh.getElementsByType(2)
+    nodes = flat_nodes.reshape(-1, 3)
     used = np.unique(nodes)
     order = np.argsort(numbers)
-    points = coordinates.reshape(-1, 3)[order][np.searchsorted(numbers[order], used)]
+    place = np.searchsorted(numbers[order], used)
+    points = coordinates.reshape(-1, 3)[order][place]
     triangles = np.searchsorted(used, nodes).astype(np.int64)
-    first, second, third = (points[triangles[:, k]] for k in range(3))
+
     # Parts of a fragmented face may have normals of either sign.
-    down = np.cross(second - first, third - first)[:, 2] < 0
+    first = points[triangles[:, 0]]
+    along_second = points[triangles[:, 1]] - first
+    along_third = points[triangles[:, 2]] - first
+    down = np.cross(along_second, along_third)[:, 2] < 0
     triangles[down] = triangles[down][:, ::-1]
     model.remove()
     model.setCurrent(current)
@@ -152,7 +162,10 @@ def _size_at(
     size: Sequence[float],
 ) -> float:
     """Mean of the corners' sizes, weighted by the inverse of the squared distance."""
-    weight = 1 / (((np.asarray(corners) - (x, y)) ** 2).sum(axis=1) + ON**2)
+    away = np.asarray(corners) - np.array([x, y])
+    distance_squared = (away**2).sum(axis=1)
+    # At a corner the distance is zero, and the weight of this corner hides all others.
+    weight = 1 / (distance_squared + ON**2)
     return float(weight @ np.asarray(size) / weight.sum())
 
 
@@ -167,8 +180,9 @@ def _opened(
     for t in np.flatnonzero(on_rim[triangles].all(axis=1)):
         for k in range(3):
             c, p, q = np.roll(triangles[t], -k)
-            has_both = (triangles == p).any(axis=1) & (triangles == q).any(axis=1)
-            others = [s for s in np.flatnonzero(has_both) if s != t]
+            has_p = (triangles == p).any(axis=1)
+            has_q = (triangles == q).any(axis=1)
+            others = [s for s in np.flatnonzero(has_p & has_q) if s != t]
             # An edge on the rim has no other triangle; one on a fold line has to stay.
             if not others or _on_a_line(points[[p, q]], lines):
                 continue
@@ -224,10 +238,11 @@ def _name_rim(
     corners: Corners,
 ) -> None:
     """Add the groups "side 1", "corner 1" and so on of a polygon, from its edges (n, 2) at the rim."""
-    ends = list(corners)
-    for k, (a, b) in enumerate(zip(ends, ends[1:] + ends[:1], strict=True)):
+    for k, a in enumerate(corners):
+        b = corners[(k + 1) % len(corners)]
         on = np.array([_on_a_line(points[edge], [(a, b)]) for edge in edges])
         _add_lines(model, f"side {k + 1}", edges[on])
+        # The node of the corner may have been numbered again by gmsh: it is found by its coordinates.
         entity = model.addDiscreteEntity(0)
         nearest = np.linalg.norm(points[:, :2] - a, axis=1).argmin()
         model.mesh.addElementsByType(entity, 15, [], [nearest + 1])

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx import Mesh
 
-from .arrays import cell_corners, polyline, triangles_of
+from .arrays import (
+    Groups,
+    Numbers,
+    Points,
+    cell_corners,
+    mesh_of_arrays,
+    polyline,
+    triangles_of,
+)
 
 
 def creased_strip(
@@ -24,23 +30,21 @@ def creased_strip(
     Groups: "film"; the edges "left", "right"; "crease", at x = 0.
     """
 
-    def build(model: Any) -> None:
+    def arrays() -> tuple[Points, Numbers, Groups]:
         along = np.linspace(-length, length, 2 * nx + 1)
         across = np.linspace(0, width, ny + 1)
         x, y = np.meshgrid(along, across)
-        # gmsh counts from 1.
-        ids = np.arange(1, x.size + 1).reshape(x.shape)
-        a, b, c, d = cell_corners(ids)
-        film = model.addDiscreteEntity(2)
         points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
-        model.mesh.addNodes(2, film, range(1, x.size + 1), points.ravel())
-        triangles = np.concatenate([triangles_of(a, b, c), triangles_of(a, c, d)])
-        model.mesh.addElementsByType(film, 2, [], triangles.ravel())
-        model.addPhysicalGroup(2, [film], name="film")
-        lines = {"left": ids[:, 0], "crease": ids[:, nx], "right": ids[:, -1]}
-        for name, nodes in lines.items():
-            edge = model.addDiscreteEntity(1)
-            model.mesh.addElementsByType(edge, 1, [], polyline(nodes).ravel())
-            model.addPhysicalGroup(1, [edge], name=name)
 
-    return gmsh_mesh(build, comm)
+        nodes = np.arange(x.size).reshape(x.shape)
+        a, b, c, d = cell_corners(nodes)
+        triangles = np.concatenate([triangles_of(a, b, c), triangles_of(a, c, d)])
+        # With an even number of columns of cells the middle line of nodes is the crease.
+        groups = {
+            "left": polyline(nodes[:, 0]),
+            "crease": polyline(nodes[:, nx]),
+            "right": polyline(nodes[:, -1]),
+        }
+        return points, triangles, groups
+
+    return mesh_of_arrays(comm, arrays)

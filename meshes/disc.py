@@ -25,6 +25,7 @@ def quarter_disc(
     def build(model: Any) -> None:
         geo = model.geo
         a = radius
+        # Three four-sided patches meet at a point inside; a radius passes through two of them.
         half = max(round(cells / 2), 1)
         centre = geo.addPoint(0, 0, 0)
         px = geo.addPoint(a, 0, 0)
@@ -33,6 +34,7 @@ def quarter_disc(
         pd = geo.addPoint(d, d, 0)
         mx = geo.addPoint(a / 2, 0, 0)
         my = geo.addPoint(0, a / 2, 0)
+        # On the diagonal, between the circle through mx and my, 0.35 a, and the corner of their square, 0.5 a.
         md = geo.addPoint(0.41 * a, 0.41 * a, 0)
         inner_x = geo.addLine(centre, mx)
         outer_x = geo.addLine(mx, px)
@@ -48,7 +50,10 @@ def quarter_disc(
             [outer_x, arc_x, -spoke, -to_x],
             [spoke, arc_y, -outer_y, to_y],
         ]
-        surfaces = [geo.addPlaneSurface([geo.addCurveLoop(loop)]) for loop in loops]
+        surfaces = []
+        for loop in loops:
+            curve = geo.addCurveLoop(loop)
+            surfaces.append(geo.addPlaneSurface([curve]))
         for line in (inner_x, outer_x, inner_y, outer_y, to_x, to_y, spoke, arc_x, arc_y):
             geo.mesh.setTransfiniteCurve(line, half + 1)
         for surface in surfaces:
@@ -82,26 +87,26 @@ def ring(
     def build(model: Any) -> None:
         geo = model.geo
         centre = geo.addPoint(0, 0, 0)
-        axes = ((1, 0), (0, 1), (-1, 0), (0, -1))
-        circles = []
-        for r in (inner, outer):
-            points = [geo.addPoint(r * x, r * y, 0) for x, y in axes]
-            circles.append(
-                (
-                    points,
-                    [geo.addCircleArc(points[i], centre, points[(i + 1) % 4]) for i in range(4)],
-                )
-            )
-        (hub_points, hub), (rim_points, rim) = circles
+
+        def circle(radius: float) -> tuple[list[int], list[int]]:
+            """Its points on the axes, and the four arcs between them: gmsh draws no longer ones."""
+            axes = ((1, 0), (0, 1), (-1, 0), (0, -1))
+            points = [geo.addPoint(radius * x, radius * y, 0) for x, y in axes]
+            following = points[1:] + points[:1]
+            arcs = [geo.addCircleArc(p, centre, q) for p, q in zip(points, following, strict=True)]
+            return points, arcs
+
+        hub_points, hub = circle(inner)
+        rim_points, rim = circle(outer)
         spokes = [geo.addLine(p, q) for p, q in zip(hub_points, rim_points, strict=True)]
-        surfaces = [
-            geo.addPlaneSurface(
-                [geo.addCurveLoop([spokes[i], rim[i], -spokes[(i + 1) % 4], -hub[i]])]
-            )
-            for i in range(4)
-        ]
+        surfaces = []
+        for i in range(4):
+            next_spoke = spokes[(i + 1) % 4]
+            curve = geo.addCurveLoop([spokes[i], rim[i], -next_spoke, -hub[i]])
+            surfaces.append(geo.addPlaneSurface([curve]))
+        cells_of_arc = max(round(around / 4), 1)
         for arc in hub + rim:
-            geo.mesh.setTransfiniteCurve(arc, max(round(around / 4), 1) + 1)
+            geo.mesh.setTransfiniteCurve(arc, cells_of_arc + 1)
         for spoke in spokes:
             geo.mesh.setTransfiniteCurve(spoke, radial + 1)
         for surface in surfaces:

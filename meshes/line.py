@@ -20,16 +20,24 @@ def line(
 
     Groups: "line"; the points "start" and "end", and all of them as "point 0", "point 1", ...
     """
+    # A polygon has a further segment, from its last point to its first.
     segments = len(points) if closed else len(points) - 1
     counts = [elements] * segments if isinstance(elements, int) else list(elements)
 
     def build(model: Any) -> None:
         geo = model.geo
-        tags = [geo.addPoint(*(float(c) for c in point)) for point in points]
-        lines = [geo.addLine(tags[i], tags[(i + 1) % len(tags)]) for i in range(segments)]
-        for tag, n in zip(lines, counts, strict=True):
-            geo.mesh.setTransfiniteCurve(tag, n + 1)
+        tags = []
+        for point in points:
+            x, y, z = (float(coordinate) for coordinate in point)
+            tags.append(geo.addPoint(x, y, z))
+        lines = []
+        for i in range(segments):
+            following = tags[(i + 1) % len(tags)]
+            lines.append(geo.addLine(tags[i], following))
+        for segment, count in zip(lines, counts, strict=True):
+            geo.mesh.setTransfiniteCurve(segment, count + 1)
         geo.synchronize()
+
         model.addPhysicalGroup(1, lines, name="line")
         for i, tag in enumerate(tags):
             model.addPhysicalGroup(0, [tag], name=f"point {i}")

@@ -31,15 +31,16 @@ def irregular_sheet(
     """
     random = np.random.default_rng(seed)
     u, v = _displaced(nx, ny, random)
-    if nx % 2 == 0:
+    has_middle = nx % 2 == 0
+    if has_middle:
         u[nx // 2] = 0.5
     points = np.stack([width * u, height * v, 0 * u], axis=-1)
     ids = _ids(nx, ny)
-    lines = {"bottom": ids[:, 0], "right": ids[-1], "top": ids[:, -1], "left": ids[0]}
-    if nx % 2 == 0:
+    lines = _edges(ids)
+    if has_middle:
         lines["middle"] = ids[nx // 2]
-    triangles = _triangles(ids, random.random((nx, ny)) < 0.5)
-    return _mesh(comm, points.reshape(-1, 3), triangles, lines)
+    turned = random.random((nx, ny)) < 0.5
+    return _mesh(comm, points, _triangles(ids, turned), lines)
 
 
 def leaning_sheet(
@@ -58,12 +59,13 @@ def leaning_sheet(
     u, v = _displaced(nx, ny, None)
     x = width * u
     y = height * v
-    lean = np.clip(np.minimum(x, width - x) / ramp, 0, 1)
+    # 0 at the ends, 1 beyond the ramps: at 45° a node moves by its height above the middle.
+    from_end = np.minimum(x, width - x)
+    lean = np.clip(from_end / ramp, 0, 1)
     points = np.stack([x + lean * (y - height / 2), y, 0 * x], axis=-1)
     ids = _ids(nx, ny)
-    lines = {"bottom": ids[:, 0], "right": ids[-1], "top": ids[:, -1], "left": ids[0]}
-    triangles = _triangles(ids, np.zeros((nx, ny), dtype=bool))
-    return _mesh(comm, points.reshape(-1, 3), triangles, lines)
+    none_turned = np.zeros((nx, ny), dtype=bool)
+    return _mesh(comm, points, _triangles(ids, none_turned), _edges(ids))
 
 
 def slit_ring(
@@ -78,13 +80,14 @@ def slit_ring(
     Groups: "film"; "start" and "end", the two sides of the slit, at 0 and 2π.
     """
     u, v = _displaced(radial, around, None)
+    # Diagonals alternate, so that the mesh has no sense of rotation.
     odd = np.add.outer(np.arange(radial), np.arange(around)) % 2 > 0
     r = inner + (outer - inner) * u
     angle = 2 * np.pi * v
     points = np.stack([r * np.cos(angle), r * np.sin(angle), 0 * r], axis=-1)
     ids = _ids(radial, around)
     lines = {"start": ids[:, 0], "end": ids[:, -1]}
-    return _mesh(comm, points.reshape(-1, 3), _triangles(ids, odd), lines)
+    return _mesh(comm, points, _triangles(ids, odd), lines)
 
 
 def free_slit_ring(
@@ -103,8 +106,15 @@ def free_slit_ring(
         # the first, on the other side of the slit.
         angles = [2 * np.pi * k / 3 for k in range(4)]
         centre = geo.addPoint(0, 0, 0)
-        inside = [geo.addPoint(inner * np.cos(a), inner * np.sin(a), 0) for a in angles]
-        outside = [geo.addPoint(outer * np.cos(a), outer * np.sin(a), 0) for a in angles]
+
+        def on_circle(radius: float) -> list[int]:
+            """Points of gmsh at the angles."""
+            return [
+                geo.addPoint(radius * np.cos(angle), radius * np.sin(angle), 0) for angle in angles
+            ]
+
+        inside = on_circle(inner)
+        outside = on_circle(outer)
         inner_arcs = [geo.addCircleArc(p, centre, q) for p, q in pairwise(inside)]
         outer_arcs = [geo.addCircleArc(p, centre, q) for p, q in pairwise(outside)]
         start = geo.addLine(inside[0], outside[0])
@@ -132,8 +142,9 @@ def whole_disc(comm: MPI.Intracomm, cells: int, radius: float = 1.0) -> Mesh:
     rings = [np.array([1])]
     triangles = []
     for k in range(1, cells + 1):
-        angle = 2 * np.pi * np.arange(6 * k) / (6 * k)
-        rings.append(len(points) + 1 + np.arange(6 * k))
+        count = 6 * k
+        angle = 2 * np.pi * np.arange(count) / count
+        rings.append(len(points) + 1 + np.arange(count))
         circle = np.column_stack([np.cos(angle), np.sin(angle)])
         points += list(radius * k / cells * circle)
     for k in range(1, cells + 1):
@@ -141,8 +152,11 @@ def whole_disc(comm: MPI.Intracomm, cells: int, radius: float = 1.0) -> Mesh:
         outer = rings[k]
         for sector in range(6):
             # A sixth of the ring: k nodes inside (once the centre itself), k + 1 outside.
-            i = inner[(sector * (k - 1) + np.arange(k)) % len(inner)]
-            o = outer[(sector * k + np.arange(k + 1)) % len(outer)]
+            first_inside = sector * (k - 1)
+            first_outside = sector * k
+            i = inner[(first_inside + np.arange(k)) % len(inner)]
+            o = outer[(first_outside + np.arange(k + 1)) % len(outer)]
+            # Those that stand on the outer circle, then those between them.
             triangles += [(o[j], o[j + 1], i[j]) for j in range(k)]
             triangles += [(i[j], o[j + 1], i[j + 1]) for j in range(k - 1)]
     plane = np.column_stack([points, np.zeros(len(points))])
@@ -160,6 +174,11 @@ def _displaced(n: int, m: int, random: np.random.Generator | None) -> tuple[Floa
         u[1:-1] += random.uniform(-0.25, 0.25, (n - 1, m + 1)) / n
         v[:, 1:-1] += random.uniform(-0.25, 0.25, (n + 1, m - 1)) / m
     return u, v
+
+
+def _edges(ids: Integers) -> dict[str, Integers]:
+    """The nodes of the four edges of a grid by name; its first index runs from the left to the right."""
+    return {"bottom": ids[:, 0], "right": ids[-1], "top": ids[:, -1], "left": ids[0]}
 
 
 def _ids(n: int, m: int) -> Integers:
@@ -188,8 +207,9 @@ def _mesh(
     triangles: Integers,
     lines: dict[str, Integers],
 ) -> Mesh:
-    """The mesh of points, triangles and lines of nodes; numbers count from 1."""
+    """The mesh of points (..., 3), triangles and lines of nodes; numbers count from 1."""
+    flat = points.reshape(-1, 3)
     edges = {}
     for name, nodes in lines.items():
         edges[name] = polyline(nodes) - 1
-    return mesh_of_arrays(comm, lambda: (points, triangles - 1, edges))
+    return mesh_of_arrays(comm, lambda: (flat, triangles - 1, edges))

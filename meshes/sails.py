@@ -96,13 +96,12 @@ def trapezoids(
                 c = (i, j + 1)
                 d = (i + 1, j + 1)
                 # Diagonals are mirrored about the middle, so that the seams are edges.
-                mirrored = i < 0
-                first = (a, c, b) if mirrored else (a, c, d)
-                second = (b, c, d) if mirrored else (a, d, b)
-                for triangle in (first, second):
-                    # At the seams only one of the two triangles is inside.
-                    if all(abs(u) <= w for u, w in triangle):
-                        cells.append(triangle)
+                pair = [(a, c, d), (a, d, b)]
+                if i < 0:
+                    pair = [(a, c, b), (b, c, d)]
+                # At the seams only one of the two triangles is inside.
+                cells += [triangle for triangle in pair if all(abs(u) <= w for u, w in triangle)]
+        # The middle of trapezoid 0 points to negative y.
         grid = np.array(cells).reshape(-1, 2) * np.array([slope * h, -h])
         angles = [2 * math.pi * k / n for k in range(n)]
         points, triangles = _around(grid, angles, h)
@@ -183,6 +182,7 @@ def _around(sector: Points, angles: list[float], cell: float) -> tuple[Points, N
         cell: size of a cell [m]; corners that are nearer than 1e-6 of it are one point.
     """
     copies = [_turned(sector, angle) for angle in angles]
+    # Each corner of each triangle is a point at first.
     separate = np.arange(len(angles) * len(sector)).reshape(-1, 3)
     points, triangles, _ = joined(np.vstack(copies), separate, 1e-6 * cell)
     return points, triangles
@@ -192,7 +192,9 @@ def _turned(xy: Points, angle: float) -> Points:
     """Points (m, 2) turned about the origin by an angle [rad], as points (m, 3) in z = 0."""
     c = math.cos(angle)
     s = math.sin(angle)
-    return np.column_stack([xy @ np.array([[c, s], [-s, c]]), np.zeros(len(xy))])
+    # Points are rows, so that the matrix of the rotation is transposed.
+    turned = xy @ np.array([[c, s], [-s, c]])
+    return np.column_stack([turned, np.zeros(len(xy))])
 
 
 def _apothem(points: Points, n: int) -> Points:

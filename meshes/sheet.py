@@ -1,4 +1,4 @@
-"""A rectangular sheet with a regular pattern of triangles."""
+"""Rectangular sheets with a regular pattern of triangles."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
 
-from .arrays import cell_corners, polyline
+from .arrays import (
+    Groups,
+    Numbers,
+    Points,
+    cell_corners,
+    mesh_of_arrays,
+    polyline,
+    triangles_of,
+)
 
 EDGES = ("bottom", "right", "top", "left")
 CORNERS = ("bottom left", "bottom right", "top right", "top left")
@@ -38,13 +46,20 @@ def sheet(
             geo.addPoint(width, height, 0),
             geo.addPoint(0, height, 0),
         ]
-        lines = [geo.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
+        # Edge k goes from corner k to the next one, as `EDGES` names them.
+        lines = []
+        for k in range(4):
+            following = points[(k + 1) % 4]
+            lines.append(geo.addLine(points[k], following))
         surface = geo.addPlaneSurface([geo.addCurveLoop(lines)])
-        for line, n in zip(lines, (nx, ny, nx, ny), strict=True):
-            geo.mesh.setTransfiniteCurve(line, n + 1)
+
+        # As many nodes as the numbers of cells ask for, at even distances.
+        for line, cells in zip(lines, (nx, ny, nx, ny), strict=True):
+            geo.mesh.setTransfiniteCurve(line, cells + 1)
         pattern = "Alternate" if crossed else "Left"
         geo.mesh.setTransfiniteSurface(surface, pattern)
         geo.synchronize()
+
         model.addPhysicalGroup(2, [surface], name="film")
         for name, line in zip(EDGES, lines, strict=True):
             model.addPhysicalGroup(1, [line], name=name)
@@ -67,8 +82,9 @@ def crossed_sheet(
     The pattern has the symmetries of the cells, and no triangle has all its nodes on the edges.
     """
 
-    def build(model: Any) -> None:
+    def arrays() -> tuple[Points, Numbers, Groups]:
         x, y = np.meshgrid(np.linspace(0, width, nx + 1), np.linspace(0, height, ny + 1))
+        # gmsh has no such pattern: the centres of the cells are further nodes, after those of the grid.
         middles_x = (np.arange(nx) + 0.5) * width / nx
         middles_y = (np.arange(ny) + 0.5) * height / ny
         mx, my = np.meshgrid(middles_x, middles_y)
@@ -76,24 +92,28 @@ def crossed_sheet(
         all_y = np.append(y, my)
         points = np.column_stack([all_x, all_y, np.zeros(all_x.size)])
 
-        # Numbers of gmsh, from 1: those of the grid, then those of the centres.
-        grid = np.arange(1, x.size + 1).reshape(x.shape)
-        centres = np.arange(x.size + 1, len(points) + 1).reshape(mx.shape)
+        grid = np.arange(x.size).reshape(x.shape)
+        centre = np.arange(x.size, len(points)).reshape(mx.shape)
         a, b, c, d = cell_corners(grid)
-        triangles = np.stack([(a, b, centres), (b, c, centres), (c, d, centres), (d, a, centres)])
-        film = model.addDiscreteEntity(2)
-        model.mesh.addNodes(2, film, range(1, len(points) + 1), points.ravel())
-        model.mesh.addElementsByType(film, 2, [], triangles.transpose(0, 2, 3, 1).ravel())
-        model.addPhysicalGroup(2, [film], name="film")
-        edges = (grid[0], grid[:, -1], grid[-1], grid[:, 0])
-        for name, nodes in zip(EDGES, edges, strict=True):
-            edge = model.addDiscreteEntity(1)
-            model.mesh.addElementsByType(edge, 1, [], polyline(nodes).ravel())
-            model.addPhysicalGroup(1, [edge], name=name)
-        corners = (grid[0, 0], grid[0, -1], grid[-1, -1], grid[-1, 0])
-        for name, node in zip(CORNERS, corners, strict=True):
-            corner = model.addDiscreteEntity(0)
-            model.mesh.addElementsByType(corner, 15, [], [node])
-            model.addPhysicalGroup(0, [corner], name=name)
+        # Each side of a cell with its centre, counterclockwise.
+        triangles = np.concatenate(
+            [
+                triangles_of(a, b, centre),
+                triangles_of(b, c, centre),
+                triangles_of(c, d, centre),
+                triangles_of(d, a, centre),
+            ]
+        )
+        groups = {
+            "bottom": polyline(grid[0]),
+            "right": polyline(grid[:, -1]),
+            "top": polyline(grid[-1]),
+            "left": polyline(grid[:, 0]),
+            "bottom left": grid[0, :1],
+            "bottom right": grid[0, -1:],
+            "top right": grid[-1, -1:],
+            "top left": grid[-1, :1],
+        }
+        return points, triangles, groups
 
-    return gmsh_mesh(build, comm)
+    return mesh_of_arrays(comm, arrays)

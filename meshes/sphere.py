@@ -28,15 +28,14 @@ def sphere(
 
         model.occ.addSphere(0, 0, 0, radius)
         model.occ.synchronize()
-        model.addPhysicalGroup(2, [tag for _, tag in model.getEntities(2)], name="film")
-        for option, value in (
-            ("MeshSizeMin", 1.0),
-            ("MeshSizeMax", 1.0),
-            ("MeshSizeExtendFromBoundary", 0),
-        ):
-            gmsh.option.setNumber(
-                f"Mesh.{option}", value * 2 * math.pi * radius / cells if value else 0
-            )
+        surfaces = [tag for _, tag in model.getEntities(2)]
+        model.addPhysicalGroup(2, surfaces, name="film")
+
+        size = 2 * math.pi * radius / cells
+        gmsh.option.setNumber("Mesh.MeshSizeMin", size)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", size)
+        # One size everywhere: none that spreads from the seam, which gmsh has from pole to pole.
+        gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
         model.mesh.generate(2)
         model.mesh.setOrder(order)
 

@@ -30,6 +30,7 @@ def flat_tube(
     the inlet, and the closed line between one and the next, "ring 1" and so on.
     """
     width = math.pi * diameter / 2
+    # Even numbers, for the symmetry of the pattern; cells along the tube are about as long as wide.
     across = 2 * max(round(cells / 2), 1)
     along = 2 * max(round(across * length / compartments / width / 2), 1)
 
@@ -37,28 +38,29 @@ def flat_tube(
         geo = model.geo
         size = width / across
         stations = range(compartments + 1)
-        right, left = (
-            [geo.addPoint(length * i / compartments, y, 0, size) for i in stations]
-            for y in (-width / 2, width / 2)
-        )
-        right_lines, left_lines = (
-            [geo.addLine(a, b) for a, b in pairwise(side)] for side in (right, left)
-        )
-        ends = {0, compartments}
-        top_lines = [geo.addLine(right[i], left[i]) for i in stations]
-        bottom_lines = [
-            top_lines[i] if i in ends else geo.addLine(right[i], left[i]) for i in stations
-        ]
+
+        def points_along(y: float) -> list[int]:
+            """Points at the ends of the compartments."""
+            return [geo.addPoint(length * i / compartments, y, 0, size) for i in stations]
+
+        right = points_along(-width / 2)
+        left = points_along(width / 2)
+        right_lines = [geo.addLine(a, b) for a, b in pairwise(right)]
+        left_lines = [geo.addLine(a, b) for a, b in pairwise(left)]
+        top_lines = [geo.addLine(a, b) for a, b in zip(right, left, strict=True)]
+        # At both ends of the tube the strips share a line; between compartments each has its own.
+        bottom_lines = list(top_lines)
+        for i in range(1, compartments):
+            bottom_lines[i] = geo.addLine(right[i], left[i])
+
         strips: list[list[int]] = []
         for cross_lines in (top_lines, bottom_lines):
             for line in cross_lines:
                 geo.mesh.setTransfiniteCurve(line, across + 1)
-            loops = [
-                geo.addCurveLoop(
-                    [right_lines[i], cross_lines[i + 1], -left_lines[i], -cross_lines[i]]
-                )
-                for i in range(compartments)
-            ]
+            loops = []
+            for i in range(compartments):
+                sides = [right_lines[i], cross_lines[i + 1], -left_lines[i], -cross_lines[i]]
+                loops.append(geo.addCurveLoop(sides))
             strips.append([geo.addPlaneSurface([loop]) for loop in loops])
         for line in right_lines + left_lines:
             geo.mesh.setTransfiniteCurve(line, along + 1)
@@ -83,6 +85,7 @@ def flat_tube(
         model.addPhysicalGroup(0, right[-1:], name="tip right")
         model.addPhysicalGroup(0, left[-1:], name="tip left")
         model.mesh.generate(2)
+        # The lower strip is seen from below: its normals point outwards, too.
         model.mesh.reverse([(2, strip) for strip in strips[1]])
 
     return gmsh_mesh(build, comm)

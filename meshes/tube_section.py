@@ -52,15 +52,22 @@ def cylinder(
             centre = geo.addPoint(x, 0, 0)
             ring = [geo.addPoint(x, radius * y, radius * z) for y, z in axes]
             points.append(ring)
-            arcs.append([geo.addCircleArc(ring[i], centre, ring[(i + 1) % 4]) for i in range(4)])
-        lines = [geo.addLine(p, q) for p, q in zip(*points, strict=True)]
-        walls = [
-            geo.addSurfaceFilling(
-                [geo.addCurveLoop([arcs[0][i], lines[(i + 1) % 4], -arcs[1][i], -lines[i]])]
+            # gmsh draws arcs below 180 degrees only.
+            following = ring[1:] + ring[:1]
+            arcs.append(
+                [geo.addCircleArc(p, centre, q) for p, q in zip(ring, following, strict=True)]
             )
-            for i in range(4)
-        ]
-        caps = [geo.addPlaneSurface([geo.addCurveLoop(ring)]) for ring in arcs] if capped else []
+        lines = [geo.addLine(p, q) for p, q in zip(*points, strict=True)]
+        walls = []
+        for i in range(4):
+            next_line = lines[(i + 1) % 4]
+            loop = geo.addCurveLoop([arcs[0][i], next_line, -arcs[1][i], -lines[i]])
+            walls.append(geo.addSurfaceFilling([loop]))
+        caps = []
+        if capped:
+            for rim_arcs in arcs:
+                loop = geo.addCurveLoop(rim_arcs)
+                caps.append(geo.addPlaneSurface([loop]))
         for arc in arcs[0] + arcs[1]:
             geo.mesh.setTransfiniteCurve(arc, quarter + 1)
         for line in lines:
@@ -73,15 +80,17 @@ def cylinder(
             model.addPhysicalGroup(2, caps, name="caps")
         model.addPhysicalGroup(1, arcs[0], name="first rim")
         model.addPhysicalGroup(1, arcs[1], name="last rim")
-        for name, line, point in zip(
-            ("top", "left", "bottom", "right"), lines, points[0], strict=True
-        ):
+        # In the order of `axes`.
+        names = ("top", "left", "bottom", "right")
+        for name, line, point in zip(names, lines, points[0], strict=True):
             model.addPhysicalGroup(1, [line], name=name)
             model.addPhysicalGroup(0, [point], name=f"first {name}")
         size = 2 * math.pi * radius / (4 * quarter)
         model.mesh.setSize(model.getEntities(0), size)
         model.mesh.generate(2)
-        model.mesh.reverse([(2, surface) for surface in (*walls, *caps[1:])])
+        # gmsh's normals of the walls and of the last cap point inwards.
+        inwards = [*walls, *caps[1:]]
+        model.mesh.reverse([(2, surface) for surface in inwards])
         model.mesh.setOrder(order)
 
     return gmsh_mesh(build, comm)

@@ -1,6 +1,7 @@
 """Run times compared with those of others: ./gossamer bench NAME [--quick] [--runs N]; NAME `all` runs every problem.
 
-`contact` runs `contact_cost`, too.
+`contact` runs `contact_cost`, too.  `errors` runs all problems whose name begins with it: error against CPU time
+on several meshes.  With --store their results are those that docs/benchmark.md shows.
 
 The contestants take turns, one thread each; of every figure the median over the runs is shown, times next to results.
 Writes out/benchmarks/NAME.csv, and ends with a line `ratio PEER NUMBER` for each peer: its cost over this program's,
@@ -14,20 +15,32 @@ import sys
 from pathlib import Path
 
 from comparison import compare
+from error_curves import STORED, solve, write_page
+from error_problems import ERROR_PROBLEMS
 from problems import PROBLEMS
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="gossamer bench", description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "name", choices=[*PROBLEMS, "all"], metavar="NAME", help=", ".join([*PROBLEMS, "all"])
-    )
+    names = [*PROBLEMS, "errors", *ERROR_PROBLEMS, "all"]
+    parser.add_argument("name", choices=names, metavar="NAME", help=", ".join(names))
     parser.add_argument("--quick", action="store_true", help="one small case")
     parser.add_argument("--runs", type=int, default=3, help="of which the median is taken")
     parser.add_argument(
         "--out", type=Path, default=Path("out/benchmarks"), help="folder of the tables"
     )
+    parser.add_argument(
+        "--store", action="store_true", help="store the errors that docs/benchmark.md shows"
+    )
     wanted = parser.parse_args()
+    if wanted.store and (wanted.quick or not wanted.name.startswith("errors")):
+        parser.error("--store is for the full form of errors; leave it or --quick out.")
+    for name in ERROR_PROBLEMS:
+        if wanted.name in (name, "errors", "all"):
+            folder = STORED if wanted.store else wanted.out
+            solve(name, wanted.runs, wanted.quick, folder)
+    if wanted.store:
+        write_page()
     parts = [name for name in PROBLEMS if wanted.name in (name, name.split("_")[0], "all")]
     for name in parts:
         problem = PROBLEMS[name]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import KratosMultiphysics as K
 import KratosMultiphysics.ConstitutiveLawsApplication as Laws
 import KratosMultiphysics.StructuralMechanicsApplication as Structures
@@ -43,8 +45,7 @@ def add_film(
     thickness: float,
     wrinkling: bool,
 ):
-    """Membrane elements; returns their properties."""
-    film = part.CreateNewProperties(1)
+    """Membrane elements of an isotropic film; returns their properties."""
     constants = {
         K.YOUNG_MODULUS: E,
         K.POISSON_RATIO: nu,
@@ -52,6 +53,50 @@ def add_film(
         K.THICKNESS: thickness,
     }
     elastic = Structures.LinearElasticPlaneStress2DLaw()
+    return _add_membranes(part, triangles, constants, elastic, wrinkling)
+
+
+def add_fabric(
+    part,
+    triangles: np.ndarray,
+    moduli: dict[str, float],
+    density: float,
+    thickness: float,
+    angle: float,
+):
+    """Membrane elements of a wrinkling fabric; returns their properties.
+
+    Args:
+        moduli: E1, E2, nu12 and G12.
+        angle: of the first axis from x [rad].
+    """
+    # Moduli and Poisson's ratios of three axes; the law of plane stress reads the first two and nu12.
+    nu = moduli["nu12"]
+    elastic_constants = K.Vector(6, nu)
+    for i, name in enumerate(("E1", "E2", "E2")):
+        elastic_constants[i] = moduli[name]
+    constants = {
+        Laws.ORTHOTROPIC_ELASTIC_CONSTANTS: elastic_constants,
+        K.YOUNG_MODULUS_X: moduli["E1"],
+        K.YOUNG_MODULUS_Y: moduli["E2"],
+        K.POISSON_RATIO_XY: nu,
+        K.SHEAR_MODULUS_XY: moduli["G12"],
+        K.DENSITY: density,
+        K.THICKNESS: thickness,
+    }
+    law = Laws.LinearElasticOrthotropic2DLaw()
+    film = _add_membranes(part, triangles, constants, law, wrinkling=True)
+    axis = K.Vector(3, 0.0)
+    axis[0] = math.cos(angle)
+    axis[1] = math.sin(angle)
+    for element in part.Elements:
+        element.SetValue(Structures.LOCAL_MATERIAL_AXIS_1, axis)
+    return film
+
+
+def _add_membranes(part, triangles: np.ndarray, constants: dict, elastic, wrinkling: bool):
+    """Membrane elements of an elastic law; returns their properties."""
+    film = part.CreateNewProperties(1)
     for name, value in constants.items():
         film.SetValue(name, value)
     film.SetValue(Structures.PRESTRESS_VECTOR, K.Vector(3, 0.0))

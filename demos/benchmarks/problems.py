@@ -83,6 +83,20 @@ def subdomains(
     }
 
 
+def fabric_airbags(dampings: dict[tuple[int, int], float]) -> Cases:
+    """Cells along half an edge, and the angle of the yarns from the edges, with the damping [1/s] of Kratos.
+
+    With that of the isotropic airbag (60/s), and of 16 cells at 45 degrees with 1000/s, it loses its shape.
+    """
+    return {
+        f"{n} cells, {angle} degrees": {
+            SELF: {"n": n, "law": "fabric", "angle": angle},
+            "kratos": {"n": n, "law": "fabric", "angle": angle, "damping": damping},
+        }
+        for (n, angle), damping in dampings.items()
+    }
+
+
 def strips(own: int, kratos: tuple[int, int], exudyn: int, ngsolve: int) -> dict[str, Words]:
     """Cells along, and as few increments of the load as succeed; of Kratos cells and increments."""
     return {
@@ -118,6 +132,26 @@ PROBLEMS = {
         cases={f"{n} cells": {SELF: {"n": n}, "kratos": {"n": n}} for n in (8, 16)},
         quick={"8 cells": {SELF: {"n": 8}, "kratos": {"n": 8}}},
         peers=("kratos",),
+    ),
+    "airbag_fabric": Problem(
+        title="Square airbag of fabric at rest, w_M = 0.2220 m (0 degrees) and 0.2196 m (45 degrees)",
+        cost=lambda r: r["cpu"],
+        unit="s CPU",
+        cases=fabric_airbags({(8, 0): 1000, (8, 45): 1000, (16, 0): 1000, (16, 45): 2000}),
+        quick=fabric_airbags({(8, 0): 1000, (8, 45): 1000}),
+        peers=("kratos",),
+        script="airbag",
+    ),
+    "orthotropic": Problem(
+        title="Free sheet, law time of a Newton iteration of orthotropic film over that of isotropic film",
+        cost=lambda r: r["ratio"],
+        unit="times",
+        cases={
+            f"{law}, order {order}": {SELF: {"law": law, "order": order, "n": 48 // order}}
+            for order in (1, 2)
+            for law in ("fabric", "braid", "steep braid")
+        },
+        quick={"braid, order 1": {SELF: {"law": "braid", "n": 10, "steps": 3}}},
     ),
     "plate": Problem(
         title="Cantilever strip and slit ring of Sze, Liu & Lo (2004) under their full load",

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
+from scipy.optimize import brentq
 
 import gossamer_fx as gx
 from gossamer_fx.model.body import Array
@@ -34,12 +37,65 @@ def triangles(system: Any, film: gx.Membrane) -> Array:
     return corners
 
 
+def petals_of(
+    surfaces: Sequence[gx.orbit.Surface],
+    root: Sequence[float] = (0.0, 0.0, 0.0),
+    slope: float = 1.0,
+    cells: int = 8,
+) -> Array:
+    """Trapezoids of the areas and centres of flat surfaces, as triangles (n, 3, 3) [m] in body axes.
+
+    Args:
+        surfaces: of a sail; each becomes a trapezoid, symmetric about the line from the root to its centre.
+        root: where the sides of the trapezoids would meet [m].
+        slope: half of the width over the distance from the root; 1 for the petals of a square sail.
+        cells: along a side, each with two triangles.
+    """
+    across_ticks = np.linspace(-1.0, 1.0, cells + 1)
+    found = []
+    for surface in surfaces:
+        normal = np.array(surface.normal) / np.linalg.norm(surface.normal)
+        to_centre = np.array(surface.centre) - np.array(root)
+        distance = float(np.linalg.norm(to_centre))
+        outward = to_centre / distance
+        across = np.cross(normal, outward)
+        inner, outer = trapezoid(surface.area / slope, distance)
+        reach = np.linspace(inner, outer, cells + 1)[:, None, None]
+        # Points (cells + 1, cells + 1, 3): along the petal, then across.
+        grid = root + reach * (outward + slope * across_ticks[None, :, None] * across)
+        a = grid[:-1, :-1].reshape(-1, 3)
+        b = grid[1:, :-1].reshape(-1, 3)
+        c = grid[1:, 1:].reshape(-1, 3)
+        d = grid[:-1, 1:].reshape(-1, 3)
+        found += [np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]
+    return np.concatenate(found)
+
+
+def trapezoid(area: float, centroid: float) -> tuple[float, float]:
+    """Distances from the axis of both ends of a trapezoid whose half width is the distance from the axis.
+
+    Its area is r₂² - r₁² [m²], its centroid at ⅔ (r₂³ - r₁³)/(r₂² - r₁²) [m]. A triangle has the nearest
+    centroid that is possible, ⅔ r₂; it is taken if the given one is nearer.
+    """
+    if centroid <= 2 / 3 * area**0.5:
+        return 0.0, area**0.5
+
+    def excess(inner: float) -> float:
+        outer = (area + inner**2) ** 0.5
+        return 2 / 3 * (outer**3 - inner**3) / area - centroid
+
+    # With the inner end at the centroid the trapezoid would be beyond it.
+    inner = float(brentq(excess, 0.0, centroid))
+    return inner, (area + inner**2) ** 0.5
+
+
 def draw_film(
     axes: Any,
     corners: Array,
     colour: str = "#c9d8e8",
     view: tuple[float, float] = (20.0, -60.0),
     alpha: float = 1.0,
+    zoom: float = 1.0,
 ) -> None:
     """Draw triangles (n, 3, 3) in axes of the projection "3d", at the same scale along x, y and z.
 
@@ -49,6 +105,7 @@ def draw_film(
         colour: of the faces.
         view: elevation and azimuth of the eye [°].
         alpha: opacity.
+        zoom: of the first film in its axes; below 1 for axes that are narrow.
     """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -65,6 +122,6 @@ def draw_film(
         middle = (high + low) / 2
         for name, centre, size in zip("xyz", middle, extent, strict=True):
             getattr(axes, f"set_{name}lim")(centre - size / 2, centre + size / 2)
-        axes.set_box_aspect(extent)
+        axes.set_box_aspect(extent, zoom=zoom)
     axes.view_init(elev=view[0], azim=view[1])
     axes.set_axis_off()

@@ -26,3 +26,5 @@ from .sensitivities import Gradient as Gradient
 from .sensitivities import Integral as Integral
 from .sensitivities import RunTape as RunTape
 from .sensitivities import gradient as gradient
+from .wave_separation import TravellingWaves as TravellingWaves
+from .wave_separation import travelling_waves as travelling_waves

@@ -335,6 +335,8 @@ class Equilibrium:
     ) -> tuple[Array, Array]:
         """Force [N] and moment [N m] that a support exerts in the equilibrium found last, (3,) each.
 
+        Supports that hold the same coordinate of a node, e.g. of a corner, bear equal parts of its force.
+
         Args:
             support: an item of the scene that fixes or prescribes coordinates.
             about: point to which the moment refers [m].

@@ -195,7 +195,11 @@ class Membrane(Meshed):
         return None
 
     def measure(self, x: Expr) -> Expr:
-        """Strain (E11, E22, 2 E12) of the law at the positions x: from the mesh, and the initial one."""
+        """Strain (E11, E22, 2 E12) at the positions x: from the mesh, and the initial one.
+
+        Thermal strain is part of it: that depends on the time of a scene.  The fields `elastic_strain1` and
+        `elastic_strain2` of a run have it subtracted.
+        """
         strain = self.strain_from_mesh(x)
         initial = self.initial_strain
         if initial is not None:

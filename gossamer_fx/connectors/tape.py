@@ -9,12 +9,13 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from gossamer_fx.algebra.point_measures import PointMeasure, evaluated_here
 from gossamer_fx.bodies.cable import BarLaw, CableLaw, TensionOnly
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
-from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.errors import InputError, check
 from gossamer_fx.connectors.spring import Quadratic
 from gossamer_fx.model.body import Array, Attached, Port
 from gossamer_fx.model.ports import combine
@@ -23,6 +24,10 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.one_sided import one_sided_average, one_sided_energy
 from gossamer_fx.terms.point_energies import PointDensity, PointStoredEnergy
 from gossamer_fx.terms.point_masses import AttachedKineticEnergy
+
+# Length of an edge over that of the longest one below which its two nodes coincide: far above round-off of
+# coordinates, far below any cell.
+SHORTEST_EDGE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -99,6 +104,13 @@ class Tape:
         own_bars = list(zip(names[:, 0].tolist(), names[:, 1].tolist(), own.tolist(), strict=True))
         rows = body.comm.allgather(own_bars)
         bars = [row for part in rows for row in part]
+        check(
+            len(bars) > 0,
+            f"Tape '{name}' on '{body.name}': the group '{edges}' has no edges of the mesh; put a line of its "
+            "edges into the group.",
+        )
+        midpoints = (x[ends[:, 0]] + x[ends[:, 1]]) / 2
+        _refuse_edges_without_length(body, edges, own, midpoints, name)
         pairs = [(Port(body, (a,)), Port(body, (b,))) for a, b, _ in bars]
         lengths = [length_factor * length for _, _, length in bars]
         return Tape(body, law, bars=pairs, lengths=lengths, name=name)
@@ -196,3 +208,26 @@ def _stretch(a: Port, b: Port, square: float) -> Port:
     port = combine((square**0.5, -(square**0.5)), (b, a))
     assert isinstance(port, Port)
     return port
+
+
+def _refuse_edges_without_length(
+    body: Membrane, edges: str, lengths: Array, midpoints: Array, name: str
+) -> None:
+    """Name the first edge (of lengths (n,) and midpoints (n, 3) [m] of this rank) whose ends coincide.  Collective.
+
+    Raises:
+        InputError: an edge is shorter than round-off of the line.
+    """
+    longest = body.comm.allreduce(float(lengths.max(initial=0.0)), MPI.MAX)
+    bad = np.flatnonzero(lengths <= SHORTEST_EDGE * longest)
+    own_place = tuple(midpoints[bad[0]].tolist()) if len(bad) else None
+    places = [place for place in body.comm.allgather(own_place) if place is not None]
+    if not places:
+        return
+    # To the nanometre, so that round-off of zero is zero.
+    x, y, z = (round(coordinate, 9) + 0.0 for coordinate in places[0])
+    raise InputError(
+        f"Tape '{name}' on '{body.name}': the group '{edges}' has an edge without length at "
+        f"({x:.6g}, {y:.6g}, {z:.6g}) m, as a revolved mesh has at its pole; merge the nodes there, or leave "
+        "this edge out of the group."
+    )

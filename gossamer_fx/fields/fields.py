@@ -3,6 +3,8 @@
     displacement            x - X, from the stress-free mesh [m]
     velocity                [m/s]
     strain1 ≥ strain2       principal Green-Lagrange strains of a film, thermal strains included
+    elastic_strain1 ≥ elastic_strain2
+                            principal strains less the thermal strain, of which stresses are functions
     stress1 ≥ stress2       principal second Piola-Kirchhoff stresses of a film, ∂ψ/∂E over the
                             thickness [Pa]
     direction               F n/|F n| with n the direction of strain1: the direction of tension on the
@@ -120,6 +122,12 @@ def _strains(shape: BodyShape) -> tuple[Expr, Expr]:
     return mean + radius, mean - radius
 
 
+def _elastic_strains(shape: BodyShape) -> tuple[Expr, Expr]:
+    """Principal strains less the thermal strain, the larger one first."""
+    mean, radius = half_trace_and_radius(shape.elastic_strain())
+    return mean + radius, mean - radius
+
+
 def _stresses(shape: BodyShape) -> tuple[Expr, Expr]:
     """Principal stresses [Pa], the larger one first."""
     film = shape.body
@@ -187,6 +195,8 @@ FIELDS = {
     "velocity": Field((3,), _velocity),
     "strain1": Field((), _larger(_strains), of_films=True),
     "strain2": Field((), _smaller(_strains), of_films=True),
+    "elastic_strain1": Field((), _larger(_elastic_strains), of_films=True),
+    "elastic_strain2": Field((), _smaller(_elastic_strains), of_films=True),
     "stress1": Field((), _larger(_stresses), of_films=True),
     "stress2": Field((), _smaller(_stresses), of_films=True),
     "direction": Field((3,), _direction, of_films=True),

@@ -13,6 +13,8 @@ UNITS = {
     "fold_angle": "rad",
     "strain1": "",
     "strain2": "",
+    "elastic_strain1": "",
+    "elastic_strain2": "",
     "stress1": "Pa",
     "stress2": "Pa",
     "pressure": "Pa",

@@ -17,6 +17,9 @@ For wrinkles w = W sin(π s/L), whose excess of length is the trace a of (1),
 with the half wavelength L of a stretched sheet of bending stiffness B, tension T and length ℓ (Cerda &
 Mahadevan, Phys. Rev. Lett. 90 (2003) 074302, doi:10.1103/PhysRevLett.90.074302).  ℓ is the square root of
 the area of the film, so that (3) is an estimate: wrinkles that are n times shorter have 1/√n of it.
+
+An orthotropic film bends across its crests, along n: B = (n⊗n):D:(n⊗n), with the stiffness D of a plate of
+its material, uniform across the thickness.  As a mean over cells with different n, B is weighted by a.
 """
 
 from __future__ import annotations
@@ -35,7 +38,7 @@ from gossamer_fx.forms.backend import interpolation_points
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.spaces import cell_nodes
-from gossamer_fx.materials.film import FilmLaw, IsotropicFilm
+from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.quality import area_vectors, corner_points
 from gossamer_fx.model.body import Array, MeshBody
 from gossamer_fx.system.system import System
@@ -44,12 +47,18 @@ from gossamer_fx.terms.discrete_gradient import gradient
 # Mean values over neighbouring cells are taken so often.
 SMOOTHINGS = 2
 
-# Components of a symmetric tensor (3, 3): the tension T follows in the last column.
+# Components of a symmetric tensor (3, 3), then further columns: the tension T, the excess a, and B a.
 SYMMETRIC = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 TENSION = 6
+EXCESS = 7
+BENDING = 8
+COLUMNS = 9
 
 # Tension per width [N/m] below which the film is slack, so that (3) has no wavelength.
 LEAST_TENSION = 1e-12
+
+# Excess of length below which film is taut, so that it has no bending stiffness across crests: round-off of strains.
+LEAST_EXCESS = 1e-15
 
 
 class WrinkleMap:
@@ -71,10 +80,10 @@ class WrinkleMap:
         _check_law(body)
         domain = body.space.mesh
         self._cellwise = fem.Function(
-            fem.functionspace(domain, ("Discontinuous Lagrange", 0, (TENSION + 1,)))
+            fem.functionspace(domain, ("Discontinuous Lagrange", 0, (COLUMNS,)))
         )
         points = interpolation_points(self._cellwise.function_space)
-        self._expression = compile_expression(_tensor_and_tension(self._shape), points)
+        self._expression = compile_expression(_columns(self._shape), points)
         self._linear = fem.Function(
             fem.functionspace(domain, ("Lagrange", 1, tuple(function.ufl_shape)))
         )
@@ -83,7 +92,7 @@ class WrinkleMap:
         """Set the function to the accepted state.  Collective."""
         self._shape.update()
         body = self._shape.body
-        tensors, tension = self._smoothed()
+        tensors, tension, bending = self._smoothed()
         eigenvalues, vectors = np.linalg.eigh(tensors)
         excess = np.maximum(eigenvalues, 0.0).sum(axis=1)
         slope = 2 * np.sqrt(excess)
@@ -91,63 +100,68 @@ class WrinkleMap:
         if self._function.name == "wrinkle_slope":
             at_vertices = slope
         elif self._function.name == "wrinkle_amplitude":
-            at_vertices = slope * _half_wavelength(body, tension) / math.pi
+            at_vertices = slope * _half_wavelength(body, tension, bending) / math.pi
         else:
             at_vertices = _crests(self._shape, tensors, vectors)
         # Linear between the vertices.
         self._linear.x.array[:] = at_vertices.ravel()
         self._function.interpolate(self._linear)
 
-    def _smoothed(self) -> tuple[Array, Array]:
-        """A in space (n, 3, 3) and the tension T [N/m] (n,) at the local vertices, as local means."""
+    def _smoothed(self) -> tuple[Array, Array, Array]:
+        """A in space (n, 3, 3), the tension T [N/m] (n,) and B [N m] (n,) at the local vertices, as local means."""
         cellwise = self._cellwise
         cellwise.interpolate(self._expression)
         cellwise.x.scatter_forward()
         # Values of all local cells, ghosts included, in the order of the cells.
         rows = cell_nodes(cellwise.function_space).ravel()
-        values = cellwise.x.array.reshape(-1, TENSION + 1)[rows]
+        values = cellwise.x.array.reshape(-1, COLUMNS)[rows]
         values = _smooth(cellwise.function_space.mesh, values)
         tensors = np.zeros((len(values), 3, 3))
         for k, (i, j) in enumerate(SYMMETRIC):
             tensors[:, i, j] = values[:, k]
             tensors[:, j, i] = values[:, k]
-        return tensors, values[:, TENSION]
-
-
-def wrinkling_strain(film: Membrane, e: Expr) -> Expr:
-    """A of (1) as (A11, A22, 2 A12) in the frame of the film, of its elastic strain e."""
-    stress = gradient(film.density, e)
-    return film.law.taut_strain(stress, film.constants) - e
+        excess = values[:, EXCESS]
+        has_excess = excess > LEAST_EXCESS
+        bending = np.where(has_excess, values[:, BENDING], 0.0) / np.where(has_excess, excess, 1.0)
+        return tensors, values[:, TENSION], bending
 
 
 def _check_law(film: Membrane) -> None:
-    """Refuse laws without the strain of a stress, and orthotropic ones, whose stress takes minutes to compile in UFL.
+    """Refuse laws that do not tell the strain of a stress, or no bending stiffness.
 
     Raises:
         InputError: names the film and its law.
     """
     law = type(film.law)
-    has_maps = issubclass(law, IsotropicFilm) and law.taut_strain is not FilmLaw.taut_strain
+    has_strain = law.taut_strain is not FilmLaw.taut_strain
+    has_bending = law.bending_stiffness is not FilmLaw.bending_stiffness
     check(
-        has_maps,
-        f"'{film.name}' has no maps of wrinkles, as its law is {law.__name__}; use the field 'state', or an isotropic "
-        "law.",
+        has_strain and has_bending,
+        f"'{film.name}' has no maps of wrinkles, as its law is {law.__name__}; use the field 'state', or another "
+        "law, e.g. TensionField.",
     )
 
 
-def _tensor_and_tension(shape: BodyShape) -> Expr:
-    """The components of A in space and the tension T [N/m], as an expression (7,)."""
+def _columns(shape: BodyShape) -> Expr:
+    """The components of A in space, the tension T [N/m], a and B a [N m], as an expression (9,)."""
     film = shape.body
     elastic = shape.elastic_strain()
-    strain = wrinkling_strain(film, elastic)
+    stress = gradient(film.density, elastic)
+    strain = film.law.taut_strain(stress, film.constants) - elastic
     in_frame = ufl.as_matrix([[strain[0], strain[2] / 2], [strain[2] / 2, strain[1]]])
     deformation = film.deformation(shape.q)
     in_space = ufl.dot(deformation, ufl.dot(in_frame, deformation.T))
-    stress = gradient(film.density, elastic)
     mean = (stress[0] + stress[1]) / 2
     radius = ufl.sqrt(((stress[0] - stress[1]) / 2) ** 2 + stress[2] ** 2)
+    excess = in_frame[0, 0] + in_frame[1, 1]
+    has_excess = ufl.gt(excess, LEAST_EXCESS)
+    # n⊗n of wrinkled film; of slack film a mean of all directions in which it is too long.
+    directions = in_frame / ufl.conditional(has_excess, excess, 1.0)
+    moment = film.law.bending_stiffness(film.constants).moment(directions)
+    bending = ufl.conditional(has_excess, excess * ufl.inner(moment, directions), 0.0)
     numbers = [in_space[i, j] for i, j in SYMMETRIC]
-    return ufl.as_vector([*numbers, mean + radius])
+    weight = ufl.conditional(has_excess, excess, 0.0)
+    return ufl.as_vector([*numbers, mean + radius, weight, bending])
 
 
 def _smooth(domain: Mesh, in_cells: Array) -> Array:
@@ -176,16 +190,12 @@ def _smooth(domain: Mesh, in_cells: Array) -> Array:
     return found
 
 
-def _half_wavelength(film: Membrane, tension: Array) -> Array:
-    """L of (3) [m] for tensions (n,) [N/m]; 0 where the film is slack."""
+def _half_wavelength(film: Membrane, tension: Array, bending: Array) -> Array:
+    """L of (3) [m] for tensions (n,) [N/m] and bending stiffnesses (n,) [N m]; 0 where the film is slack."""
     domain = film.space.mesh
     own = domain.topology.index_map(2).size_local
     areas = np.linalg.norm(area_vectors(corner_points(domain))[:own], axis=1)
     length = math.sqrt(film.comm.allreduce(float(areas.sum())))
-    law = film.law
-    # `_check_law` leaves isotropic laws only.
-    assert isinstance(law, IsotropicFilm)
-    bending = law.E * law.thickness**3 / (12 * (1 - law.nu**2))
     is_taut = tension > LEAST_TENSION
     ratio = np.where(is_taut, bending / np.where(is_taut, tension, 1.0), 0.0)
     found: Array = math.sqrt(math.pi * length) * ratio**0.25

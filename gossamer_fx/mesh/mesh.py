@@ -77,7 +77,10 @@ class Mesh:
     def group_words(self) -> str:
         """The names of the groups with what they are made of, for messages."""
         kinds = ("points", "curves", "surfaces")
-        names = [f"{name} ({kinds[dim]})" for name, (dim, _) in self.groups.items()]
+        names = [
+            f"{name or 'one without a name'} ({kinds[dim]})"
+            for name, (dim, _) in self.groups.items()
+        ]
         return f"groups: {', '.join(names) or 'none'}"
 
     def group(self, name: str) -> tuple[int, npt.NDArray[np.int32]]:

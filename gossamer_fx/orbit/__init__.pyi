@@ -11,4 +11,5 @@ from .solar_heating import HeatBalance as HeatBalance
 from .solar_heating import SolarHeating as SolarHeating
 from .solar_heating import ThermalProperties as ThermalProperties
 from .solar_pressure import SolarPressure as SolarPressure
+from .sunlight import Sunlight as Sunlight
 from .surface_forces import Surface as Surface

@@ -207,7 +207,8 @@ class CompiledOrbit(
         check(len(terms) == 1, f"The scene has {len(terms)} orbits; give it one.")
         check(
             system.rule.alpha == 0.5,
-            f"'{terms[0].name}' flies by the midpoint rule only; run its scene with Midpoint.",
+            f"'{terms[0].name}' flies by the midpoint rule only; run its scene with Midpoint, and give an "
+            "equilibrium its light by gx.orbit.Sunlight.",
         )
         self._system = system
         self.name = terms[0].name

@@ -111,7 +111,7 @@ class SolarPressure:
         mesh = film.space.mesh
         u = fem.Constant(mesh, np.zeros(3))
         P = constant(mesh, 0.0)
-        front, back = self._coefficients(film)
+        front, back = face_coefficients(film, self.optics, self.groups, self.name)
         dx = surface_measure(film)
         shades = ShadowMap(film, self.shadow_pixels) if self.shadow_pixels else None
         # The kernel of a film without shadows has no function on its triangles to read.
@@ -132,25 +132,38 @@ class SolarPressure:
 
         return FlyingLoad(self.name, film, self.orbit, work, prepare)
 
-    def _coefficients(self, film: Membrane) -> tuple[list[Expr], list[Expr]]:
-        """Those of front and back, as constants, or as functions where groups differ."""
-        mesh = film.space.mesh
-        both = [self.optics.coefficients(back=side) for side in (False, True)]
-        # Six constants are cheaper than a function of six values on each triangle.
-        if not self.groups:
-            front, back = ([constant(mesh, c) for c in side] for side in both)
-            return front, back
-        table = fem.Function(fem.functionspace(mesh, ("DG", 0, (6,))))
-        rows = table.x.array.reshape(-1, 6)
-        rows[:] = np.concatenate(both)
-        for group, optics in self.groups.items():
-            dim, cells = film.mesh.group(group)
-            check(
-                dim == 2,
-                f"'{self.name}': the group '{group}' has dimension {dim}; name triangles of the mesh.",
-            )
-            rows[cells] = np.concatenate([optics.coefficients(back=side) for side in (False, True)])
-        return [table[i] for i in range(3)], [table[i] for i in range(3, 6)]
+
+def face_coefficients(
+    film: Membrane, optics: Optics, groups: Mapping[str, Optics], name: str
+) -> tuple[list[Expr], list[Expr]]:
+    """Optical coefficients of front and back: constants, or functions where groups of triangles differ.
+
+    Args:
+        film: the film.
+        optics: of all triangles that are in none of the groups.
+        groups: optics by the names of groups of its mesh.
+        name: of the load, for messages.
+
+    Raises:
+        InputError: a group that is not in the mesh, or not of triangles.
+    """
+    mesh = film.space.mesh
+    both = [optics.coefficients(back=side) for side in (False, True)]
+    # Six constants are cheaper than a function of six values on each triangle.
+    if not groups:
+        front, back = ([constant(mesh, c) for c in side] for side in both)
+        return front, back
+    table = fem.Function(fem.functionspace(mesh, ("DG", 0, (6,))))
+    rows = table.x.array.reshape(-1, 6)
+    rows[:] = np.concatenate(both)
+    for group, others in groups.items():
+        dim, cells = film.mesh.group(group)
+        check(
+            dim == 2,
+            f"'{name}': the group '{group}' has dimension {dim}; name triangles of the mesh.",
+        )
+        rows[cells] = np.concatenate([others.coefficients(back=side) for side in (False, True)])
+    return [table[i] for i in range(3)], [table[i] for i in range(3, 6)]
 
 
 def check_surfaces(name: str, body: Membrane | RigidBody, surfaces: Sequence[Surface]) -> None:

@@ -38,6 +38,7 @@ _TITLE_WIDTH = 40  # letters of a line of a panel's title
 _SHOWN_SHARE = 0.02  # share of the area from which on a state is named
 _SMALLEST_ERROR = 1e-17
 _USUAL_ERROR = 1e-12  # to which the axis of errors goes at least
+_ANGULAR = "angular momentum "  # before the axes of its components
 _STORED = "stored "  # before the names of parts that store energy
 _UNIT = re.compile(r"\[([^]]*)\]$")  # at the end of a probe's name
 _LEGEND_LINE = 0.11  # height of a line of a legend, of the height of the curves
@@ -98,6 +99,12 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
     shares = _area_shares(run, states)
     if shares:
         panels.append(partial(_states, states["time"] / second, shares))
+    angular = _with_prefix(ledger, _ANGULAR)
+    # A scene that starts at rest has none, or what its supports give it.
+    if any(values[0] != 0 for values in angular.values()):
+        shades = _line_colours(angular)
+        title = "Angular momentum about the origin"
+        panels.append(partial(_lines, t, angular, shades, title, "kg m²/s"))
     errors = {"energy": ledger["energy_error"]}
     if "mass_error" in ledger:
         errors["gas mass"] = ledger["mass_error"]

@@ -35,6 +35,9 @@ _WIDTH = 11.0  # inches
 _ORBIT_HEIGHT = 4.6  # inches
 _PROBE_HEIGHT = 1.5  # inches
 _LONG = 3 * 3600.0  # s from which on the time is shown in hours
+# Lengths of the arrows to the Sun and of motion over the largest that fits: if they are parallel, both are seen.
+_SUN_ARROW = 1.0
+_MOTION_ARROW = 0.7
 _ALONG_VIEW = (
     0.7  # part of a unit vector towards the eye from which on an arrow is too short to show it
 )
@@ -114,7 +117,8 @@ class FlightPicture(DrawnRun):
         for row, name in enumerate(self.probes, start=1):
             axes = figure.add_subplot(grid[row, :])
             axes.plot(t, table[name], color=_NIGHT, lw=1.2)
-            axes.set_ylabel(plain_text(name))
+            # A long label would be longer than the side of a low panel.
+            axes.set_title(plain_text(name), loc="left", fontsize=10)
             axes.grid(alpha=0.3)
             if row == len(self.probes):
                 axes.set_xlabel("time [h]" if in_hours else "time [s]")
@@ -135,7 +139,7 @@ class FlightPicture(DrawnRun):
         reach = float(np.linalg.norm(positions, axis=1).max())
         sun = _vectors(table, _TO_SUN)[0]
         if np.any(sun):
-            to_sun = 1.5 * reach * sun / np.linalg.norm(sun)
+            to_sun = 1.35 * reach * sun / np.linalg.norm(sun)
             _draw_arrow(axes, (0.0, 0.0), (to_sun @ outward, to_sun @ along), "Sun", _SUN)
         axes.set_xlim(-1.7 * reach, 1.7 * reach)
         axes.set_ylim(-1.7 * reach, 1.7 * reach)
@@ -176,8 +180,9 @@ def _draw_scene(axes: Axes, run: RunReader, table: Tables) -> None:
     image = next(render(camera, shapes, scale, colours.table))
     axes.imshow(image)
     to_sun = (_vectors(table, _TO_SUN) - _vectors(table, _POSITION))[-1]
-    _draw_direction(axes, camera, image, "Sun", to_sun, _SUN)
-    _draw_direction(axes, camera, image, "motion", _vectors(table, _VELOCITY)[-1], _NIGHT)
+    motion = _vectors(table, _VELOCITY)[-1]
+    _draw_direction(axes, camera, image, "Sun", to_sun, _SUN, _SUN_ARROW)
+    _draw_direction(axes, camera, image, "motion", motion, _NIGHT, _MOTION_ARROW)
     axes.set_axis_off()
     axes.set_title("the scene at the end, with directions to the Sun and of motion", fontsize=10)
 
@@ -189,11 +194,12 @@ def _draw_direction(
     name: str,
     direction: Array,
     colour: Any,
+    length: float,
 ) -> None:
-    """An arrow from the middle of an image."""
+    """An arrow of a relative length from the middle of an image."""
     height, width = image.shape[:2]
     middle = (width / 2, height / 2)
-    reach = 0.42 * min(width, height)
+    reach = 0.42 * length * min(width, height)
     right, up, towards = camera.axes @ direction / np.linalg.norm(direction)
     if towards > _ALONG_VIEW:
         name = f"{name} towards us"
@@ -214,5 +220,14 @@ def _draw_arrow(
     """An arrow between two points of a picture, with a name beyond its tip."""
     style = {"arrowstyle": "-|>", "color": colour, "lw": 2}
     axes.annotate("", xy=tip, xytext=start, arrowprops=style)
-    beyond = [a + 1.12 * (b - a) for a, b in zip(start, tip, strict=True)]
-    axes.text(beyond[0], beyond[1], name, color=colour, ha="center", va="center")
+    # Next to the tip: an arrow that points to the right has its name on the right.
+    to_the_right = tip[0] >= start[0]
+    axes.annotate(
+        name,
+        xy=tip,
+        xytext=(8 if to_the_right else -8, 0),
+        textcoords="offset points",
+        color=colour,
+        ha="left" if to_the_right else "right",
+        va="center",
+    )

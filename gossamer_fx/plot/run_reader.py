@@ -204,9 +204,12 @@ class RunReader:
     def check_field(self, field: str) -> None:
         """Raise `InputError` for a field that the run does not have."""
         known = self.known_fields()
+        names = list(self.films) or list(self.fields)
+        example = {name: ["displacement", field] for name in names[:1]}
         check(
             field in known,
-            f"The run in '{self.folder}' has no field {field!r}; its fields are: {', '.join(known)}.",
+            f"The run in '{self.folder}' has no field {field!r}; its fields are: {', '.join(known)}. A run records "
+            f"others of `gx.fields` by gx.Recording(folder, fields={example}).",
         )
 
     def values(self, field: str, frame: int) -> list[Array]:

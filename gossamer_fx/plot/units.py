@@ -19,6 +19,8 @@ NAMES = {
     "fold_angle": "Fold angle at creases",
     "strain1": "Larger principal strain",
     "strain2": "Smaller principal strain",
+    "elastic_strain1": "Larger principal elastic strain",
+    "elastic_strain2": "Smaller principal elastic strain",
     "stress1": "Larger principal stress",
     "stress2": "Smaller principal stress",
     "pressure": "Pressure inside over outside",

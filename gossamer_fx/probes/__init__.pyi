@@ -15,5 +15,9 @@ from .points import JointForce as JointForce
 from .points import Position as Position
 from .points import RingArea as RingArea
 from .points import Velocity as Velocity
+from .rotation import AngularMomentum as AngularMomentum
+from .rotation import Nutation as Nutation
 from .spin import MeanSpin as MeanSpin
 from .spin import PolarPosition as PolarPosition
+from .waves import Imbalance as Imbalance
+from .waves import Waves as Waves

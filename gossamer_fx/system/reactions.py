@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+import numpy.typing as npt
 
 from gossamer_fx.algebra.point_measures import Gather, PointMeasure, attach, evaluated_here
 from gossamer_fx.bodies.frames import Frame
@@ -130,18 +131,34 @@ def _bodies(side: Attached | Frame) -> Iterable[Any]:
 
 
 def _held(system: System, term: Support, centre: Array) -> Array:
-    """This rank's share of force and moment of held coordinates."""
+    """This rank's share of force and moment of held coordinates.
+
+    Supports that hold one coordinate together bear equal parts of its force, so that all reactions balance
+    the loads.
+    """
     owned = system.block(term.body).owned
     vectors = term.body.block.size // 3
-    mine = term.dofs[term.dofs < owned.stop - owned.start].astype(np.int64) + owned.start
+    mine = _owned_coordinates(system, term)
+    holders = np.zeros(system.numbering.size_local)
+    for other in system.terms:
+        if isinstance(other, Support) and other.body is term.body:
+            holders[_owned_coordinates(system, other)] += 1
     # Reactions are stored for all fixed coordinates of the system, in their order.
+    reactions = system.supports.reactions[np.searchsorted(system.supports.held, mine)]
     all_forces = np.zeros(system.numbering.size_local)
-    all_forces[mine] = system.supports.reactions[np.searchsorted(system.supports.held, mine)]
+    all_forces[mine] = reactions / holders[mine]
     forces = all_forces[owned].reshape(-1, vectors, 3)
     arms = system.q0.array_r[owned].reshape(-1, vectors, 3).copy()
     # Only positions have an arm about the centre; directors turn about their own origin.
     arms[:, 0] -= centre
     return np.array([forces[:, 0].sum(axis=0), np.cross(arms, forces).sum(axis=(0, 1))])
+
+
+def _owned_coordinates(system: System, term: Support) -> npt.NDArray[np.int64]:
+    """Local numbers of the coordinates that a support holds on this rank, each once."""
+    owned = system.block(term.body).owned
+    on_this_rank = term.dofs[term.dofs < owned.stop - owned.start]
+    return np.unique(on_this_rank).astype(np.int64) + owned.start
 
 
 def _multipliers(system: System, name: str) -> Array:

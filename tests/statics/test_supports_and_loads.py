@@ -235,3 +235,20 @@ def test_a_support_of_nothing_is_refused(comm):
     ):
         with pytest.raises(gx.InputError, match=r"no node|not all zero"):
             support()
+
+
+@pytest.mark.mpi
+def test_supports_that_share_corners_balance_the_load_together(comm) -> None:
+    """Four edges of a square hold its weight; each corner belongs to two of them."""
+    film = gx.Membrane(
+        sheet(comm, 4, 4), gx.Linear(E=1e7, nu=0.3, density=1000.0, thickness=1e-3), name="sheet"
+    )
+    edges = [gx.Fixed(film, edge) for edge in ("bottom", "right", "top", "left")]
+    # In the plane of the film, where it is stiff.
+    search = gx.Equilibrium(gx.Scene(film, gx.Gravity(film, (0.0, -10.0, 0.0)), *edges))
+    search.find()
+    forces = np.array([search.reaction(edge)[0] for edge in edges])
+    # 1 kg of film; the weight of the corner nodes is borne, too.
+    assert forces.sum(axis=0) == pytest.approx([0.0, 10.0, 0.0], rel=1e-6, abs=1e-6)
+    # The pattern of triangles is not symmetric, the sheet nearly.
+    assert forces[1, 1] == pytest.approx(forces[3, 1], rel=0.1)

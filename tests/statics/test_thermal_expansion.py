@@ -68,7 +68,15 @@ def test_a_strip_between_clamps_goes_slack_when_heated_past_its_pretension(comm,
     share = 1.0 if elastic > 0 else residual
     expected = share * 2e9 * elastic * stretch * THICKNESS * WIDTH
     assert force == pytest.approx(expected, rel=1e-6, abs=1e-9)
-    state = gx.fields.field_values(equilibrium, scene.bodies[0], field="state")[1]
+    film = scene.bodies[0]
+    # Between the clamps the strain stays; the elastic one is what the temperature leaves of it.
+    strain = gx.fields.field_values(equilibrium, film, field="strain1")[1]
+    assert strain == pytest.approx(max(metric(stretch), thermal(ΔT)), rel=1e-6)
+    larger = gx.fields.field_values(equilibrium, film, field="elastic_strain1")[1]
+    smaller = gx.fields.field_values(equilibrium, film, field="elastic_strain2")[1]
+    assert larger == pytest.approx(max(elastic, 0.0), rel=1e-6, abs=1e-9)
+    assert smaller == pytest.approx(min(elastic, 0.0), rel=1e-6, abs=1e-9)
+    state = gx.fields.field_values(equilibrium, film, field="state")[1]
     assert set(state) <= ({2.0} if elastic > 0 else {0.0, 1.0})
 
 

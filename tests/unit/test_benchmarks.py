@@ -102,6 +102,14 @@ def test_the_pass_backwards_is_exact_and_costs_a_part_of_the_run(tmp_path):
     assert measured > 100
 
 
+def test_law_times_of_orthotropic_films_are_compared_with_isotropic_ones(tmp_path):
+    _, (row,) = bench("orthotropic", tmp_path)
+    ratio = float(row["law [ms]"]) / float(row["isotropic law [ms]"])
+    assert float(row["ratio"]) == pytest.approx(ratio)
+    # A large bound, as so small a sheet on a loaded machine tells little.
+    assert 0.3 < ratio < 6
+
+
 def test_the_parts_of_a_newton_iteration_are_its_time(tmp_path):
     _, (row,) = bench("profile", tmp_path)
     parts = [
@@ -121,7 +129,13 @@ def test_subdomains_give_the_direct_solution_in_few_iterations(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name, peer", [("sheet", "kratos"), ("airbag", "kratos"), ("pendulum", "exudyn")]
+    "name, peer",
+    [
+        ("sheet", "kratos"),
+        ("airbag", "kratos"),
+        ("airbag_fabric", "kratos"),
+        ("pendulum", "exudyn"),
+    ],
 )
 def test_peers_solve_the_same_problem(name, peer, tmp_path):
     said, rows = bench(name, tmp_path)

@@ -50,6 +50,7 @@ typedef struct {
     film_response response;
     double missing; /* energy that the average stress misses */
     double energy;  /* energies of which `missing` is the difference; zero if the average is exact */
+    double end_stress[3]; /* stress at the end of the path */
 } averaged_film;
 
 film_stiffness film_stiffness_of(double C11, double C12, double C22, double C66);
@@ -75,8 +76,14 @@ direction direction_of_largest_strain(const double *e);
 /* The direction of the tension of wrinkled film. */
 direction tension_direction(const film_stiffness *C, const double *e);
 
+/* The same, found faster where it is near a known direction. */
+direction tension_direction_near(const film_stiffness *C, const double *e, direction near);
+
 /* Energy of wrinkled film with the tension in the direction t. */
 double wrinkled_density(const film_stiffness *C, const double *e, direction t);
+
+/* The stress of it, S (3). */
+void wrinkled_stress(const film_stiffness *C, const double *e, direction t, double *S);
 
 /* Add stress and derivative of wrinkled film, times weights, in the basis; a (3) is the polynomial of its strain. */
 void add_wrinkled(const direction_basis *basis, const double *a, double tau, double weight, double derivative_weight,

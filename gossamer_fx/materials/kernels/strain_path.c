@@ -29,25 +29,18 @@ typedef struct {
     double energy;
 } wrinkled_end;
 
-/* A Gauss rule on -1 <= x <= 1: points x > 0 and their weights; those at -x have the same weights. */
-typedef struct {
-    int half_count;
-    double points[4];
-    double weights[4];
-} gauss_rule;
+/* The Gauss rule on -1 <= x <= 1 with eight points.  Vector instructions evaluate all of them at once, which costs less
+   than to find out how many are enough. */
+enum { POINTS = 8 };
+static const double GAUSS_POINTS[POINTS] = {-0.96028985649753623, -0.79666647741362674, -0.52553240991632899,
+                                            -0.18343464249564980, 0.18343464249564980,  0.52553240991632899,
+                                            0.79666647741362674,  0.96028985649753623};
+static const double GAUSS_WEIGHTS[POINTS] = {0.10122853629037626, 0.22238103445337447, 0.31370664587788729,
+                                             0.36268378337836198, 0.36268378337836198, 0.31370664587788729,
+                                             0.22238103445337447, 0.10122853629037626};
 
-enum { RULES = 3 };
-static const gauss_rule GAUSS[RULES] = {
-    {1, {0.57735026918962576}, {1}},
-    {2, {0.33998104358485626, 0.86113631159405258}, {0.65214515486254614, 0.34785484513745386}},
-    {4,
-     {0.18343464249564980, 0.52553240991632899, 0.79666647741362674, 0.96028985649753623},
-     {0.36268378337836198, 0.31370664587788729, 0.22238103445337447, 0.10122853629037626}}};
-
-/* Half the turn of the tension in an interval, as tau, up to which 2 and 4 points are tried first. */
-static const double SMALL_TURN[RULES - 1] = {2e-3, 0.1};
-
-/* Below this turn points are chosen along the path, above it by the angle of the tension. */
+/* Half the turn of the tension in an interval, as tau, above which its middle is where the tension has turned by
+   half. */
 static const double TURN_BY_ANGLE = 2e-2;
 
 /* An interval with a larger turn is halved first. */
@@ -59,9 +52,9 @@ static const double TOLERATED_DEFECT = 1e-8;
 /* How often an interval may be halved. */
 enum { MAX_HALVINGS = 6 };
 
-/* Newton's iterations for the direction at a point of a path, and the step that is the last one. */
+/* Halley's iterations for the directions at the points of a path, and the step that is the last one. */
 enum { PATH_ITERATIONS = 4 };
-static const double CONVERGED_STEP = 1e-8;
+static const double CONVERGED_STEP = 1e-5;
 
 /* a/b limited to [0, 1]. */
 static double fraction(double a, double b)
@@ -75,15 +68,16 @@ static double cone_product(const double *a, const double *b) { return a[0] * b[0
 /* The part of a straight path that lies in the cone h >= |d| of points (h, d) with three components. */
 static interval within_cone(const double *first, const double *last)
 {
+    const double q0 = cone_product(first, first);
+    const int starts_inside = first[0] >= 0 && q0 >= 0;
+    const int ends_inside = last[0] >= 0 && cone_product(last, last) >= 0;
+    if (starts_inside && ends_inside) return (interval){0, 1};
+    if (first[0] < 0 && last[0] < 0) return (interval){1, 1};
     double change[3];
     for (int i = 0; i < 3; i++) change[i] = last[i] - first[i];
     /* The quadratic A s^2 + 2 B s + q0 is positive in the cone, and in the opposite one. */
     const double A = cone_product(change, change);
     const double B = cone_product(first, change);
-    const double q0 = cone_product(first, first);
-    const int starts_inside = first[0] >= 0 && q0 >= 0;
-    const int ends_inside = last[0] >= 0 && cone_product(last, last) >= 0;
-    if (starts_inside && ends_inside) return (interval){0, 1};
     const double discriminant = B * B - A * q0;
     const int passes_through = A < 0 && discriminant > 0 && first[0] * A < B * change[0];
     if (!starts_inside && !ends_inside && !passes_through) return (interval){1, 1};
@@ -130,11 +124,13 @@ static void strain_at(const strain_path *path, double s, double *e)
     for (int i = 0; i < 3; i++) e[i] = path->e0[i] + s * (path->e1[i] - path->e0[i]);
 }
 
-static wrinkled_end end_at(const strain_path *path, double s)
+/* A point of the path; the direction of the tension is near a known one, unless that is NULL. */
+static wrinkled_end end_at(const strain_path *path, double s, const direction *near)
 {
     double e[3];
     strain_at(path, s, e);
-    wrinkled_end end = {.s = s, .t = tension_direction(path->C, e)};
+    wrinkled_end end = {.s = s};
+    end.t = near == NULL ? tension_direction(path->C, e) : tension_direction_near(path->C, e, *near);
     end.energy = wrinkled_density(path->C, e, end.t);
     return end;
 }
@@ -149,7 +145,7 @@ static wrinkled_end taut_border(const strain_path *path, double s)
     const double x = S[0] > S[1] ? S[0] : S[2];
     const double y = S[0] > S[1] ? S[2] : S[1];
     const double length = sqrt(x * x + y * y);
-    if (!(length > 0)) return end_at(path, s);
+    if (!(length > 0)) return end_at(path, s, NULL);
     wrinkled_end end = {.s = s, .t = {x / length, y / length}};
     end.energy = wrinkled_density(path->C, e, end.t);
     return end;
@@ -163,10 +159,18 @@ static wrinkled_end slack_border(const strain_path *path, double s)
     return (wrinkled_end){s, direction_of_largest_strain(e), 0};
 }
 
-static wrinkled_end interval_end(const strain_path *path, double s, interval taut)
+static wrinkled_end border(const strain_path *path, double s, interval taut)
 {
-    if (s > 0 && s < 1) return s == taut.start || s == taut.end ? taut_border(path, s) : slack_border(path, s);
-    return end_at(path, s);
+    return s == taut.start || s == taut.end ? taut_border(path, s) : slack_border(path, s);
+}
+
+/* Both ends of a wrinkled interval.  At borders the direction is known; those of the path begin from the other end. */
+static void find_ends(const strain_path *path, interval of, interval taut, wrinkled_end *start, wrinkled_end *end)
+{
+    const int ends_at_border = of.end < 1;
+    if (ends_at_border) *end = border(path, of.end, taut);
+    *start = of.start > 0 ? border(path, of.start, taut) : end_at(path, 0, ends_at_border ? &end->t : NULL);
+    if (!ends_at_border) *end = end_at(path, 1, &start->t);
 }
 
 /* A wrinkled interval in the basis of its mean direction, from which the tension turns by -turn to turn. */
@@ -209,63 +213,93 @@ static wrinkled_interval interval_between(const strain_path *path, const wrinkle
     return is_this_way || fabs(of.turn) < TURN_BY_ANGLE ? of : interval_from(path, start, end, -sign);
 }
 
-/* Add the response at a point s of the path, where the tension has the direction tau. */
-static void add_point(const wrinkled_interval *of, double s, double tau, double weight, film_response *sum)
+/* Directions tau (POINTS) of the tension at the points s (POINTS) of the path, from guesses.  Returns whether all of them
+   are found. */
+static int find_directions(const wrinkled_interval *of, const double *s, double *tau)
 {
-    double a[3];
-    for (int i = 0; i < 3; i++) a[i] = of->a0[i] + s * of->change[i];
-    add_wrinkled(&of->basis, a, tau, weight, weight * s, sum);
+    double P[5][POINTS];
+    for (int i = 0; i < 5; i++)
+        for (int k = 0; k < POINTS; k++) P[i][k] = of->P0[i] + s[k] * of->P_change[i];
+    int is_found = 0;
+    for (int iteration = 0; iteration < PATH_ITERATIONS && !is_found; iteration++) {
+        double steps[POINTS];
+        for (int k = 0; k < POINTS; k++) {
+            const double at_point[5] = {P[0][k], P[1][k], P[2][k], P[3][k], P[4][k]};
+            steps[k] = halley_step(value4(at_point, tau[k]), slope4(at_point, tau[k]), curvature4(at_point, tau[k]));
+            tau[k] -= steps[k];
+        }
+        is_found = 1;
+        for (int k = 0; k < POINTS; k++) is_found &= fabs(steps[k]) <= CONVERGED_STEP;
+    }
+    return is_found;
 }
 
-/* A Gauss point of the path: its direction is the root of P0 + s P_change, of which a guess is near. */
-static void add_point_of_path(const strain_path *path, const wrinkled_interval *of, double x, double weight,
-                              film_response *sum)
+/* The same one by one, without guesses. */
+static void search_directions(const strain_path *path, const wrinkled_interval *of, const double *s, double *tau)
+{
+    const direction m = of->basis.m;
+    for (int k = 0; k < POINTS; k++) {
+        const direction t = end_at(path, s[k], NULL).t;
+        tau[k] = (m.cosine * t.sine - m.sine * t.cosine) / (m.cosine * t.cosine + m.sine * t.sine);
+    }
+}
+
+static double sum_of(const double *values)
+{
+    return ((values[0] + values[4]) + (values[2] + values[6])) + ((values[1] + values[5]) + (values[3] + values[7]));
+}
+
+/* Add the responses at the points s (POINTS) of the path, with their weights: `add_wrinkled` for all points at once. */
+static void add_points(const wrinkled_interval *of, const double *s, const double *tau, const double *weights,
+                       film_response *sum)
+{
+    double terms[9][POINTS];
+    for (int k = 0; k < POINTS; k++) {
+        const double x = tau[k];
+        double a[3];
+        for (int i = 0; i < 3; i++) a[i] = of->a0[i] + s[k] * of->change[i];
+        const double strain = value2(a, x);
+        const double inverse_F = 1 / value4(of->basis.F, x);
+        const double half_slope = slope4(of->basis.F, x) / 2 * inverse_F;
+        const double tension = strain > 0 ? strain * inverse_F : 0;
+        const double v0 = -half_slope;
+        const double v1 = x * (2 + x * v0);
+        const double v2 = 1 + x * v0;
+        const double g = 2 * a[2] + strain * half_slope * half_slope - tension * curvature4(of->basis.F, x) / 2;
+        const double derivative_weight = weights[k] * s[k];
+        const double turning = g < 0 ? -derivative_weight * tension / g : 0;
+        const double stretching = derivative_weight * inverse_F;
+        const double square = x * x;
+        terms[0][k] = weights[k] * tension;
+        terms[1][k] = weights[k] * tension * square;
+        terms[2][k] = weights[k] * tension * x;
+        terms[3][k] = stretching + turning * v0 * v0;
+        terms[4][k] = stretching * square + turning * v0 * v1;
+        terms[5][k] = stretching * x + turning * v0 * v2;
+        terms[6][k] = stretching * square * square + turning * v1 * v1;
+        terms[7][k] = stretching * square * x + turning * v1 * v2;
+        terms[8][k] = stretching * square + turning * v2 * v2;
+    }
+    for (int i = 0; i < 3; i++) sum->S[i] += sum_of(terms[i]);
+    for (int i = 0; i < 6; i++) sum->D[i] += sum_of(terms[3 + i]);
+}
+
+/* The part of an average that belongs to a wrinkled interval, in its basis. */
+static film_response integral_over(const strain_path *path, const wrinkled_interval *of)
 {
     const double half = (of->end - of->start) / 2;
-    const double s = of->start + half * (1 + x);
-    double P[5];
-    for (int i = 0; i < 5; i++) P[i] = of->P0[i] + s * of->P_change[i];
-    double tau = x * of->turn;
-    double step = 1;
-    for (int i = 0; i < PATH_ITERATIONS && fabs(step) > CONVERGED_STEP; i++) {
-        step = value4(P, tau) / slope4(P, tau);
-        tau -= step;
+    double s[POINTS];
+    double tau[POINTS];
+    double weights[POINTS];
+    for (int k = 0; k < POINTS; k++) {
+        s[k] = of->start + half * (1 + GAUSS_POINTS[k]);
+        tau[k] = of->turn * GAUSS_POINTS[k];
+        weights[k] = half * GAUSS_WEIGHTS[k];
     }
-    if (!(fabs(step) <= CONVERGED_STEP)) {
-        const direction t = end_at(path, s).t;
-        const direction m = of->basis.m;
-        tau = (m.cosine * t.sine - m.sine * t.cosine) / (m.cosine * t.cosine + m.sine * t.sine);
-    }
-    add_point(of, s, tau, weight * half, sum);
-}
-
-/* A Gauss point of the angle: P0 + s P_change = 0 says where on the path the tension has this direction.  Returns 0 if
-   that is not in the interval: then the tension turns the other way, by more than a right angle. */
-static int add_point_of_angle(const wrinkled_interval *of, double x, double weight, film_response *sum)
-{
-    const double tau = x * of->turn;
-    const double inverse = 1 / value4(of->P_change, tau);
-    const double s = -value4(of->P0, tau) * inverse;
-    const double slope = -(slope4(of->P0, tau) + s * slope4(of->P_change, tau)) * inverse; /* ds/dtau */
-    if (!(s >= of->start && s <= of->end && slope * of->turn > 0)) return 0;
-    add_point(of, s, tau, weight * of->turn * slope, sum);
-    return 1;
-}
-
-/* The part of an average that belongs to a wrinkled interval, by a Gauss rule; in its basis.  Returns 0 if the rule
-   fails. */
-static int integrate(const strain_path *path, const wrinkled_interval *of, const gauss_rule *rule, int by_angle,
-                     film_response *sum)
-{
-    memset(sum, 0, sizeof *sum);
-    for (int k = 0; k < 2 * rule->half_count; k++) {
-        const double x = k % 2 ? -rule->points[k / 2] : rule->points[k / 2];
-        if (!by_angle)
-            add_point_of_path(path, of, x, rule->weights[k / 2], sum);
-        else if (!add_point_of_angle(of, x, rule->weights[k / 2], sum))
-            return 0;
-    }
-    return 1;
+    if (!find_directions(of, s, tau)) search_directions(path, of, s, tau);
+    film_response sum = {{0}, {0}};
+    add_points(of, s, tau, weights, &sum);
+    return sum;
 }
 
 /* A point inside an interval: where the tension has turned by half, or the middle of the path. */
@@ -273,7 +307,7 @@ static wrinkled_end middle_of(const strain_path *path, const wrinkled_interval *
 {
     const double s = -of->P0[0] / of->P_change[0];
     if (!(fabs(of->turn) > TURN_BY_ANGLE && s > of->start && s < of->end))
-        return end_at(path, (of->start + of->end) / 2);
+        return end_at(path, (of->start + of->end) / 2, &of->basis.m);
     double e[3];
     strain_at(path, s, e);
     return (wrinkled_end){s, of->basis.m, wrinkled_density(path->C, e, of->basis.m)};
@@ -284,15 +318,11 @@ static void add_wrinkled_interval(const strain_path *path, wrinkled_end start, w
     const wrinkled_interval of = interval_between(path, &start, &end);
     /* Changes of e_mm, e_nn and 2 e_mn, on which the stress of the basis does its work. */
     const double strains[3] = {of.change[0], of.change[2], of.change[1]};
-    const int by_angle = fabs(of.turn) > TURN_BY_ANGLE && halvings < MAX_HALVINGS;
     film_response average;
     double defect = 0;
     int is_accurate = 0;
-    int rule = 0;
-    while (rule < RULES - 1 && fabs(of.turn) > SMALL_TURN[rule]) rule++;
-    if (fabs(of.turn) > LARGEST_TURN && halvings < MAX_HALVINGS) rule = RULES;
-    for (; rule < RULES && !is_accurate; rule++) {
-        if (!integrate(path, &of, &GAUSS[rule], by_angle, &average)) break;
+    if (fabs(of.turn) <= LARGEST_TURN || halvings == MAX_HALVINGS) {
+        average = integral_over(path, &of);
         defect = end.energy - start.energy;
         for (int i = 0; i < 3; i++) defect -= average.S[i] * strains[i];
         is_accurate = fabs(defect) <= path->tolerance;
@@ -344,11 +374,14 @@ void averaged_response(const film_stiffness *C, const double *e0, const double *
         const double middle = (piece.start + piece.end) / 2;
         if (contains(taut, middle)) {
             add_taut_interval(&path, piece);
+            if (piece.end == 1) taut_stress(C, e1, average->end_stress);
         } else if (!contains(slack, middle)) {
-            const wrinkled_end start = interval_end(&path, piece.start, taut);
-            const wrinkled_end end = interval_end(&path, piece.end, taut);
+            wrinkled_end start;
+            wrinkled_end end;
+            find_ends(&path, piece, taut, &start, &end);
             path.tolerance = TOLERATED_DEFECT * (start.energy + end.energy);
             add_wrinkled_interval(&path, start, end, 0);
+            if (piece.end == 1) wrinkled_stress(C, e1, end.t, average->end_stress);
         }
     }
 }
