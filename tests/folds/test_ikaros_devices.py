@@ -1,0 +1,120 @@
+"""The sail of IKAROS with its devices: its mass, its symmetry, the windmill torque, and its flights."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos import ikaros, ikaros_devices
+from demos.ikaros_devices import Build
+from demos.windmill import DISTANCE, OPTICS
+
+# Without bending an equilibrium takes less than a second.
+FILM_ONLY = Build(bends=False)
+
+
+@cache
+def spinning() -> gx.Equilibrium:
+    """The steady spin of the film without bending, at 1 rpm, in sunlight."""
+    return ikaros_devices.steady(MPI.COMM_WORLD, FILM_ONLY, 1.0)
+
+
+def petals(tilt: float) -> np.ndarray:
+    """Triangles (8, 3, 3) of four squares of 1 m², 3 m from the axis, turned about their radius."""
+    out = np.array([[2.5], [3.5], [3.5], [2.5]])
+    across = np.array([[-0.5], [-0.5], [0.5], [0.5]])
+    up = np.array([0.0, 0.0, 1.0])
+    found = []
+    for angle in np.arange(4) * math.pi / 2:
+        radial = np.array([math.cos(angle), math.sin(angle), 0.0])
+        around = np.cross(up, radial)
+        tilted = math.cos(tilt) * around + math.sin(tilt) * up
+        square = out * radial + across * tilted
+        found.append(square[[0, 1, 2]])
+        found.append(square[[0, 2, 3]])
+    return np.array(found)
+
+
+@pytest.mark.mpi
+def test_devices_have_the_mass_that_the_film_has_not() -> None:
+    comm = MPI.COMM_WORLD
+    film = ikaros_devices.sail(comm, FILM_ONLY)
+    mass = ikaros_devices.masses(film)
+    assert comm.allreduce(mass.sum()) == pytest.approx(ikaros.PETALS, rel=1e-12)
+    # Cells are 5 % of the sail of 174 m², devices along the edge 9 %.
+    squares = ikaros_devices.device_squares()
+    assert squares == 4 * (6 + 10)
+    assert 0.14 < squares * ikaros_devices.PITCH**2 / 174 < 0.16
+
+
+def test_the_layout_of_devices_has_four_mirrors() -> None:
+    points = np.random.default_rng(1).uniform(-7.0, 7.0, (3, 400))
+    here = ikaros_devices.device_numbers(points) > 0
+    mirrored = ikaros_devices.device_numbers(points * [[-1.0], [1.0], [1.0]]) > 0
+    turned = ikaros_devices.device_numbers(points[[1, 0, 2]] * [[-1.0], [1.0], [1.0]]) > 0
+    assert here.any()
+    assert (here == mirrored).all()
+    assert (here == turned).all()
+
+
+def test_petals_have_the_windmill_torque_of_the_closed_form() -> None:
+    tilt = 1e-3
+    torque = ikaros_devices.windmill(MPI.COMM_SELF, petals(tilt))
+    mirrored, both, _ = OPTICS.coefficients()
+    pressure = ikaros_devices.PRESSURE_AT_AU / DISTANCE**2
+    expected = pressure * 4 * 3.0 * tilt * (mirrored + both)
+    assert abs(torque) == pytest.approx(expected, rel=1e-5)
+    # Petals that are turned the other way drive it the other way.
+    opposite = ikaros_devices.windmill(MPI.COMM_SELF, petals(-tilt))
+    assert opposite == pytest.approx(-torque, rel=1e-9)
+
+
+def test_the_inertia_of_squares_is_that_of_the_closed_form() -> None:
+    mass = np.full(8, 0.5)
+    found = ikaros_devices.inertia(MPI.COMM_SELF, petals(0.0), mass)
+    # Four squares of 1 kg at 3 m, and tips at their farthest corners.
+    of_squares = 4 * (1 / 6 + 9.0)
+    of_tips = 4 * ikaros.TIP * (3.5**2 + 0.5**2)
+    assert found == pytest.approx(of_squares + of_tips, rel=1e-12)
+
+
+@pytest.mark.mpi
+def test_a_sail_with_mirrors_has_no_windmill_torque() -> None:
+    found = ikaros_devices.figures(spinning())
+    pressure = ikaros_devices.PRESSURE_AT_AU / DISTANCE**2
+    assert abs(found["torque"]) < 1e-11 * pressure * 174 * 7
+    # Devices farther out than the mean of the sail: more than the 677 kg m² of mass that is spread evenly.
+    assert found["J"] == pytest.approx(775.7, abs=0.1)
+    assert found["slack tethers"] == 0
+    # A sail that sunlight pushes away from the Sun.
+    assert 5 < found["warp"] < 10
+    # Stretched by its spin: more inertia, less spin.
+    assert -1e-5 < found["spin change"] < 0
+
+
+@pytest.mark.mpi
+def test_the_whole_sail_and_its_frozen_shape_fly() -> None:
+    search = spinning()
+    whole = ikaros_devices.fly_plate(search, FILM_ONLY, 1.0, math.radians(1), turns=0.1, steps=30)
+    assert whole["energy_error"] < 1e-9
+    assert whole["rejected"] == 0
+    rigid = ikaros_devices.fly_frozen(search, 1.0, math.radians(1), until=60.0, dt=6.0)
+    assert rigid["energy_error"] < 1e-12
+    assert abs(rigid["torque"]) < 1e-12
+    assert rigid["sun angle"] == pytest.approx(math.radians(1), rel=1e-2)
+
+
+@pytest.mark.slow
+def test_curved_devices_make_a_windmill_whose_torque_brakes_the_flight() -> None:
+    search = ikaros_devices.steady(MPI.COMM_WORLD, Build(curvature=2.0, seed=2), 1.0)
+    found = ikaros_devices.figures(search)
+    assert found["rms tilt"] > 3
+    assert abs(found["torque"]) > 1e-7
+    rigid = ikaros_devices.fly_frozen(search, 1.0, 0.0, until=20.0, dt=1.0)
+    # The static torque is of the same triangles, at a sun angle of zero; a step turns the sail by 6°.
+    assert rigid["torque"] == pytest.approx(found["torque"], rel=0.05)
