@@ -1,8 +1,8 @@
 """The law `Elastica` compared with a plate whose wrinkles are resolved, on a sheared film.
 
 The question is when the law is better than a tension field.  The film of `wrinkled_plate` (380 × 128 mm, both long
-edges clamped, one moved along itself) has thicknesses from 50 to 400 µm and is sheared by γ = 0.3/128.  The half wavelength
-that the law needs is predicted by the theory of Wong & Pellegrino (2006), not measured on the plate:
+edges clamped, one moved along itself) has thicknesses from 50 to 400 µm and is sheared by γ = 0.3/128.  The half
+wavelength that the law needs is predicted by the theory of Wong & Pellegrino (2006), not measured on the plate:
 
     λ = (πHt)^½ (3(1-ν²)γ)^(-¼)
 
