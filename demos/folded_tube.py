@@ -72,6 +72,7 @@ def build(
     bore: float = 0.4e-3,
     rise: float = 5e-3,
     crease: float = 0.0,
+    damping: float = 0.0,
     contact: float = 5e-4,
     contact_stiffness: float | None = None,
     gravity: float = 0.0,
@@ -93,6 +94,7 @@ def build(
         bore: diameter of the valve [m], which opens gradually.
         rise: time in which it opens [s]; 0: it is open at the start.
         crease: stiffness of creases with a rest angle [N m/m/rad]; 0: none.
+        damping: viscosity of the film over its stiffness [s]; 0: none.
         contact: activation distance [m]; 0: no contact.
         contact_stiffness: [N/m³]; None: from closing speeds.  Gradients need a number.
         gravity: downwards, along -z [m/s²].
@@ -150,6 +152,8 @@ def build(
     if rise:
         valve = tube.inlet(source, lambda t: whole * min(0.1 + t / rise, 1.0) ** 2)
     items: list[object] = [tube, valve]
+    if damping:
+        items.append(gx.Damping(tube.film, stiffness_factor=damping))
     if gravity:
         items.append(gx.Gravity(tube.film, (0.0, 0.0, -gravity)))
     if air and drag:

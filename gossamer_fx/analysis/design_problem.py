@@ -190,7 +190,7 @@ class DesignVariable:
         if self.basis is None:
             return derivative * self.scale
         slope = self.basis.T @ derivative
-        # Each rank has the rows of (1) of its own entries; numbers are known to all ranks.
+        # Each rank has the rows of (1) of the entries that it owns; numbers are known to all ranks.
         if is_field:
             comm.Allreduce(MPI.IN_PLACE, slope, op=MPI.SUM)
         return slope
