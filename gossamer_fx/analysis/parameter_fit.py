@@ -281,10 +281,10 @@ def _solve(
             f"{who}: the results do not determine {names}; fit fewer parameters, or measure more."
         ) from None
     deviations = np.sqrt(np.diag(covariance))
-    errors = {}
+    errors: dict[str, Array] = {}
     scales = []
     for variable, part in problem.parts(deviations):
-        errors[variable.name] = part * variable.scale
+        errors[variable.name] = np.array(part * variable.scale)
         scales.append(np.full(variable.size, variable.scale))
     scale = np.concatenate(scales)
     return Fit(
