@@ -158,9 +158,7 @@ def read_mesh(path: str | Path, comm: MPI.Intracomm, *, orient: bool = False) ->
 
 
 @check_arguments
-def gmsh_mesh(
-    build: Callable[[Any], None], comm: MPI.Intracomm, *, orient: bool = False
-) -> Mesh:
+def gmsh_mesh(build: Callable[[Any], None], comm: MPI.Intracomm, *, orient: bool = False) -> Mesh:
     """Generate a mesh with gmsh on rank 0 and distribute it over all ranks.  Collective.
 
     The cells are the elements of the highest dimension; physical groups, also those of curves and

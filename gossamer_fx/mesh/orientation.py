@@ -106,17 +106,18 @@ def _disagreeing(
 ) -> npt.NDArray[np.bool_]:
     """Whether each triangle must be turned to agree with the first one of its surface."""
     agree = {}
-    for first, second, is_same in zip(
-        neighbours.first.tolist(), neighbours.second.tolist(), neighbours.agree.tolist(), strict=True
-    ):
-        agree[first, second] = is_same
-        agree[second, first] = is_same
+    for pair, is_same in enumerate(neighbours.agree):
+        first = int(neighbours.first[pair])
+        second = int(neighbours.second[pair])
+        agree[first, second] = bool(is_same)
+        agree[second, first] = bool(is_same)
     turned = np.zeros(graph.shape[0], dtype=bool)
     _, roots = np.unique(surface_of_cell, return_index=True)
     for root in roots:
         order, before = csgraph.breadth_first_order(graph, root, directed=False)
         # Each triangle comes after the neighbour from which it was reached.
-        for cell in order[1:].tolist():
+        for cell in map(int, order[1:]):
             reached_from = int(before[cell])
+            # The same as that neighbour if both agree, the contrary if not.
             turned[cell] = turned[reached_from] == agree[reached_from, cell]
     return turned
