@@ -150,9 +150,9 @@ class Convergence:
             curves = list(self._curves(name, others or {}, of_errors=False))
             left.set_ylabel("value")
             figure.suptitle("No errors: the values do not approach a limit yet", fontsize=10)
-        for label, seconds, sizes, values in curves:
+        for label, seconds, steps, values in curves:
             left.plot(seconds, values, marker="o", markersize=4, label=label)
-            right.plot(sizes, values, marker="o", markersize=4, label=label)
+            right.plot(steps, values, marker="o", markersize=4, label=label)
         left.set_xlabel("CPU time [s]")
         right.set_xlabel("size of cells h")
         right.legend(frameon=False)

@@ -262,8 +262,8 @@ def _warn_of_growth(equilibrium: Equilibrium, found: Sequence[Mode], least: floa
     if growing and equilibrium.comm.rank == 0:
         LOG.warning(
             "modes: the equilibrium is not stable: %d of %d modes grow, the fastest by %.3g/s; a small disturbance "
-            "leads to another equilibrium. Compressed film (a residual stiffness) or beams may have buckled: start from a "
-            "disturbed shape, or mesh finer.",
+            "leads to another equilibrium. Compressed film (a residual stiffness) or beams may have buckled: start "
+            "from a disturbed shape, or mesh finer.",
             len(growing),
             len(found),
             max(growing),

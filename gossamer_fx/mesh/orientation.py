@@ -58,7 +58,8 @@ def oriented(raw: RawMesh) -> RawMesh:
     inconsistent = (turned[neighbours.first] == turned[neighbours.second]) != neighbours.agree
     if inconsistent.any():
         raise BadMesh(
-            "The mesh has a surface with one side only, as a Möbius strip, whose normals cannot agree; leave orient out."
+            "The mesh has a surface with one side only, as a Möbius strip, whose normals cannot "
+            "agree; leave orient out."
         )
 
     x0, x1, x2 = raw.points[corners].transpose(1, 0, 2)

@@ -38,7 +38,7 @@ def turn_some(model, share: float) -> None:
 
 
 def two_balls(order: int):
-    """Spheres of radius 1 and 0.5 beside each other, half of whose triangles are inside out."""
+    """Spheres of radius 1 and 0.5 next to each other, half of whose triangles are inside out."""
 
     def build(model):
         import gmsh
@@ -67,7 +67,7 @@ def test_a_chamber_accepts_a_surface_that_was_oriented(comm):
     law = gx.Miyazaki(1e9, 0.3, density=1400.0, thickness=1e-4)
     air = gx.IdealGas(gamma=1.4, R=287.05)
     refused = gx.Membrane(gx.gmsh_mesh(two_balls(1), comm), law)
-    with pytest.raises(gx.InputError, match="opposite normals.*orient=True"):
+    with pytest.raises(gx.InputError, match=r"opposite normals.*orient=True"):
         gas = gx.Chamber(refused, gas=air, pressure=2e5, temperature=300.0)
         gx.Scene(refused, gas).compile()
     mesh = gx.gmsh_mesh(two_balls(1), comm, orient=True)
