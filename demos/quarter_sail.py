@@ -140,14 +140,14 @@ def build(comm: MPI.Intracomm, cells: int) -> gx.Equilibrium:
             name=f"cord {number}",
         )
         items.append(cord)
-    hub = np.zeros(3)
-    items.append(cable(sail, 0, gx.Ground(tuple(hub)), hub))
+    hub = (0.0, 0.0, 0.0)
+    items.append(cable(sail, 0, gx.Ground(hub), np.array(hub)))
     for corner, axis in ((1, 0), (2, 1)):
         pull = corner_pull(corner)
         # The tip lies on the axis of its boom, where the line of the cable meets it.
         across = 1 - axis
         tip = CORNERS[corner] - pull * CORNERS[corner][across] / pull[across]
-        mesh = line(comm, [tuple(hub), tuple(tip)], BOOM_CELLS)
+        mesh = line(comm, [hub, tuple(tip)], BOOM_CELLS)
         boom = gx.Beam(mesh, BOOM, name=f"boom {'xy'[axis]}")
         items += [boom, gx.Fixed(boom, "start", rotation=True)]
         items.append(cable(sail, corner, boom.port("end"), tip))

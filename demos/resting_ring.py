@@ -78,7 +78,7 @@ class Ring:
         )
         self.floor = gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1), name="floor")
         self.contact = gx.Contact(self.film, self.floor, distance=DISTANCE)
-        weight = gx.Gravity(self.film, (0.0, 0.0, -GRAVITY))
+        weight: Any = gx.Gravity(self.film, (0.0, 0.0, -GRAVITY))
         scene = gx.Scene(self.film, gas, self.contact, weight)
         # The fan holds the pressure, whatever the volume.
         self.statics = gx.Equilibrium(scene, gas="held pressure")
@@ -86,7 +86,7 @@ class Ring:
     def recording(self, folder: Path, title: str) -> gx.Recording:
         """Fields of the film with the pressure of contact, and the force and the least gap of contact."""
         fields = {"ring": ["displacement", "stress1", "state", "contact_pressure"]}
-        probes = {
+        probes: dict[str, Any] = {
             "push of the floor [N]": gx.probes.ContactForce(self.contact, self.film, axis="z"),
             "least gap [m]": gx.probes.ContactGap(self.contact),
         }
@@ -109,7 +109,7 @@ def draw(rings: dict[str, Ring], path: Path) -> None:
     figure = new_figure(10.0, 4.0)
     layout = figure.add_gridspec(1, 2, width_ratios=(1, 1))
     softest = next(iter(rings.values()))
-    axes = figure.add_subplot(layout[0], projection="3d")
+    axes: Any = figure.add_subplot(layout[0], projection="3d")
     draw_film(axes, triangles(softest.statics.system, softest.film), view=(24.0, -60.0))
     half_size = RADIUS + TUBE_RADIUS
     axes.set(xlim=(-half_size, half_size), ylim=(-half_size, half_size), zlim=(0, 0.6 * half_size))
