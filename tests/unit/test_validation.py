@@ -163,6 +163,31 @@ def test_the_command_writes_table_results_and_picture(folder, capsys):
     assert (folder / "hiad_plateau.md").read_text(encoding="utf-8").count("kPa") == 6
 
 
+def test_a_chosen_test_runs_in_the_quick_form_too(folder, capsys):
+    """A test that is not one of the quick form, on the mesh of the quick form."""
+    words = ["hiad_plateau", "--quick", "--only", "2 up, 138", "--out", str(folder)]
+    assert main(words) == 0
+    capsys.readouterr()
+    stored = json.loads((folder / "hiad_plateau-quick.json").read_text(encoding="utf-8"))
+    assert list(stored["tests"]) == ["2 up, 138 kPa"]
+
+
+def test_a_name_of_no_test_is_refused_and_all_skips_cases_without_it(folder):
+    with pytest.raises(InputError, match="No test of 'hiad_plateau' has '3 up' in its name"):
+        main(["hiad_plateau", "--only", "3 up", "--out", str(folder)])
+    assert main(["all", "--only", "3 up", "--out", str(folder)]) == 0
+    assert not list(folder.iterdir())
+
+
+def test_a_curve_may_begin_at_zero_outside_of_its_range(folder):
+    curve = 'y = {value = [0, 5, 6], unit = "kN"}\nx = {value = [0, 1, 2], unit = "mm"}'
+    text = GOOD.replace('y = {value = 5, unit = "kN"}', f"{curve}\nrange = [1, 2]")
+    (measured,) = case_of(folder, text).tests[0].measured
+    assert compare(measured, {"x": [0.0, 2e-3], "y": [0.0, 12e3]}).y_measured[0] == 5.0
+    with pytest.raises(InputError, match="zeros"):
+        case_of(folder, text.replace("range = [1, 2]", ""))
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_the_cases_are_complete_and_have_results(name):
     case = read_case(CASES / f"{name}.toml", MODELS)

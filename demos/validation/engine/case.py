@@ -199,6 +199,23 @@ class Case:
         """The tests of the quick or the full form."""
         return [test for test in self.tests if not quick or test.name in self.quick_tests]
 
+    def with_only(self, only: str) -> Case:
+        """The case whose quick form has in addition the tests whose name contains a text.
+
+        Raises:
+            InputError: no test has such a name.
+        """
+        if not only:
+            return self
+        names = [test.name for test in self.tests]
+        wanted = [name for name in names if only in name]
+        check(
+            bool(wanted),
+            f"No test of '{self.name}' has '{only}' in its name; give a part of one of: "
+            f"{'; '.join(names)}.",
+        )
+        return replace(self, quick_tests=tuple(dict.fromkeys([*self.quick_tests, *wanted])))
+
 
 def read_case(path: Path, models: list[str]) -> Case:
     """Read a case file.
@@ -338,10 +355,7 @@ def _measured(where: str, data: Any) -> Measured:
     check("y" in entry, f"{here}: y is missing; add the measured values.")
     y_value, unit = _quantity(f"{here}: y", entry["y"])
     y = np.atleast_1d(_finite(f"{here}: y", y_value, dimensions=int(isinstance(y_value, list))))
-    check(
-        len(y) > 0 and bool((y != 0).all()),
-        f"{here}: y has zeros or no values; relative errors need values that are not zero.",
-    )
+    compared = y
     x: Array | None = None
     x_unit = ""
     x_range = (-math.inf, math.inf)
@@ -355,6 +369,13 @@ def _measured(where: str, data: Any) -> Measured:
             x[0] <= x_range[0] < x_range[1] <= x[-1],
             f"{here}: range is {list(x_range)}; let it be within x, from {x[0]:g} to {x[-1]:g}.",
         )
+        # A curve may begin at zero load, outside of the range.
+        inside = x[(x > x_range[0]) & (x < x_range[1])]
+        compared = np.interp([x_range[0], *inside, x_range[1]], x, y)
+    check(
+        len(compared) > 0 and bool((compared != 0).all()),
+        f"{here}: y has zeros or no values; relative errors need values that are not zero.",
+    )
     labels = entry.get("labels", [])
     check(
         isinstance(labels, list) and len(labels) in (0, len(y)),

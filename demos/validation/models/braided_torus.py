@@ -110,6 +110,10 @@ class Torus:
     def read(inputs: Inputs) -> Torus:
         """The torus of a case file."""
         β = inputs.number("braid_angle", "rad", above=0)
+        check(
+            β < math.pi / 2,
+            f"{inputs.where}: braid_angle is {math.degrees(β):g} degrees from the axis; give one below 90.",
+        )
         G = inputs.number("shear_stiffness", "N/m", above=0)
         E_L = inputs.number("axial_stiffness", "N/m", above=0)
         tangent_squared = math.tan(β) ** 2
@@ -129,6 +133,7 @@ class Torus:
             cord_compression=inputs.number("cord_compression", "N", above=0),
             deflection=0.0,
         )
+        tube.check_cords(inputs.where)
         shape = inputs.table("shape", "m", 2)
         count = len(shape)
         stations = inputs.numbers("station_angles", "rad")
@@ -142,6 +147,18 @@ class Torus:
             count >= 16 and len(forces) == 2 * len(stations),
             f"{inputs.where}: shape has {count} points and first_forces {len(forces)} numbers; give 16 points "
             f"at least, evenly spaced from the angle 0, and {2 * len(stations)} forces.",
+        )
+        pulleys = inputs.table("pulleys", "m", 2)
+        largest_load = inputs.number("largest_load", "N", above=0)
+        check(
+            len(pulleys) == 2,
+            f"{inputs.where}: pulleys has {len(pulleys)} rows; give radius and height of the lower and of the "
+            "upper ones.",
+        )
+        check(
+            largest_load > forces.sum(),
+            f"{inputs.where}: largest_load is {largest_load:g} N; give one above the sum of first_forces, "
+            f"{forces.sum():.4g} N.",
         )
         cells = None
         if "cells_along" in inputs or "cells_around" in inputs:
@@ -158,10 +175,10 @@ class Torus:
             shape_height=shape[:, 1],
             station_angles=stations,
             support_angles=inputs.numbers("support_angles", "rad"),
-            pulleys=inputs.table("pulleys", "m", 2),
+            pulleys=pulleys,
             first_forces=forces,
             cable_stiffness=inputs.number("cable_stiffness", "N/m", above=0),
-            largest_load=inputs.number("largest_load", "N", above=0),
+            largest_load=largest_load,
             cells=cells,
         )
 

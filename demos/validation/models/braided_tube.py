@@ -127,6 +127,7 @@ class Tube:
             deflection=inputs.number("deflection", "m", above=0),
         )
         tube.check_angles(inputs.where)
+        tube.check_cords(inputs.where)
         check(
             tube.deflection < tube.half_span,
             f"{inputs.where}: deflection is {tube.deflection:g} m; give one below half_span, "
@@ -150,6 +151,15 @@ class Tube:
             bool(np.allclose(lines, np.rint(lines), atol=1e-9)) and is_symmetric,
             f"{where}: cord_angles are {degrees} degrees from the top; give multiples of 30 that are "
             "symmetric about the vertical plane.",
+        )
+
+    def check_cords(self, where: str) -> None:
+        """Check that the wall bears a part of the pressure's axial force: film bears no compression."""
+        end_force = self.pressure * math.pi * self.radius**2
+        check(
+            len(self.cord_angles) * self.cord_force < end_force,
+            f"{where}: cord_force is {self.cord_force:g} N for each of {len(self.cord_angles)} cords; the pressure "
+            f"pulls with {end_force:.4g} N only, so give a smaller force.",
         )
 
     def stretches(self) -> tuple[float, float]:

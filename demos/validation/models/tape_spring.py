@@ -309,6 +309,11 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         angle=inputs.number("angle", "rad", above=0),
         law=law,
     )
+    check(
+        tape.angle < 2 * math.pi and law.thickness < tape.radius,
+        f"{inputs.where}: angle is {math.degrees(tape.angle):g} degrees and thickness {law.thickness:g} m at a radius "
+        f"of {tape.radius:g} m; give an angle below 360 degrees and a thickness far below the radius.",
+    )
     sense = inputs.word("sense", tuple(SENSES))
     cell = QUICK_CELL_OF_FOLD if quick else CELL_OF_FOLD
     steps = QUICK_STEPS if quick else STEPS
