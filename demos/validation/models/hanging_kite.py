@@ -142,7 +142,11 @@ def bending_share(curvature: float, radius: float, pressure: float, stiffness: f
     ratio = curvature / first
     if ratio <= 1:
         return 1.0
-    θ = brentq(lambda a: math.sin(a) + (math.pi - a) * math.cos(a) - math.pi / ratio, 0.0, math.pi)
+    θ = brentq(
+        lambda a: math.sin(a) + (math.pi - a) * math.cos(a) - math.pi / ratio,
+        0.0,
+        math.pi,
+    )
     return max((math.pi - θ + math.sin(2 * θ) / 2) / math.pi, SMALLEST_SHARE)
 
 
@@ -188,18 +192,23 @@ class Kite:
     @staticmethod
     def read(inputs: Inputs) -> Kite:
         """The kite of a case file."""
-        points = {int(row[0]): row[1:] for row in _mixed(inputs, "nodes", 4)}
-        leading = [
-            Tube((int(i), int(j)), float(d) / 2)
-            for i, j, d in _mixed(inputs, "leading_edge", 3).tolist()
-        ]
+        points = {}
+        for row in _mixed(inputs, "nodes", 4):
+            points[int(row[0])] = row[1:]
+        leading = []
+        for i, j, diameter in _mixed(inputs, "leading_edge", 3).tolist():
+            leading.append(Tube((int(i), int(j)), diameter / 2))
+        # A strut is one beam through all of its nodes, whose lines and canopy pull on it between its ends.
         segments: dict[int, list[list[float]]] = {}
         for row in _mixed(inputs, "struts", 5).tolist():
             segments.setdefault(int(row[0]), []).append(row)
         struts = []
         for rows in segments.values():
-            nodes = (int(rows[0][1]), *(int(row[2]) for row in rows))
-            struts.append(Tube(nodes, (rows[0][3] + rows[0][4]) / 4))
+            first = int(rows[0][1])
+            others = [int(row[2]) for row in rows]
+            # The mean of both ends: a strut tapers by a quarter at most.
+            mean_diameter = (rows[0][3] + rows[0][4]) / 2
+            struts.append(Tube((first, *others), mean_diameter / 2))
         modulus = inputs.number("line_modulus", "Pa", above=0)
         ropes = []
         for i, j, length, diameter in _mixed(inputs, "lines", 4).tolist():
@@ -215,13 +224,17 @@ class Kite:
             f"{inputs.where}: loaded_nodes has {len(loaded)} numbers; give those of both tips and of the middle.",
         )
         fixed = inputs.numbers("fixed_nodes", "1")
-        used = [("loaded_nodes", loaded), ("fixed_nodes", fixed)]
-        used += [("distances", inputs.table("distances", "1", 4).ravel())]
-        used += [("leading_edge", np.ravel([tube.nodes for tube in leading]))]
-        used += [("struts", np.concatenate([tube.nodes for tube in struts]))]
-        used += [("lines", np.ravel([rope[:2] for rope in ropes]))]
-        used += [("pulley_lines", np.ravel([line[:3] for line in pulley_lines]))]
-        for name, nodes in used:
+        used = {
+            "loaded_nodes": loaded,
+            "fixed_nodes": fixed,
+            "distances": inputs.table("distances", "1", 4).ravel(),
+            "leading_edge": np.ravel([tube.nodes for tube in leading]),
+            "struts": np.concatenate([tube.nodes for tube in struts]),
+            "lines": np.ravel([rope[:2] for rope in ropes]),
+            "pulley_lines": np.ravel([over[:3] for over in pulley_lines]),
+        }
+        # A node with a typing error would otherwise end in an error of an index.
+        for name, nodes in used.items():
             unknown = sorted({int(node) for node in nodes} - set(points))
             check(
                 not unknown,
@@ -325,8 +338,17 @@ class PulleyLine:
         for part in ([1.0, -1.0, 0.0], [0.0, -1.0, 1.0]):
             difference = np.kron([part], np.eye(3))
             blocks.append(difference.T @ difference)
-        measure = PointMeasure([self.ports], np.array(blocks), np.zeros((2, 9)), np.zeros(2))
-        yield PointStoredEnergy(self.name, measure, PulleyEnergy(self.stiffness, self.length))
+        measure = PointMeasure(
+            [self.ports],
+            np.array(blocks),
+            np.zeros((2, 9)),
+            np.zeros(2),
+        )
+        yield PointStoredEnergy(
+            self.name,
+            measure,
+            PulleyEnergy(self.stiffness, self.length),
+        )
 
 
 # ---- the scene -------------------------------------------------------------------------------------
@@ -355,7 +377,11 @@ class Hanging:
         self._attach(film)
         for node, force in self._loads():
             self._items.append(
-                gx.loads.Force(self._ports[node], tuple(force), name=f"load at {node}")
+                gx.loads.Force(
+                    self._ports[node],
+                    tuple(force),
+                    name=f"load at {node}",
+                )
             )
         self._search = gx.Equilibrium(gx.Scene(*self._items), SEARCH)
         self.unknowns = self._search.system.numbering.size
@@ -389,10 +415,23 @@ class Hanging:
         change = 0.0
         for tube in self.kite.tubes:
             r = tube.radius
-            bending = bending_share(self.curvature(tube), r, pressure, wall_stiffness(r, pressure))
-            torsion = torsional_stiffness(self.twist(tube), r, pressure)
+            bending = bending_share(
+                self.curvature(tube),
+                r,
+                pressure,
+                wall_stiffness(r, pressure),
+            )
+            torsion = torsional_stiffness(
+                self.twist(tube),
+                r,
+                pressure,
+            )
             torsion /= torsional_stiffness(0.0, r, pressure)
-            change = max(change, abs(bending - tube.share), abs(torsion - tube.torsion))
+            change = max(
+                change,
+                abs(bending - tube.share),
+                abs(torsion - tube.torsion),
+            )
             tube.share += RELAXATION * (bending - tube.share)
             tube.torsion += RELAXATION * (torsion - tube.torsion)
         return change
@@ -434,6 +473,7 @@ class Hanging:
         beam = gx.Beam(
             line(self._comm, points, 1),
             self._section(tube, areal_mass),
+            # Along none of the tubes; sections are round, so that any other will do.
             normal=(0.31, 0.17, 1.0),
             name=name,
         )
@@ -452,6 +492,7 @@ class Hanging:
 
     def _join_tubes(self) -> None:
         """Rigid joints where tubes meet: along the leading edge, and of struts with it."""
+        # Frames join rotations, too: the struts of a kite are sewn to its leading edge around the whole section.
         ends: dict[int, Any] = {}
         for tube in self.kite.tubes:
             assert tube.beam is not None
@@ -467,18 +508,27 @@ class Hanging:
 
     def _add_bridle(self) -> None:
         kite = self.kite
-        used = {node for rope in kite.ropes for node in rope[:2]}
-        used |= {node for over in kite.pulley_lines for node in over[:3]}
+        used: set[int] = set()
+        for rope in kite.ropes:
+            used.update(rope[:2])
+        for over in kite.pulley_lines:
+            used.update(over[:3])
         for node in sorted(used):
             point = tuple(map(float, kite.points[node]))
             if node in kite.fixed:
                 self._ports[node] = gx.Ground(point)
             elif node not in self._ports:
-                knot = gx.PointMass(KNOT_MASS, point, comm=self._comm, name=f"knot {node}")
+                knot = gx.PointMass(
+                    KNOT_MASS,
+                    point,
+                    comm=self._comm,
+                    name=f"knot {node}",
+                )
                 self._ports[node] = knot.port()
         for k, (i, j, length, stiffness) in enumerate(kite.ropes):
             if {i, j} <= kite.fixed:
                 continue
+            # The first end of a rope is of a body; the ground has no equations.
             pair = (self._ports[i], self._ports[j])
             if i in kite.fixed:
                 pair = (self._ports[j], self._ports[i])
@@ -493,7 +543,14 @@ class Hanging:
 
         for k, (i, pulley, j, length, stiffness) in enumerate(kite.pulley_lines):
             ports = (self._ports[i], self._ports[pulley], self._ports[j])
-            self._items.append(PulleyLine(ports, stiffness / length, length, f"pulley line {k}"))
+            self._items.append(
+                PulleyLine(
+                    ports,
+                    stiffness / length,
+                    length,
+                    f"pulley line {k}",
+                )
+            )
 
     def _ribs(self) -> list[tuple[Array, Tube | None]]:
         """Points of the canopy from the leading to the trailing edge, rib by rib, and the strut there."""
@@ -520,14 +577,30 @@ class Hanging:
         triangles = []
         for i in range(spans - 1):
             for k in range(rows - 1):
-                a, b = number[i, k], number[i + 1, k]
-                c, d = number[i + 1, k + 1], number[i, k + 1]
-                triangles += [a, b, c, a, c, d] if (i + k) % 2 else [a, b, d, b, c, d]
+                a = number[i, k]
+                b = number[i + 1, k]
+                c = number[i + 1, k + 1]
+                d = number[i, k + 1]
+                # Diagonals alternate: of one direction only, they would stiffen the film in that one.
+                if (i + k) % 2:
+                    triangles += [a, b, c, a, c, d]
+                else:
+                    triangles += [a, b, d, b, c, d]
 
         def build(model: Any) -> None:
             surface = model.addDiscreteEntity(2)
-            model.mesh.addNodes(2, surface, number.ravel(), grid.ravel())
-            model.mesh.addElementsByType(surface, 2, [], triangles)
+            model.mesh.addNodes(
+                2,
+                surface,
+                number.ravel(),
+                grid.ravel(),
+            )
+            model.mesh.addElementsByType(
+                surface,
+                2,
+                [],
+                triangles,
+            )
             model.addPhysicalGroup(2, [surface], name="canopy")
 
         Et = self.kite.canopy_stiffness
@@ -539,7 +612,11 @@ class Hanging:
             thickness=thickness,
             residual_stiffness=1e-5,
         )
-        film = gx.Membrane(gx.gmsh_mesh(build, self._comm), law, name="canopy")
+        film = gx.Membrane(
+            gx.gmsh_mesh(build, self._comm),
+            law,
+            name="canopy",
+        )
         self._items.append(gx.Gravity(film, (0.0, 0.0, GRAVITY)))
         corners = grid.reshape(-1, 3)[np.array(triangles).reshape(-1, 3) - 1]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
