@@ -114,7 +114,7 @@ class TabulatedCable(BarLaw):
             line_density: mass per natural length [kg/m], positive.
 
         Raises:
-            InputError: there is no such file, a unit is missing or unknown, a line has no two numbers, or
+            InputError: the file does not exist, a unit is missing or unknown, a line has no two numbers, or
                 what is wrong with the table.
         """
         strain, force = _read_csv(Path(path))

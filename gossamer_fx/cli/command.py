@@ -370,7 +370,7 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
     """What the scene file builds.
 
     Raises:
-        InputError: there is no such file, it has no `build`, or other arguments, or returns something else.
+        InputError: the file does not exist, it has no `build`, or `build` has other arguments or another result.
     """
     import inspect
 

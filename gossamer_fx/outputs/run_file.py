@@ -125,7 +125,7 @@ def read_run_file(folder: Path) -> dict[str, Any]:
         folder: of the run.
 
     Raises:
-        InputError: there is no file, or it is not JSON, of another format, or has other keys or types than
+        InputError: the file does not exist, it is not JSON, of another format, or has other keys or types than
             a run writes.
     """
     path = folder / "run.json"

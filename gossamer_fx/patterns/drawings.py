@@ -73,7 +73,7 @@ def read_dxf(
         scale: metres in a unit of the drawing; None: the drawing says its unit.
 
     Raises:
-        InputError: ezdxf is missing, there is no such file, it is not a DXF drawing, it has no unit, an
+        InputError: ezdxf is missing, the file does not exist, it is not a DXF drawing, it has no unit, an
             outline is open, or two groups would have one name.
 
     Example:

@@ -133,7 +133,7 @@ def _check_recorded(run: RunReader) -> None:
     """Refuse a run that has made no step.
 
     Raises:
-        InputError: there is no ledger.
+        InputError: the run has no ledger.
     """
     check(
         bool(run.table("ledger.csv")),

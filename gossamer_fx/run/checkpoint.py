@@ -368,7 +368,7 @@ def read(
         Positions of the outputs in their files, and in words what of the scene could not be compared.
 
     Raises:
-        InputError: there is no checkpoint, it is damaged, of another version, or of another scene.
+        InputError: the checkpoint does not exist, it is damaged, of another version, or of another scene.
     """
     comm = run.comm
     path, state = comm.bcast(on_rank_zero(comm, lambda: _open(Path(restart))))
@@ -459,7 +459,7 @@ def _open(path: Path) -> tuple[Path, dict[str, Any]]:
     """The folder of a checkpoint, and the contents of its run.json; on one rank.
 
     Raises:
-        InputError: there is no checkpoint, it is damaged, or of another version.
+        InputError: the checkpoint does not exist, it is damaged, or of another version.
     """
     folder: Path | None = path
     if not (path / "run.json").is_file():
@@ -536,7 +536,7 @@ def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
 
 
 def _join(shares: list[dict[str, Any]], empty: dict[str, Any], arrays: dict[str, Any]) -> None:
-    """Put the arrays of all shares together, by the keys of `empty`, which stand where there is no share."""
+    """Concatenate the arrays of all shares by key; a key without a share has its value in `empty`."""
     for key, no_rows in empty.items():
         arrays[key] = no_rows
         if shares:

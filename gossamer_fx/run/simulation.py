@@ -231,7 +231,7 @@ class Simulation:
             Kinds of the outputs, and their positions in their files.
 
         Raises:
-            InputError: there is no checkpoint, or one of another scene.
+            InputError: the checkpoint does not exist, or is one of another scene.
         """
         from gossamer_fx.run.checkpoint import read
 

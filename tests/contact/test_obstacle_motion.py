@@ -199,7 +199,7 @@ def test_a_film_that_turns_through_another_in_one_step_is_noticed(comm, kind):
         speed = np.abs(run.system.state[hit].velocities()).max(initial=0.0)
         assert comm.allreduce(float(speed), MPI.MAX) > 10.0
     else:
-        # Obstacles in space take up angular momentum, and no energy.
+        # Obstacles in space receive angular momentum, but no energy.
         change = run.totals.angular_momentum[0] - run.first.angular_momentum[0]
         limit = 0.1 * abs(run.first.angular_momentum[0])
         assert abs(change) > limit

@@ -58,7 +58,7 @@ def test_soap_film_between_two_rings_is_a_catenoid(comm):
 
 
 def test_rings_too_far_apart_hold_no_film(comm):
-    """Beyond h = 1.3255 m there is no catenoid."""
+    """Beyond h = 1.3255 m no catenoid exists."""
     film, scene = soap_film(comm, 1.6)
     with pytest.raises(gx.NoEquilibrium, match="pinch"):
         find_form(film, scene, change=1e-4, updates=10)

@@ -151,7 +151,7 @@ def _key(case: Mapping[str, Any], ranks: int) -> tuple[str, ...]:
 
 
 def _read(study: Study, path: Path) -> dict[tuple[str, ...], Row]:
-    """Rows of a file that was written before, by their keys; none if there is no file."""
+    """Rows of a file that was written before, by their keys; empty if the file does not exist."""
     if not path.is_file():
         return {}
     with path.open(newline="") as file:

@@ -88,7 +88,7 @@ def test_sliding_follows_the_capstan_equation():
 
 
 def test_what_rests_under_load_takes_no_shorter_steps():
-    """The residual is compared with the load that contact carries, as there is no motion to stop."""
+    """The residual is compared with the load that contact carries, because nothing moves."""
     run, cable = wrapped_cable(pull=1.5)
     start = run.system.state[cable].positions().copy()
     run.run(until=0.022)
