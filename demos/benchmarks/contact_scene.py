@@ -24,7 +24,10 @@ DENSITY = 1400.0
 THICKNESS = 1e-4
 SIGMA = DENSITY * THICKNESS  # mass per area [kg/m²]
 # Lamé's constants μ and λ of plane stress, times the thickness [N/m].
-LAME = (E * THICKNESS / (2 * (1 + NU)), E * THICKNESS * NU / (1 - NU**2))
+LAME = (
+    E * THICKNESS / (2 * (1 + NU)),
+    E * THICKNESS * NU / (1 - NU**2),
+)
 
 # Below this determinant [m³] an edge is parallel to a triangle: they have no single common point.
 PARALLEL = 1e-30
@@ -69,7 +72,11 @@ def films(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     return stress_free, positions, velocities, np.vstack([triangles, triangles + len(X)])
 
 
-def elastic_energy(X: np.ndarray, x: np.ndarray, triangles: np.ndarray) -> float:
+def elastic_energy(
+    X: np.ndarray,
+    x: np.ndarray,
+    triangles: np.ndarray,
+) -> float:
     """Elastic energy [J] of films at positions x with the stress-free positions X (p, 3).
 
     The neo-Hookean membrane of Newton, with F the deformation gradient, J the ratio of areas, and zero

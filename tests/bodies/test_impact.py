@@ -97,7 +97,11 @@ ELEMENT = E * A * N / L
 
 def bar(start: float, speed: float, name: str = "bar") -> gx.Cable:
     """From x = `start` [m] in the direction of x, moving along it with `speed` [m/s]."""
-    mesh = line(MPI.COMM_SELF, [(start, 0, 0), (start + L, 0, 0)], N)
+    mesh = line(
+        MPI.COMM_SELF,
+        [(start, 0, 0), (start + L, 0, 0)],
+        N,
+    )
     law = gx.CableLaw(E * A, ρ * A)
     return gx.Cable(
         mesh,

@@ -41,7 +41,11 @@ SPRING_PENDULUM = {
 
 
 def spring_pendulum(dt: float) -> tuple[float, gx.Simulation]:
-    mass = gx.PointMass(1.0, (1.2, 0, -0.3), velocity=(0, 0.8, 0))
+    mass = gx.PointMass(
+        1.0,
+        (1.2, 0, -0.3),
+        velocity=(0, 0.8, 0),
+    )
     spring = gx.connectors.Spring(
         mass.port(),
         gx.Ground((0, 0, 0)),
@@ -77,7 +81,11 @@ FREE_BODY = {
 
 def free_body(dt: float) -> tuple[float, gx.Simulation]:
     """Landau & Lifshitz, Mechanics, § 37, I = (1, 2, 3): a plate without thickness."""
-    body = gx.RigidBody(1.0, (1.0, 2.0, 3.0), spin=(1.0, 0.0, 1.2))
+    body = gx.RigidBody(
+        1.0,
+        (1.0, 2.0, 3.0),
+        spin=(1.0, 0.0, 1.2),
+    )
     run = gx.Simulation(gx.Scene(body), midpoint(dt))
     error = 0.0
     for t, exact in FREE_BODY.items():
@@ -111,7 +119,11 @@ def test_what_a_free_rigid_body_misses_follows_the_tolerance_and_not_the_step(
     dt: float, relative: float, largest: float
 ) -> None:
     """Two iterations leave a residual just below 1e-10 at 26 ms; at 35 ms a third one is made."""
-    body = gx.RigidBody(1.0, (1.0, 2.0, 3.0), spin=(1.0, 0.0, 1.2))
+    body = gx.RigidBody(
+        1.0,
+        (1.0, 2.0, 3.0),
+        spin=(1.0, 0.0, 1.2),
+    )
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=relative))
     run = gx.Simulation(gx.Scene(body), stepper)
     run.run(until=10.0)

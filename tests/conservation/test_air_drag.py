@@ -23,7 +23,11 @@ C = 1.3
 g = 9.80665
 
 
-def body(kind: str, comm: MPI.Comm, velocity: tuple[float, float, float]) -> gx.Membrane:
+def body(
+    kind: str,
+    comm: MPI.Comm,
+    velocity: tuple[float, float, float],
+) -> gx.Membrane:
     """A flat film whose normal is (0, -3, 4)/5, or a plate."""
     given = {
         "displacement": lambda X: np.vstack([0 * X[0], -X[1] / 5, 3 * X[1] / 5]),

@@ -24,7 +24,12 @@ def cloud(foresight: float = 1.0, dt: float = 2e-3, **options) -> gx.Simulation:
         )
         for k, (x, δ) in enumerate(zip(places, noise, strict=True))
     ]
-    spheres = CollidingSpheres(tuple(m.port() for m in masses), 0.2, 5e4, foresight)
+    spheres = CollidingSpheres(
+        tuple(m.port() for m in masses),
+        0.2,
+        5e4,
+        foresight,
+    )
     return gx.Simulation(
         gx.Scene(*masses, spheres),
         gx.Midpoint(dt=dt),

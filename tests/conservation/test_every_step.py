@@ -23,7 +23,11 @@ def errors(scene: gx.Scene, h: float, steps: int) -> tuple[float, float]:
 
 @pytest.mark.parametrize("h", STEPS)
 def test_free_rigid_body(comm, h):
-    body = gx.RigidBody(1.0, (0.6, 1.1, 1.5), spin=(1.5, 0.0, 0.5))
+    body = gx.RigidBody(
+        1.0,
+        (0.6, 1.1, 1.5),
+        spin=(1.5, 0.0, 0.5),
+    )
     measured = max(errors(gx.Scene(body), h, min(round(2 / h), 300)))
     assert measured < 1e-13
 
@@ -32,7 +36,11 @@ def test_what_one_iteration_leaves_goes_with_the_tolerance(comm):
     """At this step one iteration meets the usual tolerance, just so: 1e-14 of the energy a step."""
     lost = []
     for relative in (1e-10, 1e-13):
-        body = gx.RigidBody(1.0, (0.6, 1.1, 1.5), spin=(1.5, 0.0, 0.5))
+        body = gx.RigidBody(
+            1.0,
+            (0.6, 1.1, 1.5),
+            spin=(1.5, 0.0, 0.5),
+        )
         run = gx.Simulation(
             gx.Scene(body), gx.Midpoint(dt=5e-4, tolerances=gx.Tolerances(relative=relative))
         )

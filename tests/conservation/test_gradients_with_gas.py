@@ -25,10 +25,28 @@ def waves(X):
     return np.vstack([np.sin(15 * X[0]), np.sin(9 * X[1]), np.sin(11 * X[0])])
 
 
-def airbag_from_a_tank(comm, law=None, area=5e-5, coefficient=0.8, tank=3e4, volume=4e-4, p=1e3):
+def airbag_from_a_tank(
+    comm,
+    law=None,
+    area=5e-5,
+    coefficient=0.8,
+    tank=3e4,
+    volume=4e-4,
+    p=1e3,
+):
     """A quarter of an airbag that a tank blows up through an orifice, choked at first; free in space."""
-    film = gx.Membrane(airbag(comm, edge=0.2, cells=4), law or gx.Linear(**ELASTIC), velocity=waves)
-    bag = gx.Chamber(film, pressure=p, dead_volume=1e-3, name="bag", **CONTENTS)
+    film = gx.Membrane(
+        airbag(comm, edge=0.2, cells=4),
+        law or gx.Linear(**ELASTIC),
+        velocity=waves,
+    )
+    bag = gx.Chamber(
+        film,
+        pressure=p,
+        dead_volume=1e-3,
+        name="bag",
+        **CONTENTS,
+    )
     bottle = gx.Tank(volume, pressure=tank, **CONTENTS)
     inlet = gx.Orifice(bottle, bag, area=area, discharge_coefficient=coefficient, name="inlet")
     return gx.Scene(film, bag, inlet), 2e-4, 30
@@ -126,7 +144,11 @@ def test_the_gradient_of_the_last_energy_is_that_of_the_first(comm, make):
     film = system.bodies[0]
     names = [f"{film.name}.initial_velocity", f"{film.name}.initial_position", "tank.pressure"]
     names += ["tank.volume", "inlet.area", "tank.temperature"]
-    found = gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=names)
+    found = gx.analysis.gradient(
+        tape,
+        of=gx.analysis.Energy(),
+        by=names,
+    )
     tape.restore(tape.nodes[0])
     owned = system.block(film).owned
     momenta = system.numbering.vector()
@@ -182,7 +204,11 @@ CASES = [
 def test_remainders_are_of_second_order(comm, make, chamber, name, argument, value):
     """p(x + δ) - p(x) - δ dp/dx falls with δ², of the pressure at the end."""
     run, tape = recorded(make, comm)
-    found = gx.analysis.gradient(tape, of=pressure_of(run, chamber), by=[name])
+    found = gx.analysis.gradient(
+        tape,
+        of=pressure_of(run, chamber),
+        by=[name],
+    )
     (slope,) = found[name].values if found[name].function is None else [None]
 
     def remainder(δ: float) -> float:
@@ -226,13 +252,18 @@ def test_what_the_gas_has_not_is_named_with_what_it_has(comm):
     with pytest.raises(
         gx.InputError, match=r"'inlet' has no parameter 'diameter'.*area, discharge"
     ):
-        gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["inlet.diameter"])
+        gx.analysis.gradient(
+            tape,
+            of=gx.analysis.Energy(),
+            by=["inlet.diameter"],
+        )
 
 
 @pytest.mark.mpi
 def test_orifice_and_tank_are_found_again_from_what_they_did(comm):
     """Newton's method with the derivatives of runs, from 25 % and 15 % off."""
-    area, pressure = 8e-8, 3.5e6
+    area = 8e-8
+    pressure = 3.5e6
     until = 2e-3
     shown = opening_time.opening(comm, area, pressure, until, cells=2)
     found = opening_time.main(

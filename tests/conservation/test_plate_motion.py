@@ -79,7 +79,11 @@ def test_an_edge_moment_supplies_what_the_plate_gains(comm):
         "right",
         moment=lambda t: 0.02 * math.sin(60 * t),
     )
-    scene = gx.Scene(plate, gx.Fixed(plate, "left", rotation=True), moment)
+    scene = gx.Scene(
+        plate,
+        gx.Fixed(plate, "left", rotation=True),
+        moment,
+    )
     run = gx.Simulation(scene, gx.Midpoint(dt=5e-4, tolerances=gx.Tolerances(relative=1e-12)))
     run.run(until=0.03)
     assert abs(run.totals.supplied) > 1e-6 and abs(run.energy_error) < 1e-9

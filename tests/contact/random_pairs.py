@@ -47,7 +47,11 @@ def near_pairs(
     return pairs, x.reshape(-1, 3), y.reshape(-1, 3)
 
 
-def _place_above_triangle(x: np.ndarray, d: float, rng: np.random.Generator) -> None:
+def _place_above_triangle(
+    x: np.ndarray,
+    d: float,
+    rng: np.random.Generator,
+) -> None:
     """Put the first points of pairs (n, 4, 3) above or below points of their triangles."""
     weights = rng.dirichlet([1, 1, 1], len(x))
     normal = _unit(np.cross(x[:, 2] - x[:, 1], x[:, 3] - x[:, 1]))
@@ -55,10 +59,18 @@ def _place_above_triangle(x: np.ndarray, d: float, rng: np.random.Generator) -> 
     x[:, 0] = np.einsum("nk,nkc->nc", weights, x[:, 1:]) + height * normal
 
 
-def _place_across_edge(x: np.ndarray, d: float, rng: np.random.Generator) -> None:
+def _place_across_edge(
+    x: np.ndarray,
+    d: float,
+    rng: np.random.Generator,
+) -> None:
     """Move the second edges of pairs (n, 4, 3) near the first ones, at or just beyond their ends."""
     normal = _unit(np.cross(x[:, 1] - x[:, 0], x[:, 3] - x[:, 2]))
-    u, v = rng.uniform(-0.1, 1.1, (2, len(x), 1))
+    u, v = rng.uniform(
+        -0.1,
+        1.1,
+        (2, len(x), 1),
+    )
     gap = x[:, 0] + u * (x[:, 1] - x[:, 0]) - x[:, 2] - v * (x[:, 3] - x[:, 2])
     height = d * rng.uniform(0.3, 1.4, (len(x), 1))
     x[:, 2:] += (gap + height * normal)[:, None]
@@ -110,7 +122,11 @@ def table_of(kind: int, count: int) -> PairTable:
     return PairTable(np.full(count, kind, np.uint8), points)
 
 
-def triangle_soup(n: int, seed: int, size: float = 0.2) -> tuple[CollisionPrimitives, np.ndarray]:
+def triangle_soup(
+    n: int,
+    seed: int,
+    size: float = 0.2,
+) -> tuple[CollisionPrimitives, np.ndarray]:
     """Return n triangles anywhere in the unit cube, of sizes that differ by a factor of 100.
 
     Returns:

@@ -85,7 +85,11 @@ def inflate(cells: int, until: float, order: int = 1) -> dict[str, float]:
     }
 
 
-POINTS = [(0.0, 0.0, 0.0), (-EDGE / 2, -EDGE / 2, 0.0), (0.0, -EDGE / 2, 0.0)]  # M, A, B
+POINTS = [
+    (0.0, 0.0, 0.0),
+    (-EDGE / 2, -EDGE / 2, 0.0),
+    (0.0, -EDGE / 2, 0.0),
+]  # M, A, B
 
 
 def test_airbag_comes_to_rest_in_the_accepted_shape():

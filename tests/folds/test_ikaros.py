@@ -92,7 +92,12 @@ def test_the_spin_follows_the_budget_where_masses_are_paid_out_slowly(
                 name=f"tether {k}",
             )
         )
-    scene = gx.Scene(body, *masses, *items, gx.RigidMotion(spin=(0.0, 0.0, ω)))
+    scene = gx.Scene(
+        body,
+        *masses,
+        *items,
+        gx.RigidMotion(spin=(0.0, 0.0, ω)),
+    )
     spin = gx.probes.AngularVelocity(body.frame(), "z")
     radius = gx.probes.PolarPosition(
         masses[0].port(),

@@ -55,7 +55,11 @@ def test_zonal_coefficients_of_egm2008() -> None:
 
 
 def test_oblateness() -> None:
-    known = [(-0.01096739, 0, 0), (0, 0, 0.02193478), (0.00893762, 0.00670321, -0.00372401)]
+    known = [
+        (-0.01096739, 0, 0),
+        (0, 0, 0.02193478),
+        (0.00893762, 0.00670321, -0.00372401),
+    ]
     places = 1e6 * np.array([(7, 0, 0), (0, 0, 7), (4, 3, 5)])
     assert np.allclose(oblateness().gradient(places), known, rtol=0, atol=1e-8 / 2)
     r = np.linalg.norm(places, axis=1)[:, None]

@@ -168,7 +168,11 @@ def test_penumbra_is_the_share_of_points_of_the_suns_disc() -> None:
 
 
 def test_optics_of_mcinnes() -> None:
-    known = {0: (8.287832, 0.0), 30: (6.210109, 0.341425), 60: (2.059537, 0.341425)}
+    known = {
+        0: (8.287832, 0.0),
+        30: (6.210109, 0.341425),
+        60: (2.059537, 0.341425),
+    }
     mirrored, both, along = JPL_SAIL.coefficients()
     for degrees, (normal, tangential) in known.items():
         c = math.cos(math.radians(degrees))
@@ -177,7 +181,14 @@ def test_optics_of_mcinnes() -> None:
         measured = P * (mirrored * c + both + along * c)
         assert measured == pytest.approx(normal, abs=5.1e-7)
         assert P * along * s == pytest.approx(tangential, abs=5.1e-7)
-    ideal = {0: 9.126, 15: 8.514674, 30: 6.8445, 45: 4.563, 60: 2.2815, 75: 0.611326}
+    ideal = {
+        0: 9.126,
+        15: 8.514674,
+        30: 6.8445,
+        45: 4.563,
+        60: 2.2815,
+        75: 0.611326,
+    }
     for degrees, pressure in ideal.items():
         c = math.cos(math.radians(degrees))
         measured = 1e6 * PRESSURE * c * (MIRROR.coefficients()[0] * c)

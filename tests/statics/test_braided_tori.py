@@ -18,11 +18,20 @@ TORUS = braided_torus.Torus.read(CASE.tests[1].inputs)
 
 
 def test_the_mesh_is_a_closed_torus_with_its_cords(comm):
-    along, around = 16, 6
+    along = 16
+    around = 6
     line = np.column_stack([np.full(2 * along, 1.5), np.zeros(2 * along)])
     φ = braided_torus.section_angles(TORUS, around)
-    mesh = braided_torus.torus_mesh(comm, braided_torus.surface(line, 0.17, φ), [0, 4])
-    film = gx.Membrane(mesh, gx.Linear(1e9, 0.3, density=1e3, thickness=1e-4), order=2)
+    mesh = braided_torus.torus_mesh(
+        comm,
+        braided_torus.surface(line, 0.17, φ),
+        [0, 4],
+    )
+    film = gx.Membrane(
+        mesh,
+        gx.Linear(1e9, 0.3, density=1e3, thickness=1e-4),
+        order=2,
+    )
     scene = gx.Scene(film, gx.Pressure(film, 1.0))
     load = gx.Equilibrium(scene).system
     # A closed surface: the pressure has no resultant.

@@ -13,7 +13,11 @@ from gossamer_fx.meshes.disc import quarter_disc
 from gossamer_fx.meshes.sheet import sheet
 
 FILM = {"E": 1e9, "nu": 0.3, "density": 1000.0, "thickness": 1e-4}
-LAWS = [gx.Linear(**FILM), gx.Miyazaki(**FILM, residual_stiffness=1e-6), gx.TensionField(**FILM)]
+LAWS = [
+    gx.Linear(**FILM),
+    gx.Miyazaki(**FILM, residual_stiffness=1e-6),
+    gx.TensionField(**FILM),
+]
 
 
 def quarter(comm, law, cells, order, pressure, rim=(0, 1, 2)):
@@ -114,8 +118,16 @@ def test_reaction_work_and_stretch_of_a_pulled_strip(comm):
     measured = comm.allreduce(float(x[:, 0].max()), max)
     assert measured == pytest.approx(λ * L, rel=1e-9)
     force, moment = equilibrium.reaction(held, about=(0.0, 0.0, 0.0))
-    np.testing.assert_allclose(force, [-f * H, 0, 0], atol=1e-7 * f)
-    np.testing.assert_allclose(moment, [0, 0, f * H * H / 2], atol=1e-7 * f)
+    np.testing.assert_allclose(
+        force,
+        [-f * H, 0, 0],
+        atol=1e-7 * f,
+    )
+    np.testing.assert_allclose(
+        moment,
+        [0, 0, f * H * H / 2],
+        atol=1e-7 * f,
+    )
     expected = f * H * (λ - 1) * L
     assert found.totals.supplied == pytest.approx(expected, rel=1e-9)
 

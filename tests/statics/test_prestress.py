@@ -93,7 +93,14 @@ def test_round_drum(comm):
 
 
 AXIS = (1.0, 2.0, 0.0)
-FABRIC = {"E1": 2e9, "E2": 5e8, "nu12": 0.3, "G12": 3e8, "density": DENSITY, "thickness": THICKNESS}
+FABRIC = {
+    "E1": 2e9,
+    "E2": 5e8,
+    "nu12": 0.3,
+    "G12": 3e8,
+    "density": DENSITY,
+    "thickness": THICKNESS,
+}
 
 
 @pytest.mark.parametrize(
@@ -331,7 +338,11 @@ def test_what_is_refused(comm):
     )
     with pytest.raises(gx.InputError, match="Prestress does not say which strain has it"):
         gx.Membrane(mesh, elastica, initial_stress=1e5)
-    curve = line(comm, [(0, 0, 0), (1, 0, 0)], 2)
+    curve = line(
+        comm,
+        [(0, 0, 0), (1, 0, 0)],
+        2,
+    )
     with pytest.raises(gx.InputError, match="TabulatedCable does not say which strain has it"):
         table = gx.TabulatedCable([0.0, 0.1], [0.0, 10.0], line_density=0.01)
         gx.Cable(curve, table, initial_tension=1.0)

@@ -225,7 +225,10 @@ def test_a_beam_is_bent_into_an_arc_by_the_torque_on_its_end(comm):
     for t in (0.25, 0.5, 0.75, 1.0):
         equilibrium.find(at=t)
     x, y = (gx.probes.Position(beam.port("end"), axis)(equilibrium) for axis in "xy")
-    expected = (pytest.approx(0.0, abs=2e-3), pytest.approx(2 / math.pi, rel=2e-3))
+    expected = (
+        pytest.approx(0.0, abs=2e-3),
+        pytest.approx(2 / math.pi, rel=2e-3),
+    )
     assert (x, y) == expected
 
 

@@ -113,8 +113,15 @@ def test_a_normal_load_pulls_along_the_film_or_as_the_mesh_was(comm, following):
 def test_a_load_on_edges_inside_the_film_counts(comm):
     mesh = sheet(comm, 4, 4)
     mesh.domain.topology.create_entities(1)
-    inside = locate_entities(mesh.domain, 1, lambda X: np.isclose(X[0], 0.5))
-    mesh.groups["middle"] = (1, np.sort(inside).astype(np.int32))
+    inside = locate_entities(
+        mesh.domain,
+        1,
+        lambda X: np.isclose(X[0], 0.5),
+    )
+    mesh.groups["middle"] = (
+        1,
+        np.sort(inside).astype(np.int32),
+    )
     film = gx.Membrane(mesh, LAW)
     held = [gx.Fixed(film, edge) for edge in ("left", "right")]
     equilibrium = gx.Equilibrium(
@@ -211,7 +218,11 @@ def test_a_tape_has_weight(comm, load):
         expected = [0, 0, (mass + 0.5) * 9.80665]
         assert total == pytest.approx(expected, rel=1e-6, abs=1e-6)
     else:  # of the film about (½, ½), of the tape about (1, ½); what stretching adds is small
-        expected = [-4 * (mass / 2 + 0.5), -4 * (mass / 2 + 0.25), 0]
+        expected = [
+            -4 * (mass / 2 + 0.5),
+            -4 * (mass / 2 + 0.25),
+            0,
+        ]
         assert total == pytest.approx(expected, rel=1e-4, abs=1e-6)
 
 
@@ -226,7 +237,10 @@ def test_contradicting_supports_are_refused(comm):
 
 def test_a_support_of_nothing_is_refused(comm):
     mesh = sheet(comm, 2, 2)
-    mesh.groups["nowhere"] = (1, np.zeros(0, dtype=np.int32))
+    mesh.groups["nowhere"] = (
+        1,
+        np.zeros(0, dtype=np.int32),
+    )
     film = gx.Membrane(mesh, LAW)
     for support in (
         lambda: gx.Fixed(film, "nowhere"),

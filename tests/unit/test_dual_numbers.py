@@ -22,7 +22,11 @@ def test_values_and_slopes_are_those_of_calculus(formula, point) -> None:
     found = formula(*variables(np.array(point)))
     assert found.value == pytest.approx(formula(*point), rel=1e-15)
     for i in range(2):
-        exact = mpmath.diff(formula, point, tuple(int(k == i) for k in range(2)))
+        exact = mpmath.diff(
+            formula,
+            point,
+            tuple(int(k == i) for k in range(2)),
+        )
         assert found.slopes[i] == pytest.approx(float(exact), rel=1e-10)
 
 
@@ -33,7 +37,13 @@ def test_a_complex_step_inside_gives_second_derivatives() -> None:
     slope = isentropic_flow(NITROGEN, pu + 1j * ε, 300.0, pd, 1e-5).imag / ε
 
     def flow(a, b):
-        return isentropic_flow(NITROGEN, mpmath.mpf(a), 300.0, mpmath.mpf(b), 1e-5)
+        return isentropic_flow(
+            NITROGEN,
+            mpmath.mpf(a),
+            300.0,
+            mpmath.mpf(b),
+            1e-5,
+        )
 
     with mpmath.workdps(40):
         for i, orders in enumerate([(2, 0), (1, 1)]):

@@ -46,7 +46,12 @@ def test_stretch_within_a_cone(m, margin):
     assert (h + margin >= m * np.hypot(x, y)).all()
     # The random paths enter, leave, cross and avoid the cone.
     ends = set(zip(is_within[0].tolist(), is_within[-1].tolist(), strict=True))
-    expected = {(False, False), (False, True), (True, False), (True, True)}
+    expected = {
+        (False, False),
+        (False, True),
+        (True, False),
+        (True, True),
+    }
     assert ends == expected
 
 
@@ -71,4 +76,8 @@ def test_average_through_the_apex_is_finite():
     e0 = np.array([[1.0, -1.0, 0.0], [1e-3, -1e-3, 2e-3], [0.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
     found = Samples(mean_gradient, arguments=2)(e0, -e0)
     assert np.isfinite(found).all()
-    np.testing.assert_allclose(found[0], [0.25, 0.25, 0.0], atol=1e-9)  # h = 0, mean r = 1/2
+    np.testing.assert_allclose(
+        found[0],
+        [0.25, 0.25, 0.0],
+        atol=1e-9,
+    )  # h = 0, mean r = 1/2

@@ -99,7 +99,12 @@ class Result:
     failed: str
 
 
-def run(study: Study, folder: Path, comm: MPI.Intracomm, quick: bool = False) -> list[Result]:
+def run(
+    study: Study,
+    folder: Path,
+    comm: MPI.Intracomm,
+    quick: bool = False,
+) -> list[Result]:
     """Compute the cases that `folder/NAME.csv` lacks for this number of ranks; returns all, in order.
 
     Quick forms with other options have the file `NAME-quick.csv`, see `Study`.

@@ -48,8 +48,18 @@ def test_ranks_find_together_what_one_finds() -> None:
     whole = keys_of(overlaps(surface, x, 0.02))
     parts = []
     for rank in range(3):
-        vertices = np.arange(rank, len(surface.vertices), 3, dtype=np.int32)
-        edges = np.arange(rank, len(surface.edges), 3, dtype=np.int32)
+        vertices = np.arange(
+            rank,
+            len(surface.vertices),
+            3,
+            dtype=np.int32,
+        )
+        edges = np.arange(
+            rank,
+            len(surface.edges),
+            3,
+            dtype=np.int32,
+        )
         parts += keys_of(
             find_overlaps(
                 surface,

@@ -34,7 +34,11 @@ DEGENERATE = {
     DEGENERATE.values(),
     ids=DEGENERATE,
 )
-def test_degenerate_pairs(kind: int, x: list[list[float]], squared_distance: float) -> None:
+def test_degenerate_pairs(
+    kind: int,
+    x: list[list[float]],
+    squared_distance: float,
+) -> None:
     found, _ = closest_points(table_of(kind, 1), np.array(x, float))
     assert found[0] == pytest.approx(squared_distance, rel=1e-14)
 
