@@ -16,6 +16,7 @@ from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.gases import NITROGEN
 from tests.rates import observed_order
 
+# Derivatives of remainders need states that are solved to round-off.
 SOLVED = gx.Tolerances(relative=1e-13)
 ELASTIC = {"E": 1e8, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
 CONTENTS = {"gas": NITROGEN, "temperature": 293.0}
@@ -163,10 +164,12 @@ def test_the_gradient_of_the_last_energy_is_that_of_the_first(comm, make):
         error = np.abs(found[name].values - exact[owned]).max(initial=0.0)
         assert error < CONSERVING[make] * largest, name
     tank = run.chamber("tank")
+    # U = p V/(γ - 1) with γ - 1 = 0.4.
     rel = CONSERVING[make]
     assert found["tank.pressure"].values[0] == pytest.approx(tank.volume / 0.4, rel=rel)
     assert found["tank.volume"].values[0] == pytest.approx(tank.pressure / 0.4, rel=rel)
     energy = found.value
+    # Energy at the start depends neither on the orifice nor on the temperature at given p and V.
     assert abs(found["inlet.area"].values[0]) * 1e-5 < 1e-10 * energy
     assert abs(found["tank.temperature"].values[0]) * 293.0 < 1e-10 * energy
 
@@ -215,8 +218,10 @@ def test_remainders_are_of_second_order(comm, make, chamber, name, argument, val
         changed, _ = recorded(make, comm, **{argument: value + δ})
         return changed.chamber(chamber).pressure - found.value - δ * slope
 
+    # Small changes, so that the same steps see the same regime of flow.
     sizes = [value * part for part in (1e-3, 5e-4, 2.5e-4)]
     remainders = [remainder(δ) for δ in sizes]
+    # The function is smooth: the order is 2 to within the third-order term.
     assert 1.9 < observed_order(sizes, remainders) < 2.1, (slope, remainders)
 
 
@@ -227,6 +232,7 @@ def test_the_time_at_which_a_pressure_is_reached_has_a_derivative(comm):
     reached = gx.analysis.CrossingTime(pressure_of(run, "bag"), 1200.0)
     found = gx.analysis.gradient(tape, of=reached, by=["inlet.area", "film.thickness"])
     assert 0 < found.value < run.system.time
+    # 1e-4 of the area: truncation 1e-8, round-off far below.
     δ = 1e-4 * 5e-5
     times = []
     for area in (5e-5 - δ, 5e-5 + δ):
@@ -261,6 +267,7 @@ def test_what_the_gas_has_not_is_named_with_what_it_has(comm):
 
 @pytest.mark.mpi
 def test_orifice_and_tank_are_found_again_from_what_they_did(comm):
+    # Values that the search must recover; opening_time starts from others.
     """Newton's method with the derivatives of runs, from 25 % and 15 % off."""
     area = 8e-8
     pressure = 3.5e6
@@ -274,5 +281,6 @@ def test_orifice_and_tank_are_found_again_from_what_they_did(comm):
         runs=5,
         comm=comm,
     )
+    # Five Newton steps from 25 % off: quadratic convergence would give more digits.
     assert found["orifice_mm2"] == pytest.approx(1e6 * area, rel=1e-3)
     assert found["tank_kPa"] == pytest.approx(pressure / 1e3, rel=1e-3)

@@ -35,6 +35,7 @@ def test_a_symmetric_body_keeps_its_nutation_and_its_momentum_goes_around_in_it(
     assert in_space(run) == pytest.approx(I_a * ω_a, rel=1e-12)
     run.run(until=0.5)
 
+    # I_t, I_a and both spins give the angle of the cone; 1e-4 is the phase error of 2 ms steps.
     assert nutation(run) == pytest.approx(math.atan2(I_t * ω_t, I_a * ω_a), rel=1e-4)
     assert in_space(run) == pytest.approx(I_a * ω_a, rel=1e-10)
     phase = (I_a / I_t - 1) * ω_a * run.time
@@ -109,6 +110,7 @@ def test_radii_of_an_ellipse_have_two_waves_and_an_imbalance(comm):
         displacement=lambda X: np.stack([0.1 * X[0], -0.1 * X[1], 0 * X[2]]),
     )
     angles = np.arange(8) * math.pi / 4
+    # Inside the rim, where every point lies in a triangle.
     ring = [film.port_at((0.9 * math.cos(θ), 0.9 * math.sin(θ), 0.0)) for θ in angles]
     run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3))
     # r = 0.9 √(1.01 + 0.2 cos 2θ) at eight points
@@ -126,8 +128,10 @@ def test_radii_of_an_ellipse_have_two_waves_and_an_imbalance(comm):
         quantity="radius",
     )
     imbalance = gx.probes.Imbalance(ring, gx.ground_frame())
+    # The second Fourier coefficient of the eight radii: 2/8 of the sum with cos 2θ.
     assert two(run) == pytest.approx(radius @ np.cos(2 * angles) / 4, rel=1e-6)
     assert mean(run) == pytest.approx(radius.mean(), rel=1e-6)
+    # Difference of the longest and the shortest radius over the mean.
     assert imbalance(run) == pytest.approx((1.1 - 0.9) * 0.9 / radius.mean(), rel=1e-6)
 
 
@@ -136,6 +140,7 @@ def test_waves_of_both_senses_are_told_apart(comm):
     forward = 0.2 * np.exp(1j * (17.0 * t - 0.4))
     backward = 0.05 * np.exp(-1j * (31.0 * t + 1.0))
     z = forward + backward + 0.3
+    # The limits are the leakage of a window of three seconds with uneven samples.
     found = gx.analysis.travelling_waves(t, z.real, z.imag)
     assert found.forward == pytest.approx(0.2, rel=1e-2)
     assert found.forward_frequency == pytest.approx(17.0, rel=2e-3)

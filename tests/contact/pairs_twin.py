@@ -12,6 +12,7 @@ from gossamer_fx.contact.potential import ROUNDING, ContactLaw
 
 # Which two of the vectors r, a, b make each measure.
 FIRST = [0, 0, 0, 1, 1, 2]
+# FIRST and SECOND: indices of the two vectors in each of the six products r·r, r·a, ..., b·b.
 SECOND = [0, 1, 2, 1, 2, 2]
 
 # r, a, b as combinations of the four points.
@@ -22,6 +23,7 @@ ROWS = {
     PairKind.POINT_IN_SPHERE: [[1, -1, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]],
     PairKind.POINT_IN_CYLINDER: [[1, -1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
 }
+# Two Gauss points integrate cubic functions, as the kernel does.
 GAUSS_POINTS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
 
 # The rounding ε ((u - ½)² + (v - ½)²) as measures, but for a constant in the first.
@@ -43,6 +45,7 @@ def closest_parameters(e: np.ndarray, is_edges: bool) -> np.ndarray:
     _, ra, rb, aa, ab, bb = e
     F = np.array([[aa, ab], [ab, bb]])
     g = np.array([ra, rb])
+    # Parallel edges and slivers have a singular F: there the least value is on a side.
     if np.linalg.det(F) > 1e-14 * aa * bb:
         inner = np.linalg.solve(F, -g)
         is_inside = inner.max() <= 1 if is_edges else inner.sum() <= 1
@@ -76,11 +79,13 @@ class PairTwin:
         self.width = pairs.width[row]
         self.offset = pairs.offset[row]
         self.is_edges = self.kind == PairKind.EDGE_EDGE
+        # Only distances of edges are rounded; their gradient jumps where the closest points do.
         self.rounding = ROUNDING * self.width if self.is_edges else 0.0
         self.R = np.array(ROWS[self.kind], float)
         self.base = np.zeros(2)
         if self.kind <= PairKind.EDGE_EDGE:
             self.base = closest_parameters(measures_of(self.R @ x0[self.points]), self.is_edges)
+            # r from closest point to closest point: small numbers without cancellation.
             self.R[0] += self.base @ self.R[1:]
 
     def vectors(self, x: np.ndarray) -> np.ndarray:
@@ -107,6 +112,7 @@ class PairTwin:
         G[FIRST, SECOND] = e
         G[SECOND, FIRST] = e
         T = np.eye(3)
+        # Moving the base subtracts u a + v b from r.
         T[0, 1:] = -self.base
         return (T @ G @ T.T)[FIRST, SECOND]
 
@@ -114,8 +120,10 @@ class PairTwin:
         """Return b(x)."""
         if x >= 1:
             return 0.0
+        # The barrier of the contact potential: C² at x = 1 and infinite at 0.
         if self.law == ContactLaw.BARRIER:
             return (1 - x) ** 3 / (4 * x)
+        # Walls give a linear distance, pairs of surfaces a squared one.
         is_wall = self.kind >= PairKind.POINT_PLANE
         return (1 - (x if is_wall else np.sqrt(x))) ** 2 / 2
 
@@ -138,9 +146,11 @@ class PairTwin:
         s0, _ = self.distance(e0)
         s1, _ = self.distance(e1)
         mean = sum(self.distance(e0 + τ * change)[1] for τ in GAUSS_POINTS) / 2
+        # Correction that makes the mean gradient do exactly the change s1 - s0.
         mean = mean + (s1 - s0 - mean @ change) / (change @ change) * change
         b0 = self.energy_of(self.scaled(s0))
         b1 = self.energy_of(self.scaled(s1))
+        # Secant of the potential over the change of the distance.
         stress = self.stiffness * (b1 - b0) / (s1 - s0) * mean
         Q = np.zeros((3, 3))
         for m in range(6):

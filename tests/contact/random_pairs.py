@@ -29,6 +29,7 @@ def near_pairs(
         _place_at_wall(x, kind, d, rng)
     # Origins of walls move, directions do not.
     moves = np.ones((4, 1)) if kind <= PairKind.EDGE_EDGE else np.array([[1.0], [1.0], [0], [0]])
+    # A step of about a third of the distance: some pairs begin to touch, others separate.
     y = x + 0.3 * d * rng.normal(size=(n, 4, 3)) * moves
     # In rooms of radius 1 the squared distance is -r², from -1 at the wall to -(1 - d)².
     offset, width = {
@@ -53,8 +54,10 @@ def _place_above_triangle(
     rng: np.random.Generator,
 ) -> None:
     """Put the first points of pairs (n, 4, 3) above or below points of their triangles."""
+    # Uniform in the triangle, so that all of its parts are tested.
     weights = rng.dirichlet([1, 1, 1], len(x))
     normal = _unit(np.cross(x[:, 2] - x[:, 1], x[:, 3] - x[:, 1]))
+    # From well within the activation distance to beyond it.
     height = d * rng.uniform(0.3, 1.4, (len(x), 1))
     x[:, 0] = np.einsum("nk,nkc->nc", weights, x[:, 1:]) + height * normal
 
@@ -66,6 +69,7 @@ def _place_across_edge(
 ) -> None:
     """Move the second edges of pairs (n, 4, 3) near the first ones, at or just beyond their ends."""
     normal = _unit(np.cross(x[:, 1] - x[:, 0], x[:, 3] - x[:, 2]))
+    # A tenth of the length beyond either end.
     u, v = rng.uniform(
         -0.1,
         1.1,
@@ -112,6 +116,7 @@ def make_degenerate(kind: int, x: np.ndarray) -> None:
         x[third, 3] = x[third, 2] + x[third, 1] - x[third, 0]
         x[other, 3] = x[other, 2]
     else:
+        # A sliver, 1e-9 wide.
         x[third, 3] = x[third, 1] + 1e-9 * x[third, 3]
         x[other, 2] = x[other, 1]
 
@@ -134,6 +139,7 @@ def triangle_soup(
     """
     rng = np.random.default_rng(seed)
     middle = rng.uniform(size=(n, 1, 3))
+    # Sizes over two decades, as around refined corners.
     extent = size * 10 ** rng.uniform(-2, 0, (n, 1, 1))
     x = (middle + extent * rng.normal(size=(n, 3, 3))).reshape(-1, 3)
     return separate_triangles(n), x
