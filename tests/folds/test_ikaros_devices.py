@@ -53,6 +53,7 @@ def test_devices_have_the_mass_that_the_film_has_not() -> None:
 
 
 def test_the_layout_of_devices_has_four_mirrors() -> None:
+    # 400 random points: enough that each kind of device occurs.
     points = np.random.default_rng(1).uniform(
         -7.0,
         7.0,
@@ -61,6 +62,7 @@ def test_the_layout_of_devices_has_four_mirrors() -> None:
     here = ikaros_devices.device_numbers(points) > 0
     mirrored = ikaros_devices.device_numbers(points * [[-1.0], [1.0], [1.0]]) > 0
     turned = ikaros_devices.device_numbers(points[[1, 0, 2]] * [[-1.0], [1.0], [1.0]]) > 0
+    # Some points are on a device.
     assert here.any()
     assert (here == mirrored).all()
     assert (here == turned).all()
@@ -123,6 +125,7 @@ def test_the_whole_sail_and_its_frozen_shape_fly() -> None:
     )
     assert rigid["energy_error"] < 1e-12
     assert abs(rigid["torque"]) < 1e-12
+    # 1 %: the spin axis nutates about its start.
     assert rigid["sun angle"] == pytest.approx(math.radians(1), rel=1e-2)
 
 

@@ -12,6 +12,7 @@ from gossamer_fx.orbit.gravity_field import EGM_MU, EGM_RADIUS, egm2008, oblaten
 from gossamer_fx.orbit.harmonics import SolidHarmonics
 from gossamer_fx.orbit.magnetic_field import Igrf
 
+# Points [m], and accelerations [m/s²] by the maximum degree of the harmonics.
 PLACES = 1e6 * np.array([(7, 0, 0), (4, 3, 5), (-2.5, 5.5, -3.5)])
 ACCELERATIONS = {
     2: [
@@ -25,6 +26,7 @@ ACCELERATIONS = {
         (2.926502372, -6.4384943374, 4.1083854151),
     ],
 }
+# J_n of EGM2008, of its published table.
 ZONALS = {
     2: 1.0826261739e-3,
     3: -2.5324105e-6,
@@ -48,9 +50,11 @@ def test_zonal_coefficients_of_egm2008() -> None:
     c = egm2008().coefficients
     for n, J in ZONALS.items():
         measured = -c[n, 0].real
+        # The table has eight digits.
         assert measured == pytest.approx(J, rel=1e-7)
     assert len(c) == 21
     expected = sum(n + 1 for n in range(2, 21))
+    # All coefficients C_nm + i S_nm of degrees 2 to 20 are given.
     assert np.count_nonzero(c) == expected
 
 
@@ -61,11 +65,13 @@ def test_oblateness() -> None:
         (0.00893762, 0.00670321, -0.00372401),
     ]
     places = 1e6 * np.array([(7, 0, 0), (0, 0, 7), (4, 3, 5)])
+    # Half of the last of eight decimals.
     assert np.allclose(oblateness().gradient(places), known, rtol=0, atol=1e-8 / 2)
     r = np.linalg.norm(places, axis=1)[:, None]
     z = places[:, 2:]
     factor = np.hstack([1 - 5 * z**2 / r**2] * 2 + [3 - 5 * z**2 / r**2])
     formula = -1.5 * 1.08262668e-3 * 3.986004418e14 * 6378137.0**2 / r**5 * places * factor
+    # Another form of the same polynomial: round-off.
     assert np.allclose(oblateness().gradient(places), formula, rtol=1e-13, atol=1e-17)
 
 
@@ -86,6 +92,7 @@ def test_igrf_at_three_places(
     e_θ = np.array([math.cos(θ) * math.cos(λ), math.cos(θ) * math.sin(λ), -math.sin(θ)])
     e_λ = np.array([-math.sin(λ), math.cos(λ), 0.0])
     B = Igrf(2020.0).field(1e3 * r * e_r)
+    # nT: half of the last of four decimals, for each component.
     assert np.allclose(1e9 * np.array([B @ e_r, B @ e_θ, B @ e_λ]), known, rtol=0, atol=6e-5)
 
 
@@ -138,6 +145,7 @@ def test_two_routes_agree(place: tuple[float, float, float]) -> None:
     for harmonics in (egm2008(10, central=True), Igrf(2026.0).harmonics):
         g = harmonics.gradient(r)
         error = np.abs(g - spherical(harmonics, r)).max()
+        # Two algorithms in double precision.
         limit = 1e-12 * np.linalg.norm(g)
         assert error < limit
 
@@ -148,9 +156,11 @@ def test_second_derivatives() -> None:
     G = field.second_gradient(r)
     step = 200.0
     ahead, behind = (field.gradient(r + s * step * np.eye(3)) for s in (1, -1))
+    # Central differences with 200 m: (step/r)² of truncation.
     error = np.abs(G - (ahead - behind) / (2 * step)).max()
     limit = 1e-7 * np.abs(G).max()
     assert error < limit
+    # The potential is harmonic: its second derivatives have no trace.
     error = abs(np.trace(G))
     limit = 1e-13 * np.abs(G).max()
     assert error < limit
@@ -163,6 +173,7 @@ def test_poles_are_places_like_others() -> None:
     north = np.array([0.0, 0.0, 7e6])
     aside = field.gradient(north + np.array([1.0, 0, 0]))
     error = np.linalg.norm(field.gradient(north) - aside)
+    # 1 m from the pole the gradient differs by its second derivative, 3 μ/r³ at most.
     assert error < 3 * EGM_MU / 7e6**3
     assert np.isfinite(field.second_gradient(north)).all()
 

@@ -25,6 +25,7 @@ from gossamer_fx.orbit.radiation import (
 from gossamer_fx.orbit.solar_heating import LIGHT_SPEED
 from tests.rates import observed_order
 
+# Material of the film: it matters little where only heat is tested.
 FILM = gx.Linear(2e9, 0.3, density=1400.0, thickness=1e-5)
 RADIUS = 7e6  # of the orbit [m]
 CAPACITY = 15.0  # J/(m² K)
@@ -92,6 +93,7 @@ def test_it_is_reached_with_the_time_constant_of_the_film(comm, until: float) ->
     start = final * (1 + 1e-5)
     end = flight(comm, T0=start, dt=0.1, until=until)
     assert (end.heat.mean - final) / (start - final) == pytest.approx(
+        # Linearised law for a difference of 1e-5.
         math.exp(-until / τ), rel=1e-3
     )
 
@@ -107,10 +109,12 @@ def test_cooling_in_the_dark_is_the_closed_form() -> None:
     for count in counts:
         T, emitted = advance(T0, 20.0, CAPACITY, none, B, count=count)
         errors.append(float(T[0]) - exact)
+        # What is emitted is what the content loses, to round-off.
         assert emitted[0] == pytest.approx(CAPACITY * (350.0 - T[0]), rel=1e-12)
     assert observed_order([1 / count for count in counts], errors) == pytest.approx(2.0, abs=0.1)
     # As fine as a step of the motion is divided at least.
     assert counts[-1] >= substeps(T0, 20.0, CAPACITY, none, B)
+    # K, of 350 K.
     assert abs(errors[-1]) < 0.05
 
 
@@ -118,6 +122,7 @@ def test_steps_far_longer_than_the_time_constant_end_at_equilibrium() -> None:
     A = np.array([0.0, 100.0, 1000.0])
     B = np.full(3, STEFAN_BOLTZMANN)
     T0 = np.full(3, 400.0)
+    # 1e9 s at a time constant of below a second.
     count = substeps(T0, 1e9, 1e-3, A, B)
     T, _ = advance(T0, 1e9, 1e-3, A, B, count=count)
     assert T[1:] == pytest.approx(equilibrium_temperature(A, B)[1:], rel=1e-9)
@@ -145,6 +150,7 @@ def test_the_back_absorbs_as_the_back_does(comm) -> None:
             comm, T0=300.0, dt=2.0, until=150.0, sun=(0.0, 0.0, side), properties=dark_back
         )
         temperatures.append(end.heat.mean)
+    # Eight times the absorptivity: T⁴ is proportional to it.
     assert temperatures[1] / temperatures[0] == pytest.approx(8**0.25, rel=1e-6)
 
 
@@ -165,6 +171,7 @@ def test_a_film_expands_with_its_temperature(comm) -> None:
     heat = heating.balance(run)
     elongation = 2e-5 * (heat.mean - 250.0)
     strain = gx.fields.field_values(run, film, field="strain1")[1]
+    # Green's strain ε + ε²/2 of the elongation ε.
     np.testing.assert_allclose(strain, elongation * (1 + elongation / 2), rtol=1e-3)
     temperature = gx.fields.field_values(run, film, field="temperature")[1]
     np.testing.assert_allclose(temperature, heat.mean, rtol=1e-12)
@@ -188,6 +195,7 @@ def test_groups_have_their_own_temperatures(comm) -> None:
     run = gx.Simulation(gx.Scene(film, orbit, heating), gx.Midpoint(dt=5.0))
     run.run(until=300.0)
     heat = heating.balance(run)
+    # Absorbed by one face, emitted by two, of the same value 0.9, which cancels.
     assert heat.highest == pytest.approx((flux() / (2 * STEFAN_BOLTZMANN)) ** 0.25, rel=1e-5)
     assert heat.lowest == pytest.approx(
         (0.2 * flux() / (0.65 * STEFAN_BOLTZMANN)) ** 0.25, rel=1e-5
@@ -212,6 +220,7 @@ def test_the_view_factor_is_the_integral_over_the_visible_sphere(height, angle) 
     solid_angle = np.sin(polar) * (cone / n) * (2 * math.pi / n)
     integral = float((np.maximum(cosine, 0.0) * solid_angle).sum()) / math.pi
     found = float(view_factor(np.array([math.cos(angle)]), height)[0])
+    # 800 × 800 midpoints.
     assert found == pytest.approx(integral, abs=2e-6)
 
 
@@ -229,6 +238,7 @@ def test_infrared_of_the_earth_keeps_a_film_warm(comm) -> None:
     height = RADIUS / gx.orbit.Orbit(gx.orbit.Elements(RADIUS)).radius
     share = float(view_factor(np.array([0.0]), height)[0])
     expected = (share * 237.0 / STEFAN_BOLTZMANN) ** 0.25
+    # 3000 s are some time constants of the film.
     assert end.heat.mean == pytest.approx(expected, rel=1e-4)
 
 
@@ -278,6 +288,7 @@ def test_an_eclipse_cools_the_film_as_fast_as_it_radiates(comm) -> None:
     B = 0.65 * STEFAN_BOLTZMANN
     expected = 290.0 * (1 + 3 * B * 290.0**3 * 60.0 / CAPACITY) ** (-1 / 3)
     assert end.heat.absorbed == 0.0
+    # Time step error of the emission.
     assert end.heat.mean == pytest.approx(expected, rel=1e-3)
     assert abs(end.heat.error) < 1e-12
 
@@ -348,6 +359,7 @@ def test_steps_that_are_undone_take_their_heat_back(comm) -> None:
     run, heating = heated_run(comm, 1.0, control=control)
     assert run.substeps > 0
     heat = heating.balance(run)
+    # Undone steps leave no heat behind.
     assert abs(heat.error) < 1e-12
     assert abs(run.energy_error) < 1e-8
 

@@ -12,6 +12,7 @@ from gossamer_fx.meshes.sheet import sheet
 
 pytestmark = pytest.mark.mpi
 
+# Side of the sail [m], pressure of light [Pa].
 SIDE = 2.0
 PRESSURE = 4.56e-6
 # So stiff that the film stays flat to 1e-9 of its side.
@@ -44,6 +45,7 @@ def test_light_on_a_mirror_pushes_along_its_normal(comm, angle):
     u = (math.sin(angle), 0.0, -math.cos(angle))
     force = resultant(comm, direction=u)
     expected = 2 * PRESSURE * SIDE**2 * math.cos(angle) ** 2
+    # The film stretches by the light, below 1e-5.
     assert force == pytest.approx([0.0, 0.0, -expected], rel=1e-5, abs=1e-9)
 
 
@@ -68,6 +70,7 @@ def test_a_group_may_have_its_own_optics(comm):
         direction=(0.0, 0.0, -1.0),
         groups={"film": black},
     )
+    # All of the light's momentum, without reflection.
     assert force[2] == pytest.approx(-PRESSURE * SIDE**2, rel=1e-5)
 
 
