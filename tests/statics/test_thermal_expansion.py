@@ -96,6 +96,7 @@ def test_fibres_that_shrink_when_heated_pull_along_their_direction(comm) -> None
     equilibrium = gx.Equilibrium(scene)
     equilibrium.find()
     force = equilibrium.reaction(end)[0][0]
+    # No strain along, so that the whole thermal strain is stress.
     expected = -100e9 * metric(1 - 80e-6) * THICKNESS * WIDTH
     assert force == pytest.approx(expected, rel=1e-6)
     strain = gx.fields.field_values(equilibrium, scene.bodies[0], field="strain1")[1]
@@ -117,6 +118,7 @@ def test_axes_that_are_turned_expand_in_their_own_directions(comm) -> None:
     run = gx.Equilibrium(gx.Scene(film, drag, gx.Fixed(film, "bottom", components=(2,))))
     run.find()
     both = [gx.fields.field_values(run, film, field=name)[1] for name in ("strain1", "strain2")]
+    # Larger and smaller principal strain, whatever the axes.
     np.testing.assert_allclose(both[0], metric(1 + 4e-3), rtol=1e-6)
     np.testing.assert_allclose(both[1], metric(1 + 1e-3), rtol=1e-6)
 
@@ -175,6 +177,7 @@ def test_a_group_that_is_hot_relieves_the_others(comm) -> None:
     equilibrium.find()
     # Two springs in series; both halves shrink across as well, which changes their widths by 1e-3.
     force = equilibrium.reaction(end)[0][0]
+    # Half of the strip shrinks by 60 K: 30 K in the mean.
     assert force == pytest.approx(2e9 * ALPHA * 30.0 * THICKNESS * WIDTH, rel=2e-3)
     temperature = gx.fields.field_values(equilibrium, film, field="temperature")[1]
     assert comm.allreduce(temperature.min(initial=T0), op=min) == pytest.approx(T0 - 60.0)
@@ -207,6 +210,7 @@ def test_a_string_that_is_cooled_sounds_higher(comm) -> None:
         tone = gx.analysis.modes(equilibrium, 1)[0].frequency
         assert tone == pytest.approx(expected, rel=2e-3)
         tones.append(tone)
+    # 30 K raise the tension by half.
     assert tones[1] > 1.2 * tones[0]
 
 
@@ -232,9 +236,11 @@ def test_a_plate_that_is_hot_on_its_front_rolls_up(comm, cells: int, tolerance: 
     )
     equilibrium = gx.Equilibrium(gx.Scene(plate, gx.Fixed(plate, "left", rotation=True)))
     result = equilibrium.find(at=1.0)
+    # α × 10 K over 1 mm.
     curvature = 1e-4 * 10.0 / 1e-3
     x = gx.fields.positions(equilibrium, plate)
     height = comm.allreduce(x[:, 2].max(), op=max)
+    # Rise of an arc of 1 rad.
     assert height == pytest.approx((1 - math.cos(curvature)) / curvature, rel=tolerance)
     # Heat has bent the plate before it was free to bend: what it stored then is what was lost.
     stiffness = 2e9 * 1e-9 / 12
