@@ -41,11 +41,15 @@ def grid(n: int) -> tuple[np.ndarray, np.ndarray]:
 
     # Corners of each square cell, counterclockwise.
     number = np.arange(x.size).reshape(x.shape)
-    p = number[:-1, :-1].ravel()
-    q = number[1:, :-1].ravel()
-    r = number[1:, 1:].ravel()
-    s = number[:-1, 1:].ravel()
-    triangles = np.vstack([np.stack([p, q, r], axis=1), np.stack([p, r, s], axis=1)])
+    left = number[:-1]
+    right = number[1:]
+    p = left[:, :-1].ravel()
+    q = right[:, :-1].ravel()
+    r = right[:, 1:].ravel()
+    s = left[:, 1:].ravel()
+    lower_triangles = np.stack([p, q, r], axis=1)
+    upper_triangles = np.stack([p, r, s], axis=1)
+    triangles = np.vstack([lower_triangles, upper_triangles])
     return points, triangles
 
 
@@ -123,7 +127,9 @@ def penetrations(x: np.ndarray, triangles: np.ndarray) -> int:
         # A triangle at a node of the edge meets it there at any time.
         has_p = (triangles == p).any(axis=1)
         has_q = (triangles == q).any(axis=1)
-        is_tested = ~has_p & ~has_q & (np.abs(determinant) > PARALLEL)
+        is_separate = ~(has_p | has_q)
+        is_oblique = np.abs(determinant) > PARALLEL
+        is_tested = is_separate & is_oblique
         right_side = (a - x[p])[is_tested, :, None]
         solution = np.linalg.solve(matrix[is_tested], right_side)
         s, u, v = solution[..., 0].T

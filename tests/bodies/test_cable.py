@@ -28,7 +28,8 @@ COMM = MPI.COMM_WORLD
 @pytest.mark.parametrize(
     # λ of the formula in the docstring, by which the polygon stands still; it tends to the
     # circle's.
-    ("corners", "stretch"), [(8, 1.017887399), (16, 1.019306166), (32, 1.019678284)]
+    ("corners", "stretch"),
+    [(8, 1.017887399), (16, 1.019306166), (32, 1.019678284)],
 )
 def test_spinning_loop_keeps_its_radius(corners: int, stretch: float) -> None:
     """λ² = 1 + (2μΩ²R²/EA)(4 + 2 cos(2π/N))/6 of a polygon of bars with consistent mass."""

@@ -344,7 +344,7 @@ def test_a_screw_on_its_axis() -> None:
     run.run(until=0.5)
     x, *directors = run.system.q0.array_r[:12].reshape(4, 3)
     expected = (1.5 + 0.8 * 0.5**2 / 2 / 2.0) * axis
-    # The acceleration is constant, so the midpoint rule is exact; what is left is the constraint's
+    # The acceleration is constant, so the midpoint rule is exact; the rest is the constraint's
     # round-off.
     assert x == pytest.approx(expected, abs=1e-9)
     R = np.column_stack(directors)

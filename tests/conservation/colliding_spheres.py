@@ -79,7 +79,7 @@ class Collisions(
         reach = 2 * (
             self.spheres.radius
             + self.spheres.foresight * self._system.h * np.linalg.norm(v, axis=1).max()
-        # Each sphere may move by h |v|, `foresight` times, and two of them may approach.
+            # Each sphere may move by h |v|, `foresight` times, and two of them may approach.
         )
         self._take(self._within(self._system.state.vectors(self._ports), reach))
         self.found = max(self.found, len(self.pairs))

@@ -30,7 +30,7 @@ STIFFNESS = 2e-3
 
 def folded(angle: float) -> Callable[[np.ndarray], np.ndarray]:
     """Displacement of the strip to a valley fold of some angle [rad]."""
-    # Points of both halves keep their distance |X| from the crease.
+    # The distance |X| of points from the crease is that of the flat strip.
     c = math.cos(angle / 2)
     s = math.sin(angle / 2)
     return lambda X: np.stack([(c - 1) * X[0], 0 * X[1], s * abs(X[0])])

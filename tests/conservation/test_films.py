@@ -130,7 +130,8 @@ def test_mass_damping_slows_every_motion_alike(comm):
     assert run.totals.momentum == pytest.approx(shrunk * run.first.momentum, rel=1e-10)
     assert run.totals.angular_momentum == pytest.approx(
         # L of a film that deforms has terms in h², 1e-6 for 1 ms.
-        shrunk * run.first.angular_momentum, rel=1e-5
+        shrunk * run.first.angular_momentum,
+        rel=1e-5,
     )
     measured = run.totals.energy + run.totals.dissipated
     assert measured == pytest.approx(run.first.energy, rel=1e-12)

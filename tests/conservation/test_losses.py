@@ -204,5 +204,5 @@ def test_what_a_part_took_before_it_was_changed_stays_booked(folder: Path) -> No
         restart=folder,
         changes=["rope"],
     )
-    # A part that no longer loses anything keeps its sum.
+    # The sum of a part that no longer loses anything is constant.
     assert after.totals.losses == lost and abs(after.energy_error) < 1e-12

@@ -203,7 +203,10 @@ def test_ranks_agree(comm, friction):
     for name in ("kinetic", "angular_momentum", "dissipated"):
         assert np.allclose(
             # Ranks sum in another order; 20 steps of contact amplify that.
-            getattr(ours.totals, name), getattr(alone.totals, name), rtol=1e-8, atol=1e-12
+            getattr(ours.totals, name),
+            getattr(alone.totals, name),
+            rtol=1e-8,
+            atol=1e-12,
         )
     points = [contact_set_of(r).points.at(r.system.q0, 0.0) for r in (ours, alone)]
     error = np.abs(points[0] - points[1]).max()

@@ -37,7 +37,8 @@ def oscillator(h: float, steps: int) -> tuple[np.ndarray, np.ndarray, gx.Simulat
 
 @pytest.mark.parametrize(
     # ω_h of the docstring for ω = 10 rad/s.
-    "h, frequency", [(0.01, 9.991679144), (0.1, 9.272952180), (0.2, 7.853981634)]
+    "h, frequency",
+    [(0.01, 9.991679144), (0.1, 9.272952180), (0.2, 7.853981634)],
 )
 def test_midpoint_keeps_the_amplitude_and_has_its_exact_frequency(h, frequency):
     """x_n = cos(ω_h n h) with ω_h = (2/h) atan(ωh/2); energy is kept to round-off."""

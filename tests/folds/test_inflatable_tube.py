@@ -136,7 +136,7 @@ def test_caps_keep_the_ends_straight(comm) -> None:
         for side in ("left", "right")
     ]
     measured = np.linalg.norm(ends[0] - ends[1])
-    # The bar is rigid: its two ends keep their distance.
+    # The bar is rigid: the distance of its two ends is constant.
     assert measured == pytest.approx(width, rel=1e-9)
     measured = np.mean(ends, axis=0)
     expected = [gx.probes.Position(bar.port(), axis)(run) for axis in "xyz"]

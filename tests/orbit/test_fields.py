@@ -88,12 +88,11 @@ def test_igrf_at_three_places(
 ) -> None:
     θ = math.radians(colatitude)
     λ = math.radians(longitude)
-    e_r = np.array([math.sin(θ) * math.cos(λ), math.sin(θ) * math.sin(λ), math.cos(θ)])
-    e_θ = np.array([math.cos(θ) * math.cos(λ), math.cos(θ) * math.sin(λ), -math.sin(θ)])
-    e_λ = np.array([-math.sin(λ), math.cos(λ), 0.0])
+    e_r, e_θ, e_λ = spherical_axes(θ, λ)
     B = Igrf(2020.0).field(1e3 * r * e_r)
     # nT: half of the last of four decimals, for each component.
-    assert np.allclose(1e9 * np.array([B @ e_r, B @ e_θ, B @ e_λ]), known, rtol=0, atol=6e-5)
+    components = np.array([B @ e_r, B @ e_θ, B @ e_λ])
+    assert np.allclose(1e9 * components, known, rtol=0, atol=6e-5)
 
 
 def test_igrf_between_epochs_is_their_mean() -> None:
@@ -103,6 +102,14 @@ def test_igrf_between_epochs_is_their_mean() -> None:
     assert np.allclose(Igrf(2030.0).field(r), ends[2])
     with pytest.raises(gx.InputError, match="1900"):
         Igrf(1850.0)
+
+
+def spherical_axes(θ: float, λ: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unit vectors outwards, southwards and eastwards at a colatitude and a longitude [rad]."""
+    outwards = np.array([math.sin(θ) * math.cos(λ), math.sin(θ) * math.sin(λ), math.cos(θ)])
+    southwards = np.array([math.cos(θ) * math.cos(λ), math.cos(θ) * math.sin(λ), -math.sin(θ)])
+    eastwards = np.array([-math.sin(λ), math.cos(λ), 0.0])
+    return outwards, southwards, eastwards
 
 
 def spherical(harmonics: SolidHarmonics, r: np.ndarray) -> np.ndarray:
@@ -125,15 +132,17 @@ def spherical(harmonics: SolidHarmonics, r: np.ndarray) -> np.ndarray:
             x = math.cos(θ)
             s = math.sin(θ)
             value = s**m * P(x)
-            slope = m * s ** (m - 1) * x * P(x) - s ** (m + 1) * dP(x) if m else -s * dP(x)
+            # Derivative of s^m P(cos θ) by θ; the first part is absent for m = 0.
+            slope = -(s ** (m + 1)) * dP(x)
+            if m:
+                slope += m * s ** (m - 1) * x * P(x)
             wave = c * np.exp(1j * m * λ)
             factor = (a / distance) ** (n + 1) / distance
-            g += factor * np.array(
-                [-(n + 1) * value * wave.real, slope * wave.real, value / s * (1j * m * wave).real]
-            )
-    e_r = r / distance
-    e_θ = np.array([math.cos(θ) * math.cos(λ), math.cos(θ) * math.sin(λ), -math.sin(θ)])
-    e_λ = np.array([-math.sin(λ), math.cos(λ), 0.0])
+            along_r = -(n + 1) * value * wave.real
+            along_θ = slope * wave.real
+            along_λ = value / s * (1j * m * wave).real
+            g += factor * np.array([along_r, along_θ, along_λ])
+    e_r, e_θ, e_λ = spherical_axes(θ, λ)
     return harmonics.scale * (g[0] * e_r + g[1] * e_θ + g[2] * e_λ)
 
 

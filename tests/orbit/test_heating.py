@@ -94,7 +94,8 @@ def test_it_is_reached_with_the_time_constant_of_the_film(comm, until: float) ->
     end = flight(comm, T0=start, dt=0.1, until=until)
     assert (end.heat.mean - final) / (start - final) == pytest.approx(
         # Linearised law for a difference of 1e-5.
-        math.exp(-until / τ), rel=1e-3
+        math.exp(-until / τ),
+        rel=1e-3,
     )
 
 

@@ -116,7 +116,7 @@ def test_what_is_not_there_is_told_in_one_sentence(folder: Path) -> None:
             folder / "run",
             "lie on each other.*Snapshots",
         ),
-    # A file that lost its end, as after a full disk.
+        # A file that lost its end, as after a full disk.
     ):
         with pytest.raises(gx.InputError, match=words):
             gx.reduction.RecordedShapes(film, where)

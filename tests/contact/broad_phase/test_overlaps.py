@@ -116,6 +116,6 @@ def test_candidates_are_those_of_ipctk() -> None:
         first, second = sorted((candidate.edge0_id, candidate.edge1_id))
         expected.add((int(PairKind.EDGE_EDGE), first, second))
     ours = set(keys_of(overlaps(surface, x, 0.01)))
-    # Many pairs, so that equality is no accident.
+    # Many pairs, so that equality is not accidental.
     assert len(ours) > 10_000
     assert ours == expected

@@ -90,7 +90,7 @@ def test_a_film_that_slides_is_stopped() -> None:
     at_full = (t > 0.012) & (t < until - 1e-3)
     # 2 mm/s: the law is smoothed near zero slip, and the patch still vibrates.
     assert np.allclose(v[at_full], (until - t[at_full]) * μ * p / SIGMA, atol=2e-3)
-    # Stopped: what is left is the creep that the law states.
+    # Stopped, except for the creep that the law states.
     error = abs(v[t > until + 5e-3]).max()
     assert error < 1e-5
     # All kinetic energy of the patch, ½ σ A v0², is lost by friction.
@@ -201,7 +201,7 @@ def test_a_ball_on_a_film_turns_by_friction_alone(comm, μ) -> None:
     solid = gx.contact.Sphere(
         centre=(0.003, 0.002, r + 3e-4),
         radius=r,
-        # The ball keeps its rotation as directors, with round-off of their own constraint.
+        # The rotation of the ball is in its directors, whose constraint adds round-off.
         body=ball,
         friction=μ,
     )

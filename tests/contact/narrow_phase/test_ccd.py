@@ -29,7 +29,7 @@ def stopped(
             radius,
             gap,
             0.1 * gap,
-        # A tenth of the gap is the minimal separation that the stepper asks for.
+            # A tenth of the gap is the minimal separation that the stepper asks for.
         ).tolist()
     )
 
