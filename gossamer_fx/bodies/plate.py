@@ -111,6 +111,7 @@ class Plate(Membrane):
         velocity: PointFunction | None = None,
         name: str = "plate",
     ) -> None:
+        """Check the arguments, which the class describes, and make the constants of bending."""
         check(
             order == 2,
             f"Plate '{name}': order is {order!r}; use 2 (of order 1 the curvature is zero in every cell, and the "

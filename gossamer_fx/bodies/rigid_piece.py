@@ -43,6 +43,7 @@ class RigidPiece:
         rates: Array,
         rigid: bool = True,
     ) -> None:
+        """Take position, directors and rates, which the class describes, without a check."""
         self.name = name
         self.comm = owner.comm
         self._owner = owner

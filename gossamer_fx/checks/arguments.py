@@ -123,6 +123,11 @@ def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
+        """Call the function if all arguments have the types of its signature.
+
+        Raises:
+            InputError: an argument is missing, unknown, or of another type.
+        """
         name = function.__name__
         if name == "__init__":
             name = type(args[0]).__name__
@@ -171,7 +176,13 @@ def _wrong_call(
     kwargs: dict[str, Any],
     error: TypeError,
 ) -> str:
-    """Why arguments do not fit a signature."""
+    """Explain in one clause why arguments do not fit a signature.
+
+    Args:
+        signature: of the function.
+        args, kwargs: the arguments of the call.
+        error: what Python raised, which is used if no better reason is found.
+    """
     parameters = [p for p in signature.parameters.values() if p.name != "self"]
     names = [parameter.name for parameter in parameters]
     known = f"its arguments are: {', '.join(names) or 'none'}"

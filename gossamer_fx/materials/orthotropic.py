@@ -403,7 +403,13 @@ def _taut_stress(e: Expr, c: Any) -> Expr:
 
 
 def _by_state(e: Expr, c: Any, taut: Expr, wrinkled: Expr, slack: Expr) -> Expr:
-    """One of three expressions, by the state at the strain e in the axes."""
+    """Choose one of three expressions by the state of the film: taut, wrinkled or slack.
+
+    Args:
+        e: strain (E11, E22, 2 E12) in the axes of the film.
+        c: constants of the law.
+        taut, wrinkled, slack: the expressions, of one shape.
+    """
     S = _taut_stress(e, c)
     C11, _, C22, _ = _stiffnesses(c)
     margin = ROUND_OFF * ufl.max_value(C11, C22)

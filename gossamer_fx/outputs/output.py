@@ -274,6 +274,7 @@ def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> No
     """
 
     def task() -> None:
+        """Make the folder and write a page to it."""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             probe = path.parent / f".{path.name}.try"

@@ -122,6 +122,7 @@ class Checkpoints:
         keep: int = 2,
         overwrite: bool = False,
     ) -> None:
+        """Check the arguments, which the class describes; nothing is written before the run begins."""
         self.folder = Path(folder)
         self.every = every
         self.minutes = minutes
@@ -251,6 +252,9 @@ class Checkpoints:
             checksums.append(_checksum(share))
 
         def complete_folder() -> None:
+            """Write run.json with the checksums of all ranks, and rename the folder to its final
+            name.
+            """
             gathered = comm.gather(checksums[0])
             if comm.rank == 0:
                 state["parts"] = gathered

@@ -175,6 +175,7 @@ class EventMonitor:
     """
 
     def __init__(self, run: Run, events: Sequence[Event], history: History) -> None:
+        """Sort the events by kind, and evaluate the probes of `When` at the start."""
         self._run = run
         self._history = history
         for event in events:
