@@ -259,7 +259,7 @@ class Plate(Membrane):
         return Bending(domain, self._frame, self.bending_stiffness, penalty, rest)
 
     def _transmitting(self) -> ufl.Measure:
-        """The interior edges that transmit bending moments."""
+        """The measure of the interior edges that transmit bending moments: all but the hinges."""
         domain, metadata = self.mesh.domain, {"quadrature_degree": EDGE_DEGREE}
         if not self.hinges:
             return ufl.Measure("dS", domain, metadata=metadata)

@@ -109,7 +109,7 @@ def check_arguments[T: Callable[..., Any]](thing: T) -> T:
 
 
 def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function, behind a check of its arguments."""
+    """Wrap a function so that the types of its arguments are checked at each call."""
 
     # Signature and annotations are looked at in the first call: most of the classes that a scene
     # imports are never called, and an annotation may name a class that is defined further below.
@@ -321,7 +321,9 @@ def _annotated(hint: Any, marks: Iterable[Any]) -> Kind | None:
 
 
 def _union(alternatives: Iterable[Any]) -> Kind | None:
-    """One of several types."""
+    """The kind of a union of types, which accepts what one of them accepts; None if one has no
+    check.
+    """
     hints = list(alternatives)
     if Path in hints:
         # A word is tested as a path, which is stricter.

@@ -37,7 +37,14 @@ class _Parser(argparse.ArgumentParser):
 
 
 def main(words: Sequence[str]) -> int:
-    """Run one command; returns the exit code."""
+    """Run one command of `gossamer`, in this process or on the ranks that it asks for.
+
+    Args:
+        words: name of the command and its arguments.
+
+    Returns:
+        its exit code.
+    """
     if words[:1] == ["demo"]:  # its options are its own
         from gossamer_fx.cli.demo import main as run_demo
 

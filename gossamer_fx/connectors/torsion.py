@@ -209,7 +209,7 @@ class TorsionSpring(AboutHinge):
     name: str = "torsion spring"
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         super().__post_init__()
         check_positive(self, "stiffness", "N m/rad")
         check(

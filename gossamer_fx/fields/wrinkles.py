@@ -90,7 +90,7 @@ class WrinkleMap:
         )
 
     def update(self) -> None:
-        """Set the function to the accepted state.  Collective."""
+        """Set the function to the map of the accepted state.  Collective."""
         self._shape.update()
         body = self._shape.body
         tensors, tension, bending = self._smoothed()

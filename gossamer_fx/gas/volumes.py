@@ -71,7 +71,7 @@ class Ambient:
     scalar_unknowns = GasNetwork
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         check(
             math.isfinite(self.pressure) and self.pressure >= 0,
             f"Ambient '{self.name}': pressure is {self.pressure!r} Pa; give zero (vacuum) or a positive number.",

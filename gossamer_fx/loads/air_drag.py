@@ -64,7 +64,7 @@ class AirDrag:
     name: str = "air drag"
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         check_positive(self, "density", "kg/m³")
         check(
             math.isfinite(self.drag_coefficient) and self.drag_coefficient > 0,

@@ -60,7 +60,7 @@ class PresentStiffness:
     compiler: ClassVar[Compiler] = PresentStiffnesses
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         mesh = self.body.space.mesh
         element = basix.ufl.quadrature_element(
             mesh.basix_cell(),

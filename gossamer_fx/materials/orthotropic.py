@@ -153,7 +153,7 @@ class LinearOrthotropic(FilmLaw):
     quadratic = True
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         super().__post_init__()
         law = type(self).__name__
         for name in ("E1", "E2", "G12"):
@@ -306,7 +306,7 @@ class Orthotropic(LinearOrthotropic):
     quadratic = False
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         super().__post_init__()
         check(
             0 <= self.residual_stiffness <= 1,

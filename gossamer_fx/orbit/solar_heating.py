@@ -267,14 +267,7 @@ class SolarHeating:
         yield HeatedFilm(self.name, self)
 
     def balance(self, run: Run) -> HeatBalance:
-        """The heat balance of the film in the state of a run.  Collective.
-
-        Args:
-            run: a `Simulation` whose scene has this item.
-
-        Raises:
-            InputError: the item is not in its scene.
-        """
+        """The heat balance of a run in its present state.  Collective."""
         check(
             run.system in self._temperatures,
             f"'{self.name}' is not in the scene; add it to the scene.",

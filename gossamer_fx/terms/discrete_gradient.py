@@ -135,7 +135,7 @@ class PathAverage(StressRule):
     alpha = 0.5
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         check(
             self.points >= 1,
             f"PathAverage: points is {self.points!r}; take at least one Gauss point.",
