@@ -135,11 +135,11 @@ def swing(
 
 def main(
     until: float = 25.0,
-    dt: float = 0.25,
+    dt: float = 0.5,
     pitch: float = 0.64,
     start: float = 0.3,
-    iterations: int = 12,
-    sweep: Sequence[float] = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0),
+    iterations: int = 6,
+    sweep: Sequence[float] = (0.3, 1.0, 3.0, 10.0, 100.0),
     output: str | Path | None = None,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
 ) -> dict[str, float]:
