@@ -442,7 +442,7 @@ class NodeFields(Protocol):
     def node_values(self, field: str, body: Body) -> tuple[npt.NDArray[np.int64], Array] | None:
         """Global nodes (n,) of a body and values (n,) of a field there at q0; None if it has none.
 
-        All ranks return all of them; what several kinds have adds up.
+        Each value is returned by one rank; what several kinds have adds up.
         """
         ...
 
