@@ -102,10 +102,7 @@ class TangentForms(Protocol):
 
 # The marks have no method: a base class states a fact about the kind.
 class OnMeshes:
-    """Marks a kind of which everything comes from forms on meshes: nothing acts on or between points.
-
-    Solvers that assemble sub-domains by themselves can take such a scene (`solvers.subdomains`).
-    """
+    """Marks a kind of which everything comes from forms on meshes: nothing acts on or between points."""
 
 
 class ExternalLoads:

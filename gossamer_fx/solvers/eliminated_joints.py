@@ -18,7 +18,8 @@ Algorithm.
 1. F with all couplings of contact is factorised with two levels of fill.  Without these couplings the packed
    sail of IKAROS takes 9 to 55 Krylov iterations, with them 1 to 8.
 2. Z is computed once a step, by an application of F̃⁻¹ for each column of B.
-3. Where F is too ill-conditioned, as in slack film and long steps, Krylov iterations rise.  If a solve has
+3. Within a step F̃ is kept for the next Newton iteration while solves with it take few Krylov iterations.
+4. Where F is too ill-conditioned, as in slack film and long steps, Krylov iterations rise.  If a solve has
    taken more of them than a complete factorisation costs, matrices are factorised for some steps.
 
 Limits.  One rank, and bodies whose nodes have three unknowns.
@@ -47,6 +48,10 @@ MAX_ELIMINATED = 60
 
 # Krylov iterations of a solve that cost as much as a complete factorisation.
 MAX_APPLICATIONS = 30
+
+# Krylov iterations of the last solve up to which F̃ is kept for the next matrix of the same step: a new one costs as
+# much as eight or nine.
+MAX_APPLICATIONS_TO_KEEP = 7
 
 # Steps in which matrices are then factorised, before F̃ is tried again.
 FACTORISED_STEPS = 10
@@ -101,6 +106,15 @@ class EliminatedJoints:
 
     def __str__(self) -> str:
         return f"ilu of {ILU_LEVELS} levels and {len(self._rest)} unknowns eliminated"
+
+    def can_keep(self) -> bool:
+        """Whether the factors of an earlier matrix of the same step serve for the next one."""
+        is_same_step = (self._system.time, self._system.h) == self._step
+        is_usable = is_same_step and not self._is_complete and not self.problem
+        can_keep = is_usable and 0 < self._applications <= MAX_APPLICATIONS_TO_KEEP
+        if can_keep:
+            self._applications = 0
+        return can_keep
 
     def setUp(self, pc: PETSc.PC) -> None:
         """Set up for the present matrix; called by PETSc."""

@@ -121,12 +121,6 @@ def test_the_parts_of_a_newton_iteration_are_its_time(tmp_path):
     assert sum(parts) == pytest.approx(float(row["iteration [ms]"]), rel=1e-6)
 
 
-def test_subdomains_give_the_direct_solution_in_few_iterations(tmp_path):
-    said, rows = bench("subdomains", tmp_path)
-    assert max(differences(said)) < 1e-10
-    assert all(1 < float(row["cost"]) < 20 for row in rows if row["program"] != "gossamer")
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name, peer",

@@ -14,7 +14,7 @@ from gossamer_fx.contact.broad_phase.overlaps import find_overlaps
 from gossamer_fx.contact.broad_phase.trajectory_bounds import RigidDrift, TrajectoryBounds
 from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.contact.pair_table import CandidatePairs, is_wall
+from gossamer_fx.contact.pair_table import CandidatePairs, PairKind, is_wall
 
 # Part of its expected way by which a point may miss its expected position.  A wider margin makes more
 # candidates, a smaller one more searches.
@@ -66,6 +66,7 @@ class CandidateSearch:
         self._activation_distance = activation_distance
         self._horizon = FIRST_HORIZON
         self._age = 0
+        self._overlap_counts = (0, 0)  # of triangle pairs and edge pairs in the last search
         self.count = 0
 
     def begin_step(self) -> None:
@@ -151,7 +152,9 @@ class CandidateSearch:
         if mesh.comm.size > 1:
             import_facets(mesh, *searched_boxes(mesh, bounds, self._activation_distance))
             bounds = bounds_of_mesh()
-        self.pairs = find_candidates(mesh, bounds, self._activation_distance)
+        self.pairs, self._overlap_counts = find_candidates(
+            mesh, bounds, self._activation_distance, self._overlap_counts
+        )
         self.bounds = bounds
         self._age = 0
         self.count += 1
@@ -167,8 +170,11 @@ def searched_boxes(
 
 
 def find_candidates(
-    mesh: CollisionMesh, bounds: TrajectoryBounds, activation_distance: float
-) -> CandidatePairs:
+    mesh: CollisionMesh,
+    bounds: TrajectoryBounds,
+    activation_distance: float,
+    expected: tuple[int, int] = (0, 0),
+) -> tuple[CandidatePairs, tuple[int, int]]:
     """Return this rank's pairs whose gap can be below a distance [m] within the bounds.
 
     1. Boxes of primitives, with half of the distance and their radius around them, overlap.
@@ -176,10 +182,16 @@ def find_candidates(
     3. Pairs are sorted by their primitives: their order depends on no position, so that sums over pairs
        are the same after a restart.
     4. Each point of a body and each wall are a pair.
+
+    Returns:
+        the pairs, and how many triangle pairs and edge pairs step 1 has found, which the next search
+        may take as `expected`.
     """
     lower, upper = searched_boxes(mesh, bounds, activation_distance)
-    found = find_overlaps(mesh.surface, lower, upper, mesh.own_vertices, mesh.own_edges)
+    found = find_overlaps(mesh.surface, lower, upper, mesh.own_vertices, mesh.own_edges, expected)
     found.check(len(bounds.x))
+    edge_pair_count = int((found.kind == PairKind.EDGE_EDGE).sum())
+    counts = (len(found) - edge_pair_count, edge_pair_count)
     radius = mesh.radius[found.points[:, 0]] + mesh.radius[found.second_point]
     squared_distance, _ = closest_points(found, bounds.x)
     gap = np.sqrt(squared_distance) - radius
@@ -192,7 +204,7 @@ def find_candidates(
     area = mesh.areas(pairs.kind, pairs.points, pairs.primitives)
     identifier = mesh.identifiers(pairs.kind, pairs.primitives)
     wall_point = wall_points[:, 0]
-    return CandidatePairs(
+    candidates = CandidatePairs(
         kind=np.concatenate([pairs.kind, wall_kind]),
         points=np.vstack([pairs.points, wall_points]),
         identifier=np.concatenate([identifier, wall_identifier]),
@@ -200,6 +212,7 @@ def find_candidates(
         radius=np.concatenate([radius[near], mesh.radius[wall_point]]),
         wall_radius=np.concatenate([np.zeros(len(pairs)), wall_radius]),
     )
+    return candidates, counts
 
 
 def nearest_gaps(pairs: CandidatePairs, gap: Array, mesh: CollisionMesh) -> Array:
