@@ -101,6 +101,7 @@ class EliminatedJoints:
         self._complete_steps = 0  # left before F̃ is tried again
         self._step: tuple[float, float] | None = None  # time and length of the step of Z
         self._applications = 0  # since the last set-up
+        self._is_kept = False  # whether the factors are those of an earlier matrix
         self._Z: Array = np.zeros((0, len(films)))
         self.problem = ""
 
@@ -114,6 +115,7 @@ class EliminatedJoints:
         can_keep = is_usable and 0 < self._applications <= MAX_APPLICATIONS_TO_KEEP
         if can_keep:
             self._applications = 0
+            self._is_kept = True
         return can_keep
 
     def setUp(self, pc: PETSc.PC) -> None:
@@ -124,9 +126,11 @@ class EliminatedJoints:
         self._step = step
         if is_new_step and self._complete_steps:
             self._complete_steps -= 1
-        if self._applications > MAX_APPLICATIONS:
+        # With factors of an earlier matrix, many iterations say nothing about those of the present one.
+        if self._applications > MAX_APPLICATIONS and not self._is_kept:
             self._complete_steps = FACTORISED_STEPS
         self._applications = 0
+        self._is_kept = False
         self._is_complete = self._complete_steps > 0
         if self._is_complete:
             factorisation.replace(self._complete, matrix)
