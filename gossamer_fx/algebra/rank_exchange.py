@@ -81,3 +81,13 @@ def _parts(counts: npt.NDArray[np.int64]) -> list[tuple[int, slice]]:
         (int(rank), slice(int(ends[rank] - counts[rank]), int(ends[rank])))
         for rank in np.flatnonzero(counts)
     ]
+
+
+def maximum_over_ranks(
+    comm: MPI.Intracomm, values: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Return the largest of each of the values (n,) over all ranks; collective."""
+    # As a buffer: MPI compares pickled arrays as a whole, which NumPy refuses.
+    largest = np.empty_like(values)
+    comm.Allreduce(np.ascontiguousarray(values), largest, op=MPI.MAX)
+    return largest

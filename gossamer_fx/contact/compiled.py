@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol, cast
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
+from gossamer_fx.algebra.rank_exchange import maximum_over_ranks
 from gossamer_fx.checks.errors import check
 from gossamer_fx.contact.arrays import Array, Int64Array
 from gossamer_fx.contact.contact_set import ContactSet
@@ -198,7 +198,7 @@ def _corners_of_all(contact_set: ContactSet) -> Array:
     """Return the corners (2, 3) [m] of the box round the bodies of a contact, of all ranks; collective."""
     x = contact_set.x0[: contact_set.points.body_count]
     corners = np.concatenate([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
-    corners = contact_set.mesh.comm.allreduce(corners, op=MPI.MAX)
+    corners = maximum_over_ranks(contact_set.mesh.comm, corners)
     return np.array([-corners[3:], corners[:3]])
 
 

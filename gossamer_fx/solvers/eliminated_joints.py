@@ -119,7 +119,9 @@ class EliminatedJoints:
         return can_keep
 
     def setUp(self, pc: PETSc.PC) -> None:
-        """Set up for the present matrix; called by PETSc."""
+        """Set up for the present matrix, unless earlier factors serve; called by PETSc."""
+        if self.can_keep():
+            return
         matrix = pc.getOperators()[0]
         step = self._system.time, self._system.h
         is_new_step = step != self._step

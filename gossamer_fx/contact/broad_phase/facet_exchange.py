@@ -14,7 +14,7 @@ from gossamer_fx.contact.arrays import Array, ByteArray, Int32Array, Int64Array
 from gossamer_fx.contact.broad_phase.box_tree import BoxTree, morton_order
 from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.contact.geometry.collision_primitives import FilteredPrimitives
-from gossamer_fx.contact.geometry.surface_share import Surface
+from gossamer_fx.contact.geometry.surface_share import SurfaceTables
 
 # Boxes by which a rank describes where it searches.  In a folded sail the one box round all primitives of
 # a rank overlaps everything; with this many, boxes are about as flat as the folds.
@@ -105,7 +105,7 @@ def import_facets(mesh: CollisionMesh, lower: Array, upper: Array) -> None:
     ranks = np.concatenate([np.repeat(edge_rank, 2), np.repeat(triangle_rank, 3)])
     pairs = np.unique(points.astype(np.int64) * comm.size + ranks)
     point = pairs // comm.size
-    received = Surface(
+    received = SurfaceTables(
         points=known.points.received(point, RankExchange(comm, pairs % comm.size)),
         edges=known.edges.received(edge, RankExchange(comm, edge_rank)),
         triangles=known.triangles.received(triangle, RankExchange(comm, triangle_rank)),

@@ -21,7 +21,7 @@ from scipy.sparse.csgraph import connected_components
 
 from gossamer_fx.algebra.point_measures import PointMeasure, evaluated_here
 from gossamer_fx.contact.arrays import Int64Array
-from gossamer_fx.contact.geometry.surface_share import PointTable
+from gossamer_fx.contact.geometry.surface_share import SurfacePoints
 from gossamer_fx.model.body import Attached, Body, Port
 from gossamer_fx.terms.assembly import Assembly
 from gossamer_fx.terms.point_constraints import PointConstraint
@@ -50,7 +50,9 @@ class TiedLabels:
         return np.where(is_tied[:, None], self.labels[row], own)
 
 
-def tied_labels(system: Assembly, bodies: Sequence[Body], points: PointTable) -> TiedLabels | None:
+def tied_labels(
+    system: Assembly, bodies: Sequence[Body], points: SurfacePoints
+) -> TiedLabels | None:
     """Return the labels of all tied points, the same on every rank; None if nothing is tied.
 
     Collective.  Ties are along lines: unlike facets, all ranks know them.
@@ -89,7 +91,7 @@ def tied_labels(system: Assembly, bodies: Sequence[Body], points: PointTable) ->
 
 
 def _ties(
-    system: Assembly, bodies: Sequence[Body], points: PointTable
+    system: Assembly, bodies: Sequence[Body], points: SurfacePoints
 ) -> list[tuple[list[int], list[int]]]:
     """Return for each tie the points of both sides, the shorter list first; the same on every rank."""
 
@@ -118,7 +120,7 @@ def _ties(
     ties: list[tuple[list[int], list[int]]] = []
     for sides in found:
         numbers = [[number_of[node] for node in side] for side in sides]
-        # A node that is no point of the surface connects nothing.
+        # A node that is not a point of the surface connects nothing.
         if all(number >= 0 for side in numbers for number in side):
             # The shorter side is a node; the longer one may be the nodes of an edge.
             shorter, longer = sorted(numbers, key=len)
@@ -127,7 +129,7 @@ def _ties(
 
 
 def _numbers_of(
-    wanted: list[tuple[int, int]], points: PointTable, comm: MPI.Intracomm
+    wanted: list[tuple[int, int]], points: SurfacePoints, comm: MPI.Intracomm
 ) -> dict[tuple[int, int], int]:
     """Return the numbers of points that are some nodes of bodies; -1: no point.  Collective.
 

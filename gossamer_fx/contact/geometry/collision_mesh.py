@@ -14,10 +14,10 @@ from gossamer_fx.contact.geometry.collision_primitives import CollisionPrimitive
 from gossamer_fx.contact.geometry.contact_points import ContactPoints, ObstaclePoints
 from gossamer_fx.contact.geometry.shared_points import SharedPoints
 from gossamer_fx.contact.geometry.surface_share import (
-    EdgeTable,
-    PointTable,
-    PrimitiveTable,
-    Surface,
+    SurfaceEdges,
+    SurfacePoints,
+    SurfacePrimitives,
+    SurfaceTables,
     SurfaceShare,
 )
 from gossamer_fx.contact.obstacles import Obstacle, ObstacleSolid, ObstacleWall
@@ -120,14 +120,14 @@ class CollisionMesh:
         self._mean_edge_area = self._mean(own.edges, self.share.edge_count)
         self.show(own)
 
-    def _mean(self, table: PointTable | EdgeTable, count: int) -> float:
+    def _mean(self, table: SurfacePoints | SurfaceEdges, count: int) -> float:
         """Return the mean area [m²] of the points or edges of all ranks; collective."""
         of_owned = float(table.area[table.owner == self.comm.rank].sum())
         return float(self.comm.allreduce(of_owned)) / max(count, 1)
 
     # ---- what this rank knows ----
 
-    def show(self, known: Surface) -> None:
+    def show(self, known: SurfaceTables) -> None:
         """Make points and primitives of those of bodies that this rank knows, and of all obstacles.
 
         Collective.
@@ -372,7 +372,7 @@ def _dealt(count: int, comm: MPI.Intracomm) -> Int64Array:
     return np.arange(comm.rank, count, comm.size)
 
 
-def _numbers(indices: Int64Array, of_bodies: PrimitiveTable, count: int) -> Int64Array:
+def _numbers(indices: Int64Array, of_bodies: SurfacePrimitives, count: int) -> Int64Array:
     """Return the numbers of primitives with some indices; `count` are of bodies, obstacles' follow."""
     known_count = len(of_bodies)
     # Obstacles' primitives are the last ones, on every rank.

@@ -126,6 +126,7 @@ class ContactPoints:
                 ]
                 motion = ObstacleMotion(obstacle.name, obstacle.motion, system.comm)
                 self._motions.append((np.array(moved, dtype=np.int64), motion))
+        # Every rank knows all obstacles: they have few points.
         self.obstacle_count = len(self._of_obstacles.constants)
         # Without obstacles on rigid bodies W is the identity, and products with it are left out.
         self._are_block_rows = not self._of_obstacles.rows
@@ -148,6 +149,7 @@ class ContactPoints:
         self.prescribed = np.concatenate(
             [np.zeros(0, dtype=np.int64), *(points for points, _ in self._moved)]
         )
+        # Nodes of bodies have no prescribed part.
         self._constants = np.vstack([np.zeros((self.body_count, 3)), *of_obstacles.constants])
         self._dofs = self.first_dof[:, None] + np.arange(3)
         self._gather = Gather(self._numbering, [self._dofs])

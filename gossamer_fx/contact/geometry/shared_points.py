@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from gossamer_fx.algebra.rank_exchange import RankExchange
 from gossamer_fx.contact.arrays import Array
-from gossamer_fx.contact.geometry.surface_share import PointTable
+from gossamer_fx.contact.geometry.surface_share import SurfacePoints
 
 
 class SharedPoints:
@@ -21,7 +21,7 @@ class SharedPoints:
         is_own: which points (n,) this rank owns.
     """
 
-    def __init__(self, comm: MPI.Intracomm, points: PointTable) -> None:
+    def __init__(self, comm: MPI.Intracomm, points: SurfacePoints) -> None:
         """Tell the owners which of their points this rank knows; collective."""
         self._comm = comm
         self.is_own = points.owner == comm.rank
@@ -41,6 +41,7 @@ class SharedPoints:
     def take_minimum(self, values: Array) -> None:
         """Replace values (n,) by the least that any rank has for the same point; collective."""
         if self._comm.size > 1:
+            # The owner sees the values of all ranks, and spreads what it finds.
             received = self._exchange.send(values[self._borrowed])
             np.minimum.at(values, self._lent, received)
             self.spread(values)

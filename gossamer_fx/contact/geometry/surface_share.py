@@ -22,7 +22,7 @@ from gossamer_fx.model.body import MeshBody
 
 
 @dataclass(frozen=True)
-class PrimitiveTable:
+class SurfacePrimitives:
     """n primitives of one kind, ascending by number.
 
     Attributes:
@@ -47,6 +47,7 @@ class PrimitiveTable:
         """Return the rows of all tables, each number once."""
         tables = [self, *others]
         numbers = np.concatenate([table.number for table in tables])
+        # Rows with the same number are equal, whichever rank they come from.
         _, first = np.unique(numbers, return_index=True)
         columns = {
             column: np.concatenate([getattr(table, column) for table in tables])[first]
@@ -59,7 +60,7 @@ class PrimitiveTable:
 
 
 @dataclass(frozen=True)
-class PointTable(PrimitiveTable):
+class SurfacePoints(SurfacePrimitives):
     """Points of bodies.
 
     Attributes:
@@ -74,7 +75,7 @@ class PointTable(PrimitiveTable):
 
 
 @dataclass(frozen=True)
-class EdgeTable(PrimitiveTable):
+class SurfaceEdges(SurfacePrimitives):
     """Edges between points of bodies.
 
     Attributes:
@@ -87,7 +88,7 @@ class EdgeTable(PrimitiveTable):
 
 
 @dataclass(frozen=True)
-class TriangleTable(PrimitiveTable):
+class SurfaceTriangles(SurfacePrimitives):
     """Triangles between points of bodies.
 
     Attributes:
@@ -98,16 +99,16 @@ class TriangleTable(PrimitiveTable):
 
 
 @dataclass(frozen=True)
-class Surface:
+class SurfaceTables:
     """Primitives of bodies that a rank knows, with all of their points."""
 
-    points: PointTable
-    edges: EdgeTable
-    triangles: TriangleTable
+    points: SurfacePoints
+    edges: SurfaceEdges
+    triangles: SurfaceTriangles
 
-    def united(self, other: Surface) -> Surface:
+    def united(self, other: SurfaceTables) -> SurfaceTables:
         """Return the primitives of both, each once."""
-        return Surface(
+        return SurfaceTables(
             points=self.points.united(other.points),
             edges=self.edges.united(other.edges),
             triangles=self.triangles.united(other.triangles),
@@ -127,7 +128,7 @@ class SurfaceShare:
         point_count, edge_count, triangle_count: of all ranks together.
     """
 
-    surface: Surface
+    surface: SurfaceTables
     point_count: int
     edge_count: int
     triangle_count: int
@@ -137,9 +138,10 @@ class SurfaceShare:
         cls, bodies: Sequence[MeshBody], radii: Sequence[float], comm: MPI.Intracomm
     ) -> SurfaceShare:
         """Number the primitives of bodies with radii [m], one body after the other; collective."""
-        points: list[PointTable] = []
-        edges: list[EdgeTable] = []
-        triangles: list[TriangleTable] = []
+        # Bodies are numbered one after the other, so that each kind of primitive has one range of numbers.
+        points: list[SurfacePoints] = []
+        edges: list[SurfaceEdges] = []
+        triangles: list[SurfaceTriangles] = []
         counts = np.zeros(3, dtype=np.int64)
         for k, (body, radius) in enumerate(zip(bodies, radii, strict=True)):
             surface, of_body = _surface_of(facets_of(body), k, radius, counts, comm)
@@ -147,7 +149,7 @@ class SurfaceShare:
             edges.append(surface.edges)
             triangles.append(surface.triangles)
             counts += of_body
-        whole = Surface(
+        whole = SurfaceTables(
             points=points[0].united(*points[1:]),
             edges=edges[0].united(*edges[1:]),
             triangles=triangles[0].united(*triangles[1:]),
@@ -157,7 +159,7 @@ class SurfaceShare:
 
 def _surface_of(
     facets: Facets, body: int, radius: float, first: Int64Array, comm: MPI.Intracomm
-) -> tuple[Surface, list[int]]:
+) -> tuple[SurfaceTables, list[int]]:
     """Return the primitives of one body, and how many of each kind it has on all ranks.
 
     Args:
@@ -169,11 +171,12 @@ def _surface_of(
     """
     ends, edge_area, point_area = _edges_and_areas(facets, radius)
     rows = facets.rows
+    # Names of edges and triangles are numbers of points, which are the same on all ranks.
     bound = rows.count
     edge_rows = DistributedRows(comm, rows.numbers[ends], bound)
     corners = rows.numbers[facets.triangles]
     triangle_rows = DistributedRows(comm, corners, bound)
-    points = PointTable(
+    points = SurfacePoints(
         number=first[0] + rows.numbers,
         owner=rows.owners,
         body=np.full(len(facets.nodes), body),
@@ -181,18 +184,19 @@ def _surface_of(
         # A rank knows the cells that it owns; areas on a border are sums over its sides.
         area=rows.sums(point_area),
     )
-    edges = EdgeTable(
+    edges = SurfaceEdges(
         number=first[1] + edge_rows.numbers,
         owner=edge_rows.owners,
         points=first[0] + rows.numbers[ends],
         area=edge_rows.sums(edge_area),
     )
-    triangles = TriangleTable(
+    triangles = SurfaceTriangles(
         number=first[2] + triangle_rows.numbers,
+        # A cell has one owner: no other rank brings its triangles.
         owner=triangle_rows.owners,
         points=first[0] + corners,
     )
-    return Surface(points, edges, triangles), [bound, edge_rows.count, triangle_rows.count]
+    return SurfaceTables(points, edges, triangles), [bound, edge_rows.count, triangle_rows.count]
 
 
 def _edges_and_areas(facets: Facets, radius: float) -> tuple[Int32Array, Array, Array]:

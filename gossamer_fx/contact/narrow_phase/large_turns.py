@@ -13,6 +13,7 @@ from itertools import permutations
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.algebra.rank_exchange import maximum_over_ranks
 from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.contact.arrays import Array
 from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
@@ -139,13 +140,13 @@ class LargeTurns:
             return False
         reach = self._radius(one, turn, distances.x, x1) + self._activation_distance
         thickness = [self._mesh.radius[points].max(initial=0.0) for points in (mine, others)]
-        reach += float(self._mesh.comm.allreduce(np.array(thickness), op=MPI.MAX).sum())
+        reach += float(maximum_over_ranks(self._mesh.comm, np.array(thickness)).sum())
         ends = np.vstack([distances.x[others], x1[others]])
         # The box round the other one, of all ranks together.
         corners = np.concatenate(
             [ends.max(axis=0, initial=-np.inf), -ends.min(axis=0, initial=np.inf)]
         )
-        corners = self._mesh.comm.allreduce(corners, op=MPI.MAX)
+        corners = maximum_over_ranks(self._mesh.comm, corners)
         lower = turn.centre.min(axis=0) - reach
         upper = turn.centre.max(axis=0) + reach
         is_apart = (-corners[3:] > upper) | (corners[:3] < lower)
