@@ -254,8 +254,9 @@ def _print_parts(large: Figures, two: Figures, parts: Parts) -> None:
     """Print what was measured, for one unknown and one Newton iteration."""
     print(
         f"{large['dofs']:.0f} unknowns: law and forces {1e9 * parts.law:.0f} ns an unknown and iteration, tangent "
-        f"{1e9 * parts.tangent:.0f}, factorisation {1e9 * parts.factorisation:.0f}, rest {1e9 * parts.rest:.0f}, application "
-        f"{1e9 * parts.application:.0f} for each of {parts.krylov:.1f} Krylov iterations; "
+        f"{1e9 * parts.tangent:.0f}, factorisation {1e9 * parts.factorisation:.0f}, rest "
+        f"{1e9 * parts.rest:.0f}, application {1e9 * parts.application:.0f} for each of "
+        f"{parts.krylov:.1f} Krylov iterations; "
         f"{large['flops per unknown']:.0f} flops of PETSc's, {large['matrix bytes per unknown']:.0f} bytes of matrix"
     )
     for name, law in (

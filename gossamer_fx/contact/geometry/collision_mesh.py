@@ -17,8 +17,8 @@ from gossamer_fx.contact.geometry.surface_share import (
     SurfaceEdges,
     SurfacePoints,
     SurfacePrimitives,
-    SurfaceTables,
     SurfaceShare,
+    SurfaceTables,
 )
 from gossamer_fx.contact.obstacles import Obstacle, ObstacleSolid, ObstacleWall
 from gossamer_fx.contact.pair_table import PairKind, is_wall
