@@ -44,6 +44,7 @@ def test_two_films_that_cross_touch_or_part(comm) -> None:
     crossing = film(comm, "crossing", upright(-0.4))
     touching = film(comm, "touching", upright(0.0))
     apart = film(comm, "apart", upright(0.1))
+    # A film of several cells crosses the other in more than five edges.
     assert count([flat, crossing]) > 5
     assert count([flat, touching]) == 0
     assert count([flat, apart]) == 0
@@ -62,7 +63,12 @@ def crosses(x: np.ndarray, edge: np.ndarray, triangle: np.ndarray) -> bool:
     a, b, c = triangle
     if {p, q} & {a, b, c}:
         return False
-    turns = [volume(x, p, q, a, b), volume(x, p, q, b, c), volume(x, p, q, c, a)]
+    turns = [
+        volume(x, p, q, a, b),
+        volume(x, p, q, b, c),
+        volume(x, p, q, c, a),
+    ]
+    # Both ends are on different sides of the triangle's plane.
     is_across = volume(x, a, b, c, p) * volume(x, a, b, c, q) < 0
     return is_across and (min(turns) > 0 or max(turns) < 0)
 
@@ -89,6 +95,7 @@ def test_the_count_is_that_of_all_pairs_in_turn(comm) -> None:
         any(crosses(x, edge, triangle) for triangle in mesh.surface.triangles)
         for edge in mesh.surface.edges
     )
+    # At least one, or the waves are too flat.
     assert found == found_alone == expected > 0
 
 

@@ -68,7 +68,13 @@ def test_the_stiffness_of_a_tube_is_that_of_its_fit():
 
 
 def test_an_inflated_tube_bears_its_pressure():
-    tube = Cantilever(radius=0.08, length=1.0, pressure=5e4, stiffness=2.2e5, poisson=0.3)
+    tube = Cantilever(
+        radius=0.08,
+        length=1.0,
+        pressure=5e4,
+        stiffness=2.2e5,
+        poisson=0.3,
+    )
     λ_L, λ_H = tube.stretches()
     hoop_strain = tube.pressure * tube.radius / tube.stiffness * (1 - 0.3 / 2)
     assert λ_H - 1 == pytest.approx(hoop_strain, rel=0.1)

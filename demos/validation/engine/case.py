@@ -208,7 +208,7 @@ def read_case(path: Path, models: list[str]) -> Case:
         models: names of the models that a case may have.
 
     Raises:
-        InputError: there is no such file, it is not TOML, an entry is missing, unknown or of another kind.
+        InputError: the file does not exist, it is not TOML, an entry is missing, unknown or of another kind.
     """
     where = f"'{path}'"
     data = _parsed(path, where)
