@@ -13,7 +13,7 @@ A Newton iteration of a film with N unknowns on P cores takes
     rest products and vectors of the Krylov method, and what a step does once
     coarse factorisation and solution take a n^b of the coarse unknowns n = N/30, which MUMPS hardly divides;
     messages of an iteration and their bytes are those of two ranks, times the neighbours of a rank (6
-    on many ranks), bytes with the length of a border, √(N/P)
+    on many ranks), bytes with the length of a boundary, √(N/P)
 
 Measured are all parts on one rank at two sizes, and messages, bytes and reductions on two.  The machine
 is described by arguments: a network's latency and bandwidth, cores of a node and how many saturate it.
@@ -96,7 +96,7 @@ class Parts:
         coarse_factorisation, coarse_solution: by number of coarse unknowns; of a step, of a Krylov iteration.
         newton, krylov: iterations of a step, and for one of Newton's.
         messages: of one rank to one neighbour.
-        border_bytes: of these messages, for the root of one unknown of a rank.
+        boundary_bytes: of these messages, for the root of one unknown of a rank.
         reductions: over all ranks.
     """
 
@@ -111,7 +111,7 @@ class Parts:
     newton: float
     krylov: float
     messages: float
-    border_bytes: float
+    boundary_bytes: float
     reductions: float
 
     @classmethod
@@ -156,7 +156,7 @@ class Parts:
             newton=large["Newton/step"],
             krylov=krylov,
             messages=two["messages"],
-            border_bytes=two["message bytes"] / math.sqrt(two["dofs"] / 2),
+            boundary_bytes=two["message bytes"] / math.sqrt(two["dofs"] / 2),
             reductions=two["reductions"],
         )
 
@@ -172,8 +172,8 @@ class Parts:
         coarse = unknowns / COARSENING
         contention = machine.contention(cores)
         sent = neighbours * self.messages * machine.latency
-        # A rank in the middle has borders on all sides, one of two has one: their bytes add up to four.
-        sent += min(neighbours, 4) * self.border_bytes * math.sqrt(local) / machine.bandwidth
+        # A rank in the middle has boundaries on all sides, one of two has one: their bytes add up to four.
+        sent += min(neighbours, 4) * self.boundary_bytes * math.sqrt(local) / machine.bandwidth
         rounds = 2 * math.log2(cores)
         return {
             "law, forces": local * self.law,
@@ -204,7 +204,7 @@ def predict(is_quick: bool, folder: Path) -> None:
     )
     for cores, found in ((1, small), (2, two)):
         expected = 1e3 * sum(parts.iteration(found["dofs"], cores, here).values())
-        # On two ranks Krylov iterations are more: their parts overlap on a border only.
+        # On two ranks Krylov iterations are more: their parts overlap along one boundary only.
         print(
             f"check: {cores} ranks, {found['dofs']:.0f} unknowns: predicted {expected:.1f} ms, "
             f"measured {found['iteration [ms]']:.1f} ms of CPU an iteration, {found['Krylov/Newton']:.1f} "

@@ -76,7 +76,7 @@ def crosses(x: np.ndarray, edge: np.ndarray, triangle: np.ndarray) -> bool:
 def crossed_films(comm):
     """A run of a wavy film through a flat one, and the probe of their crossings."""
     wavy = film(comm, "wavy", lambda X: np.vstack([X[0], X[1], 0.3 * np.sin(5 * X[0]) + 0.05]))
-    # Moved a little: edges in the plane of a border would cross triangles or not by round-off of the mesh.
+    # Moved a little: edges in the plane of an edge of the film would cross triangles or not by round-off of the mesh.
     flat = film(comm, "flat", lambda X: np.vstack([X[0], X[1] + 0.013, X[2]]), 5)
     run = gx.Simulation(gx.Scene(wavy, flat), gx.Midpoint(dt=1e-3))
     return run, gx.probes.Crossings(wavy, flat)

@@ -47,7 +47,7 @@ class CollisionMesh:
     """Bodies and obstacles of one contact as points and primitives, as far as this rank knows them.
 
     A rank owns a part of the bodies' primitives, for whose pairs it searches.  It knows these, those on
-    their border, and what other ranks have near them (`broad_phase.facet_exchange`); on one rank all.
+    their boundary, and what other ranks have near them (`broad_phase.facet_exchange`); on one rank all.
     `show` changes which ones are known, and with them the numbers of points.
 
     Bodies are numbered in their order, obstacles follow.  Points of bodies come first, in the order of

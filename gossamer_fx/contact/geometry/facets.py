@@ -33,7 +33,7 @@ EDGES_OF_CELLS = {
 class Facets:
     """This rank's points of one body that can touch, and the flat pieces between them.
 
-    A rank has the pieces of the cells that it owns and their n points; points on the border between two
+    A rank has the pieces of the cells that it owns and their n points; points on the boundary between two
     ranks are on both.  Cells of order 2 are cut into linear pieces.  Points are numbered by the vertices
     of the mesh file, so that their numbers do not depend on the number of ranks.
 

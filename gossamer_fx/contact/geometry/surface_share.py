@@ -124,7 +124,7 @@ class SurfaceShare:
     """The primitives of the cells that this rank owns.
 
     Attributes:
-        surface: those on the border between two ranks are on both.
+        surface: those on the boundary between two ranks are on both.
         point_count, edge_count, triangle_count: of all ranks together.
     """
 
@@ -181,7 +181,7 @@ def _surface_of(
         owner=rows.owners,
         body=np.full(len(facets.nodes), body),
         node=facets.nodes,
-        # A rank knows the cells that it owns; areas on a border are sums over its sides.
+        # A rank knows the cells that it owns; areas on a boundary are sums over its sides.
         area=rows.sums(point_area),
     )
     edges = SurfaceEdges(

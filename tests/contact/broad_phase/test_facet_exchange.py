@@ -42,7 +42,7 @@ def test_no_rank_knows_all_facets(comm):
     if comm.size == 1:
         assert foreign_count == 0
         return
-    # Of the films of other ranks a strip along the border is near: a third of the rank's own points at most.
+    # Of the films of other ranks a strip along the boundary is near: a third of the rank's own points at most.
     assert 0 < foreign_count < own_count / 3
     assert len(mesh.known.points) < 0.9 * whole
     # The unknowns that are fetched in each iteration are those of the known points.
