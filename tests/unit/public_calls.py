@@ -313,6 +313,8 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "damping": 1e-3,
             "max_angle": 2.0,
             "stop_stiffness": 1e4,
+            "body": block,
+            "turn": (0.0, 0.0, 1.0),
         },
         "Linear": film_law,
         "constraints.Link": {"a": P, "b": Q},
