@@ -17,7 +17,8 @@ Where the values come from:
                          (eoPortal; Miyazaki, KAKENHI 19360384 final report, 2009).  The report of 2009 has a satellite
                          of the class of 5 kg; 7.1 kg flew in 2014.  The angle of 60° is chosen, as are diameter, folds,
                          tank and valves, which were not published
-    box, lid             chosen: a lid of 0.1 kg that is open after some 50 ms; the box is as wide as the open V needs
+    box, lid             chosen: a lid of 0.1 kg that is open after some 80 ms; the box is as wide as the open V and as high
+                         as a panel that turns about a fold needs
     air                  an ideal gas at 293 K; drag as of `gx.loads.AirDrag`, without the mass of air that moves with
                          the film
     film                 polyimide, Kapton HN 50 (DuPont data sheet H-38492): 12.5 µm, 2.5 GPa, 0.34, 1420 kg/m³
@@ -28,7 +29,7 @@ Where the values come from:
     ./gossamer run demos/sprout.py crease=1.3e-3 --output out/sprout; ./gossamer report out/sprout
     ./gossamer run demos/sprout.py inset=0.025 --output out/tethers
     ./gossamer run demos/sprout.py length=0.6 rows=1 tank=5e-4 damping=3e-4 until=0.12 --output out/short
-    ./gossamer run demos/sprout.py mass=5.0 box=True until=0.5 --output out/box
+    ./gossamer run demos/sprout.py mass=5.0 box=True delay=0.06 until=0.5 --output out/box
     ./gossamer run demos/sprout.py gravity=9.80665 down=-z --output out/ground
     ./gossamer run demos/sprout.py gravity=9.80665 down=-z air=1000.0 --output out/chamber
 """
@@ -165,7 +166,7 @@ class Settling:
 
 
 def lidded_box(
-    stack: Array, figure: Figure, cube: gx.RigidBody, mass: float
+    stack: Array, figure: Figure, cube: gx.RigidBody, mass: float, panel: float
 ) -> gx.assemblies.LiddedBox:
     """The box on the cube in which the stack lies; its lid opens along y.
 
@@ -174,10 +175,13 @@ def lidded_box(
         figure: whose tubes leave the box straight, without touching its sides.
         cube: carries the box.
         mass: of the lid [kg].
+        panel: length of a panel of the fold along the tubes [m].
     """
     floor = CUBE / 2 + BOX_STAND
     front = float(stack[:, 1].max()) + BOX_ROOM
-    height = float(np.abs(stack[:, 2]).max()) + BOX_ROOM
+    # Panels turn by half a turn about folds at the opening: in a box that is as high as the stack the tubes were filled
+    # and did not get out.
+    height = max(panel, float(np.abs(stack[:, 2]).max())) + BOX_ROOM
     # The outer side of an open tube where it passes the opening.
     along = (front - CUBE / 2 - STAND) / math.cos(HALF)
     outer_side = figure.at(1, along, figure.width)[0] - figure.centre[0]
@@ -186,11 +190,11 @@ def lidded_box(
         (2 * height, 2 * width, front - floor),
         centre=(0.0, (front + floor) / 2, 0.0),
         mass=mass,
-        stiffness=2.0,
+        stiffness=4.0,
         rest_angle=2.5,
         # Half of the critical damping: with a twentieth the lid sprang back, and the box was closed again when the
         # tubes were filled.
-        damping=0.05,
+        damping=0.2,
         max_angle=2.0,
         body=cube,
         turn=(BOX_TURN, BOX_TURN, BOX_TURN),
@@ -367,7 +371,7 @@ def build(
         parts: list[Array] = []
         for start in (folded_film, *folded_tubes):
             parts += comm.allgather(start.positions())
-        stowed = lidded_box(np.vstack(parts), figure, cube, lid)
+        stowed = lidded_box(np.vstack(parts), figure, cube, lid, a)
         items.append(stowed)
         obstacles += stowed.obstacles
     touching = gx.Contact(*films, *obstacles, distance=contact)

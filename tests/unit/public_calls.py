@@ -225,6 +225,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "body": film,
             "orbit": orbit,
             "atmosphere": gx.orbit.ExponentialAtmosphere(1e-12, 4e5, scale_height=6e4),
+            "closed": False,
             "rotation": 1e-5,
         },
         "constraints.Driven": {"body": block, "axis": z, "angle": lambda t: t},
