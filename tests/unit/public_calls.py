@@ -30,6 +30,7 @@ UNCALLED = {
     "analysis.EquilibriumResult",
     "analysis.Convergence",
     "analysis.Gradient",
+    "analysis.Fit",
     "analysis.Optimum",
     "InputError",
     "run.Interrupted",
@@ -61,6 +62,12 @@ class Inputs:
     run: Path
     mesh_file: Path
     mode: Path
+
+
+def energy_of_a_run(values: dict[str, Any]) -> gx.analysis.Gradient:
+    """An energy and its derivative by the modulus of a film, as a run gives it."""
+    by_modulus = gx.analysis.Derivative("film.E", "J/Pa", 2e-9 * values["film.E"], None)
+    return gx.analysis.Gradient(float((values["film.E"] ** 2).sum()), "J", (by_modulus,))
 
 
 def make_inputs(folder: Path) -> Inputs:
@@ -605,6 +612,26 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "of": gx.analysis.Energy(),
             "by": [f"{inputs.film.name}.E"],
         },
+        "analysis.fit": {
+            "equilibrium": inputs.equilibrium,
+            "of": [gx.analysis.Energy()],
+            "measured": [1.0],
+            "by": [f"{inputs.film.name}.E"],
+            "uncertainty": 0.1,
+            "bounds": {f"{inputs.film.name}.E": (1e8, 3e9)},
+            "iterations": 2,
+            "tolerance": 0.1,
+        },
+        "analysis.fit_runs": {
+            "evaluate": lambda values: [energy_of_a_run(values)],
+            "start": {"film.E": 1e9},
+            "measured": [1e18],
+            "uncertainty": 1e17,
+            "bounds": {"film.E": (0.5e9, 3e9)},
+            "iterations": 2,
+            "tolerance": 0.1,
+            "comm": WORLD,
+        },
         "analysis.minimise": {
             "equilibrium": inputs.equilibrium,
             "of": gx.analysis.Energy(),
@@ -613,6 +640,15 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "limits": [gx.analysis.Limit(gx.analysis.Energy(), high=1e9)],
             "iterations": 1,
             "tolerance": 0.1,
+        },
+        "analysis.minimise_runs": {
+            "evaluate": energy_of_a_run,
+            "start": {"film.E": 1e9},
+            "bounds": {"film.E": (0.5e9, 3e9)},
+            "method": "L-BFGS-B",
+            "iterations": 1,
+            "tolerance": 0.1,
+            "comm": WORLD,
         },
         "analysis.modes": {
             "equilibrium": inputs.equilibrium,
