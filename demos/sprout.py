@@ -17,8 +17,8 @@ Where the values come from:
                          (eoPortal; Miyazaki, KAKENHI 19360384 final report, 2009).  The report of 2009 has a satellite
                          of the class of 5 kg; 7.1 kg flew in 2014.  The angle of 60° is chosen, as are diameter, folds,
                          tank and valves, which were not published
-    box, lid             chosen: a lid of 0.1 kg that is open after some 80 ms; the box is as wide as the open V and as high
-                         as a panel that turns about a fold needs
+    box, lid             chosen: a lid of 0.1 kg that is open after some 80 ms; the box is as wide as the open V, and as
+                         high as a panel that turns about a fold needs
     air                  an ideal gas at 293 K; drag as of `gx.loads.AirDrag`, without the mass of air that moves with
                          the film
     film                 polyimide, Kapton HN 50 (DuPont data sheet H-38492): 12.5 µm, 2.5 GPa, 0.34, 1420 kg/m³

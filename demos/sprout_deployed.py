@@ -1,11 +1,11 @@
 """The deployed state of SPROUT: two inflated tubes in V hold a film between them; equilibrium and vibrations.
 
 The tubes are held at a round section on the cube.  The film hangs by three cords from the tips of the tubes and from
-the cube.  Its edges are arcs with a cable in each, so that film and cables are in equilibrium with the same tension n in
-all directions: a cable of radius R bears n R, and a cord the resultant of two cables.  A film that is tied along the
-tubes cannot be drawn taut by them: it is a million times as stiff in its plane as they are in bending, so that it bears
-on a few points, and wrinkles.  The tips are pulled inwards; the film is cut for the tips as a cantilever of the
-bending stiffness EI = π E t r³ has them under the cord's force F, across (n) and along (a) the tube:
+the cube.  Its edges are arcs with a cable in each, so that film and cables are in equilibrium with the same tension n
+in all directions: a cable of radius R bears n R, and a cord the resultant of two cables.  A film that is tied along the
+tubes cannot be drawn taut by them: it is 10⁴ times as stiff in its plane as they are in bending, so that it bears on a
+few points, and wrinkles.  The tips are pulled inwards; the film is cut for the tips as a cantilever of the bending
+stiffness EI = π E t r³ has them under the cord's force F, across (n) and along (a) the tube:
 
     δ = F_n L³/(3 EI) / (1 - F_a/P),    P = π² EI/(4 L²)
 

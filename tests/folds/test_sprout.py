@@ -74,8 +74,8 @@ def test_the_lid_of_the_box_turns_the_cube_back(comm) -> None:
     assert found["penetrations"] == 0
     assert found["energy_error"] < 1e-9
     assert found["angular_momentum_drift"] < 1e-9
-    # A spring of 10 N m for a millisecond: a quarter of its impulse turns the lid about its own centre, and the cube has
-    # the opposite, less what the lid has by its way past the cube.
+    # A spring of 10 N m for a millisecond: a quarter of its impulse turns the lid about its own centre, and the cube
+    # has the opposite, less what the lid has by its way past the cube.
     lid_share = 2.5e-3 / sprout.inertia(5.0)
     assert 0.3 * lid_share < found["spin"] < lid_share
     # Nothing has left the tank.
@@ -84,9 +84,7 @@ def test_the_lid_of_the_box_turns_the_cube_back(comm) -> None:
 
 @pytest.mark.mpi
 def test_on_the_ground_the_cube_is_held_and_air_takes_energy(comm) -> None:
-    found = sprout.main(
-        comm=comm, until=5e-4, gravity=9.80665, down="-y", air=1000.0, **SHORT
-    )
+    found = sprout.main(comm=comm, until=5e-4, gravity=9.80665, down="-y", air=1000.0, **SHORT)
     assert found["energy_error"] < 1e-9
     assert found["spin"] < 1e-12
     assert found["dissipated by air drag on film"] > 0
