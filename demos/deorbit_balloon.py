@@ -93,21 +93,58 @@ def fall_by_formula(area: float, mass: float, seconds: float, mu: float) -> tupl
 def draw(corners: Array, series: gx.Series, formula: tuple[Array, Array], path: Path) -> None:
     """The pillow with the direction of flight, and the semi-major axis over the time."""
     figure = new_figure(width=10.0, height=4.2)
-    left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.2))
+    left, right = figure.subfigures(
+        1,
+        2,
+        width_ratios=(1.0, 1.2),
+    )
     axes = left.add_subplot(projection="3d")
     # The flight is along z of the scene; it is drawn to the right.
     turned = corners[:, :, [2, 0, 1]]
-    draw_film(axes, turned, view=(18.0, -60.0))
-    axes.quiver(1.5, 0, 0, 1.2, 0, 0, color=RED, lw=2)
-    axes.text(2.2, 0, 0.35, "flight", color=RED, ha="center")
+    draw_film(
+        axes,
+        turned,
+        view=(18.0, -60.0),
+    )
+    axes.quiver(
+        1.5,
+        0,
+        0,
+        1.2,
+        0,
+        0,
+        color=RED,
+        lw=2,
+    )
+    axes.text(
+        2.2,
+        0,
+        0.35,
+        "flight",
+        color=RED,
+        ha="center",
+    )
     left.suptitle("two films of 4 m × 4 m at 2 Pa", fontsize=10)
     curve = right.add_subplot()
     times, semi_major_axes = formula
     minutes = np.array(series.time) / 60
-    curve.plot(minutes, series["a"] - RADIUS, color=BLUE)
-    curve.plot(times / 60, semi_major_axes - RADIUS, "--", color=GREY)
+    curve.plot(
+        minutes,
+        series["a"] - RADIUS,
+        color=BLUE,
+    )
+    curve.plot(
+        times / 60,
+        semi_major_axes - RADIUS,
+        "--",
+        color=GREY,
+    )
     curve.set(xlabel="time [min]", ylabel="semi-major axis, change [m]")
-    curve.legend(["computed", "formula, deformed shape"], fontsize=8, frameon=False)
+    curve.legend(
+        ["computed", "formula, deformed shape"],
+        fontsize=8,
+        frameon=False,
+    )
     curve.grid(alpha=0.3)
     save(figure, path)
 
@@ -143,7 +180,11 @@ def main(
         return np.vstack([-orbital_rate * X[2], 0 * X[1], orbital_rate * X[0]])
 
     film = gx.Membrane(
-        airbag(comm, EDGE, cells),
+        airbag(
+            comm,
+            EDGE,
+            cells,
+        ),
         MYLAR.law(THICKNESS, residual_stiffness=1e-3),
         velocity=turning,
         name="pillow",
@@ -153,7 +194,11 @@ def main(
         film, gas=NITROGEN, pressure=PRESSURE, temperature=TEMPERATURE, dead_volume=1e-3
     )
     masses = [
-        gx.connectors.AttachedMass(film.port(corner), SATELLITE / 4, name=f"mass at {corner}")
+        gx.connectors.AttachedMass(
+            film.port(corner),
+            SATELLITE / 4,
+            name=f"mass at {corner}",
+        )
         for corner in CORNERS
     ]
     statics = gx.Equilibrium(gx.Scene(film, gas), gas="held pressure")
@@ -161,11 +206,18 @@ def main(
     corners = np.concatenate(comm.allgather(owned_triangles(statics, film)))
 
     flow = np.array([0.0, 0.0, -1.0])
+    # At the start: within half an hour the density changes by some per cent, see `fall_by_formula`.
     air = AIR(ALTITUDE)
-    area = drag_area(corners, flow, air, speed)
+    area = drag_area(
+        corners,
+        flow,
+        air,
+        speed,
+    )
     x, y = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]).T * EDGE / 2
     square = np.stack([x, y, 0 * x], axis=1)
     flat = square[[[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]]]
+    # Air that turns with the Earth would have another speed than that of the formula.
     drag = gx.orbit.Drag(
         film,
         orbit,
@@ -184,15 +236,34 @@ def main(
     )
     series = gx.Series({"a": gx.probes.OrbitState(orbit, "a")})
     outputs: list[Output] = [gx.outputs.Progress(), series]
-    run = gx.Simulation(scene, gx.Midpoint(dt=dt), outputs=outputs)
+    run = gx.Simulation(
+        scene,
+        gx.Midpoint(dt=dt),
+        outputs=outputs,
+    )
     run.run(until=seconds)
     mass = 2 * EDGE**2 * THICKNESS * MYLAR.density + SATELLITE
-    formula = fall_by_formula(area, mass, seconds, mu)
+    formula = fall_by_formula(
+        area,
+        mass,
+        seconds,
+        mu,
+    )
     if output is not None and comm.rank == 0:
-        draw(corners, series, formula, Path(output) / "deorbit_balloon.png")
+        draw(
+            corners,
+            series,
+            formula,
+            Path(output) / "deorbit_balloon.png",
+        )
     return {
         "drag area of the pillow [m2]": area,
-        "drag area of the flat films [m2]": drag_area(flat, flow, air, speed),
+        "drag area of the flat films [m2]": drag_area(
+            flat,
+            flow,
+            air,
+            speed,
+        ),
         "fall [m]": float(series["a"][0] - series["a"][-1]),
         "fall by the formula [m]": float(RADIUS - formula[1][-1]),
         "energy_error": run.energy_error,

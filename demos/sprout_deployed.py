@@ -71,7 +71,11 @@ class Satellite:
         """Position (3,) [m] of the middle of a tube's tip: of the two seams there."""
         ends = []
         for out in (0.0, self.figure.width):
-            x, y = self.figure.at(side, self.figure.length, out)
+            x, y = self.figure.at(
+                side,
+                self.figure.length,
+                out,
+            )
             port = self.tubes[side].port_at((x, y, 0.0))
             ends.append(self.statics.system.state.vector(port))
         middle: Array = (ends[0] + ends[1]) / 2
@@ -102,7 +106,11 @@ class Rounding:
 
     def displacement(self, X: Array, up: int) -> Array:
         """Displacement (3, n) [m] of points X (3, n) of the upper (up = 1) or lower sheet (-1)."""
-        x0, y0 = self.figure.at(self.side, 0.0, 0.0)
+        x0, y0 = self.figure.at(
+            self.side,
+            0.0,
+            0.0,
+        )
         axis = np.array([self.side * math.sin(HALF), math.cos(HALF)])
         outward = np.array([self.side * math.cos(HALF), -math.sin(HALF)])
         from_root = X[:2] - np.array([[x0], [y0]])
@@ -112,7 +120,11 @@ class Rounding:
         shift = out * math.tan(HALF)
         nearest_end = np.minimum(along - shift - self.root, self.tip - along + shift)
         # From flat at the ends to round at a distance of one diameter.
-        roundness = np.clip(nearest_end / self.figure.diameter, 0.0, 1.0)
+        roundness = np.clip(
+            nearest_end / self.figure.diameter,
+            0.0,
+            1.0,
+        )
         radius = self.figure.diameter / 2
         angle = np.pi * out / self.figure.width
         round_out = self.figure.width / 2 - radius * np.cos(angle)
@@ -120,7 +132,11 @@ class Rounding:
         lifted = up * roundness * radius * np.sin(angle)
         # Sections stay normal to the bent axis, so that the start is nearly free of stress.
         length = self.figure.length
-        station = np.clip(along / length, 0.0, 1.0)
+        station = np.clip(
+            along / length,
+            0.0,
+            1.0,
+        )
         # Beyond the tip the tube goes on straight.
         beyond = np.maximum(along / length - 1, 0.0)
         inward = self.deflection * ((3 * station**2 - station**3) / 2 + 1.5 * beyond)
@@ -154,23 +170,57 @@ def tube_of(
     # A line of edges along the axis, so that the sections have nodes there.
     lines = [figure.axis(side)]
     if not round_ends:
-        flat = creased_tube(comm, figure.tube(side), lines, cell, lambda X: X[:, 1], ())
-        return gx.Membrane(flat, law, name=name)
+        flat = creased_tube(
+            comm,
+            figure.tube(side),
+            lines,
+            cell,
+            lambda X: X[:, 1],
+            (),
+        )
+        return gx.Membrane(
+            flat,
+            law,
+            name=name,
+        )
     stub = stub_length(figure)
-    longer = Figure(figure.length + 2 * stub, figure.diameter, figure.at(0, -stub, 0.0), 0.0)
+    longer = Figure(
+        figure.length + 2 * stub,
+        figure.diameter,
+        figure.at(0, -stub, 0.0),
+        0.0,
+    )
     # The root of the longer tube is nearer to the middle, too.
     shift = -side * stub * math.sin(HALF)
     outline = [(x + shift, y) for x, y in longer.tube(side)]
     for along in (0.0, figure.length):
         lines.append((figure.at(side, along, 0.0), figure.at(side, along, figure.width)))
     walls = (0.0, figure.length * math.cos(HALF))
-    mesh = creased_tube(comm, outline, lines, cell, lambda X: X[:, 1], walls)
-    rounding = Rounding(figure, side, -stub, figure.length + stub, deflection)
+    mesh = creased_tube(
+        comm,
+        outline,
+        lines,
+        cell,
+        lambda X: X[:, 1],
+        walls,
+    )
+    rounding = Rounding(
+        figure,
+        side,
+        -stub,
+        figure.length + stub,
+        deflection,
+    )
     sheets = {
         "top": partial(rounding.displacement, up=1),
         "bottom": partial(rounding.displacement, up=-1),
     }
-    return gx.Membrane(mesh, law, displacement=sheets, name=name)
+    return gx.Membrane(
+        mesh,
+        law,
+        displacement=sheets,
+        name=name,
+    )
 
 
 def stub_length(figure: Figure) -> float:
@@ -220,16 +270,25 @@ def cut(figure: Figure, thickness: float, tension: float, pressure: float) -> Cu
     # Forces turn with the corners, and move them a little: a few turns until both agree.
     for _ in range(50):
         radii, forces = forces_at(corners, tension)
+        # The force pulls the tip towards the middle of the film: a part bends the tube, a part presses on it.
         across_tube = float(forces[1] @ inward)
         along_tube = float(-forces[1] @ along)
+        # Compression makes the tube softer in bending, as in Euler's buckling.
         small = across_tube * length**3 / (3 * EI)
         deflection = small / (1 - along_tube / buckling_load)
         tip = straight_tip + deflection * inward
         supports[1] = tip
         supports[2] = tip * mirror
+        # Each cord lies along its force; on the way its length moves the corner of the film.
         directions = forces / np.linalg.norm(forces, axis=1)[:, None]
         corners = supports + CORD_LENGTH * directions
-    return Cut(corners, supports, radii, forces, deflection)
+    return Cut(
+        corners,
+        supports,
+        radii,
+        forces,
+        deflection,
+    )
 
 
 def forces_at(corners: Array, tension: float) -> tuple[Array, Array]:
@@ -264,15 +323,31 @@ def film_mesh(comm: MPI.Comm, shape: Cut, cell: float) -> gx.Mesh:
             # The centre is outside, where the arc bulges away from.
             reach = math.sqrt(shape.radii[k] ** 2 - length**2 / 4)
             x, y = middle + reach * outward
-            centre = geo.addPoint(x, y, 0.0)
+            centre = geo.addPoint(
+                x,
+                y,
+                0.0,
+            )
             lines.append(geo.addCircleArc(points[i], centre, points[j]))
         face = geo.addPlaneSurface([geo.addCurveLoop(lines)])
         geo.synchronize()
-        model.addPhysicalGroup(2, [face], name="film")
+        model.addPhysicalGroup(
+            2,
+            [face],
+            name="film",
+        )
         for k, line in enumerate(lines):
-            model.addPhysicalGroup(1, [line], name=f"edge {k}")
+            model.addPhysicalGroup(
+                1,
+                [line],
+                name=f"edge {k}",
+            )
         for k, point in enumerate(points):
-            model.addPhysicalGroup(0, [point], name=f"corner {k}")
+            model.addPhysicalGroup(
+                0,
+                [point],
+                name=f"corner {k}",
+            )
         model.mesh.generate(2)
 
     return gx.gmsh_mesh(arcs, comm)
@@ -283,13 +358,18 @@ def hung_film(
 ) -> tuple[gx.Membrane, list[gx.connectors.Tape]]:
     """The film under its tension [N/m], and the cables in its edges."""
     film = gx.Membrane(
-        film_mesh(comm, shape, cell),
+        film_mesh(
+            comm,
+            shape,
+            cell,
+        ),
         law,
         initial_stress=tension / law.thickness,
         name="film",
     )
     cables = []
     for k, radius in enumerate(shape.radii):
+        # Made shorter by its strain, so that it bears its force at the length of the arc.
         strain = tension * float(radius) / CABLE.EA
         cable = gx.connectors.Tape.along_edges(
             film,
@@ -335,7 +415,12 @@ def build(
     """
     if with_film and not round_ends:
         raise gx.InputError("sprout_deployed: a film needs tubes with round ends; set round_ends.")
-    figure = Figure(length, diameter, (0.0, 0.0), 0.0)
+    figure = Figure(
+        length,
+        diameter,
+        (0.0, 0.0),
+        0.0,
+    )
     law = FILM.law(thickness, residual_stiffness=1e-4)
     cube = gx.RigidBody(
         mass,
@@ -344,31 +429,56 @@ def build(
         comm=comm,
         name="cube",
     )
+    # Bodies and what joins them, in any order: the scene sorts them.
     items: list[object] = [cube]
     if held:
         items.append(gx.constraints.FixedJoint(gx.ground_frame(), cube.frame_at((0.0, 0.0, 0.0))))
     fixed_group = "ring 1" if round_ends else "side 1"
     tubes: dict[int, gx.Membrane] = {}
     plates: dict[int, gx.RigidRegion] = {}
-    shape = cut(figure, thickness, tension, pressure)
+    shape = cut(
+        figure,
+        thickness,
+        tension,
+        pressure,
+    )
     deflection = shape.deflection if with_film else 0.0
     for name, side in SIDES.items():
-        tube = tube_of(comm, figure, side, law, cell, round_ends, deflection)
+        tube = tube_of(
+            comm,
+            figure,
+            side,
+            law,
+            cell,
+            round_ends,
+            deflection,
+        )
         items.append(tube)
         items.append(gx.RigidRegion(tube, fixed_group, rigid_body=cube, name=f"root of {name}"))
         items.append(gx.Pressure(tube, pressure, name=f"gas of {name}"))
         tubes[side] = tube
         if round_ends:
-            plates[side] = gx.RigidRegion(tube, "ring 2", name=f"tip of {name}")
+            plates[side] = gx.RigidRegion(
+                tube,
+                "ring 2",
+                name=f"tip of {name}",
+            )
             items.append(plates[side])
     film = None
     if with_film:
-        film, cables = hung_film(comm, shape, law, tension, film_cell)
+        film, cables = hung_film(
+            comm,
+            shape,
+            law,
+            tension,
+            film_cell,
+        )
         items += [film, *cables]
         x, y = shape.supports[0]
         ends = [cube.port_at((x, y, 0.0))]
         ends += [plates[1].port(), plates[-1].port()]
         for k, end in enumerate(ends):
+            # At its length under load, `CORD_LENGTH`, the cord has the force of the cut.
             stretch = float(np.linalg.norm(shape.forces[k])) / CORD
             cord = gx.connectors.Spring(
                 film.port(f"corner {k}"),
@@ -379,7 +489,13 @@ def build(
             )
             items.append(cord)
     scene = gx.Scene(*items)  # type: ignore[arg-type]
-    return Satellite(tubes, film, figure, shape, gx.Equilibrium(scene))
+    return Satellite(
+        tubes,
+        film,
+        figure,
+        shape,
+        gx.Equilibrium(scene),
+    )
 
 
 def bending_moment_at_root(shape: Cut, figure: Figure) -> float:
@@ -448,30 +564,60 @@ def main(
     Returns:
         Frequencies [Hz], tensions [N/m] and deflections [m], with those of the closed forms.
     """
-    alone = build(comm, cell=cell, held=True, with_film=False)
+    alone = build(
+        comm,
+        cell=cell,
+        held=True,
+        with_film=False,
+    )
     alone.statics.find()
     tube_modes = gx.analysis.modes(alone.statics, 4)
-    flat = build(comm, cell=cell, held=True, with_film=False, round_ends=False)
+    flat = build(
+        comm,
+        cell=cell,
+        held=True,
+        with_film=False,
+        round_ends=False,
+    )
+    # The tangent of a tube with a flat root is nearly singular: it turns about the root without any resistance.
     flat.statics.find()
     flat_modes = gx.analysis.modes(flat.statics, 2)
 
-    held = build(comm, cell=cell, film_cell=film_cell, held=True)
+    held = build(
+        comm,
+        cell=cell,
+        film_cell=film_cell,
+        held=True,
+    )
     held.statics.find()
     held_modes = gx.analysis.modes(held.statics, count)
     tensions = mean_tensions(held)
-    free = build(comm, cell=cell, film_cell=film_cell)
+    free = build(
+        comm,
+        cell=cell,
+        film_cell=film_cell,
+    )
     free.statics.find()
     all_modes = gx.analysis.modes(free.statics, count + RIGID_MOTIONS)
+    # A free satellite has six motions without frequency; they are not vibrations.
     free_modes = [mode for mode in all_modes if mode.frequency > RIGID]
     if output is not None:
         folder = Path(output)
-        recording = gx.Recording(folder / "equilibrium", title=TITLE, overwrite=True)
+        recording = gx.Recording(
+            folder / "equilibrium",
+            title=TITLE,
+            overwrite=True,
+        )
         gx.outputs.record(free.statics, [recording])
         records = gx.outputs.record_modes(
             free.statics, free_modes, folder / "modes", overwrite=True
         )
         if comm.rank == 0:
-            gx.plot.modes(records, folder / "sprout_deployed.png", view=VIEW)
+            gx.plot.modes(
+                records,
+                folder / "sprout_deployed.png",
+                view=VIEW,
+            )
     moment = bending_moment_at_root(held.shape, held.figure)
     moment_ratio = moment / wrinkling_moment(held.figure, PRESSURE)
     mean_tube = sum(mode.frequency for mode in tube_modes) / len(tube_modes)
