@@ -69,7 +69,7 @@ def test_the_tubes_stand_out_in_v(tmp_path) -> None:
 
 @pytest.mark.mpi
 def test_the_lid_of_the_box_turns_the_cube_back(comm) -> None:
-    """A cube of 5 kg carries the box: lid, films and cube together keep their momenta, the valves wait."""
+    """A cube of 5 kg carries the box: momenta of lid, films and cube together are conserved; the valves are closed."""
     found = sprout.main(comm=comm, until=1e-3, mass=5.0, box=True, delay=1.0, **SHORT)
     assert found["penetrations"] == 0
     assert found["energy_error"] < 1e-9
