@@ -67,9 +67,7 @@ VIEW = gx.plot.View(
 )
 # Manufacturing errors of a specimen: 1 mm and 2 degrees are those of folding by hand along a drawn line, 1 % of the
 # diameter is 0.5 mm at the seams; makers of film state 5 to 10 % of the thickness as the tolerance.
-SCATTER = Scatter(
-    fold_position=1e-3, fold_angle=math.radians(2.0), diameter=0.01, thickness=0.04
-)
+SCATTER = Scatter(fold_position=1e-3, fold_angle=math.radians(2.0), diameter=0.01, thickness=0.04)
 # The tip has arrived at this part of the length from the clamp.  The flat ends shorten a tube that is full by some 7 %.
 ARRIVED = 0.9
 OPEN = 0.5  # a ring counts as open at this part of the area of the round tube
@@ -254,8 +252,9 @@ def main(
     """Deploy the tube; `given` are arguments of `build`.  With `output`, a folder: a recording and a picture.
 
     Returns the figures of `run_figures` and `dissipation`, mass_error (of the gas, relative), opening times of
-    the rings [ms], pressures at the end [Pa], the largest speed [m/s] of the tip, its distance from the clamp at the end
-    [m], the time [s] at which that first is `ARRIVED` of the length, and with creases the figures of `crease_figures`.
+    the rings [ms], pressures at the end [Pa], the largest speed [m/s] of the tip, its distance from the clamp at
+    the end [m], the time [s] at which that first is `ARRIVED` of the length, and with creases the figures of
+    `crease_figures`.
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.08, 0.2, 0.35, 0.6, 1.0)
@@ -269,6 +268,7 @@ def main(
         for name in names
         if name.startswith("p") and "[Pa]" in name
     }
+    # The tube lies in the plane of x and z; its inlet is at the origin.
     distance = np.hypot(series["tip x [m]"], series["tip z [m]"])
     length = float(given.get("length", 0.25))  # type: ignore[arg-type]
     return {

@@ -118,11 +118,13 @@ def crease_figures(run: gx.Simulation, series: gx.Series, case: gx.Case) -> dict
     for crease in creases:
         # k L [N m/rad] of the whole line, of which each rank has a part.
         stiffness = crease.body.comm.allreduce(float(crease.energy.stiffness.sum()))
+        # Valleys are positive and mountains negative, so that their mean would vanish.
         angles = series[f"{crease.name} [rad]"]
         fold_energy += stiffness * float(angles[0]) ** 2 / 2
         weights.append(stiffness)
         before.append(abs(float(angles[0])))
         after.append(abs(float(angles[-1])))
+    # Creases that are elastic have no entry.
     losses = run.totals.losses
     return {
         "fold_energy": fold_energy,

@@ -80,6 +80,7 @@ def draw_specimen(seed: int, panels: int, scatter: Scatter) -> Specimen:
     """The specimen of a seed; that of the seed 0 is as drawn, without errors."""
     if seed == 0:
         scatter = Scatter()
+    # One generator for a specimen, so that a seed names it on every machine.
     random = np.random.default_rng(seed)
 
     def errors(deviation: float, count: int) -> tuple[float, ...]:
@@ -151,6 +152,7 @@ class UnevenZigzag(gx.fold.Zigzag):
             InputError: see `gx.fold.Zigzag`; also errors of another number of folds, or folds with a radius.
         """
         super().__post_init__()
+        # No number of errors stands for folds without errors.
         for name in ("shifts", "angle_errors"):
             count = len(getattr(self, name))
             self._check(

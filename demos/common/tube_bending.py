@@ -55,7 +55,7 @@ def bending_stiffness(
     creases: dict[str, float] | None = None,
     angle: float = 1.4,
 ) -> float:
-    """EI [N m²] of a deployed tube; inf if it is bent by less than round-off.
+    """EI [N m²] of a deployed tube.
 
     Args:
         law: of the film, as drawn.
@@ -155,7 +155,4 @@ def _fitted_stiffness(x: Array, y: Array, force: float, length: float) -> float:
     shape = length * x**2 / 2 - x**3 / 6
     columns = np.stack([np.ones_like(x), x / length, shape / length**3], axis=1)
     found = np.linalg.lstsq(columns, y, rcond=None)[0]
-    compliance = float(found[2]) / length**3
-    if compliance == 0:
-        return math.inf
-    return force / compliance
+    return force * length**3 / float(found[2])

@@ -5,8 +5,8 @@ opening it takes the work
 
     W = ½ k θ0² (2 s - 1)        per length,
 
-so that an elastic crease gives energy for s < 1/2 and takes it for s > 1/2; at s = 1/2 it gives in the first half of the
-way what it takes in the second one.  A plastic crease with the yield angle φ has the moment k φ at most, and takes
+so that an elastic crease gives energy for s < 1/2 and takes it for s > 1/2; at s = 1/2 it gives until the fold is half
+open, and takes as much after that.  A plastic crease with the yield angle φ has the moment k φ at most, and takes
 
     W = k φ (θ0 - φ/2)           per length,    s = 1, φ < θ0.
 
@@ -45,49 +45,72 @@ from demos.studies.engine.study import Result, Study
 # Arguments of the demos that cases change by a nudge, and their values.
 REV = 8.0
 LIFT = 1e-4
-# Ends of the runs [s]; without creases the disc is open after 0.15 s, the tube after 0.025 s.
-ENDS = {"disc": 0.24, "tube": 0.035}
-# Pressure [Pa] times volume [m³] of the tank of the tube.
-TANK_ENERGY = 1.5e6 * 1e-6
+# The tube of the study is shorter than that of the demo and has one fold; its tank is smaller in proportion [m, m³].
+TUBE = {"length": 0.16, "panels": 2, "tank": 0.64e-6}
+# Sides of the hub: the disc of the demo has six, and takes three times the CPU time.
+SIDES = 4
+# Ends of the runs [s]; without creases the disc is open after 0.15 s, the tube after 0.014 s.
+# A tube that is filled from a tank of a tenth of the pressure is open after 0.030 s.
+ENDS = {"disc": 0.24, "tube": 0.02}
+SLOW_END = 0.05
+# Pressures of the tank [Pa]: that of the demo, and one for which real creases matter.
+FULL = 1.5e6
+LOW = 1.5e5
 
 # Smallest relative difference of opening times that counts; nudged starts differ by less.
 VISIBLE = 0.05
 EFFECTS = ("prevents", "hinders", "has no effect", "helps")
 
-# Stiffness of creases [N m/m/rad].  The memory Π is 160 k of the disc and 0.5 k of the tube.
-STIFFNESS = {"disc": ("0.0002", "0.002", "0.02"), "tube": ("0.02", "0.2", "2", "20")}
-RATIOS = ("0", "0.5", "1")
 # Yield angle of plastic creases [rad]: 20 degrees.
 YIELD_ANGLE = "0.35"
-ELASTIC = [
-    f"{sail} crease={k} set_angle_ratio={ratio}"
-    for sail, values in STIFFNESS.items()
-    for k in values
-    for ratio in RATIOS
-    # A tube with a rest angle of half of the fold's is the case of the demo: one is enough.
-    if sail == "disc" or ratio != "0.5" or k == "2"
+# Stiffness of creases [N m/m/rad] over three decades.  The memory Π of the disc is 160 times as large.
+DISC = [
+    f"disc crease={k} set_angle_ratio={ratio}"
+    for k, ratios in {
+        "0.0002": ("0", "1"),
+        "0.002": ("0", "0.5", "1"),
+        "0.02": ("0.5", "1"),
+    }.items()
+    for ratio in ratios
 ]
-PLASTIC = [
-    f"{sail} crease={k} set_angle_ratio=1 yield_angle={YIELD_ANGLE}"
-    for sail, values in STIFFNESS.items()
-    for k in values[-2:]
+PLASTIC_DISC = [
+    f"disc crease={k} set_angle_ratio=1 yield_angle={YIELD_ANGLE}" for k in ("0.002", "0.02")
+]
+# Π of the tube is 0.4 times the stiffness at full pressure.  Creases of more than 0.2 N m/m/rad snap in steps of
+# microseconds: a larger Π is that of less pressure.
+TUBE_CASES = [
+    "tube",
+    "tube crease=0.02 set_angle_ratio=1",
+    "tube crease=0.2 set_angle_ratio=0",
+    "tube crease=0.2 set_angle_ratio=1",
+    "tube crease=0.2 set_angle_ratio=1 yield_angle=0.35",
+    f"tube pressure={LOW:g}",
+    f"tube pressure={LOW:g} crease=0.02 set_angle_ratio=1",
+    f"tube pressure={LOW:g} crease=0.2 set_angle_ratio=0",
+    f"tube pressure={LOW:g} crease=0.2 set_angle_ratio=1",
+    f"tube pressure={LOW:g} crease=0.2 set_angle_ratio=1 yield_angle=0.35",
 ]
 # Starts that are nudged, and the accuracy of mesh and step.
 REPEATED = (
-    "tube nudge=1",
-    "tube nudge=2",
-    "tube crease=2 set_angle_ratio=1 nudge=1",
-    "tube crease=2 set_angle_ratio=1 nudge=2",
     "disc nudge=1",
     "disc crease=0.002 set_angle_ratio=1 nudge=1",
+    "tube nudge=1",
+    "tube crease=0.2 set_angle_ratio=1 nudge=1",
 )
-ACCURACY = ("tube cells=6", "tube dt=5e-05")
+ACCURACY = (
+    "disc largest=0.0005",
+    "disc crease=0.002 set_angle_ratio=1 largest=0.0005",
+    "tube dt=5e-05",
+    "tube cells=6",
+    "tube crease=0.2 set_angle_ratio=1 cells=6",
+)
 
 
 def arguments(case: str) -> dict[str, float]:
     """Arguments of the demo that a case names."""
     given = dict(word.split("=") for word in case.split() if "=" in word)
-    return {name: int(text) if name == "cells" else float(text) for name, text in given.items()}
+    whole = ("cells", "n")
+    return {name: int(text) if name in whole else float(text) for name, text in given.items()}
 
 
 def deploy(comm: MPI.Comm, sail: str, until: float, **given: float) -> dict[str, float]:
@@ -97,28 +120,31 @@ def deploy(comm: MPI.Comm, sail: str, until: float, **given: float) -> dict[str,
     """
     factor = 1 + NUDGE * given.pop("nudge", 0.0)
     if sail == "disc":
-        found = spin_deployment.main(until=until, comm=comm, rev=factor * REV, **given)
+        sides = {"n": SIDES} | given
+        found = spin_deployment.main(until=until, comm=comm, rev=factor * REV, **sides)
         driving = found["energy"] - found.get("crease_start", 0.0)
         opened = found["opened"]
         size = found["largest_radius"] / 0.5
     else:
-        found = folded_tube.main(until=until, comm=comm, lift=factor * LIFT, **given)
-        driving = TANK_ENERGY
+        found = folded_tube.main(
+            until=until, comm=comm, lift=factor * LIFT, **TUBE, **({"pressure": FULL} | given)
+        )
+        driving = given.get("pressure", FULL) * TUBE["tank"]
         opened = found["arrived"]
-        size = found["tip_distance"] / 0.25
+        size = found["tip_distance"] / TUBE["length"]
     memory = found.get("fold_energy", 0.0) / driving
     return {**found, "memory": memory, "opened": opened, "size": size}
 
 
-# Sails without creases that were deployed in this process, by sail, end of the run and number of ranks.
-_WITHOUT: dict[tuple[str, float, int], dict[str, float]] = {}
+# Sails without creases that were deployed in this process.
+_WITHOUT: dict[tuple[object, ...], dict[str, float]] = {}
 
 
-def reference(comm: MPI.Comm, sail: str, until: float) -> dict[str, float]:
-    """What `deploy` returns of the sail without creases; computed once."""
-    key = (sail, until, comm.size)
+def reference(comm: MPI.Comm, sail: str, until: float, **drive: float) -> dict[str, float]:
+    """What `deploy` returns of the sail without creases, driven alike; computed once."""
+    key = (sail, until, comm.size, *drive.items())
     if key not in _WITHOUT:
-        _WITHOUT[key] = deploy(comm, sail, until)
+        _WITHOUT[key] = deploy(comm, sail, until, **drive)
     return _WITHOUT[key]
 
 
@@ -138,10 +164,17 @@ def effect(opened: float, without: float) -> float:
 def problem(comm: MPI.Comm, case: str, until: float | None = None) -> Mapping[str, float]:
     """Deploy a sail with creases; returns the figures of `deploy`, the delay against none, and the effect."""
     sail, *_ = case.split()
-    end = ENDS[sail] if until is None else until
-    without = reference(comm, sail, end)
     given = arguments(case)
-    found = deploy(comm, sail, end, **given) if given else without
+    # What drives the sail, and how it is computed, is that of the sail without creases, too.
+    creases = ("crease", "set_angle_ratio", "yield_angle", "nudge")
+    others = {name: value for name, value in given.items() if name not in creases}
+    end = ENDS[sail]
+    if given.get("pressure") == LOW:
+        end = SLOW_END
+    if until is not None:
+        end = until
+    without = reference(comm, sail, end, **others)
+    found = without if given == others else deploy(comm, sail, end, **given)
     delay = math.nan
     if math.isfinite(without["opened"]):
         delay = found["opened"] / without["opened"] - 1
@@ -153,55 +186,78 @@ def draw(results: list[Result], path: Path) -> None:
     from demos.common.figures import BLUE, GREEN, GREY, RED, new_figure, save
 
     kinds = {
-        "flat at rest": ("set_angle_ratio=0", GREEN),
-        "rest at half of the fold angle": ("set_angle_ratio=0.5", BLUE),
-        "rest in the fold": ("set_angle_ratio=1", RED),
-        "plastic, folded by 20° more than it yields": ("yield_angle", GREY),
+        "set_angle_ratio=0": ("flat at rest", GREEN),
+        "set_angle_ratio=0.5": ("rest at half of the fold angle", BLUE),
+        "set_angle_ratio=1": ("rest in the fold", RED),
+        "yield_angle": ("rest in the fold, yields at 20°", GREY),
     }
-    figure = new_figure(width=10.0, height=6.4)
+    figure = new_figure(width=10.0, height=6.6)
     axes = figure.subplots(2, 2, sharex="col")
-    titles = {"disc": "disc of film, deployed by its spin", "tube": "folded tube, deployed by gas"}
+    titles = {
+        "disc": "Disc of film, deployed by its spin",
+        "tube": "Folded tube, deployed by gas (dashed: a tenth of the pressure)",
+    }
     for column, sail in enumerate(ENDS):
         delays, sizes = axes[:, column]
-        done = [r for r in results if str(r.case["case"]).startswith(sail) and not r.failed]
+        done = [r for r in results if _is_drawn(r, sail)]
         finite = [r.values["delay"] for r in done if math.isfinite(r.values["delay"])]
         # Sails that do not open are drawn above all delays.
         never = 1.25 * max([2 * VISIBLE, *finite])
-        for label, (word, colour) in kinds.items():
-            rows = [r for r in done if _kind(str(r.case["case"])) == word]
-            memory = [r.values["memory"] for r in rows]
-            delay = [min(r.values["delay"], never) for r in rows]
-            for x, y in zip(memory, delay, strict=True):
-                marker = "x" if y == never else "o"
-                delays.plot(x, 100 * y, marker, color=colour)
-            delays.plot(memory, [100 * y for y in delay], "-", color=colour, alpha=0.5)
-            sizes.plot(memory, [r.values["size"] for r in rows], "o-", color=colour, label=label)
+        for low, style in ((False, "-"), (True, "--")):
+            for kind, (name, colour) in kinds.items():
+                # The legend has one entry for both pressures.
+                label = "" if low else name
+                rows = [r for r in done if _kind(r) == kind and _is_slow(r) == low]
+                rows.sort(key=lambda r: r.values["memory"])
+                memory = [r.values["memory"] for r in rows]
+                delay = [min(r.values["delay"], never) for r in rows]
+                line = {"color": colour, "linestyle": style}
+                delays.plot(memory, [100 * y for y in delay], **line)
+                for x, y in zip(memory, delay, strict=True):
+                    marker = "x" if y == never else "o"
+                    delays.plot(x, 100 * y, marker, color=colour)
+                size = [r.values["size"] for r in rows]
+                sizes.plot(memory, size, marker="o", label=label, **line)
+            for r in done:
+                if not _kind(r) and _is_slow(r) == low:
+                    sizes.axhline(
+                        r.values["size"],
+                        color="black",
+                        linewidth=0.9,
+                        linestyle=style,
+                        label="" if low else "no creases",
+                    )
         delays.axhspan(-100 * VISIBLE, 100 * VISIBLE, color=GREY, alpha=0.15)
-        delays.annotate(
-            "× does not open",
-            (0.02, 0.98),
-            xycoords="axes fraction",
-            va="top",
-        )
-        delays.set_title(titles[sail])
-        for r in done:
-            # The sail without creases, and its nudged starts, have no memory.
-            if r.values["memory"] == 0 and "cells" not in str(r.case["case"]):
-                sizes.axhline(r.values["size"], color="black", linewidth=0.8, linestyle=":")
+        delays.annotate("×  does not open", (0.02, 0.96), xycoords="axes fraction", va="top")
+        delays.set_title(titles[sail], fontsize=10)
         sizes.set_xscale("log")
-        sizes.set_xlabel("Π: energy of the folds over that which drives")
+        sizes.set_xlabel("Π, energy of the folds over that which drives")
         for panel in (delays, sizes):
             panel.grid(alpha=0.3)
-    axes[0, 0].set_ylabel("opens later than without creases by [%]")
-    axes[1, 0].set_ylabel("largest mean radius of the tips / radius")
+    axes[0, 0].set_ylabel("opens later than without creases [%]")
+    axes[1, 0].set_ylabel("largest radius of the tips / flat disc")
     axes[1, 1].set_ylabel("distance of the tip at the end / length")
     handles, labels = axes[1, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
+    figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False)
     save(figure, path)
 
 
-def _kind(case: str) -> str:
-    """The word of a case by which the picture tells creases apart; empty without creases."""
+def _is_drawn(result: Result, sail: str) -> bool:
+    """Whether a result is one of a sail that the picture shows: not a nudged start, another mesh or step."""
+    case = str(result.case["case"])
+    others = ("nudge", "cells", "dt", "largest", "n=6")
+    is_other = any(word in case for word in others)
+    return case.startswith(sail) and not result.failed and not is_other
+
+
+def _is_slow(result: Result) -> bool:
+    """Whether a tube is filled from a tank of little pressure."""
+    return "pressure" in str(result.case["case"])
+
+
+def _kind(result: Result) -> str:
+    """The word of a case that tells its creases; empty without creases."""
+    case = str(result.case["case"])
     if "yield_angle" in case:
         return "yield_angle"
     return next((word for word in case.split() if word.startswith("set_angle_ratio")), "")
@@ -211,12 +267,12 @@ STUDY = Study(
     "fold_memory",
     "Memory of folds: when it hinders a deployment, and when it helps",
     problem,
-    {"case": ["disc", *ELASTIC, *PLASTIC, "tube", *REPEATED, *ACCURACY]},
+    {"case": ["disc", *DISC, *PLASTIC_DISC, *TUBE_CASES, *REPEATED, *ACCURACY]},
     lambda case: 1.0,
     quick={
         "case": [
             "disc crease=0.002 set_angle_ratio=1",
-            "tube crease=2 set_angle_ratio=1 yield_angle=0.35",
+            "tube crease=0.02 set_angle_ratio=1 yield_angle=0.35",
         ]
     },
     quick_options={"until": 2e-3},

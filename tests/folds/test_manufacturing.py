@@ -38,9 +38,7 @@ def uneven(**changes):
 
 def test_without_errors_it_is_the_zigzag_of_the_package() -> None:
     rng = np.random.default_rng(1)
-    X = np.column_stack(
-        [rng.uniform(0, LENGTH, 50), rng.uniform(-0.02, 0.02, 50), np.zeros(50)]
-    )
+    X = np.column_stack([rng.uniform(0, LENGTH, 50), rng.uniform(-0.02, 0.02, 50), np.zeros(50)])
     side = rng.choice([-1.0, 0.0, 1.0], 50)
     sheets = {"width": 0.047, "opening": 1e-3, "lift": 1e-4}
     ideal = gx.fold.Zigzag(length=LENGTH, panels=3, angle=ANGLE, **sheets)
@@ -101,20 +99,24 @@ def test_a_specimen_with_errors_begins_to_deploy_and_conserves_energy(comm) -> N
     case = folded_tube.build(comm, seed=3, crease=0.02, yield_angle=0.3)
     specimen = draw_specimen(3, 3, folded_tube.SCATTER)
     film = next(item for item in case.scene.items if isinstance(item, gx.Membrane))
-    assert film.space.mesh.geometry.x[:, 1].max() <= specimen.diameter_ratio * math.pi * 0.0075 + 1e-9
+    assert (
+        film.space.mesh.geometry.x[:, 1].max() <= specimen.diameter_ratio * math.pi * 0.0075 + 1e-9
+    )
     run = case.simulation([])
     run.run(until=3e-4 if comm.size == 1 else 1e-4)
     assert abs(run.energy_error) < 1e-10 and abs(run.mass_error) < 1e-13
 
 
 def test_errors_that_cannot_be_are_refused() -> None:
-    with pytest.raises(gx.InputError, match="fold_position is -0.001; give zero or a positive"):
+    with pytest.raises(gx.InputError, match=r"fold_position is -0\.001; give zero or a positive"):
         Scatter(fold_position=-1e-3)
-    with pytest.raises(gx.InputError, match="thickness is 0.6 of the nominal value"):
+    with pytest.raises(gx.InputError, match=r"thickness is 0\.6 of the nominal value"):
         Scatter(thickness=0.6)
     with pytest.raises(gx.InputError, match="give a smaller scatter"):
         stations(0.25, 3, (0.2, 0.0))
-    with pytest.raises(gx.InputError, match="shifts has 1 numbers; give one for each of the 2 folds"):
+    with pytest.raises(
+        gx.InputError, match="shifts has 1 numbers; give one for each of the 2 folds"
+    ):
         uneven(shifts=(1e-3,))
 
 
