@@ -94,11 +94,14 @@ def build(
     pressure: float = 1.5e6,
     dead_volume: float = 0.2e-6,
     bore: float = 0.4e-3,
+    rise: float = 5e-3,
     crease: float = 0.0,
     set_angle_ratio: float = 0.5,
     yield_angle: float = 0.0,
     seed: int = 0,
+    damping: float = 0.0,
     contact: float = 5e-4,
+    contact_stiffness: float | None = None,
     gravity: float = 0.0,
     air: float = 0.0,
     drag: float = 1.2,
@@ -116,12 +119,15 @@ def build(
         tank, pressure: volume of the tank [m³] and its initial pressure [Pa].
         dead_volume: rigid volume of each compartment in addition to that of the film [m³].
         bore: diameter of the valve [m], which opens gradually.
+        rise: time in which it opens [s]; 0: it is open at the start.
         crease: stiffness of creases with a rest angle [N m/m/rad]; 0: none.
         set_angle_ratio: rest angle of the creases over the angle of their folds, 0 to 1.
         yield_angle: of the creases [rad], see `gx.connectors.Crease`; 0: elastic.
         seed: of the manufacturing errors `SCATTER` of a specimen; 0: none.  A roll has those of diameter and
             thickness only.
+        damping: viscosity of the film over its stiffness [s]; 0: none.
         contact: activation distance [m]; 0: no contact.
+        contact_stiffness: [N/m³]; None: from closing speeds.  Gradients need a number.
         gravity: downwards, along -z [m/s²].
         air: pressure outside [Pa]; 0: vacuum.
         drag: drag coefficient in that air, at 293 K; 0: none.
@@ -175,6 +181,7 @@ def build(
         # Zero stands for creases that are elastic: arguments of the command line are numbers.
         yield_angle=yield_angle or None,
         contact_distance=contact,
+        contact_stiffness=contact_stiffness,
     )
     source = gx.Tank(
         tank,
@@ -182,8 +189,13 @@ def build(
         pressure=pressure,
         temperature=293.0,
     )
-    valve = tube.inlet(source, lambda t: math.pi / 4 * bore**2 * min(0.1 + t / 5e-3, 1.0) ** 2)
+    whole = math.pi / 4 * bore**2
+    valve = tube.inlet(source, whole)
+    if rise:
+        valve = tube.inlet(source, lambda t: whole * min(0.1 + t / rise, 1.0) ** 2)
     items: list[object] = [tube, valve]
+    if damping:
+        items.append(gx.Damping(tube.film, stiffness_factor=damping))
     if gravity:
         items.append(gx.Gravity(tube.film, (0.0, 0.0, -gravity)))
     if air and drag:

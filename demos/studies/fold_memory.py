@@ -99,7 +99,6 @@ REPEATED = (
 )
 ACCURACY = (
     "disc largest=0.0005",
-    "disc crease=0.002 set_angle_ratio=1 largest=0.0005",
     "tube dt=5e-05",
     "tube cells=6",
     "tube crease=0.2 set_angle_ratio=1 cells=6",
