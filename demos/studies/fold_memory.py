@@ -190,13 +190,19 @@ def draw(results: list[Result], path: Path) -> None:
         "set_angle_ratio=1": ("rest in the fold", RED),
         "yield_angle": ("rest in the fold, yields at 20°", GREY),
     }
-    figure = new_figure(width=10.0, height=6.6)
-    axes = figure.subplots(2, 2, sharex="col")
+    # A sail of which nothing was computed has no panels.
+    sails = [sail for sail in ENDS if any(_is_drawn(r, sail) for r in results)]
+    figure = new_figure(width=2.0 + 4.2 * len(sails), height=6.6)
+    axes = figure.subplots(2, len(sails), sharex="col", squeeze=False)
     titles = {
         "disc": "Disc of film, deployed by its spin",
-        "tube": "Folded tube, deployed by gas (dashed: a tenth of the pressure)",
+        "tube": "Folded tube (dashed: a tenth of the pressure)",
     }
-    for column, sail in enumerate(ENDS):
+    size_labels = {
+        "disc": "largest radius of the tips / flat disc",
+        "tube": "distance of the tip at the end / length",
+    }
+    for column, sail in enumerate(sails):
         delays, sizes = axes[:, column]
         done = [r for r in results if _is_drawn(r, sail)]
         finite = [r.values["delay"] for r in done if math.isfinite(r.values["delay"])]
@@ -229,15 +235,16 @@ def draw(results: list[Result], path: Path) -> None:
         delays.axhspan(-100 * VISIBLE, 100 * VISIBLE, color=GREY, alpha=0.15)
         delays.annotate("×  does not open", (0.02, 0.96), xycoords="axes fraction", va="top")
         delays.set_title(titles[sail], fontsize=10)
+        delays.set_ylabel("opens later than without creases [%]")
+        sizes.set_ylabel(size_labels[sail])
         sizes.set_xscale("log")
         sizes.set_xlabel("Π, energy of the folds over that which drives")
         for panel in (delays, sizes):
             panel.grid(alpha=0.3)
-    axes[0, 0].set_ylabel("opens later than without creases [%]")
-    axes[1, 0].set_ylabel("largest radius of the tips / flat disc")
-    axes[1, 1].set_ylabel("distance of the tip at the end / length")
     handles, labels = axes[1, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False)
+    # Three entries do not fit below the panels of one sail.
+    columns = 1 + len(sails)
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False)
     save(figure, path)
 
 

@@ -37,7 +37,7 @@ PRESSURE = 8e3  # Pa: that of the demo's tank, when it is empty
 CREASES = {"stiffness": 0.02, "set_angle_ratio": 0.5}
 # Angle of the panels when the tube was folded [rad].
 ANGLE = math.radians(80.0)
-SPECIMENS = 5
+SPECIMENS = 6
 KINDS = ("fold_position", "fold_angle", "diameter", "thickness")
 
 
