@@ -70,7 +70,7 @@ DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
 
 
 @check_arguments
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Mode:
     """A vibration q(t) = q0 + Re(φ e^(λt)) about an equilibrium q0.
 
@@ -113,6 +113,15 @@ class Mode:
     participation: Shape = field(default_factory=lambda: np.zeros((2, 3), dtype=complex))
     effective_mass: Array = field(default_factory=lambda: np.zeros(3))
     effective_inertia: Array = field(default_factory=lambda: np.zeros(3))
+
+    def __repr__(self) -> str:
+        """Frequency, growth and effective masses; shapes are long."""
+        x, y, z = self.effective_mass
+        growth = ""
+        if self.growth > 0:
+            growth = f", grows by {self.growth:.4g}/s"
+        masses = f"effective mass ({x:.3g}, {y:.3g}, {z:.3g}) kg"
+        return f"<Mode: {self.frequency:.6g} Hz{growth}, {masses}>"
 
 
 @check_arguments
@@ -181,7 +190,9 @@ def modes(
         return math.hypot(mode.growth, 2 * math.pi * (mode.frequency - above))
 
     nearest = sorted(found, key=distance)[:count]
-    _warn_of_zeros(equilibrium, nearest, SHIFT_RATIO * K.norm() / M.norm())
+    least = SHIFT_RATIO * K.norm() / M.norm()
+    _warn_of_zeros(equilibrium, nearest, least)
+    _warn_of_growth(equilibrium, nearest, least)
     masses = ModalMasses(system, M)
     complete = [masses.complete(mode, is_turning=any(spin)) for mode in nearest]
     return sorted(complete, key=lambda mode: (mode.frequency, -mode.growth))
@@ -241,6 +252,21 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
             len(found),
             limit,
             reason,
+        )
+
+
+def _warn_of_growth(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
+    """Warn of modes that grow faster than round-off [rad²/s²] explains: the equilibrium is not stable."""
+    limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least)
+    growing = [mode.growth for mode in found if mode.growth > limit]
+    if growing and equilibrium.comm.rank == 0:
+        LOG.warning(
+            "modes: the equilibrium is not stable: %d of %d modes grow, the fastest by %.3g/s; a small disturbance "
+            "leads to another equilibrium. Compressed film (a residual stiffness) or beams may have buckled: start "
+            "from a disturbed shape, or mesh finer.",
+            len(growing),
+            len(found),
+            max(growing),
         )
 
 
@@ -387,7 +413,18 @@ def _modes_at_rest(
     shift: float,
     stiffnesses: Sequence[tuple[Array, float]],
 ) -> list[Mode]:
-    """Modes of (2) near ω² = shift [1/s²]; loads that follow the body may make K unsymmetric."""
+    """The modes of equation (2) of the module whose ω² are nearest to a shift.  Collective.
+
+    Args:
+        K, M: tangent and mass matrix, without fixed coordinates.  K may be unsymmetric, by loads
+            that follow the body.
+        count: how many modes are wanted.
+        shift: ω² [1/s²] near which they are.
+        stiffnesses: vectors g and factors k of further stiffness k g gᵀ, as of gas in chambers.
+
+    Returns:
+        modes with frequency [Hz] and growth [1/s], in the order in which they are found.
+    """
     inverse = _ShiftedInverse(K, M, shift, stiffnesses)
     operator = PETSc.Mat().createPython((K.getSizes()), inverse, K.comm)
     operator.setUp()
@@ -424,7 +461,18 @@ def _largest_eigenpairs(operator: PETSc.Mat, count: int) -> Iterator[tuple[compl
 def _modes_in_turning_frame(
     K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, count: int, shift: dict[str, float]
 ) -> list[Mode]:
-    """Modes of (1) near λ = shift; of each conjugate pair the one with positive frequency."""
+    """The modes of equation (1) of the module whose eigenvalues λ are nearest to a shift.
+
+    Of each conjugate pair only the one with positive frequency is returned.  Collective.
+
+    Args:
+        K, G, M: tangent, Coriolis and mass matrix, without fixed coordinates.
+        count: how many modes are wanted.
+        shift: `real` or `imaginary` part of the shift [1/s].
+
+    Raises:
+        InputError: the shifted matrix is singular.
+    """
     # Imported here, as scenes at rest must not pay for it.
     from gossamer_fx.analysis.turning_modes import Inverse
 

@@ -3,23 +3,30 @@
 Problem.  An incomplete factorisation needs a diagonal without zeros, which Lagrange multipliers do not have.
 A film of any size would therefore be factorised completely because of one hub.
 
-Idea.  With the unknowns f of films and the few others g,
+Idea.  Order the unknowns into those of the films, f, and the few others, g.  A residual r = (r_f, r_g) is to
+give a correction z = (z_f, z_g) with
 
     [ F  B ] [z_f]   [r_f]
     [ C  D ] [z_g] = [r_g]                                                                    (1)
 
-F is factorised incompletely, F̃ ≈ F, and g is eliminated.  With Z = F̃⁻¹ B and Σ = D - C Z,
+Only F is large, and it has no zeros on its diagonal.  Factorise it incompletely, F̃ ≈ F, and eliminate g
+exactly.  With Z = F̃⁻¹ B and the Schur complement Σ = D - C Z, block elimination of (1) gives
 
     z_g = Σ⁻¹ (r_g - C F̃⁻¹ r_f)                                                               (2)
     z_f = F̃⁻¹ r_f - Z z_g                                                                     (3)
 
 Algorithm.
 
-1. F with all couplings of contact is factorised with two levels of fill.  Without these couplings the packed
-   sail of IKAROS takes 9 to 55 Krylov iterations, with them 1 to 8.
-2. Z is computed once a step, by an application of F̃⁻¹ for each column of B.
-3. Where F is too ill-conditioned, as in slack film and long steps, Krylov iterations rise.  If a solve has
-   taken more of them than a complete factorisation costs, matrices are factorised for some steps.
+1. Factorise F, with all couplings of contact, with `ILU_LEVELS` levels of fill.  Without the couplings of
+   contact the packed sail of IKAROS takes 9 to 55 Krylov iterations, with them 1 to 8.
+2. Once a step, compute Z by an application of F̃⁻¹ to each column of B, and factorise Σ.
+3. In each Krylov iteration, apply (2) and (3).
+4. Where F is too ill-conditioned, as in slack film and long steps, Krylov iterations rise.  If a solve has
+   taken more of them than a complete factorisation costs, factorise the matrices completely for the next
+   `FACTORISED_STEPS` steps.
+
+Cost.  Step 2 costs as many applications of F̃⁻¹ as there are eliminated unknowns, hence at most
+`MAX_ELIMINATED`.  Step 3 costs one application of F̃⁻¹ and products with Z and C.
 
 Limits.  One rank, and bodies whose nodes have three unknowns.
 """

@@ -209,7 +209,12 @@ class BorderedPreconditioner:
         self._needs_couplings = False  # whether P includes strong couplings in this step
 
     def setUp(self, pc: PETSc.PC) -> None:
-        """Set up P, Z and Σ for the present tangent; called by PETSc."""
+        """Prepare the preconditioner for the present tangent; called by PETSc.
+
+        The sparse part P is set up, the columns Z = P⁻¹ G of the scalar unknowns are solved for,
+        and the Schur complement Σ is computed.  With the two-level preconditioner Z of an earlier
+        iteration of the same step is used until solves take more applications.
+        """
         operator = self._operator
         step = self._system.time, self._system.h
         is_new_step = step != self._step

@@ -378,7 +378,11 @@ class Newton:
         J: PETSc.Mat,
         P: PETSc.Mat,
     ) -> None:
-        """Tangent at the iterate, unless an earlier one of the step is good enough."""
+        """Assemble the tangent at the iterate; called by PETSc.
+
+        Near the solution the last factors of a dense matrix are used again.  Far from it the
+        tangent may be without geometric stiffness, see the module.
+        """
         iteration = snes.getIterationNumber()
         is_near = self._norm < min(
             REUSE_FACTORS_BELOW_TOLERANCE * self._tolerance,

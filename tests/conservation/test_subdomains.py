@@ -36,8 +36,10 @@ def test_a_sheet_in_subdomains_moves_as_the_whole(comm, method, held):
     parts = thrown(mesh, method, held)
     difference = np.abs(whole.system.q0.array_r - parts.system.q0.array_r).max()
     measured = comm.allreduce(float(difference), op=MPI.MAX)
+    # Conjugate gradients stop at a residual of Newton's tolerance.
     assert measured <= 1e-10
     assert parts.totals.energy == pytest.approx(whole.totals.energy, rel=1e-10)
+    # At most twenty iterations of the decomposed solver for each of Newton's.
     assert parts.solver.newton.linear_iterations <= 20 * parts.iterations
 
 

@@ -43,6 +43,7 @@ def test_two_films_that_cross_touch_or_part(comm) -> None:
     crossing = film(comm, "crossing", upright(-0.4))
     touching = film(comm, "touching", upright(0.0))
     apart = film(comm, "apart", upright(0.1))
+    # A film of several cells crosses the other in more than five edges.
     assert count([flat, crossing]) > 5
     assert count([flat, touching]) == 0
     assert count([flat, apart]) == 0
@@ -61,14 +62,23 @@ def crosses(x: np.ndarray, edge: np.ndarray, triangle: np.ndarray) -> bool:
     a, b, c = triangle
     if {p, q} & {a, b, c}:
         return False
-    turns = [volume(x, p, q, a, b), volume(x, p, q, b, c), volume(x, p, q, c, a)]
+    turns = [
+        volume(x, p, q, a, b),
+        volume(x, p, q, b, c),
+        volume(x, p, q, c, a),
+    ]
+    # Both ends are on different sides of the triangle's plane.
     is_across = volume(x, a, b, c, p) * volume(x, a, b, c, q) < 0
     return is_across and (min(turns) > 0 or max(turns) < 0)
 
 
 @pytest.mark.mpi
 def test_the_count_is_that_of_all_pairs_in_turn(comm) -> None:
-    wavy = film(comm, "wavy", lambda X: np.vstack([X[0], X[1], 0.3 * np.sin(5 * X[0]) + 0.05]))
+    wavy = film(
+        comm,
+        "wavy",
+        lambda X: np.vstack([X[0], X[1], 0.3 * np.sin(5 * X[0]) + 0.05]),
+    )
     flat = film(comm, "flat", lambda X: X, 5)
     run = gx.Simulation(gx.Scene(wavy, flat), gx.Midpoint(dt=1e-3))
     probe = gx.probes.Crossings(wavy, flat)
@@ -82,6 +92,7 @@ def test_the_count_is_that_of_all_pairs_in_turn(comm) -> None:
     expected = sum(
         any(crosses(x, edge, triangle) for triangle in surface.triangles) for edge in surface.edges
     )
+    # At least one, or the waves are too flat.
     assert found == expected > 0
 
 

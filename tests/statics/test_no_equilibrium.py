@@ -65,6 +65,7 @@ def test_an_unloaded_slack_film_rests_where_it_is(comm, law):
     """Its residual was 5.5, of loads that are nothing but round-off; now it is below the round-off of the film."""
     body = film(comm, law=law, displacement=lambda X: -0.1 * X)
     found = Equilibrium(gx.Scene(body)).find()
+    # Loads are zero, so that the residual is relative to the round-off of the film.
     assert found.residual < 1e-3
     assert not found.regular
 
@@ -157,6 +158,7 @@ def test_a_film_that_is_pinned_turns_about_its_pin(comm):
         **STRETCHED,
     )
     found = Equilibrium(gx.Scene(gx.Fixed(body, "bottom left"), gx.Fixed(body, "top right"))).find()
+    # The axis between two opposite corners of the square.
     assert found.free == ("rotation (0.707, 0.707, 0)",)
 
 
@@ -188,3 +190,17 @@ def test_the_reaction_of_what_is_not_in_the_scene_is_refused(comm):
         equilibrium.reaction(gx.Fixed(body, "right"))
     with pytest.raises(gx.InputError, match="three numbers"):
         equilibrium.reaction(gx.Fixed(body, "left"), about=(np.nan, 0.0, 0.0))
+
+
+def test_what_lies_on_an_obstacle_counts_as_supported(comm):
+    """After one iteration it is not at rest; the advice must not be to hold what the floor holds."""
+    lying = film(comm)
+    floor = gx.contact.Plane(point=(0.0, 0.0, -1e-3), normal=(0.0, 0.0, 1.0))
+    weight = gx.Gravity(lying)
+    search = gx.analysis.Continuation(total_iterations=1)
+    with pytest.raises(NoEquilibrium) as of_contact:
+        scene = gx.Scene(lying, weight, gx.Contact(lying, floor, distance=2e-3))
+        Equilibrium(scene, search).find()
+    assert "supported" not in str(of_contact.value)
+    with pytest.raises(NoEquilibrium, match="Nothing in the scene is supported"):
+        Equilibrium(gx.Scene(lying, weight), search).find()

@@ -24,7 +24,12 @@ def hung_film(comm, cells=6, *more):
         name="film",
         velocity=lambda X: np.vstack([0 * X[0], 0 * X[0], X[0] * (1 - X[0])]),
     )
-    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name="hub")
+    hub = gx.RigidBody(
+        1.0,
+        (1.0, 1.0, 1.0),
+        comm=comm,
+        name="hub",
+    )
     items: list[object] = [film, hub, gx.Damping(film, stiffness_factor=1e-4)]
     for k, corner in enumerate([(0.0, 0, 0), (1.0, 0, 0), (0.0, 1, 0), (1.0, 1, 0)]):
         anchor = np.subtract(corner, (0.0, 0.1, 0.0))
@@ -110,7 +115,10 @@ def test_a_singular_elimination_is_followed_by_factorisations(monkeypatch):
     """A Schur complement of zeros ends the iteration, and the step is made with complete factors."""
     run = run_iteratively(MPI.COMM_SELF, monkeypatch)
     context = run.solver.newton._preconditioner.getPythonContext()
-    zeros = (np.full((18, 18), np.nan), np.arange(18))
+    zeros = (
+        np.full((18, 18), np.nan),
+        np.arange(18),
+    )
     monkeypatch.setattr(eliminated_joints, "lu_factor", lambda *given, **named: zeros)
     run.run(until=2e-3)
     assert context._is_complete
