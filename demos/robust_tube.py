@@ -14,8 +14,8 @@ demos/common/tube_bending.py.
 
 The picture is of the stored roll on a finer mesh (`cells=6`), until 11 ms.
 
-Start the command as often, and on as many machines, as you like: they share the runs.  A run takes about ten
-seconds of CPU time.
+Start the command as often, and on as many machines, as you like: they share the runs.  A run of the zigzag takes about
+ten seconds of CPU time.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from demos.folded_tube import build as folded_tube
 from gossamer_fx.outputs.output import Probe
 from gossamer_fx.presets.films import KAPTON_HN
 
-# A short tube, of which a run takes ten seconds of CPU time [m].
+# A short tube, so that a run takes some ten seconds of CPU time [m].
 LENGTH = 0.16
 DIAMETER = 0.03  # m
 TANK = 0.64e-6  # volume of the tank [m³]
