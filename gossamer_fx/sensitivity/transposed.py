@@ -37,7 +37,7 @@ class TransposedSolver:
         self._A = A
         if self._is_empty:
             return
-        self._pc.setOperators(A)
+        factorisation.replace(self._pc, A)
         problem = factorisation.set_up(self._pc)
         if problem:
             raise InputError(

@@ -497,13 +497,8 @@ def test_a_yielding_crease_is_refused(comm):
         )
 
 
-def test_a_tape_keeps_to_its_memory_and_to_conserving_steps(comm):
+def test_a_tape_is_of_conserving_steps(comm):
     mass = gx.PointMass(1.0, (0.0, 0.0, 0.0), velocity=(1.0, 0.0, 0.0))
-    run = gx.Simulation(gx.Scene(mass), gx.Midpoint(dt=0.1))
-    tape = gx.analysis.RunTape(run, memory=5 * 48)
-    with pytest.raises(gx.InputError, match="more than 240 bytes"):
-        run.run(until=1.0)
-    assert tape.bytes == 240
     dissipating = gx.Simulation(gx.Scene(mass), gx.steppers.GeneralizedAlpha(dt=0.1))
     with pytest.raises(gx.InputError, match="not the same backwards"):
         gx.analysis.RunTape(dissipating)
