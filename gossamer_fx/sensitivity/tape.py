@@ -253,9 +253,7 @@ class RunTape:
         fewest: int = self.system.comm.allreduce(count, op=MPI.MIN)
         return max(fewest, 1)
 
-    def _between(
-        self, first: Node, end: Node, last: int, free: int
-    ) -> Iterator[tuple[Node, Node]]:
+    def _between(self, first: Node, end: Node, last: int, free: int) -> Iterator[tuple[Node, Node]]:
         """Steps from `first` to `end`, last step first, as far as they are among the first `last` ones.
 
         Args:

@@ -68,8 +68,6 @@ def test_little_memory_gives_the_same_gradient(comm, make, name, room):
     assert run.totals.supplied == totals.supplied
 
 
-
-
 def test_times_of_crossings_need_no_states_in_between(comm):
     """Gas: pressures are part of the states, and the time of a crossing asks for all states."""
 
