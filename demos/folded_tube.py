@@ -70,8 +70,11 @@ def build(
     pressure: float = 1.5e6,
     dead_volume: float = 0.2e-6,
     bore: float = 0.4e-3,
+    rise: float = 5e-3,
     crease: float = 0.0,
+    damping: float = 0.0,
     contact: float = 5e-4,
+    contact_stiffness: float | None = None,
     gravity: float = 0.0,
     air: float = 0.0,
     drag: float = 1.2,
@@ -89,8 +92,11 @@ def build(
         tank, pressure: volume of the tank [m³] and its initial pressure [Pa].
         dead_volume: rigid volume of each compartment in addition to that of the film [m³].
         bore: diameter of the valve [m], which opens gradually.
+        rise: time in which it opens [s]; 0: it is open at the start.
         crease: stiffness of creases with a rest angle [N m/m/rad]; 0: none.
+        damping: viscosity of the film over its stiffness [s]; 0: none.
         contact: activation distance [m]; 0: no contact.
+        contact_stiffness: [N/m³]; None: from closing speeds.  Gradients need a number.
         gravity: downwards, along -z [m/s²].
         air: pressure outside [Pa]; 0: vacuum.
         drag: drag coefficient in that air, at 293 K; 0: none.
@@ -133,6 +139,7 @@ def build(
         crease_stiffness=crease,
         set_angle_ratio=0.5,
         contact_distance=contact,
+        contact_stiffness=contact_stiffness,
     )
     source = gx.Tank(
         tank,
@@ -140,8 +147,13 @@ def build(
         pressure=pressure,
         temperature=293.0,
     )
-    valve = tube.inlet(source, lambda t: math.pi / 4 * bore**2 * min(0.1 + t / 5e-3, 1.0) ** 2)
+    whole = math.pi / 4 * bore**2
+    valve = tube.inlet(source, whole)
+    if rise:
+        valve = tube.inlet(source, lambda t: whole * min(0.1 + t / rise, 1.0) ** 2)
     items: list[object] = [tube, valve]
+    if damping:
+        items.append(gx.Damping(tube.film, stiffness_factor=damping))
     if gravity:
         items.append(gx.Gravity(tube.film, (0.0, 0.0, -gravity)))
     if air and drag:

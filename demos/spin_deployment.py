@@ -77,6 +77,7 @@ def build(
     offset: float = 0.0,
     stuck: float = 0.0,
     contact: float = 4e-4,
+    contact_stiffness: float | None = None,
     gap: float = 5e-4,
     friction: float = 0.0,
     crease: float = 0.0,
@@ -103,6 +104,7 @@ def build(
         slenderness: inertia of the hub across its axis over that about it; above 1 the hub is a rod.
         tilt, offset, stuck: see `demos.common.disturbances.Disturbance`; a tip sticks.
         contact: activation distance [m].
+        contact_stiffness: [N/m³]; None: from closing speeds.  Gradients need a number.
         gap: between the layers [m].
         friction: coefficient of the film on itself and the hub.
         crease: stiffness of creases with a rest angle [N m/m/rad]; 0: none.
@@ -138,7 +140,9 @@ def build(
         body=hub,
         name="drum",
     )
-    touching = gx.Contact(film, drum, distance=contact, friction=friction)
+    touching = gx.Contact(
+        film, drum, distance=contact, stiffness=contact_stiffness, friction=friction
+    )
     spin = sense * 2 * math.pi * rev
     tips = [film.port(f"tip {k}") for k in range(n)]
     flat_tip = np.array([tips[0].initial()])

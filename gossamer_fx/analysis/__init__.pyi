@@ -17,6 +17,7 @@ from .natural_modes import modes as modes
 from .optimisation import Limit as Limit
 from .optimisation import Optimum as Optimum
 from .optimisation import minimise as minimise
+from .optimisation import minimise_runs as minimise_runs
 from .sensitivities import CrossingTime as CrossingTime
 from .sensitivities import Derivative as Derivative
 from .sensitivities import EnclosedVolume as EnclosedVolume

@@ -1,32 +1,36 @@
-"""Minimisation of a result of an equilibrium by its exact gradients, with methods of SciPy.
+"""Minimisation of a result of an equilibrium or of runs by its exact gradients, with methods of SciPy and of PETSc.
 
-The parameters are divided by their size, so that their changes are comparable.  In each evaluation the
-parameters of the compiled scene are set, the equilibrium is found again from the last one, and one
-transposed system is solved for the result and one for each constraint.
+The parameters are divided by their size, so that their changes are comparable.  In each evaluation of an
+equilibrium the parameters of the compiled scene are set, the equilibrium is found again from the last
+one, and one transposed system is solved for the result and one for each constraint.
 """
 
 from __future__ import annotations
 
-import json
-import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-import numpy as np
+from mpi4py import MPI
 
+from gossamer_fx.analysis.design_problem import (
+    TINY,
+    DesignProblem,
+    EquilibriumSource,
+    RunSource,
+)
 from gossamer_fx.analysis.equilibrium import Equilibrium
 from gossamer_fx.checks.arguments import check_arguments
-from gossamer_fx.checks.errors import InputError, check
+from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array
 from gossamer_fx.sensitivity.objectives import Objective
-from gossamer_fx.sensitivity.static import StaticGradients
+from gossamer_fx.sensitivity.results import Gradient
 
-LOGGER = logging.getLogger("gossamer_fx")
-
-TINY = 1e-300  # against division by zero
+# Methods of SciPy, and the bounded quasi-Newton methods of PETSc's TAO.
+Method = Literal["L-BFGS-B", "SLSQP", "blmvm", "bqnls"]
+TAO_METHODS = ("blmvm", "bqnls")
 
 
 @check_arguments
@@ -62,15 +66,16 @@ class Limit:
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Optimum:
-    """What a minimisation has found; the scene has its parameters and stands in its equilibrium.
+    """What a minimisation has found; of an equilibrium, the scene has its parameters and stands in it.
 
     Attributes:
         value: the result.
-        parameters: values by name.
+        parameters: values by name; of a field those of this rank.
         iterations: of the method.
         converged: whether the method ended by its tolerance.
-        message: how it ended, in words of SciPy.
+        message: how it ended, in words of SciPy or TAO.
         values: the result after each iteration, that of the start first.
+        amounts: of the columns of each basis, by name of the field.
 
     Example:
         >>> gx.analysis.Optimum(0.0, {}, iterations=3, converged=True, message="").iterations
@@ -83,6 +88,7 @@ class Optimum:
     converged: bool
     message: str
     values: list[float] = field(default_factory=list)
+    amounts: dict[str, Array] = field(default_factory=dict)
 
 
 @check_arguments
@@ -93,6 +99,8 @@ def minimise(
     by: Sequence[str],
     bounds: Mapping[str, tuple[Any, Any]] | None = None,
     limits: Sequence[Limit] = (),
+    basis: Mapping[str, Any] | None = None,
+    method: Method | None = None,
     iterations: int = 100,
     tolerance: float = 1e-8,
     record: str | Path | None = None,
@@ -100,23 +108,32 @@ def minimise(
 ) -> Optimum:
     """Change parameters of a scene so that a result of its equilibrium gets least.
 
-    Without limits the method is L-BFGS-B of `scipy.optimize`, with limits SLSQP.  It finds a local
-    minimum near the start.
+    It finds a local minimum near the start.  A field has a number for each of its entries, or with a
+    basis the amounts of a few given changes of it.
+
+    Methods: "L-BFGS-B" and, with limits, "SLSQP" of `scipy.optimize`; the bounded quasi-Newton methods
+    "blmvm" and "bqnls" of PETSc's TAO, for fields that are distributed over ranks, which are never gathered.
+    Without a name it is "L-BFGS-B", with limits "SLSQP", of fields on several ranks "blmvm".
 
     Args:
         equilibrium: its scene is changed; `find` is called by the minimisation.
         of: a result with derivatives, see `gx.analysis.gradient`.
         by: names of the parameters.
-        bounds: for parameters by name the smallest and the largest value, numbers or arrays.
+        bounds: for parameters by name the smallest and the largest value, numbers or arrays of this rank;
+            with a basis, of its amounts.
         limits: results that are to stay within limits.
+        basis: for fields by name an array (k, m) of m changes of the k values that this rank has.  The field
+            is its start plus a sum of amounts of them, which is zero at the start.
+        method: see above.
         iterations: at most.
         tolerance: relative change of the result at which the search ends.
-        record: file to which the parameters are written after each iteration (JSON); rank 0 writes.
-        restart: whether to start from the parameters in this file.
+        record: file to which the parameters are written after each iteration (JSON).  Rank 0 writes; of
+            fields on several ranks each rank writes a file with its part.
+        restart: whether to start from the parameters in this file, on as many ranks.
 
     Raises:
-        InputError: a name that the scene has not, bounds of something else, no file to restart from, or a
-            field on several ranks.
+        InputError: a name that the scene has not, bounds or a basis of something else, no file to restart
+            from, a method of SciPy with a field on several ranks, or limits with a method of TAO.
         NoEquilibrium: parameters without an equilibrium.
 
     Example:
@@ -135,201 +152,190 @@ def minimise(
         >>> found.parameters["spring.length"].round(4)
         array([1.4])
     """
-    from scipy import optimize
+    _check_numbers("minimise", iterations, tolerance)
+    problem = DesignProblem(
+        "minimise",
+        EquilibriumSource(equilibrium, by),
+        of,
+        basis or {},
+        None if record is None else Path(record),
+        restart,
+    )
+    return _search(problem, bounds or {}, limits, method, iterations, tolerance)
 
-    check(iterations > 0, f"minimise: iterations is {iterations!r}; give a positive number.")
+
+@check_arguments
+def minimise_runs(
+    evaluate: Callable[[dict[str, Array]], Gradient],
+    start: Mapping[str, Any],
+    *,
+    bounds: Mapping[str, tuple[Any, Any]] | None = None,
+    method: Method | None = None,
+    iterations: int = 100,
+    tolerance: float = 1e-8,
+    record: str | Path | None = None,
+    restart: bool = False,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+) -> Optimum:
+    """Change parameters of a run so that a result of it gets least; each evaluation makes a new run.
+
+    It finds a local minimum near the start, by "L-BFGS-B" of `scipy.optimize`, or by "blmvm" or "bqnls" of
+    PETSc's TAO.
+
+    Args:
+        evaluate: function of the values of the parameters by name, arrays (k,), that makes a scene with
+            them, records a run and returns `gx.analysis.gradient(tape, of=..., by=...)`.
+        start: first values by name, numbers or arrays.
+        bounds: for parameters by name the smallest and the largest value.
+        method: see above; for fields on several ranks one of TAO.
+        iterations: at most.
+        tolerance: relative change of the result at which the search ends.
+        record: file to which the parameters are written after each iteration (JSON), see `minimise`.
+        restart: whether to start from the parameters in this file.
+        comm: ranks of the runs.
+
+    Raises:
+        InputError: no gradient, one that lacks a parameter, no parameter, or what `minimise` refuses.
+        StepFailure: parameters with which a step fails.
+
+    Example:
+        >>> def height_after_a_second(values):
+        ...     ball = gx.PointMass(1.0, (0.0, 0.0, -1.0), name="ball")
+        ...     stiffness = float(values["spring.stiffness"][0])
+        ...     spring = gx.connectors.Spring(
+        ...         ball.port(), gx.Ground((0.0, 0.0, 0.0)), stiffness=stiffness, length=0.9
+        ...     )
+        ...     run = gx.Simulation(gx.Scene(spring), gx.Midpoint(dt=0.05))
+        ...     tape = gx.analysis.RunTape(run)
+        ...     run.run(until=1.0)
+        ...     height = gx.probes.Position(ball.port(), "z")
+        ...     return gx.analysis.gradient(tape, of=height, by=["spring.stiffness"])
+        >>> found = gx.analysis.minimise_runs(
+        ...     height_after_a_second, {"spring.stiffness": 30.0}, bounds={"spring.stiffness": (20.0, 60.0)}
+        ... )
+        >>> round(found.value, 2), found.parameters["spring.stiffness"].round()
+        (-1.0, array([40.]))
+    """
+    _check_numbers("minimise_runs", iterations, tolerance)
+    check(bool(start), "minimise_runs: start is empty; give first values by name.")
+    problem = DesignProblem(
+        "minimise_runs",
+        RunSource(evaluate, start, comm),
+        None,
+        {},
+        None if record is None else Path(record),
+        restart,
+    )
+    return _search(problem, bounds or {}, (), method, iterations, tolerance)
+
+
+def _check_numbers(who: str, iterations: int, tolerance: float) -> None:
+    """Refuse a number of iterations or a tolerance that is out of range."""
+    check(iterations > 0, f"{who}: iterations is {iterations!r}; give a positive number.")
     check(
         0 < tolerance < 1,
-        f"minimise: tolerance is {tolerance!r}; give a number between 0 and 1.",
+        f"{who}: tolerance is {tolerance!r}; give a number between 0 and 1.",
     )
-    problem = _Problem(equilibrium, of, by, limits, None if record is None else Path(record))
-    if restart:
-        problem.read()
-    start = problem.start
-    box = problem.box(bounds or {})
-    LOGGER.info("minimise: %d parameters, value %.9g", len(start), problem.value(start))
-    problem.values.append(problem.value(start))
-    options: dict[str, Any] = {"maxiter": iterations, "ftol": tolerance}
-    method = "L-BFGS-B"
-    constraints: list[dict[str, Any]] = []
-    if limits:
+
+
+def _search(
+    problem: DesignProblem,
+    bounds: Mapping[str, tuple[Any, Any]],
+    limits: Sequence[Limit],
+    method: Method | None,
+    iterations: int,
+    tolerance: float,
+) -> Optimum:
+    """Choose the method, minimise, and leave the source at the minimum.  Collective."""
+    who = problem.who
+    distributed = problem.distributed()
+    if method is None and limits:
         method = "SLSQP"
-        constraints = problem.constraints()
-    else:
+    elif method is None:
+        method = "blmvm" if distributed else "L-BFGS-B"
+    with_tao = method in TAO_METHODS
+    check(
+        method == "SLSQP" or not limits,
+        f"{who}: '{method}' takes no limits; leave method out, or give bounds only.",
+    )
+    check(
+        with_tao or not distributed,
+        f"{who}: '{', '.join(distributed)}' is a field, which is distributed over {problem.comm.size} ranks; use "
+        "method='blmvm' without limits, give a basis, or use one rank.",
+    )
+    # Two libraries, since SciPy's methods need the whole vector on each rank.
+    if with_tao:
+        # Loaded here: SciPy does without.
+        from gossamer_fx.analysis.tao_minimisation import tao_minimise
+
+        ended = tao_minimise(
+            problem,
+            problem.bounds(bounds),
+            method=method,
+            iterations=iterations,
+            tolerance=tolerance,
+        )
+        return _optimum(problem, ended.x, ended.iterations, ended.converged, ended.message)
+    from scipy import optimize
+
+    options: dict[str, Any] = {"maxiter": iterations, "ftol": tolerance}
+    if method == "L-BFGS-B":
         # The scaled gradient may fall far below one before the value stands still.
         options["gtol"] = 0.0
+    # Without bounds L-BFGS-B takes its first step without a projection.
+    low, high = problem.bounds(bounds)
     found = optimize.minimize(
         problem.scaled,
-        start,
+        problem.start,
         jac=True,
         method=method,
-        bounds=box,
-        constraints=constraints,
+        bounds=optimize.Bounds(low, high) if bounds else None,
+        constraints=_constraints(problem, limits),
         options=options,
         callback=problem.note,
     )
-    problem.move_to(found.x)
+    return _optimum(problem, found.x, int(found.nit), bool(found.success), str(found.message))
+
+
+def _optimum(
+    problem: DesignProblem, x: Array, iterations: int, converged: bool, message: str
+) -> Optimum:
+    """What was found; the source gets the parameters.  Collective."""
+    # The last evaluation of a line search need not be the best one.
+    problem.move_to(x)
     return Optimum(
-        value=problem.value(found.x),
-        parameters=problem.parameters(),
-        iterations=int(found.nit),
-        converged=bool(found.success),
-        message=str(found.message),
-        values=problem.values,
+        value=problem.value(x),
+        parameters=problem.parameters(x),
+        iterations=iterations,
+        converged=converged,
+        message=message,
+        values=problem.history,
+        amounts=problem.amounts(x),
     )
 
 
-class _Problem:
-    """The result and its constraints as functions of one scaled vector of parameters."""
+def _constraints(problem: DesignProblem, limits: Sequence[Limit]) -> list[dict[str, Any]]:
+    """The limits as SciPy's SLSQP takes them, over the size of each result at the start."""
+    found: list[dict[str, Any]] = []
+    for limit in limits:
+        size = max(abs(problem.evaluate(limit.of, problem.start)[0]), TINY)
+        if limit.low == limit.high:
+            found.append(_constraint(problem, "eq", limit.of, 1 / size, limit.low))
+            continue
+        # SLSQP knows lower bounds of functions only; the sign of an upper one is turned.
+        if limit.low > -math.inf:
+            found.append(_constraint(problem, "ineq", limit.of, 1 / size, limit.low))
+        if limit.high < math.inf:
+            found.append(_constraint(problem, "ineq", limit.of, -1 / size, limit.high))
+    return found
 
-    def __init__(
-        self,
-        equilibrium: Equilibrium,
-        of: Objective,
-        by: Sequence[str],
-        limits: Sequence[Limit],
-        record: Path | None,
-    ) -> None:
-        self._equilibrium = equilibrium
-        self._comm = equilibrium.comm
-        self._of = of
-        self._limits = limits
-        self._record = record
-        equilibrium.find()
-        self._gradients = StaticGradients(equilibrium, by)
-        self._variables = self._gradients.variables
-        for variable in self._variables:
-            check(
-                self._comm.size == 1 or not variable.is_distributed,
-                f"minimise: '{variable.name}' is a field, which is distributed over {self._comm.size} ranks; use one "
-                "rank.",
-            )
-        self._scales = [
-            float(np.abs(variable.get()).max(initial=0.0)) or 1.0 for variable in self._variables
-        ]
-        self.start = self._scaled_parameters()
-        self._at: Array | None = None
-        self._known: dict[int, tuple[float, Array]] = {}
-        self._scale_of_value = 1.0
-        self._scale_of_value = max(abs(self.value(self.start)), TINY)
-        self.values: list[float] = []
 
-    def _scaled_parameters(self) -> Array:
-        pairs = zip(self._variables, self._scales, strict=True)
-        return np.concatenate([variable.get() / scale for variable, scale in pairs])
-
-    def _parts(self, x: Array) -> list[Array]:
-        ends = np.cumsum([len(variable.get()) for variable in self._variables])
-        return np.split(x, ends[:-1])
-
-    def move_to(self, x: Array) -> None:
-        """Set the parameters and find the equilibrium, unless it is known.  Collective."""
-        if self._at is not None and np.array_equal(x, self._at):
-            return
-        for variable, part, scale in zip(
-            self._variables, self._parts(x), self._scales, strict=True
-        ):
-            variable.set(part * scale)
-        self._equilibrium.system.parameters_changed()
-        self._equilibrium.find()
-        self._gradients.factorise()
-        self._at = np.array(x)
-        self._known = {}
-
-    def _evaluate(self, objective: Objective, x: Array) -> tuple[float, Array]:
-        """A result and its scaled gradient."""
-        self.move_to(x)
-        if id(objective) not in self._known:
-            found = self._gradients.of(objective)
-            pairs = zip(found, self._scales, strict=True)
-            slope = np.concatenate([derivative.values * scale for derivative, scale in pairs])
-            self._known[id(objective)] = (found.value, slope)
-        return self._known[id(objective)]
-
-    def value(self, x: Array) -> float:
-        """The result."""
-        return self._evaluate(self._of, x)[0]
-
-    def scaled(self, x: Array) -> tuple[float, Array]:
-        """The result over its size at the start, and its gradient."""
-        value, slope = self._evaluate(self._of, x)
-        return value / self._scale_of_value, slope / self._scale_of_value
-
-    def box(self, bounds: Mapping[str, tuple[Any, Any]]) -> list[tuple[float, float]] | None:
-        """The bounds of the scaled parameters."""
-        names = [variable.name for variable in self._variables]
-        for name in bounds:
-            check(name in names, f"minimise: bounds has '{name}', which is not in by.")
-        if not bounds:
-            return None
-        found: list[tuple[float, float]] = []
-        for variable, scale in zip(self._variables, self._scales, strict=True):
-            low, high = bounds.get(variable.name, (-math.inf, math.inf))
-            size = len(variable.get())
-            lows = np.full(size, np.asarray(low, dtype=float) / scale)
-            highs = np.full(size, np.asarray(high, dtype=float) / scale)
-            check(
-                bool((lows <= highs).all()),
-                f"minimise: the bounds of '{variable.name}' are {low!r} and {high!r}; give the smaller one first.",
-            )
-            found += [(float(a), float(b)) for a, b in zip(lows, highs, strict=True)]
-        return found
-
-    def constraints(self) -> list[dict[str, Any]]:
-        """The limits as SciPy's SLSQP takes them, over the size of each result at the start."""
-        found: list[dict[str, Any]] = []
-        for limit in self._limits:
-            size = max(abs(self._evaluate(limit.of, self.start)[0]), TINY)
-            if limit.low == limit.high:
-                found.append(self._constraint("eq", limit.of, 1 / size, limit.low))
-                continue
-            if limit.low > -math.inf:
-                found.append(self._constraint("ineq", limit.of, 1 / size, limit.low))
-            if limit.high < math.inf:
-                found.append(self._constraint("ineq", limit.of, -1 / size, limit.high))
-        return found
-
-    def _constraint(
-        self, kind: str, objective: Objective, factor: float, value: float
-    ) -> dict[str, Any]:
-        """factor (J - value) is zero, or not negative."""
-        return {
-            "type": kind,
-            "fun": lambda x: factor * (self._evaluate(objective, x)[0] - value),
-            "jac": lambda x: factor * self._evaluate(objective, x)[1],
-        }
-
-    def parameters(self) -> dict[str, Array]:
-        """Present values by name."""
-        return {variable.name: variable.get() for variable in self._variables}
-
-    def note(self, x: Array) -> None:
-        """Log an iteration, and write its parameters."""
-        self.values.append(self.value(x))
-        LOGGER.info("minimise: iteration %d, value %.9g", len(self.values) - 1, self.values[-1])
-        if self._record is None or self._comm.rank:
-            return
-        parameters = {name: values.tolist() for name, values in self.parameters().items()}
-        content = {"value": self.values[-1], "parameters": parameters}
-        # A search that is killed leaves the last complete file.
-        unfinished = self._record.with_name(self._record.name + ".part")
-        unfinished.write_text(json.dumps(content), encoding="utf-8")
-        unfinished.replace(self._record)
-
-    def read(self) -> None:
-        """Start from the parameters of the record."""
-        if self._record is None or not self._record.exists():
-            raise InputError(
-                f"minimise: there is no file {self._record} to restart from; give record, or restart=False."
-            )
-        known = json.loads(self._record.read_text(encoding="utf-8"))["parameters"]
-        for variable in self._variables:
-            values = np.array(known.get(variable.name, []), dtype=float)
-            check(
-                len(values) == len(variable.get()),
-                f"minimise: the record has {len(values)} values of '{variable.name}'; the scene has "
-                f"{len(variable.get())}.",
-            )
-            variable.set(values)
-        self.start = self._scaled_parameters()
-        self._at = None
+def _constraint(
+    problem: DesignProblem, kind: str, objective: Objective, factor: float, value: float
+) -> dict[str, Any]:
+    """factor (J - value) is zero, or not negative."""
+    return {
+        "type": kind,
+        "fun": lambda x: factor * (problem.evaluate(objective, x)[0] - value),
+        "jac": lambda x: factor * problem.evaluate(objective, x)[1],
+    }

@@ -59,6 +59,8 @@ class InflatableTube:
         crease_stiffness: of creases at the fold lines [N m/m/rad]; zero: none.
         set_angle_ratio: rest angle of creases over the angle of their folds, 0 to 1.
         contact_distance: activation distance of contact of the film with itself [m]; zero: no contact.
+        contact_stiffness: its stiffness [N/m³]; None: from closing speeds, see `Contact`.  Gradients of
+            runs need a number.
         obstacles: solids that the film touches, too.
         name: for messages and outputs; the parts have names that begin with it.
 
@@ -106,6 +108,7 @@ class InflatableTube:
         crease_stiffness: float = 0.0,
         set_angle_ratio: float = 1.0,
         contact_distance: float = 0.0,
+        contact_stiffness: float | None = None,
         obstacles: tuple[Obstacle, ...] = (),
         name: str = "tube",
     ) -> None:
@@ -193,7 +196,13 @@ class InflatableTube:
             if folds and crease_stiffness
             else []
         )
-        self.contact = self._contact(contact_distance, obstacles) if contact_distance else None
+        check(
+            contact_stiffness is None or contact_distance > 0,
+            f"{who}: contact_stiffness is given, but there is no contact; give contact_distance, too.",
+        )
+        self.contact: Contact | None = None
+        if contact_distance:
+            self.contact = self._contact(contact_distance, contact_stiffness, obstacles)
 
     def _cap(self, end: str, what: float | RigidBody, bar: float) -> RigidRegion:
         """The rigid region of one end, on a given body or on a bar of a mass [kg]; `bar` is its
@@ -248,11 +257,19 @@ class InflatableTube:
             name=f"{self.name} {end} bar",
         )
 
-    def _contact(self, distance: float, obstacles: tuple[Obstacle, ...]) -> Contact:
+    def _contact(
+        self, distance: float, stiffness: float | None, obstacles: tuple[Obstacle, ...]
+    ) -> Contact:
         # Imported here: a tube without contact does not load it.
         from gossamer_fx.contact.contact import Contact
 
-        return Contact(self.film, *obstacles, distance=distance, name=f"{self.name} contact")
+        return Contact(
+            self.film,
+            *obstacles,
+            distance=distance,
+            stiffness=stiffness,
+            name=f"{self.name} contact",
+        )
 
     def inlet(self, source: Tank | Reservoir, area: float | Callable[[float], float]) -> Orifice:
         """The valve from a tank or reservoir into the first compartment, of an area [m²] or a function of time [s]."""

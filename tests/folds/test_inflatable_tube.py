@@ -75,6 +75,16 @@ def test_its_parts(comm) -> None:
     assert measured == 5
 
 
+def test_the_stiffness_of_contact_is_that_of_the_argument_and_needs_contact(comm):
+    mesh = flat_tube(comm, LENGTH, DIAMETER, 4, compartments=2)
+    given = {"gas": NITROGEN, "contact_stiffness": 1e8}
+    law = KAPTON_HN.law(25e-6)
+    stiff = gx.assemblies.InflatableTube(mesh, law, contact_distance=5e-4, **given)
+    assert stiff.contact.stiffness == 1e8
+    with pytest.raises(gx.InputError, match="there is no contact; give contact_distance"):
+        gx.assemblies.InflatableTube(mesh, law, **given)
+
+
 @pytest.mark.mpi
 def test_a_folded_tube_begins_to_deploy(comm) -> None:
     it = tube(

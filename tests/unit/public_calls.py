@@ -63,6 +63,12 @@ class Inputs:
     mode: Path
 
 
+def energy_of_a_run(values: dict[str, Any]) -> gx.analysis.Gradient:
+    """An energy and its derivative by the modulus of a film, as a run gives it."""
+    by_modulus = gx.analysis.Derivative("film.E", "J/Pa", 2e-9 * values["film.E"], None)
+    return gx.analysis.Gradient(float((values["film.E"] ** 2).sum()), "J", (by_modulus,))
+
+
 def make_inputs(folder: Path) -> Inputs:
     """Make them in a folder that is the same on every rank; collective."""
     law = gx.Linear(1e9, 0.3, density=1400.0, thickness=1e-4)
@@ -610,6 +616,15 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "limits": [gx.analysis.Limit(gx.analysis.Energy(), high=1e9)],
             "iterations": 1,
             "tolerance": 0.1,
+        },
+        "analysis.minimise_runs": {
+            "evaluate": energy_of_a_run,
+            "start": {"film.E": 1e9},
+            "bounds": {"film.E": (0.5e9, 3e9)},
+            "method": "L-BFGS-B",
+            "iterations": 1,
+            "tolerance": 0.1,
+            "comm": WORLD,
         },
         "analysis.modes": {
             "equilibrium": inputs.equilibrium,
