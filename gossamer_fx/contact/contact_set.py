@@ -137,6 +137,8 @@ class ContactSet:
         self._end_time = 0.0
         self._push_back = PUSH_BACK
         self._accepted_pairs: ActivePairs | None = None
+        # What both tables of pairs do at the last residual; None before the first one.
+        self._last_states: tuple[ByteArray, ByteArray] | None = None
         # Distances at both ends of the last step: its end is the start of the next one.
         self._known_distances: list[PairDistances] = []
 
@@ -363,7 +365,7 @@ class ContactSet:
         self.pairs = pairs
         self._lay_out(pairs)
         self._last_end = self.x0
-        self._last_states: tuple[ByteArray, ByteArray] | None = None
+        self._last_states = None
 
     def _lay_out(self, pairs: ActivePairs) -> None:
         """Choose the pattern of the tangent.

@@ -68,7 +68,6 @@ class Node:
         h: length of the step that led to it [s]; zero for the first node.
         q: this rank's coordinates and multipliers (n,).
         v: this rank's velocities (n,).
-        remainder: what the coordinates lost by rounding (n,), for steps that are made again.
         histories: what kinds with history variables saved, in their order.
         scalars: states of the scalar unknowns, in their order.
         active_sets: of the step that led to it, by kind; empty for the first node.
@@ -80,7 +79,6 @@ class Node:
     h: float
     q: Array
     v: Array
-    remainder: Array
     histories: list[Any]
     scalars: list[dict[str, Any]]
     active_sets: list[Any]
@@ -91,8 +89,8 @@ class Node:
 class RunTape:
     """Records the steps of a run from now on, for `gx.analysis.gradient`.
 
-    It keeps coordinates, velocities and their round-off of every accepted step, 24 bytes for each
-    unknown and step, and what history variables and pairs of contact need.  Factors are not kept: the
+    It keeps coordinates and velocities of every accepted step, 16 bytes for each unknown and step, and
+    what history variables and pairs of contact need.  Factors are not kept: the
     backward pass computes them again.  When the states need more than `memory`, only evenly spaced ones
     stay, and the backward pass makes the others again.  Steps that were undone, because of an event or
     a step control, leave the tape.
@@ -174,7 +172,6 @@ class RunTape:
             active_sets = [kind.save_active_set() for kind in self._with_active_sets]
         q = np.array(system.q0.array_r)
         v = np.array(system.v0.array_r)
-        remainder = np.array(system.increment.remainder.array_r)
         histories = [kind.save_history() for kind in self._keepers]
         return Node(
             index=index,
@@ -182,11 +179,10 @@ class RunTape:
             h=h,
             q=q,
             v=v,
-            remainder=remainder,
             histories=histories,
             scalars=[scalars.get_state() for scalars in system.scalar_unknowns],
             active_sets=active_sets,
-            bytes=_bytes_of([q, v, remainder, histories, active_sets]),
+            bytes=_bytes_of([q, v, histories, active_sets]),
         )
 
     def _record(self) -> None:
@@ -289,11 +285,12 @@ class RunTape:
         recorders = system.recorders
         supplied = system.supplied_energy
         losses = dict(system.losses)
-        # Steps that are made again are no steps of the run: nothing records or counts them.
+        # Nothing records or counts steps that are made again: the run has made them already.
         system.recorders = []
         try:
             self.restore(node)
-            system.increment.remainder.array[:] = node.remainder
+            # Less than the round-off of the coordinates, so that no state keeps it.
+            system.increment.remainder.set(0.0)
             for k in range(node.index + 1, index + 1):
                 try:
                     self._solver.step(self._lengths[k])

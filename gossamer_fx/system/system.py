@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Never, cast
+from typing import Any, Never, cast
 
 import numpy as np
 from dolfinx import fem
