@@ -173,7 +173,7 @@ class Continuation:
 
 
 @check_arguments
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class EquilibriumResult:
     """An equilibrium and how it was found.
 
@@ -214,6 +214,21 @@ class EquilibriumResult:
     regular: bool
     free: tuple[str, ...]
     within_tolerance: bool = True
+
+    def __repr__(self) -> str:
+        """Residual, iterations and time, and what falls short."""
+        words = [
+            f"residual {self.residual:.1e}",
+            f"{self.iterations} iterations",
+            f"{self.seconds:.2g} s",
+        ]
+        if not self.within_tolerance:
+            words.append("not within its tolerance")
+        if self.free:
+            words.append(f"nothing resists {', '.join(self.free)}")
+        elif not self.regular:
+            words.append("not unique")
+        return f"<EquilibriumResult: {', '.join(words)}>"
 
 
 @check_arguments

@@ -123,6 +123,8 @@ class Convergence:
     ) -> None:
         """Write a PNG of the errors against the CPU time and against h.
 
+        Quantities without errors are left out; if none has any, their values are drawn.
+
         Args:
             path: of the file, ending in `.png`.
             others: further computations, e.g. with another element, by the names of their curves.
@@ -137,22 +139,28 @@ class Convergence:
         matplotlib.use("Agg")
         from matplotlib import pyplot
 
-        figure, (left, right) = pyplot.subplots(
+        figure, panels = pyplot.subplots(
             1, 2, figsize=(9.0, 3.8), sharey=True, layout="constrained"
         )
-        for label, found in {name: self, **(others or {})}.items():
-            for quantity, errors in found.errors.items():
-                words = ", ".join(word for word in (label, quantity) if word)
-                if label and len(found.values) == 1:
-                    words = label
-                left.loglog(found.seconds, errors, marker="o", markersize=4, label=words)
-                right.loglog(found.sizes, errors, marker="o", markersize=4, label=words)
+        left, right = panels
+        curves = list(self._curves(name, others or {}, of_errors=True))
         left.set_ylabel("relative error")
+        if not curves:
+            # Errors need a limit.  Without any, the values themselves show why there is none.
+            curves = list(self._curves(name, others or {}, of_errors=False))
+            left.set_ylabel("value")
+            figure.suptitle("No errors: the values do not approach a limit yet", fontsize=10)
+        for label, seconds, steps, values in curves:
+            left.plot(seconds, values, marker="o", markersize=4, label=label)
+            right.plot(steps, values, marker="o", markersize=4, label=label)
         left.set_xlabel("CPU time [s]")
         right.set_xlabel("size of cells h")
         right.legend(frameon=False)
-        for panel in (left, right):
+        for panel in panels:
+            panel.set_xscale("log")
             panel.grid(True, which="both", alpha=0.25)
+            if left.get_ylabel() == "relative error":
+                panel.set_yscale("log")
         try:
             Path(path).parent.mkdir(parents=True, exist_ok=True)
             figure.savefig(path, dpi=130)
@@ -162,6 +170,20 @@ class Convergence:
             ) from error
         finally:
             pyplot.close(figure)
+
+    def _curves(
+        self, name: str, others: Mapping[str, Convergence], *, of_errors: bool
+    ) -> Iterator[tuple[str, Array, Array, Array]]:
+        """Label, CPU times, sizes and errors or values of all curves of `plot`."""
+        for label, found in {name: self, **others}.items():
+            quantities = found.values
+            if of_errors:
+                quantities = {k: e for k, e in found.errors.items() if np.isfinite(e).any()}
+            for quantity, values in quantities.items():
+                words = ", ".join(word for word in (label, quantity) if word)
+                if label and len(found.values) == 1:
+                    words = label
+                yield words, found.seconds, found.sizes, values
 
 
 @check_arguments

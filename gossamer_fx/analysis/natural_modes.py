@@ -70,7 +70,7 @@ DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
 
 
 @check_arguments
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Mode:
     """A vibration q(t) = q0 + Re(φ e^(λt)) about an equilibrium q0.
 
@@ -113,6 +113,15 @@ class Mode:
     participation: Shape = field(default_factory=lambda: np.zeros((2, 3), dtype=complex))
     effective_mass: Array = field(default_factory=lambda: np.zeros(3))
     effective_inertia: Array = field(default_factory=lambda: np.zeros(3))
+
+    def __repr__(self) -> str:
+        """Frequency, growth and effective masses; shapes are long."""
+        x, y, z = self.effective_mass
+        growth = ""
+        if self.growth > 0:
+            growth = f", grows by {self.growth:.4g}/s"
+        masses = f"effective mass ({x:.3g}, {y:.3g}, {z:.3g}) kg"
+        return f"<Mode: {self.frequency:.6g} Hz{growth}, {masses}>"
 
 
 @check_arguments
@@ -181,7 +190,9 @@ def modes(
         return math.hypot(mode.growth, 2 * math.pi * (mode.frequency - above))
 
     nearest = sorted(found, key=distance)[:count]
-    _warn_of_zeros(equilibrium, nearest, SHIFT_RATIO * K.norm() / M.norm())
+    least = SHIFT_RATIO * K.norm() / M.norm()
+    _warn_of_zeros(equilibrium, nearest, least)
+    _warn_of_growth(equilibrium, nearest, least)
     masses = ModalMasses(system, M)
     complete = [masses.complete(mode, is_turning=any(spin)) for mode in nearest]
     return sorted(complete, key=lambda mode: (mode.frequency, -mode.growth))
@@ -241,6 +252,21 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
             len(found),
             limit,
             reason,
+        )
+
+
+def _warn_of_growth(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
+    """Warn of modes that grow faster than round-off [rad²/s²] explains: the equilibrium is not stable."""
+    limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least)
+    growing = [mode.growth for mode in found if mode.growth > limit]
+    if growing and equilibrium.comm.rank == 0:
+        LOG.warning(
+            "modes: the equilibrium is not stable: %d of %d modes grow, the fastest by %.3g/s; a small disturbance "
+            "leads to another equilibrium. Compressed film (a residual stiffness) or beams may have buckled: start "
+            "from a disturbed shape, or mesh finer.",
+            len(growing),
+            len(found),
+            max(growing),
         )
 
 

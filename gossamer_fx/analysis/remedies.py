@@ -52,6 +52,9 @@ def _unsupported(system: System) -> Iterator[str]:
     held = system.comm.allreduce(len(system.supports.held))
     if held or system.constraints is not None:
         return
+    # What lies on an obstacle is supported by contact.
+    if any(getattr(item, "obstacles", ()) for item in system.items):
+        return
     size = 3 * len(system.position_marks)
     forces = system.external_forces().array_r[:size].reshape(-1, 3)
     of_positions = forces * system.position_marks[:, None]
@@ -74,7 +77,7 @@ def _inward_pressures(system: System) -> Iterator[str]:
             yield (
                 f"'{item.name}' presses the closed film '{item.body.name}' together, as the normals of its mesh "
                 f"point {side}: change the sign of the pressure, or turn the "
-                "normals (gmsh: model.mesh.reverse)."
+                "normals (orient=True, or gmsh: model.mesh.reverse)."
             )
 
 

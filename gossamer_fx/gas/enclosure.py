@@ -242,8 +242,8 @@ class FilmEnclosure:
         check_on_all(
             comm,
             bool((sum_of_directions == 0).all()),
-            f"Chamber '{self.chamber}': neighbouring triangles of '{self.film.name}' have opposite normals; orient the "
-            "surface consistently (gmsh: model.mesh.reverse).",
+            f"Chamber '{self.chamber}': neighbouring triangles of '{self.film.name}' have opposite normals; make or "
+            "read its mesh with orient=True, or turn surfaces (gmsh: model.mesh.reverse).",
         )
         return signs
 

@@ -8,7 +8,7 @@ from gossamer_fx.gas.contract import Volume
 from gossamer_fx.gas.enclosure import CompiledEnclosure
 
 
-@dataclass
+@dataclass(repr=False)
 class ChamberState:
     """State of the gas in one chamber at the end of the last accepted step.
 
@@ -33,6 +33,14 @@ class ChamberState:
     mass: float = 0.0
     internal_energy: float = 0.0
     volume: float = 0.0
+
+    def __repr__(self) -> str:
+        """Name, pressure, temperature, volume and mass."""
+        state = f"{self.pressure:.6g} Pa"
+        # Before the first state is set there is no gas, and no temperature.
+        if self.mass > 0:
+            state += f", {self.temperature:.5g} K, {self.volume:.5g} m³, {self.mass:.5g} kg"
+        return f"<ChamberState of '{self.chamber.name}': {state}>"
 
     @property
     def temperature(self) -> float:

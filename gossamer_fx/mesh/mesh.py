@@ -114,7 +114,7 @@ class Mesh:
 
 
 @check_arguments
-def read_mesh(path: str | Path, comm: MPI.Intracomm) -> Mesh:
+def read_mesh(path: str | Path, comm: MPI.Intracomm, *, orient: bool = False) -> Mesh:
     """Read a mesh from a gmsh file (.msh) of version 2.2 or 4.x.  Collective.
 
     Physical groups have their names as keys of `Mesh.groups`; unnamed groups have their numbers.  The log
@@ -123,10 +123,12 @@ def read_mesh(path: str | Path, comm: MPI.Intracomm) -> Mesh:
     Args:
         path: path of the file; rank 0 reads it.
         comm: the ranks to which the mesh is distributed.
+        orient: whether to turn triangles so that the normals of neighbours agree, and those of a closed
+            surface point outwards.
 
     Raises:
         InputError: the file does not exist, is damaged, is in another format, or contains a mesh
-            that cannot be used, such as one of quadrilaterals.
+            that cannot be used, such as one of quadrilaterals; or `orient` finds a surface with one side.
 
     Example:
         >>> def load(path):
@@ -140,7 +142,7 @@ def read_mesh(path: str | Path, comm: MPI.Intracomm) -> Mesh:
             f"There is no mesh file '{path}'; give the path of a gmsh file (.msh).",
         )
         try:
-            return read_file(Path(path))
+            return _oriented_if(orient, read_file(Path(path)))
         except BadMesh as error:
             raise InputError(str(error)) from error
 
@@ -156,7 +158,7 @@ def read_mesh(path: str | Path, comm: MPI.Intracomm) -> Mesh:
 
 
 @check_arguments
-def gmsh_mesh(build: Callable[[Any], None], comm: MPI.Intracomm) -> Mesh:
+def gmsh_mesh(build: Callable[[Any], None], comm: MPI.Intracomm, *, orient: bool = False) -> Mesh:
     """Generate a mesh with gmsh on rank 0 and distribute it over all ranks.  Collective.
 
     The cells are the elements of the highest dimension; physical groups, also those of curves and
@@ -166,10 +168,12 @@ def gmsh_mesh(build: Callable[[Any], None], comm: MPI.Intracomm) -> Mesh:
         build: function that takes `gmsh.model`, creates geometry [m] and physical groups, and calls
             `model.mesh.generate`.
         comm: the ranks to which the mesh is distributed.
+        orient: whether to turn triangles so that the normals of neighbours agree, and those of a closed
+            surface point outwards.
 
     Raises:
         InputError: the model has no elements, elements of several kinds or coordinates that are not
-            finite, or `build` raises an error.
+            finite, `build` raises an error, or `orient` finds a surface with one side.
 
     >>> import gossamer_fx as gx
     >>> from mpi4py import MPI
@@ -181,10 +185,20 @@ def gmsh_mesh(build: Callable[[Any], None], comm: MPI.Intracomm) -> Mesh:
     >>> gx.gmsh_mesh(line, MPI.COMM_SELF).domain.topology.index_map(1).size_local
     2
     """
-    return _distribute_mesh(comm, on_rank_zero(comm, lambda: _build(build)))
+    return _distribute_mesh(comm, on_rank_zero(comm, lambda: _build(build, orient)))
 
 
-def _build(build: Callable[[Any], None]) -> RawMesh:
+def _oriented_if(orient: bool, raw: RawMesh) -> RawMesh:
+    """The mesh, with consistent normals if that is wanted."""
+    if not orient:
+        return raw
+    # Imported here: most meshes have consistent normals, and do not pay for scipy's graphs.
+    from gossamer_fx.mesh.orientation import oriented
+
+    return oriented(raw)
+
+
+def _build(build: Callable[[Any], None], orient: bool) -> RawMesh:
     """Call `build` in a new gmsh session, and extract the mesh from it."""
     # Most scenes read a file or run on other ranks; gmsh is loaded only here.
     import gmsh
@@ -193,7 +207,7 @@ def _build(build: Callable[[Any], None]) -> RawMesh:
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         build(gmsh.model)
-        return extract(gmsh.model)
+        return _oriented_if(orient, extract(gmsh.model))
     except InputError:
         raise
     except BadMesh as error:

@@ -42,7 +42,7 @@ class FilmMaterial:
         Args:
             thickness: t [m].
             kind: `Miyazaki`, `TensionField`, `Linear` or `Elastica`.
-            numbers: what that law takes besides, as `residual=1e-4`.
+            numbers: further arguments of the law, e.g. `residual_stiffness=1e-4`.
 
         Raises:
             InputError: a thickness that is not positive, or what the law refuses.

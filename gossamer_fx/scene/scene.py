@@ -75,7 +75,7 @@ class Scene:
         twice = sorted({n for n in names if names.count(n) > 1})
         check(
             not twice,
-            f"Two parts of the scene are called '{twice[0] if twice else ''}'; give each its own name.",
+            f"Two parts of the scene are called '{twice[0] if twice else ''}'; give each its own by name=....",
         )
 
     def _add(self, item: object) -> None:

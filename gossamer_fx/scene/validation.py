@@ -148,8 +148,8 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
         opposite = comm.allreduce(int(((count == 2) & (directions != 0)).sum()))
         if opposite:
             yield (
-                f"Normals of '{body.name}' change sides at {opposite} edges: pressure would push to both sides (gmsh: "
-                "model.mesh.reverse)."
+                f"Normals of '{body.name}' change sides at {opposite} edges: pressure would push to both sides; make "
+                "or read the mesh with orient=True, or turn surfaces (gmsh: model.mesh.reverse)."
             )
         upside_down = folded(table)
         in_plane, share = folded_in_plane(table)

@@ -1,4 +1,4 @@
-"""The demos that answer frequent questions: the check numbers that their texts state."""
+"""Demos of equilibria and of frequent questions: the check numbers that their texts state."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from demos import (
     folded_bag,
     follower_pressure,
     paper_crease,
+    quarter_sail,
+    resting_ring,
     sail_table,
     soft_finger,
     uniform_pressure,
@@ -141,3 +143,23 @@ def test_a_finger_bends_as_a_beam_and_reaches_the_angle_that_is_wanted() -> None
     assert found["angle under control [deg]"] == pytest.approx(12, abs=0.05)
     assert found["energy error"] < 1e-10
     assert found["mass error"] < 1e-12
+
+
+@pytest.mark.mpi
+def test_a_ring_rests_on_the_floor_with_its_weight(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The polyhedron has less area than the torus, by the square of the cells over the tube's radius."""
+    monkeypatch.setattr(resting_ring, "OVERPRESSURES", (100.0,))
+    found = resting_ring.main(size=0.08, comm=MPI.COMM_WORLD)
+    assert found["push/weight, 100 Pa"] == pytest.approx(1.0, abs=0.02)
+    assert 0.9 < found["height/diameter, 100 Pa"] < 1.0
+    assert found["free motions, 100 Pa"] == 3
+
+
+@pytest.mark.mpi
+def test_the_modes_of_a_sail_with_curved_edges_converge() -> None:
+    study = quarter_sail.main(meshes=(4, 8), reference=16, comm=MPI.COMM_WORLD)
+    assert len(study.errors) == quarter_sail.MODES
+    for errors in study.errors.values():
+        coarse, fine = errors
+        assert fine < 0.5 * coarse
+        assert fine < 0.03

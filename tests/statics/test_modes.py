@@ -444,3 +444,23 @@ def test_a_film_on_a_free_hub_in_a_turning_frame(comm):
         2.276136,
     ):  # of Ω the motion of the whole, as it is seen from turning axes
         assert abs(squares / exact - 1).min() < 1e-3
+
+
+def test_an_unstable_equilibrium_is_reported(caplog):
+    """A mass between two compressed springs escapes sideways at √(2 T/(l m))."""
+    mass = gx.PointMass(0.5, (0.0, 0.0, 0.0), name="mass")
+    springs = [
+        gx.connectors.Spring(
+            mass.port(), gx.Ground((x, 0.0, 0.0)), stiffness=100.0, length=1.1, name=f"spring {x}"
+        )
+        for x in (-1.0, 1.0)
+    ]
+    equilibrium = Equilibrium(gx.Scene(mass, *springs))
+    equilibrium.find()
+    caplog.clear()
+    found = modes(equilibrium, 3)
+    assert [mode.growth for mode in found[:2]] == pytest.approx([40.0**0.5] * 2, rel=1e-9)
+    assert found[2].frequency == pytest.approx(400.0**0.5 / (2 * np.pi), rel=1e-9)
+    assert "not stable: 2 of 3 modes grow, the fastest by 6.32/s" in caplog.text
+    assert "grows by 6.325/s" in repr(found[0])
+    assert "grows" not in repr(found[2])

@@ -188,3 +188,17 @@ def test_the_reaction_of_what_is_not_in_the_scene_is_refused(comm):
         equilibrium.reaction(gx.Fixed(body, "right"))
     with pytest.raises(gx.InputError, match="three numbers"):
         equilibrium.reaction(gx.Fixed(body, "left"), about=(np.nan, 0.0, 0.0))
+
+
+def test_what_lies_on_an_obstacle_counts_as_supported(comm):
+    """After one iteration it is not at rest; the advice must not be to hold what the floor holds."""
+    lying = film(comm)
+    floor = gx.contact.Plane(point=(0.0, 0.0, -1e-3), normal=(0.0, 0.0, 1.0))
+    weight = gx.Gravity(lying)
+    search = gx.analysis.Continuation(total_iterations=1)
+    with pytest.raises(NoEquilibrium) as of_contact:
+        scene = gx.Scene(lying, weight, gx.Contact(lying, floor, distance=2e-3))
+        Equilibrium(scene, search).find()
+    assert "supported" not in str(of_contact.value)
+    with pytest.raises(NoEquilibrium, match="Nothing in the scene is supported"):
+        Equilibrium(gx.Scene(lying, weight), search).find()

@@ -1,0 +1,124 @@
+"""Consistent normals: triangles of a surface turned so that neighbours have them on the same side.
+
+Two neighbours agree if they pass their common edge in opposite directions.  Starting from one triangle of each
+connected surface, all others are turned to agree with a neighbour that is done.  The normals of a closed
+surface then point outwards if its volume Σ x0·(x1×x2)/6 over its triangles is positive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from gossamer_fx.mesh.gmsh_reader import BadMesh, Integers, RawMesh
+
+# Nodes of a triangle in gmsh's order after its second and third corner are exchanged, by number of nodes.
+# Of order 2 the nodes in the middle of the edges 01, 12, 20 follow the corners.
+_TURNED = {3: [0, 2, 1], 6: [0, 2, 1, 5, 4, 3]}
+
+
+@dataclass(frozen=True)
+class _Neighbours:
+    """Pairs of triangles that share an edge which no third triangle has.
+
+    Attributes:
+        first, second: rows of the cells (n,).
+        agree: whether the normals of both are on the same side (n,).
+        with_boundary: rows of cells with an edge that does not have exactly two triangles.
+    """
+
+    first: Integers
+    second: Integers
+    agree: npt.NDArray[np.bool_]
+    with_boundary: Integers
+
+
+def oriented(raw: RawMesh) -> RawMesh:
+    """The mesh with consistent normals, which point out of closed surfaces.
+
+    An open surface keeps the side that the larger number of its triangles has.  Where three or more
+    triangles share an edge, surfaces end.  A mesh of line elements is returned as it is.
+
+    Raises:
+        BadMesh: a surface has one side only, as a Möbius strip.
+    """
+    if raw.kind != "triangle":
+        return raw
+    corners = raw.cells[:, :3]
+    neighbours = _neighbours(corners)
+    count = len(corners)
+    links = (np.ones(len(neighbours.first)), (neighbours.first, neighbours.second))
+    graph = sparse.coo_array(links, shape=(count, count)).tocsr()
+    surfaces, surface_of_cell = csgraph.connected_components(graph, directed=False)
+    turned = _disagreeing(graph, neighbours, surface_of_cell)
+    inconsistent = (turned[neighbours.first] == turned[neighbours.second]) != neighbours.agree
+    if inconsistent.any():
+        raise BadMesh(
+            "The mesh has a surface with one side only, as a Möbius strip, whose normals cannot "
+            "agree; leave orient out."
+        )
+
+    x0, x1, x2 = raw.points[corners].transpose(1, 0, 2)
+    # Relative to the middle of the mesh, so that the volume has no round-off of a distance from the origin.
+    middle = raw.points.mean(axis=0)
+    volumes = np.einsum("ij,ij->i", x0 - middle, np.cross(x1 - middle, x2 - middle)) / 6
+    volume = np.bincount(surface_of_cell, np.where(turned, -volumes, volumes), surfaces)
+    share_turned = np.bincount(surface_of_cell, turned, surfaces) / np.bincount(surface_of_cell)
+    is_closed = np.ones(surfaces, dtype=bool)
+    is_closed[surface_of_cell[neighbours.with_boundary]] = False
+    is_other_side = np.where(is_closed, volume < 0, share_turned > 0.5)
+    turned ^= is_other_side[surface_of_cell]
+
+    cells = raw.cells.copy()
+    cells[turned] = cells[turned][:, _TURNED[cells.shape[1]]]
+    return replace(raw, cells=cells)
+
+
+def _neighbours(corners: Integers) -> _Neighbours:
+    """The neighbours among triangles (m, 3) of nodes."""
+    directed = np.vstack([corners[:, [i, (i + 1) % 3]] for i in range(3)])
+    cell = np.tile(np.arange(len(corners)), 3)
+    forwards = directed[:, 0] < directed[:, 1]
+    low_ends = directed.min(axis=1)
+    high_ends = directed.max(axis=1)
+    keys = low_ends * (int(corners.max()) + 1) + high_ends
+    order = np.argsort(keys, kind="stable")
+    _, start, count = np.unique(keys[order], return_index=True, return_counts=True)
+    inner = start[count == 2]
+    first = order[inner]
+    second = order[inner + 1]
+    is_inner = np.zeros(len(keys), dtype=bool)
+    is_inner[first] = True
+    is_inner[second] = True
+    return _Neighbours(
+        first=cell[first],
+        second=cell[second],
+        agree=forwards[first] != forwards[second],
+        with_boundary=np.unique(cell[~is_inner]),
+    )
+
+
+def _disagreeing(
+    graph: sparse.csr_array, neighbours: _Neighbours, surface_of_cell: Integers
+) -> npt.NDArray[np.bool_]:
+    """Whether each triangle must be turned to agree with the first one of its surface."""
+    agree = {}
+    for pair, is_same in enumerate(neighbours.agree):
+        first = int(neighbours.first[pair])
+        second = int(neighbours.second[pair])
+        agree[first, second] = bool(is_same)
+        agree[second, first] = bool(is_same)
+    turned = np.zeros(graph.shape[0], dtype=bool)
+    _, roots = np.unique(surface_of_cell, return_index=True)
+    for root in roots:
+        order, before = csgraph.breadth_first_order(graph, root, directed=False)
+        # Each triangle comes after the neighbour from which it was reached.
+        for cell in map(int, order[1:]):
+            reached_from = int(before[cell])
+            # The same as that neighbour if both agree, the contrary if not.
+            turned[cell] = turned[reached_from] == agree[reached_from, cell]
+    return turned
