@@ -14,7 +14,7 @@ from dolfinx.mesh import Mesh as DolfinxMesh
 from gossamer_fx.algebra.point_measures import PointMeasure
 from gossamer_fx.bodies.curve import Curve
 from gossamer_fx.bodies.frames import Frame
-from gossamer_fx.bodies.initial_strain import Numbers
+from gossamer_fx.bodies.initial_strain import Numbers, prestress_parameters
 from gossamer_fx.bodies.meshed import PointFunction, checked
 from gossamer_fx.bodies.ports import global_node
 from gossamer_fx.bodies.rigid_body import orthonormality
@@ -157,6 +157,9 @@ class Beam(Curve):
         """
         yield KineticEnergy(self, self.mass)
         thermal = self._thermal_strain("Beam", components=6)
+        stored = prestress_parameters(self.constants)
+        if thermal is not None:
+            stored += thermal.parameters
         yield StoredEnergy(
             self.name,
             self,
@@ -165,7 +168,7 @@ class Beam(Curve):
             self.dx,
             quadratic=True,
             thermal=thermal,
-            parameters=() if thermal is None else thermal.parameters,
+            parameters=stored,
         )
         # One constraint for each owned node; its multipliers keep sections rigid in every iterate.
         first, end = self.block.index_map.local_range

@@ -13,7 +13,7 @@ import ufl
 from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.bodies.curve import Curve
-from gossamer_fx.bodies.initial_strain import Numbers
+from gossamer_fx.bodies.initial_strain import Numbers, prestress_parameters
 from gossamer_fx.bodies.meshed import PointFunction, checked, positions
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
@@ -219,6 +219,9 @@ class Cable(Curve):
             parameters=numbers,
         )
         thermal = self._thermal_strain("Cable", components=1)
+        stored = numbers + prestress_parameters(self.constants)
+        if thermal is not None:
+            stored += thermal.parameters
         yield StoredEnergy(
             self.name,
             self,
@@ -228,7 +231,7 @@ class Cable(Curve):
             self.law.quadratic,
             lambda e0, e1: self.law.pieces(e0, e1, self.constants),
             thermal=thermal,
-            parameters=numbers if thermal is None else numbers + thermal.parameters,
+            parameters=stored,
         )
 
     def density(self, e: Expr) -> Expr:

@@ -25,6 +25,7 @@ from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.mesh.quality import area_vectors, corner_points
 from gossamer_fx.model.body import Array
+from gossamer_fx.model.parameters import Parameter
 
 # A tensor (3, 3), or a number for one that is the same in all directions; {group: tensor or number}; or a
 # function of points (3, n) that returns (3, 3, n) or (n,).
@@ -37,6 +38,20 @@ Numbers = float | Mapping[str, float] | Callable[[Array], Array]
 
 # Compression over the largest stress that is round-off of the user's numbers.
 COMPRESSION_TOLERANCE = 1e-9
+
+
+# SI units of the coefficients of prestress, by their names among the constants of a body.
+PRESTRESS_UNITS = {"initial_strain": "", "initial_stress": "Pa", "initial_tension": "N"}
+
+
+def prestress_parameters(constants: Any) -> tuple[Parameter, ...]:
+    """The prestress of a body as parameters of its stored energy; empty without prestress."""
+    found = []
+    for name, unit in PRESTRESS_UNITS.items():
+        coefficient = getattr(constants, name, None)
+        if coefficient is not None:
+            found.append(Parameter(name, unit, coefficient))
+    return tuple(found)
 
 
 def check_one_given(name: str, strain: Any, stress: Any, stress_name: str) -> None:

@@ -15,6 +15,7 @@ from gossamer_fx.bodies.initial_strain import (
     check_one_given,
     check_stress,
     film_tensors,
+    prestress_parameters,
     strain_in_frame,
     strain_of_stress,
 )
@@ -239,6 +240,9 @@ class Membrane(Meshed):
         # the geometric stiffness indefinite; the iteration may leave it out.
         pulling = tension if self.law.quadratic else None
         thermal = self._thermal_strain()
+        stored = numbers + prestress_parameters(self.constants)
+        if thermal is not None:
+            stored += thermal.parameters
         yield StoredEnergy(
             self.name,
             self,
@@ -250,7 +254,7 @@ class Membrane(Meshed):
             pulling,
             c_law=self.law.c_law(self.constants, self.comm),
             thermal=thermal,
-            parameters=numbers if thermal is None else numbers + thermal.parameters,
+            parameters=stored,
         )
 
     @cached_property

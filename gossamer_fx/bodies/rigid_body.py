@@ -160,6 +160,16 @@ class RigidBody:
         here = 12 * self.block.index_map.size_local
         return self._q.ravel()[:here].copy(), self._v.ravel()[:here].copy()
 
+    @property
+    def velocity(self) -> Array:
+        """Velocity (3,) [m/s] of the centre of mass at the start."""
+        return self._velocity
+
+    @property
+    def spin(self) -> Array:
+        """Angular velocity (3,) [rad/s] in space axes at the start."""
+        return self._spin
+
     def terms(self, start: State) -> Iterable[Term]:
         """The kinetic energy, and the constraint that the directors stay orthonormal."""
         mass = np.zeros((self.block.index_map.size_local, 4, 4))

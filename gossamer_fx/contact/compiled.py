@@ -17,6 +17,7 @@ from gossamer_fx.contact.contact_set import ContactSet
 from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.contact.history import ContactHistory
 from gossamer_fx.contact.obstacles import Obstacle
+from gossamer_fx.contact.pair_table import ActivePairs
 from gossamer_fx.contact.potential import ContactLaw
 from gossamer_fx.contact.system_view import ContactAssembly
 from gossamer_fx.drawing.solids import Solid
@@ -162,6 +163,17 @@ class CompiledContacts(
     def load_history(self, saved: list[Any]) -> None:
         for contact_set, of_set in zip(self.contact_sets.values(), saved, strict=True):
             contact_set.load_history(of_set)
+
+    def save_active_set(self) -> list[ActivePairs | None]:
+        return [contact_set.save_active_set() for contact_set in self.contact_sets.values()]
+
+    def load_active_set(self, saved: list[ActivePairs | None]) -> None:
+        for contact_set, pairs in zip(self.contact_sets.values(), saved, strict=True):
+            contact_set.load_active_set(pairs)
+
+    def activate_present(self) -> None:
+        for contact_set in self.contact_sets.values():
+            contact_set.activate_present()
 
     def exchange_ends(self) -> None:
         for contact_set in self.contact_sets.values():

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -66,6 +67,10 @@ MAX_UPDATE = 4.0
 # How far the motion of an obstacle may be from a straight and uniform one in a step, over the activation
 # distance.  A jump of half of this distance is refused, however short the step is.
 MAX_DEVIATION = 0.25
+
+# Scaled distance beyond the range of a pair up to which a tape records it, against the round-off of
+# points that are placed again.
+SCALED_MARGIN = 1e-6
 
 # No length: divisions by smaller ones are meaningless.
 TINY = 1e-300
@@ -135,6 +140,9 @@ class ContactSet:
         self._start_time = 0.0  # of x0
         self._end_time = 0.0
         self._push_back = PUSH_BACK
+        self._accepted_pairs: ActivePairs | None = None
+        # What both tables of pairs do at the last residual; None before the first one.
+        self._last_states: tuple[ByteArray, ByteArray] | None = None
         # Distances at both ends of the last step: its end is the start of the next one.
         self._known_distances: list[PairDistances] = []
 
@@ -181,6 +189,7 @@ class ContactSet:
             order = np.argsort(identifier)
             history.identifier = identifier[order]
             history.stiffness = self.pairs.stiffness[has_energy][order]
+        self._accepted_pairs = self.pairs
         # In statics the residual of the accepted state is asked for, too: whether it is in equilibrium.
         if self._alpha < 1:
             self.pairs = None
@@ -201,6 +210,43 @@ class ContactSet:
         history.activation_distance, history.identifier, history.stiffness, speed = saved
         history.reference_speed = speed
         history.restored += 1
+
+    def save_active_set(self) -> ActivePairs | None:
+        """Return those pairs of the last accepted step that have energy at one of its ends.
+
+        The others have neither force nor tangent.  Starts are left out: they follow from the points.
+        """
+        pairs = self._accepted_pairs
+        if pairs is None:
+            return None
+        assert pairs.start is not None, "a step has the starts of its pairs"
+        # Starts have squared distances with rounded edges; `x0` is the end of the accepted step.
+        scaled_at_start = (pairs.start[:, 3] - pairs.offset) / pairs.width
+        _, scaled_at_end = energy_of_pairs(pairs, self.x0, self.law)
+        is_near = np.minimum(scaled_at_start, scaled_at_end) < 1 + SCALED_MARGIN
+        return replace(pairs.rows(is_near), start=None)
+
+    def load_active_set(self, pairs: ActivePairs | None) -> None:
+        """Start a step from the accepted state with pairs of `save_active_set`, without a search."""
+        assert pairs is not None, "only steps are recorded"
+        self._end_time = self._system.time + self._system.h
+        # The step was accepted: whatever separates fast in it does not count as passed.
+        self._push_back = 0.0
+        self._activate(pairs)
+
+    def activate_present(self) -> None:
+        """Start a step of no length from the accepted state, with the pairs that have energy there."""
+        self.stored_energy()
+        self._end_time = self._system.time
+        self._activate(self.pairs_with_energy())
+
+    def _activate(self, pairs: ActivePairs) -> None:
+        """Let pairs without starts take part in a step from x0."""
+        pairs = replace(pairs, start=pair_starts(pairs, self.x0, *closest_points(pairs, self.x0)))
+        self.pairs = pairs
+        self._lay_out(pairs)
+        self._last_end = self.x0
+        self._last_states = None
 
     def _known_parameters(self, pairs: ActivePairs) -> Array | None:
         """Return the parameters (n, 2) of the active pairs' closest points at x0, if they are known."""
@@ -378,7 +424,7 @@ class ContactSet:
         self.pairs = pairs
         self._lay_out(pairs)
         self._last_end = self.x0
-        self._last_states: tuple[ByteArray, ByteArray] | None = None
+        self._last_states = None
 
     def _lay_out(self, pairs: ActivePairs) -> None:
         """Choose the pattern of the tangent.
@@ -387,6 +433,7 @@ class ContactSet:
         which are coupled instead.
         """
         is_of_bodies = between_bodies(pairs.points, self.points.body_count)
+        self._is_of_bodies = is_of_bodies
         self._body_pairs = pairs.rows(is_of_bodies)
         self._obstacle_pairs = pairs.rows(~is_of_bodies)
         block_rows, self._row_weights = self.points.block_rows_of(self._obstacle_pairs.points)
@@ -413,8 +460,10 @@ class ContactSet:
             # The closest points of the original start stay the origin of the pairs' vectors: the force
             # depends on that origin where it is corrected along the change of the measures.
             start[:, :2] = pairs.start[:, :2]
-        pairs.start = start
-        self._lay_out(pairs)
+        # The pattern of the tangent stays, too.
+        self.pairs = replace(pairs, start=start)
+        self._body_pairs = replace(self._body_pairs, start=start[self._is_of_bodies])
+        self._obstacle_pairs = replace(self._obstacle_pairs, start=start[~self._is_of_bodies])
         self._last_end = self.x0
         self._last_states = None
         # Pairs that separate fast would count as too steep when they approach as fast.

@@ -33,7 +33,8 @@ Algorithm.  For each step, last first:
 At the first step `finish` adds what the initial pressures and temperatures of the chambers give.
 
 Cost: the balance of n chambers with some 10 n derivatives of each number, about a millisecond for three.
-Limits: there are no derivatives by the gas itself (γ, R), nor by areas that functions of time give.
+Limits: there are no derivatives by the gas itself (γ, R); of an area that a function of time gives, there
+is the one by a number that multiplies it.
 """
 
 from __future__ import annotations
@@ -52,6 +53,9 @@ from gossamer_fx.gas.ideal_gas import IdealGas
 from gossamer_fx.gas.ring import Loop, Ring
 from gossamer_fx.gas.state import ChamberState
 from gossamer_fx.model.body import Array
+
+# Name of the number by which the area of a valve, a function of time, is multiplied.
+AREA_FACTOR = "area_factor"
 
 # A parameter: the item of the scene, and the name that the item has for it.
 Key = tuple[int, str]
@@ -130,6 +134,9 @@ class GasAdjoint:
                 units[id(opening), "discharge_coefficient"] = ""
                 if isinstance(opening.area, int | float):
                     units[id(opening), "area"] = "m²"
+                elif callable(opening.area):
+                    # The function belongs to its user; the number that multiplies it has a derivative.
+                    units[id(opening), AREA_FACTOR] = ""
         for wall, _ in self._walls:
             units[id(wall), "conductance"] = "W/K"
             units[id(wall), "temperature"] = "K"
@@ -142,6 +149,8 @@ class GasAdjoint:
         """The present value of a parameter."""
         if (id(item), name) not in self.units:
             raise KeyError(name)
+        if name == AREA_FACTOR:
+            return 1.0
         if name == _volume_name(item):
             return float(item.fixed_volume)
         if isinstance(item, Volume):
@@ -252,7 +261,9 @@ class GasAdjoint:
                 loop = self._network.geometry.loop(opening.area)
                 gradient = loop.aperture_gradient(self._h)
                 self._to_areas.append((loop, gradient, coefficient * derivative))
-            elif not callable(opening.area):
+            elif callable(opening.area):
+                self._add(opening, AREA_FACTOR, derivative * passage.area)
+            else:
                 self._add(opening, "area", coefficient * derivative)
 
     def _take_boundaries(self, ν: Array) -> None:

@@ -45,9 +45,23 @@ class ConstantForce:
     def tangent(self, X: Array) -> Array:
         return np.zeros((X.size, X.size))
 
+    def get_number(self, key: str) -> Array:
+        return self.value
+
+    def with_number(self, key: str, value: Array) -> ConstantForce:
+        return ConstantForce(value)
+
+    def force_by_number(self, key: str, X: Array) -> Array:
+        """The force is the number itself."""
+        return np.eye(X.size)
+
 
 class ForceInTime:
-    """Force (3,) as a function of time, taken where forces act, e.g. at the middle of the step."""
+    """Force (3,) as a function of time, taken where forces act, e.g. at the middle of the step.
+
+    Attributes:
+        factor: number by which the function is multiplied; a parameter of gradients.
+    """
 
     depends_on_position_only = True
 
@@ -56,6 +70,7 @@ class ForceInTime:
         self._name = name
         self._value = value
         self._now: Array = np.zeros(3)
+        self.factor = 1.0
 
     def begin(
         self,
@@ -69,10 +84,22 @@ class ForceInTime:
         self._now = at_time(self._comm, self._name, self._value, t + lag)
 
     def force(self, X: Array) -> Array:
-        return self._now
+        return self.factor * self._now
 
     def tangent(self, X: Array) -> Array:
         return np.zeros((3, 3))
+
+    def get_number(self, key: str) -> Array:
+        return np.array([self.factor])
+
+    def with_number(self, key: str, value: Array) -> ForceInTime:
+        changed = ForceInTime(self._comm, self._name, self._value)
+        changed.factor = float(value[0])
+        return changed
+
+    def force_by_number(self, key: str, X: Array) -> Array:
+        """The force without the factor, as a column."""
+        return self._now[:, None]
 
 
 def at_time(
@@ -202,9 +229,10 @@ class Force:
         value = self.force
         if callable(value):
             law = ForceInTime(self.port.body.comm, self.name, value)
-            yield PointLoad(self.name, (self.port,), law)
+            # A function of time belongs to its user; a gradient has the number that multiplies it.
+            factor = (Parameter("factor", "", "factor"),)
+            yield PointLoad(self.name, (self.port,), law, factor)
             return
-        # Only a number can be a parameter of a gradient; a function of time belongs to its user.
         constant_force = ConstantForce(np.asarray(value, dtype=float))
         parameters = (Parameter("force", "N", "value"),)
         yield PointLoad(self.name, (self.port,), constant_force, parameters)

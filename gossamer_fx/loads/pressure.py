@@ -64,6 +64,9 @@ class Pressure:
         value = self.pressure
         mesh = film.space.mesh
         p = constant(mesh, 0.0 if callable(value) else value)
+        # A function of time belongs to its user; a gradient has the number that multiplies it.
+        factor = constant(mesh, 1.0) if callable(value) else None
+        pressure = p if factor is None else factor * p
         # Exact: the area vector is a product of two gradients, and w has the order of the film.
         degree = 2 * (film.order - 1) + film.order
         dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": degree})
@@ -77,11 +80,11 @@ class Pressure:
         def work(x: Expr, w: Expr) -> ufl.Form:
             """δW [J] at positions x along test functions w."""
             # The area vector is n da/dA: the integral over the mesh is one over the deformed film.
-            return p * ufl.dot(area_vector(film.deformation(x)), w) * dx
+            return pressure * ufl.dot(area_vector(film.deformation(x)), w) * dx
 
-        if callable(value):
-            yield Load(self.name, film, work, follows=True, at=at)
+        if factor is not None:
+            scale = (Parameter("factor", "", factor),)
+            yield Load(self.name, film, work, follows=True, at=at, parameters=scale)
             return
-        # Only a number can be a parameter of a gradient; a function of time belongs to its user.
         parameters = (Parameter("pressure", "Pa", p),)
         yield Load(self.name, film, work, follows=True, parameters=parameters)

@@ -384,7 +384,25 @@ class Reversible:
 
 @runtime_checkable
 class ExchangesEnds(Protocol):
-    """Has an active set that stays when the ends of a step change places; see `Reversible`."""
+    """Has an active set that stays when the ends of a step change places; see `Reversible`.
+
+    A tape records the active set of every step, so that the step is made again without a search.
+    """
+
+    @abstractmethod
+    def save_active_set(self) -> Any:
+        """The active set of the last accepted step, as an object that does not change."""
+        ...
+
+    @abstractmethod
+    def load_active_set(self, saved: Any) -> None:
+        """Start a step of length `h` of the system from its accepted state, with a saved active set."""
+        ...
+
+    @abstractmethod
+    def activate_present(self) -> None:
+        """Start a step of no length from the accepted state, with what has energy there."""
+        ...
 
     @abstractmethod
     def exchange_ends(self) -> None:

@@ -112,12 +112,9 @@ class BackwardSteps:
         system = self._system
         h = end.h
         self._tape.restore(start)
-        y = system.begin_step(h)
+        y = system.begin_recorded_step(h, end.active_sets)
         system.set_inertia(2 / h**2)
         self._end_at(start, end)
-        # Contact may need pairs that its prediction of the step left out.
-        while system.extend_active_set():
-            self._end_at(start, end)
         system.residual(y, self._scratch)
         self._check_residual(start, end)
 
@@ -215,7 +212,8 @@ class BackwardSteps:
         μ = self._scratch
         self.μ.copy(μ)
         self.clear(μ)
-        self._system.tangent().multTranspose(μ, self._Bμ)
+        # A product needs no sum of the matrices that contact couples.
+        self._system.assemble_tangent().mult_transpose(μ, self._Bμ)
 
     def reverse(self, start: Node, end: Node) -> None:
         """Make the system stand at the end of the reversed step: it starts at q1 and ends at q0.  Collective."""

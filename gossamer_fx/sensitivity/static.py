@@ -55,10 +55,6 @@ class StaticGradients:
             "gradient: the gas of a chamber at equilibrium depends on how it got there; give the pressure as "
             "Pressure, or take the gradient of a run.",
         )
-        check(
-            not system.active_sets,
-            "gradient: contact at an equilibrium has no gradient yet; take that of a run, or leave contact out.",
-        )
         self._equilibrium = equilibrium
         self._system = system
         self._adjoint = AdjointFields(system)

@@ -58,7 +58,7 @@ class TransientGradients:
     def __init__(self, tape: RunTape, by: Sequence[str]) -> None:
         system = tape.system
         check(
-            len(tape.nodes) > 1,
+            tape.steps > 0,
             "gradient: the tape has no step; make it before run.run().",
         )
         for kind in system.compiled:
@@ -87,7 +87,7 @@ class TransientGradients:
             StepFailure: a step of the tape cannot be repeated.
         """
         system = self._system
-        nodes = self._tape.nodes
+        present = self._tape.nodes[-1]
         remainder = system.increment.remainder.copy()
         value, observed, shares = self._observed(objective)
         for variable in self.variables:
@@ -96,36 +96,38 @@ class TransientGradients:
         self._a.set(0.0)
         self._b.set(0.0)
         last = max(shares)
-        self._add_result(observed, nodes[last], shares[last])
-        self.norms = [float(self._b.norm())]
-        for k in range(last, 0, -1):
-            self.steps.solve(nodes[k - 1], nodes[k], self._a, self._b)
+        duration = 0.0
+        for start, end in self._tape.backwards(last):
+            if end.index == last:
+                self._add_result(observed, end, shares[last])
+                self.norms = [float(self._b.norm())]
+            duration += end.h
+            self.steps.solve(start, end, self._a, self._b)
             self._adjoint.set(self.steps.μ)
             self._adjoint.set_inertia(self.steps.inertia)
             for variable in self.variables:
                 variable.add_residual(self.steps.μ, with_inertia=True)
-            self.steps.carry(nodes[k - 1], nodes[k], self._a, self._b)
-            if k - 1 in shares:
-                self._add_result(observed, nodes[k - 1], shares[k - 1])
+            self.steps.carry(start, end, self._a, self._b)
+            if start.index in shares:
+                self._add_result(observed, start, shares[start.index])
             self.norms.append(float(self._b.norm()))
         self._finish_scalars()
         for variable in self.variables:
             variable.add_start(self._a, self._b)
-        self._tape.restore(nodes[-1])
+        self._tape.restore(present)
         remainder.copy(system.increment.remainder)
         growth = growth_of(self.norms)
-        self._warn(growth, nodes[last].time - nodes[0].time)
+        self._warn(growth, duration)
         return collected(value, objective.unit, self.variables, system.comm, growth)
 
     def _observed(self, objective: Objective) -> tuple[float, Objective, dict[int, float]]:
         """The value of a result, what is observed for it, and the share of each node in its derivative."""
-        nodes = self._tape.nodes
         view = SceneView(self._system)
         if not isinstance(objective, CrossingTime):
-            return objective(view), objective, {len(nodes) - 1: 1.0}
+            return objective(view), objective, {self._tape.steps: 1.0}
         times = []
         values = []
-        for node in nodes:
+        for node in self._tape.forwards():
             self._tape.restore(node)
             times.append(node.time)
             values.append(objective.of(view))

@@ -18,6 +18,7 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
+from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.errors import InputError, check, check_on_all
 from gossamer_fx.model import roles
 from gossamer_fx.model.body import Array, Body, MeshBody, has_nodal_unknowns, is_on_mesh
@@ -35,6 +36,8 @@ from gossamer_fx.terms.scalar_unknowns import ScalarsAdjoint
 SHAPE = "shape"
 INITIAL_VELOCITY = "initial_velocity"
 INITIAL_POSITION = "initial_position"
+SPIN = "spin"
+VELOCITY = "velocity"
 
 
 class AdjointFields:
@@ -263,6 +266,36 @@ class InitialVariable(Variable):
         return None
 
 
+class RigidMotionVariable(Variable):
+    """Velocity or angular velocity (3,) of a rigid body at the start of a run.
+
+    The body's director d has the velocity ω × d, so that dJ/dω = Σ d × dJ/dḋ.
+    """
+
+    def __init__(self, name: str, body: RigidBody, system: System) -> None:
+        self._is_spin = name.rpartition(".")[2] == SPIN
+        super().__init__(name, "rad/s" if self._is_spin else "m/s", False, 3)
+        self._body = body
+        self._system = system
+
+    def get(self) -> Array:
+        return np.array(self._body.spin if self._is_spin else self._body.velocity)
+
+    def set(self, values: Array) -> None:
+        raise InputError(
+            f"'{self.name}' belongs to the start of a run; make a scene with another one."
+        )
+
+    def add_start(self, by_position: PETSc.Vec, by_velocity: PETSc.Vec) -> None:
+        # Four vectors on the rank that owns the body, none on the others; ranks are added up.
+        rates = by_velocity.array_r[self._system.block(self._body).owned].reshape(-1, 4, 3)
+        start = np.reshape(self._body.initial_state()[0], (-1, 4, 3))
+        if self._is_spin:
+            self.sum += np.cross(start[:, 1:], rates[:, 1:]).sum(axis=(0, 1))
+        else:
+            self.sum += rates[:, 0].sum(axis=0)
+
+
 class ScalarVariable(Variable):
     """A number of scalar unknowns: of a chamber, an orifice, a wall or a reservoir of gas."""
 
@@ -373,6 +406,8 @@ def _find(
     item: Any = items[0]
     if what == SHAPE and _has_shape(item):
         return _shape(system, name, item, adjoint)
+    if in_time and isinstance(item, RigidBody) and what in (SPIN, VELOCITY):
+        return RigidMotionVariable(name, item, system)
     if in_time and item in system.bodies and what in (INITIAL_VELOCITY, INITIAL_POSITION):
         return InitialVariable(name, item, system, what == INITIAL_VELOCITY)
     for part in scalars:
@@ -420,6 +455,8 @@ def _names_of(
         names.update(part.names_of(item))
     if _has_shape(item):
         names.add(SHAPE)
+    if in_time and isinstance(item, RigidBody):
+        names |= {SPIN, VELOCITY}
     if in_time and item in system.bodies:
         names |= {INITIAL_POSITION, INITIAL_VELOCITY}
     return sorted(names)

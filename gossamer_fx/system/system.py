@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Never, cast
+from typing import Any, Never, cast
 
 import numpy as np
 from dolfinx import fem
@@ -304,6 +304,18 @@ class System:
         self.h = h
         for active_set in self.active_sets:
             active_set.update_active_set()
+        return self._begin_without_search(h)
+
+    def begin_recorded_step(self, h: float, active_sets: Sequence[Any]) -> Array:
+        """Start a step as `begin_step` does, with the active sets that a tape has recorded."""
+        self.h = h
+        recorded = roles.playing(roles.ExchangesEnds, self.compiled)
+        for kind, saved in zip(recorded, active_sets, strict=True):
+            kind.load_active_set(saved)
+        return self._begin_without_search(h)
+
+    def _begin_without_search(self, h: float) -> Array:
+        """Start a step of length h [s] once the active sets are known."""
         t = self.time + self.rule.alpha * h
         for observer in self._step_observers:
             observer.begin_step(t)
@@ -387,6 +399,9 @@ class System:
         """
         out = self.numbering.vector()
         self.set_end(self.q0)
+        # Active sets are those of steps; between steps there are none.
+        for active_set in roles.playing(roles.ExchangesEnds, self.compiled):
+            active_set.activate_present()
         if self.K is not None:
             self.K.mult(self.q0, out)
         for kind in self._forces:

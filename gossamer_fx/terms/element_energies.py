@@ -150,6 +150,7 @@ class ElementEnergies(
         for b in self._forces.values():
             b.array[:] = 0
         for force in self.elements:
+            force.respond()
             fem.assemble_vector(self._forces[force.term.body].array, force.residual)
         with r as values:
             for body, b in self._forces.items():
@@ -158,7 +159,10 @@ class ElementEnergies(
                 self._system.fields[body].add_forces(b.array, values[owned])
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
-        return [force.tangent for force in self.elements if force.term.body is body]
+        on_body = [force for force in self.elements if force.term.body is body]
+        for force in on_body:
+            force.respond()
+        return [force.tangent for force in on_body]
 
     def dissipated(self) -> Array:
         return np.array([force.dissipated() for force in self._dissipating])
@@ -261,7 +265,8 @@ class ElementForces:
         self._e0 = self._at_points(mesh, m)
         self._strain_variable = self._at_points(mesh, m)
         self._strain_before = self._e0.x.array.copy()
-        # S and D, row after row.
+        # S and D, row after row, and whether they are those of the present ê.
+        self._has_response = False
         self._response = self._at_points(mesh, m + m * m)
         S = ufl.as_vector([self._response[i] for i in range(m)])
         D = ufl.as_matrix([[self._response[m + i * m + j] for j in range(m)] for i in range(m)])
@@ -364,7 +369,7 @@ class ElementForces:
             self.thermal.commit()
 
     def linearise(self) -> None:
-        """Take ê from the strain at the last iterate and its linear change, then the response."""
+        """Take ê from the strain at the last iterate and its linear change."""
         if self._law is not None:
             # The first guess is the strain of the last step's start: a film that flutters alternates
             # from step to step.
@@ -372,13 +377,24 @@ class ElementForces:
                 linear_strain=self._linearised_strains,
                 first_guess=lambda: self._strain_before.reshape(-1, self._size),
             )
+            self._has_response = True
             return
         self._tabulate(self._linearised_strain, self._strain_variable)
-        self._tabulate(self._one_response, self._response)
+        self._has_response = False
 
     def evaluate(self) -> None:
-        """Take the true strain e(q1) for ê, then the response."""
+        """Take the true strain e(q1) for ê."""
         self._tabulate(self._true_strain, self._strain_variable)
+        self._has_response = False
+
+    def respond(self) -> None:
+        """Evaluate (S, D) at the present ê, at the first use.
+
+        States that are only accepted or restored, as those of a tape, need strains and no stresses.
+        """
+        if self._has_response:
+            return
+        self._has_response = True
         if self._law is not None:
             self._law.respond()
         else:
@@ -404,12 +420,14 @@ class ElementForces:
 
     def dissipated(self) -> float:
         """Energy [J] dissipated in the step, this rank's share; asked before `commit`."""
+        self.respond()
         return float(fem.assemble_scalar(self._work))
 
     def heat(self) -> float:
         """Energy [J] that heat supplies in the step, -∫ S_mean·Δe_th dx; this rank's share."""
         if self.thermal is None:
             return 0.0
+        self.respond()
         return -float(fem.assemble_scalar(self._work_of_expansion))
 
     # ---- sensitivities ---------------------------------------------------------------------------------

@@ -53,6 +53,13 @@ def airbag_from_a_tank(
     return gx.Scene(film, bag, inlet), 2e-4, 30
 
 
+def airbag_with_a_valve(comm, factor=1.0):
+    """The same airbag, whose orifice opens and closes again."""
+    return airbag_from_a_tank(
+        comm, area=lambda t: factor * 5e-5 * np.sin(np.pi * min(t / 5e-3, 1.0)) ** 2
+    )
+
+
 def tube_with_a_ring(comm, area=1e-5, coefficient=0.8, thickness=1e-4):
     """Two compartments of a flat tube; gas passes between them through a ring that opens and closes."""
     law = gx.Linear(E=1e8, nu=0.3, density=1400.0, thickness=thickness)
@@ -185,6 +192,7 @@ PARAMETERS = [
     (airbag_from_a_tank, "bag", "tank.pressure", "tank", 3e4),
     (airbag_from_a_tank, "bag", "tank.volume", "volume", 4e-4),
     (airbag_from_a_tank, "bag", "bag.pressure", "p", 1e3),
+    (airbag_with_a_valve, "bag", "inlet.area_factor", "factor", 1.0),
     (tube_with_a_ring, "compartment 2", "passage.discharge_coefficient", "coefficient", 0.8),
     (tube_with_a_ring, "compartment 2", "film.thickness", "thickness", 1e-4),
     (tube_with_a_ring, "compartment 2", "inlet.area", "area", 1e-5),
