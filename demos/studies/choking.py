@@ -71,10 +71,12 @@ def problem(comm: MPI.Comm, tube: str) -> dict[str, float]:
         found |= {f"least{i}": float(area[early].min()), f"mean{i}": float(area[early].mean())}
         # A fold that never opens has no time.
         opened = np.flatnonzero(area >= OPEN)
-        found[f"opened{i} [ms]"] = 1e3 * float(t[opened[0]]) if len(opened) else math.inf
-    penetrations = (
-        float(series["penetrations"].max()) if "penetrations" in case.probes else math.nan
-    )
+        found[f"opened{i} [ms]"] = math.inf
+        if len(opened):
+            found[f"opened{i} [ms]"] = 1e3 * float(t[opened[0]])
+    penetrations = math.nan
+    if "penetrations" in case.probes:
+        penetrations = float(series["penetrations"].max())
     return found | {
         "penetrations": penetrations,
         "energy_error": abs(run.energy_error),

@@ -370,7 +370,9 @@ def tube(
     )
     law = KAPTON_HN.law(25e-6, residual_stiffness=1e-6)
     mesh = flat_tube(comm, length, diameter, 6, compartments=5)
-    distance = 5e-4 if touches else 0.0
+    distance = 0.0
+    if touches:
+        distance = 5e-4
     made = gx.assemblies.InflatableTube(
         mesh,
         law,
@@ -392,7 +394,9 @@ def tube(
         s = min(max((t - 5e-3) / 1e-2, 0.0), 1.0)
         return np.pi / 4 * (0.2e-3 + 0.8e-3 * s * s * (3 - 2 * s)) ** 2
 
-    control = gx.StepControl(target_iterations=9, max_step=5e-5) if controlled else None
+    control = None
+    if controlled:
+        control = gx.StepControl(target_iterations=9, max_step=5e-5)
     run = gx.Simulation(
         gx.Scene(made, made.inlet(source, area)),
         gx.Midpoint(dt=2.5e-5),
@@ -496,7 +500,9 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
         )
         / size
     )
-    penetrations = 0.0 if contact is None else gx.probes.Penetrations(contact)(run)
+    penetrations = 0.0
+    if contact is not None:
+        penetrations = gx.probes.Penetrations(contact)(run)
     # Whatever else is measured, a case that violates these is an error.
     sound = abs(run.energy_error) < ENERGY and (change < MOMENTUM or not free) and penetrations == 0
     check(

@@ -13,7 +13,7 @@ extreme, alone and with another one:
 
 A cell of the map is completed; completed with rejected steps; or failed, and then its row holds the reason.  One that
 completed must have closed its balances: energy to 1e-9, gas to 1e-12, with positive volumes and pressures and finite
-coordinates.  Anything else has a wrong result without an error, and the study ends with an error.
+coordinates.  A cell that completed without this has a wrong result, and the study ends with an error.
 """
 
 from __future__ import annotations
@@ -78,7 +78,9 @@ def cases() -> list[str]:
 
 def values_of(case: str) -> dict[str, float]:
     """All parameters of a cell."""
-    words = [] if case == "ordinary" else [word.split("=") for word in case.split()]
+    words = []
+    if case != "ordinary":
+        words = [word.split("=") for word in case.split()]
     return ORDINARY | {axis: float(value) for axis, value in words}
 
 

@@ -74,7 +74,11 @@ def film_of(comm: MPI.Comm, scene: str, order: int, cells: int) -> gx.Scene:
         )
         return gx.Scene(film, gx.Fixed(film, "hub"), gx.loads.Centrifugal(film, (0.0, 0.0, SPIN)))
     # The circle is stretched, the disc is spun.
-    law, stretch = (TENSIONED, STRETCH) if scene == "circle" else (SPUN, 0.0)
+    law = SPUN
+    stretch = 0.0
+    if scene == "circle":
+        law = TENSIONED
+        stretch = STRETCH
     film = gx.Membrane(
         quarter_disc(comm, cells, 1.0, order),
         law,

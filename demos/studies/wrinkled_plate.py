@@ -164,7 +164,9 @@ def wrinkles(plate: gx.Plate, equilibrium: gx.Equilibrium) -> dict[str, float]:
     low, high = (share * LENGTH for share in CENTRE)
     central = zeros[(zeros > low) & (zeros < high)]
     # Along the sheet; across the wrinkles the distance is shorter by √2.
-    half = float(np.diff(central).mean()) / math.sqrt(2) if len(central) > 1 else math.nan
+    half = math.nan
+    if len(central) > 1:
+        half = float(np.diff(central).mean()) / math.sqrt(2)
     # Amplitude of a sine from its standard deviation.
     amplitude = math.sqrt(2) * float(w[(x > low) & (x < high)].std())
     return {
