@@ -97,6 +97,10 @@ def test_the_torus_grows_with_the_pressure_as_its_cords_do(comm):
         ({"cord_angles": {"value": [210, 340], "unit": "deg"}}, "multiples of 60"),
         ({"cells_along": {"value": 20, "unit": "1"}}, "cells_around' is missing"),
         ({"shape": {"value": [[1.5, 0.0]], "unit": "m"}}, "shape has 1 points"),
+        ({"pulleys": {"value": [[0.6, -0.2]], "unit": "m"}}, "pulleys has 1 rows"),
+        ({"largest_load": {"value": 10, "unit": "N"}}, "above the sum of first_forces"),
+        ({"braid_angle": {"value": 95, "unit": "deg"}}, "give one below 90"),
+        ({"cord_force": {"value": 90, "unit": "kN"}}, "give a smaller force"),
         ({"pulleys": {"value": [[1, 2, 3]], "unit": "m"}}, "pulleys has 3 columns"),
     ],
 )

@@ -64,6 +64,7 @@ def test_the_tube_begins_in_equilibrium_and_reaches_the_measured_plateau(comm):
         ({"load_at": {"value": 3.0, "unit": "m"}}, "load_at is 3 m"),
         ({"cord_table_force": {"value": [1.0], "unit": "N"}}, "cord_table_force 1"),
         ({"cells_around": {"value": 8, "unit": "1"}}, "a multiple of 6"),
+        ({"cord_force": {"value": 9, "unit": "kN"}}, "pulls with 6186 N only"),
         ({"pressure": {"value": -1, "unit": "kPa"}}, "pressure is -1000 Pa"),
     ],
 )
