@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
-from demos import deorbit, orbit_sail, sail_eclipse, windmill
+from demos import deorbit, deorbit_balloon, orbit_sail, sail_eclipse, windmill
 from demos.studies import orbit
 
 
@@ -50,6 +50,21 @@ def test_a_deorbit_sail_falls_as_the_formula(folder: Path) -> None:
     assert result["fall [m]"] == pytest.approx(result["fall by the formula [m]"], rel=0.02)
     assert result["largest angle to the motion, late [rad]"] < math.radians(3)
     assert (folder / "deorbit.png").exists()
+
+
+@pytest.mark.mpi
+def test_a_balloon_falls_by_the_drag_of_its_deformed_shape(comm) -> None:
+    """The fall is that of the shape that the equilibrium has, and not that of the flat films."""
+    result = deorbit_balloon.main(cells=6, seconds=120.0, dt=10.0, comm=comm)
+    expected = result["fall by the formula [m]"]
+    assert result["fall [m]"] == pytest.approx(expected, rel=0.01)
+    assert result["drag area of the pillow [m2]"] < 0.8 * result["drag area of the flat films [m2]"]
+    assert abs(result["energy_error"]) < 1e-12
+
+
+def test_the_balloon_is_drawn(folder: Path) -> None:
+    deorbit_balloon.main(cells=4, seconds=40.0, dt=20.0, output=folder)
+    assert (folder / "deorbit_balloon.png").exists()
 
 
 @pytest.mark.parametrize("scene", ["swing", "wide swing"])
