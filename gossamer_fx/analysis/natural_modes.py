@@ -357,7 +357,7 @@ class _ShiftedInverse:
     def __init__(
         self, K: PETSc.Mat, M: PETSc.Mat, σ: float, stiffnesses: Sequence[tuple[Array, float]]
     ) -> None:
-        """Factorise K - σ M, and solve for the borders κ g⊗g.  Collective.
+        """Factorise K - σ M, and solve with it for g of each chamber, see (3).  Collective.
 
         Args:
             K: tangent stiffness.
