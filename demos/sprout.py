@@ -11,6 +11,7 @@ cube apart.  Nothing acts from outside: energy, momentum and angular momentum st
 Arguments change the mass of the cube, stow the stack in a box with a lid that springs open, or make a test on the
 ground: the cube is held, gravity acts along an axis, and air slows the films and presses on the tubes.  `settled` ends
 the run when the largest kinetic energy in the last 50 ms is below this part of the largest one in the whole run.
+The first millisecond of the box is a test; a whole deployment out of it has not been run, nor one until it has settled.
 
 Where the values come from:
     cube, tubes, film    20 cm, 7 kg, two tubes of 1.5 m in V with a triangular film: SPROUT, Nihon University

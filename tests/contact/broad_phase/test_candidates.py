@@ -57,7 +57,7 @@ def test_no_pair_is_missed_while_points_are_within_their_bounds() -> None:
         margin,
         duration=0.2,
     )
-    found = find_candidates(mesh_of(surface), bounds, DISTANCE)  # type: ignore[arg-type]
+    found, _ = find_candidates(mesh_of(surface), bounds, DISTANCE)  # type: ignore[arg-type]
     known = set(found.identifier.tolist())
 
     pairs = sorted(all_pairs(surface))
