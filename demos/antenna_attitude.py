@@ -33,6 +33,7 @@ from gossamer_fx.meshes import antenna as meshes
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Output, Probe
 
+# Edge of the film; from the paper, as all numbers here.
 SIDE = 2.1  # m
 FILM = gx.Miyazaki(
     E=2.3e9,
@@ -48,6 +49,7 @@ BOOM = gx.sections.tube(
     nu=0.3,
     density=1560.0,
 )
+# By the number of the case.
 TARGETS = {
     1: (0.0, 0.0, 8.0),
     2: (8.0, 0.0, 0.0),
@@ -87,7 +89,9 @@ def antenna(
         gx.Beam(meshes.boom(comm, boom_elements, SIDE, diagonal), BOOM, name=f"boom {k + 1}")
         for k, diagonal in enumerate(meshes.DIAGONALS)
     ]
+    # A to D, then E to H.
     points = meshes.tie_points(SIDE)
+    # Point k lies on diagonal k mod 2.
     ties = [
         gx.constraints.BallJoint(
             film.port_at(point), booms[k % 2].port_at(point), name=f"tie {'ABCDEFGH'[k]}"
@@ -99,6 +103,7 @@ def antenna(
 
 def inertia() -> np.ndarray:
     """Moments of inertia about u, v, w [kg m²] of the undeformed antenna; those of the tubes' sections left out."""
+    # m a²/12 about an axis in the plane; twice as much about the normal.
     film = FILM.density * FILM.thickness * SIDE**4 / 12
     length = SIDE * 2**0.5
     boom = BOOM.line_density * length**3 / 12
@@ -113,6 +118,7 @@ class Attitude:
         self._axis = axis
 
     def __call__(self, run: gx.Simulation) -> float:
+        # Directors of the patch give R, and R the three angles.
         vectors = run.system.state.vectors(self._control.frame.directors)
         angles = self._control.angles_of(vectors.ravel(), self._control.reference())
         return float(np.degrees(angles[self._axis]))
@@ -145,6 +151,7 @@ def build(
     model = antenna(comm, cells, elements, order)
     centre = model.film.port_at((0, 0, 0))
     corner = model.film.port_at(model.points[0])
+    # The patch measures the mean position gradient over the inner square.
     ring = gx.control.patch(centre, [model.film.port_at(point) for point in model.points[4:]])
     I = inertia()  # noqa: E741 (as in the formula)
     control = gx.control.AttitudeControl(
@@ -161,6 +168,8 @@ def build(
     }
     probes |= {f"torque {axis} [N m]": ControlTorque(control, k) for k, axis in enumerate("uvw")}
     probes |= {f"A {axis} [m]": gx.probes.Displacement(corner, axis) for axis in "xyz"}
+    # The torque begins at zero, so that the first residuals are small: `floor` ends their
+    # iteration.
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-12, floor=1.0))
     return gx.Case(
         scene,
@@ -184,6 +193,7 @@ def main(
     outputs: list[Output] = [gx.outputs.Progress(), series]
     if output is not None:
         out = Path(output)
+        # Times of the picture, scaled with a shorter run.
         looks = (np.array([2.0, 4.0, 8.0, 16.0, 40.0]) * turn.until / 40).tolist()
         outputs += [
             turn.recording(out, overwrite=True),
@@ -238,6 +248,7 @@ def booms_at_end(run: gx.Simulation) -> list[Array]:
 
 def settling_time(time: Array, angle: Array, target: float, part: float) -> float:
     """The time [s] from which on an angle stays within a part of its target."""
+    # The last time outside; inside from the next one on.
     outside = np.flatnonzero(np.abs(angle - target) > part * abs(target))
     last = outside[-1] if len(outside) else 0
     return float(time[last])
@@ -248,12 +259,14 @@ def draw_both(results: dict[int, dict], path: Path) -> None:
     figure = new_figure(width=12.0, height=7.0)
     left, right = figure.subfigures(1, 2, width_ratios=(1.0, 2.0))
     axes = right.subplots(3, 2, sharex=True)
+    # One column of curves for each case, and the antenna at its end.
     for k, (case, result) in enumerate(results.items()):
         film = left.add_subplot(2, 1, k + 1, projection="3d", computed_zorder=False)
         draw_film(film, result["film"], view=(35.0, -60.0), zoom=0.85)
         for boom in result["booms"]:
             film.plot(*boom.T, color="black", lw=2.0, zorder=10)
         film.set_title(f"case {case}: at {result['time'][-1]:g} s")
+        # The angle that the case turns.
         axis = int(np.argmax(np.abs(TARGETS[case])))
         target = TARGETS[case][axis]
         settled = [
@@ -311,6 +324,7 @@ if __name__ == "__main__":
     }
     if MPI.COMM_WORLD.size == 1:
         draw_both(results, Path("out/antenna_attitude/antenna_attitude.png"))
+    # Of one rank only: the mesh of a picture is that of rank 0.
     for case, result in results.items():
         if MPI.COMM_WORLD.rank == 0:
             for key in (

@@ -44,9 +44,11 @@ def rigid_angle(t: np.ndarray, substeps: int = 200) -> np.ndarray:
     def slope(y: np.ndarray) -> np.ndarray:
         return np.array([y[1], rate * np.cos(y[0])])
 
+    # The state is the angle and its rate.
     y = np.zeros(2)
     angles = [0.0]
     for h in np.repeat(np.diff(t) / substeps, substeps).reshape(-1, substeps):
+        # Slopes at the start, twice in the middle, and at the end of a step.
         for k in h:
             k1 = slope(y)
             k2 = slope(y + k / 2 * k1)
@@ -87,7 +89,9 @@ class FilmDeflection:
         normal /= np.linalg.norm(normal)
         positions = system.q0.array_r[owned].reshape(-1, 3)
         with distance as values:
+            # Distance of each node from the bilinear surface, along the normal.
             heights = (positions - self._bilinear @ corners) @ normal
+            # As a vector at each node, so that the mass matrix can weigh it.
             values[owned] = np.outer(heights, normal).ravel()
         mass = FILM.density * FILM.thickness * SIDE**2
         return float(distance.dot(system.M * distance) / mass) ** 0.5
@@ -143,6 +147,7 @@ def main(
     time = series.time
     tip = series["tip [m]"]
     film = series["film [m]"]
+    # The corner opposite the hinge is a diagonal of the square away from it.
     rigid = -SIDE * 2**0.5 * np.sin(rigid_angle(time))
     return {
         "time": time,
@@ -181,6 +186,7 @@ def plot(results: dict[tuple[int, int, int], dict], path: Path) -> None:
         2, 2, figsize=(11, 8), layout="constrained"
     )
     for (order, cells, elements), r in results.items():
+        # Colours follow the order of plotting; the line tells the order of the film.
         style = {
             "label": f"{cells}×{cells}-{elements}, P{order}",
             "ls": "--" if order == 1 else "-",

@@ -50,6 +50,7 @@ def accordion(opening: float = 1e-4) -> gx.fold.Zigzag:
         angle=math.radians(70.0),
         width=math.pi * DIAMETER / 2,
         opening=opening,
+        # Half of the distance between the two sheets in the middle of a panel.
     )
 
 
@@ -69,6 +70,7 @@ def build(comm: MPI.Intracomm, folded: bool = True, cells: int = 6) -> gx.Equili
 
 def volume(corners: Array) -> float:
     """Volume [m³] within triangles (n, 3, 3) [m] of a closed surface."""
+    # Six times the volumes of the cones from the origin.
     cones = np.einsum("ni,ni->n", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
     return float(cones.sum()) / 6
 
@@ -104,6 +106,7 @@ def draw(shapes: dict[str, Array], openings: Array, energies: Array, path: Path)
         color=BLUE,
         label="strain energy of the start",
     )
+    # The law opening⁴, through the last point.
     fourth = energies[-1] * (openings / openings[-1]) ** 4
     plot.loglog(
         1e3 * openings,
@@ -129,6 +132,7 @@ def main(output: str | Path | None = None, cells: int = 6) -> dict[str, float]:
         inflated = triangles(search.system, film)
         found[folded] = (volume(inflated), energy)
         shapes = {"folded": start, "inflated from there": inflated}
+    # Three factors of two: enough to see the fourth power.
     openings = np.array([1e-4, 2e-4, 5e-4, 1e-3])
     energies = start_energies(openings, cells)
     if output is not None:

@@ -39,6 +39,7 @@ from gossamer_fx.extend import Load, State, Term, area_vector, constant
 from gossamer_fx.meshes.tube_section import cylinder
 from gossamer_fx.model.body import Array
 
+# The hoop strain is p R/(E t) = 1.6e-3.
 RADIUS = 0.1  # m
 PRESSURE = 1e3  # Pa
 FILM = gx.Linear(
@@ -72,12 +73,14 @@ class DeadPressure:
 
 def build(comm: MPI.Intracomm, dead: bool = False, around: int = 48) -> gx.Equilibrium:
     """A free ring of `around` edges, whose points stay in their planes x = constant."""
+    # Square cells.
     width = 2 * np.pi * RADIUS / around
     film = gx.Membrane(
         cylinder(comm, RADIUS, width, around, 1, order=2),
         FILM,
         order=2,
     )
+    # Both are loads of a film, with the same arguments.
     kind = DeadPressure if dead else gx.Pressure
     load = kind(film, PRESSURE)
     plane = gx.Fixed(film, "wall", components=(0,))
@@ -106,6 +109,7 @@ def draw(found: dict[str, Array], path: Path) -> None:
     """The mode of two waves with the forces of both loads, and frequencies against the number of waves."""
     figure = new_figure()
     ring, plot = figure.subplots(1, 2)
+    # The mode of two waves, with an amplitude that can be seen.
     angle = np.linspace(0, 2 * np.pi, 200)
 
     def shape(θ: Array) -> Array:
@@ -117,6 +121,7 @@ def draw(found: dict[str, Array], path: Path) -> None:
     ring.plot(*shape(angle), color="black")
     places = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     along = shape(places + 1e-4) - shape(places - 1e-4)
+    # Forces along the deformed normal, or along that of the circle.
     follower = 0.3 * np.stack([along[1], -along[0]]) / 2e-4
     dead_load = 0.3 * np.stack([np.cos(places), np.sin(places)])
     for force, colour, name in ((follower, BLUE, "follows"), (dead_load, RED, "dead load")):
@@ -174,6 +179,7 @@ def main(
         for n, ratio in zip(WAVES, values / exact, strict=True):
             results[f"{name}, n = {n}, over closed form"] = float(ratio)
     results["stiffness, follower over dead, n = 2"] = float(
+        # The stiffness goes with the square of the frequency.
         (found["follower"][0] / found["dead"][0]) ** 2
     )
     return results

@@ -52,6 +52,8 @@ def main(
     search, stiffness, J = ikaros.steady(comm, pitch, rpm, held=False)
     inertia = ikaros.HUB_INERTIA[2]
     Ω = rpm * ikaros.RPM
+    # Frequency of two bodies with inertias I and J about an axis, which a spring of stiffness k
+    # joins.
     ω = math.sqrt(stiffness * (1 / inertia + 1 / J))
     film = ikaros.sail(comm, pitch)
     hub = gx.RigidBody(
@@ -79,6 +81,7 @@ def main(
         )
     )
     items += [gx.StartFrom(search.system), gx.RigidMotion(spin=(0.0, 0.0, Ω))]
+    # Viscous damping of the film, proportional to its stiffness.
     if damping:
         items.append(gx.Damping(film, stiffness_factor=damping, name="film damping"))
     series = gx.Series(
@@ -90,6 +93,7 @@ def main(
         outputs=[gx.outputs.Progress(), series],
     )  # type: ignore[arg-type]
     run.run(until=until)
+    # Spin of the hub against the sail; that of both together does not change.
     swing = series["hub"] - series["sail"]
     found = fit(np.asarray(series.time), swing)
     return {
@@ -97,6 +101,8 @@ def main(
         "closed_form": ω / (2 * math.pi),
         "decay": found[0],
         "misfit": found[2],
+        # Kinetic energy of the relative spin: half its square times the reduced inertia I J/(I +
+        # J).
         "swing": (extra * ikaros.RPM) ** 2 / (1 / inertia + 1 / J) / 2,
         "energy_error": abs(run.energy_error),
         **dissipation(run),
@@ -117,12 +123,14 @@ def draw(results: dict[float, dict[str, Any]], path: Path) -> None:
     """
     figure = new_figure(width=10.0, height=3.9)
     left, right = figure.subplots(1, 2, width_ratios=(1.6, 1.0))
+    # Only as many results are drawn as there are colours.
     for (extra, found), colour in zip(results.items(), (BLUE, GREY, RED), strict=False):
         first = extra * ikaros.RPM
         left.plot(
             found["times"], found["swings"] / first, color=colour, lw=1.2, label=f"{extra:g} rpm"
         )
     left.set(xlabel="time [s]", ylabel="spin of the hub against the sail / first")
+    # The first half of the run, so that single swings can be told apart.
     left.set_xlim(0.0, 120.0)
     left.legend(title="first spin", fontsize=8, frameon=False, loc="lower right")
     left.grid(alpha=0.3)
@@ -144,6 +152,7 @@ def fit(t: Array, s: Array) -> tuple[float, float, float]:
         swing: Array = np.exp(-δ * t) * (a * np.cos(ω * t) + b * np.sin(ω * t)) + c
         return swing
 
+    # Times just before the swing changes sign; two in a row are half a period apart.
     zeros = t[:-1][np.diff(np.sign(s)) != 0]
     check(
         len(zeros) > 2,
@@ -171,6 +180,7 @@ def say(found: dict[str, float]) -> None:
 
 
 if __name__ == "__main__":
+    # Runs with dampers in the tethers are printed only.
     undamped = {}
     for more in (3e-4, 0.03, 0.2):
         for dampers in (0.0, 100.0):

@@ -41,6 +41,7 @@ from gossamer_fx.model.body import Array
 from gossamer_fx.orbit.optics import JPL_SAIL, PRESSURE
 from gossamer_fx.orbit.surface_forces import Rows, light_force
 
+# Side of the frame, and its centre, about which the torque acts.
 SIDE = 20.0  # m
 CENTRE = (SIDE / 2, SIDE / 2, 0.0)
 SLACK = 0.01  # share by which the corners are too near
@@ -109,6 +110,7 @@ def light_on(corners: Array, u: Array) -> Array:
     area = np.cross(edges[:, 0], edges[:, 1]) / 2
     front = JPL_SAIL.coefficients()
     back = JPL_SAIL.coefficients(back=True)
+    # All triangles at once: `Rows` has scalar products of rows.
     force = PRESSURE * light_force(area, u, front, back, Rows)
     arm = corners.mean(axis=1) - CENTRE
     return np.append(force.sum(axis=0), np.cross(arm, force).sum(axis=0))
@@ -148,11 +150,13 @@ def make_table(attitudes: Array, cells: int = 10) -> Table:
     sail = build(MPI.COMM_SELF, directions, cells)
     film = next(item for item in sail.scene.items if isinstance(item, gx.Membrane))
     frame = next(item for item in sail.scene.items if isinstance(item, gx.Fixed))
+    # The flat sail is the deformed one, projected to its plane.
     flat = triangles(sail.system, film) * np.array([1.0, 1.0, 0.0])
     shapes = []
     deformed = []
     imbalance = []
     for k, u in enumerate(directions):
+        # From the shape in the attitude before: one search takes few iterations.
         sail.find(at=k)
         shapes.append(triangles(sail.system, film))
         deformed.append(light_on(shapes[-1], u))
@@ -170,6 +174,7 @@ def make_table(attitudes: Array, cells: int = 10) -> Table:
 
 def formula(u: Array) -> Array:
     """Force [N] on the flat sail by McInnes' formula: its front is lit, its normal away from the light is -z."""
+    # The light comes from the front, along -z at a cone angle of zero.
     cosine = -u[2]
     mirrored, both, along = JPL_SAIL.coefficients()
     area = (SIDE * (1 - SLACK)) ** 2
@@ -183,6 +188,7 @@ def draw(table: Table, path: Path) -> None:
     figure = new_figure(10.5, 3.6)
     sail = figure.add_subplot(1, 3, 1, projection="3d")
     draw_film(sail, table.shape, view=(6.0, -70.0))
+    # Attitudes in the plane of x and z.
     in_plane = table.attitudes[:, 1] == 0
     cone = table.attitudes[in_plane, 0]
     panels = {
@@ -220,6 +226,7 @@ def main(
 ) -> dict[str, float]:
     """Make the table for cone angles up to 80° in steps of `step` [°]; with `output`, CSV and picture there."""
     cones = range(0, 81, step)
+    # Four clock angles show the symmetry of the square.
     attitudes = np.array(
         [(cone, clock) for clock in (0, 30, 60, 90) for cone in cones], dtype=float
     )

@@ -64,6 +64,7 @@ def pattern(diameter: float, n: int) -> tuple[float, int]:
         return math.hypot(0.5 + count, count * slope - 0.5 / slope)
 
     side = HUB * diameter * math.sin(math.pi / n)
+    # The number of sides whose tips are nearest to the wanted radius; the side is then adapted to the radius.
     count = min(range(2, 60), key=lambda k: abs(side * tip(k) - diameter / 2))
     return diameter / 2 / tip(count), count
 
@@ -136,12 +137,14 @@ def build(
     )
     mesh = folds.mark(pinwheel(comm, n, side, cells, count * cells))
     film = gx.Membrane(mesh, KAPTON_HN.law(thickness, residual_stiffness=1e-6), name="sail")
+    # Height of the roll: the length of the last column of cells.
     height = count * side * math.tan(math.pi / n)
     disturbance = Disturbance(tilt, offset, stuck)
     across = slenderness * inertia
     hub = gx.RigidBody(
         0.1, (across, across, inertia), position=disturbance.hub_position(), name="hub"
     )
+    # The inscribed circle of the roll, less the gap to the film.
     radius = folds.radius * math.cos(math.pi / n / cells) - CLEAR * contact
     drum = gx.contact.Cylinder(
         start=(0.0, 0.0, 0.0),
@@ -155,6 +158,7 @@ def build(
     )
     spin = sense * 2 * math.pi * rev
     tips = [film.port(f"tip {k}") for k in range(n)]
+    # Where the first tip is when the film is rolled up.
     flat_tip = np.array([tips[0].initial()])
     rolled_tip = folds.place(flat_tip, np.ones(1))[0]
     items: list[object] = [
@@ -188,6 +192,7 @@ def build(
     if air:
         items.append(gx.loads.AirDrag(film, air))
     axis = hub.frame_at((0.0, 0.0, 0.0))
+    # Angles of tips are taken in the frame of the hub, which turns.
     probes: dict[str, Probe] = {
         "spin of the hub [rad/s]": gx.probes.AngularVelocity(hub.frame(), "z"),
         "spin of the sail [rad/s]": gx.probes.MeanSpin(film, "z"),
@@ -230,11 +235,13 @@ def main(
     and with creases the figures of `crease_figures`.
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
+    # Pictures are denser at first, where the roll opens fast.
     parts = (0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.75, 0.85, 1.0)
     run, series = run_case(case, output, "spin_deployment", parts, VIEW)
     radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
     if output is not None and comm.rank == 0:
         draw(series, radius, Path(output) / "spin_deployment_curves.png")
+    # A held hub takes angular momentum from outside; the drift counts for a free one only.
     first = run.first.angular_momentum
     now = run.totals.angular_momentum
     widest = int(radius.argmax())

@@ -52,6 +52,7 @@ PRESSURE = 1e4  # in the full tube, about [Pa]
 SOUND = LENGTH / math.sqrt(
     NITROGEN.gamma * NITROGEN.R * TEMPERATURE
 )  # its time through the tube [s]
+# 15 bar: the orifice is choked during all of the filling.
 SUPPLY = gx.gas.Reservoir(1.5e6, TEMPERATURE)
 
 
@@ -60,6 +61,7 @@ def inlet_area(T: float) -> float:
     γ = NITROGEN.gamma
     # γ R T₀ dm/dt = V dp/dt: the gas brings its enthalpy.
     mass_flow = PRESSURE * SECTION * LENGTH / (γ * NITROGEN.R * TEMPERATURE * T)
+    # Mass flow of a choked orifice over C A p/√(R T).
     choked = math.sqrt(γ) * (2 / (γ + 1)) ** ((γ + 1) / (2 * (γ - 1)))
     return mass_flow * math.sqrt(NITROGEN.R * TEMPERATURE) / (SUPPLY.pressure * choked)
 
@@ -91,6 +93,7 @@ def spread_of_rigid_tube(T: float, parts: int = 8) -> tuple[float, float]:
         area=inlet_area(T),
         name="inlet",
     )
+    # Two hundred steps resolve the growth of the pressure.
     run = gx.Simulation(gx.Scene(*tanks, inlet, *passages), gx.Midpoint(dt=T / 200))
     run.run(until=T)
     states = list(run.chambers.values())
@@ -98,6 +101,7 @@ def spread_of_rigid_tube(T: float, parts: int = 8) -> tuple[float, float]:
     # Of the gas upstream of each passage: compression heats it above the temperature of the supply.
     temperature = np.array([state.temperature for state in states[:-1]])
     c = np.sqrt(NITROGEN.gamma * NITROGEN.R * temperature)
+    # Each passage lets the gas of all compartments behind it pass: 7/8, 6/8, ... of the inflow.
     mach = LENGTH / (NITROGEN.gamma * c * T) * (1 - np.arange(1, parts) / parts)
     closed_form = NITROGEN.gamma / 2 * float((mach**2).sum())
     return float((pressure[0] - pressure[-1]) / pressure.mean()), closed_form
@@ -116,8 +120,10 @@ def build(
             gas=NITROGEN,
             pressure=10.0,
             temperature=TEMPERATURE,
+            # A flat tube encloses no volume, and a chamber of no volume has no pressure.
             dead_volume=1e-5 / parts,
             surface=(f"compartment {k + 1}",) if parts > 1 else (),
+            # Ring k closes compartment k at its end, and opens the next one.
             rings=tuple(rings[max(k - 1, 0) : k + 1]),
             name=f"compartment {k + 1}",
         )
@@ -139,6 +145,7 @@ def build(
                 name=f"passage {k}",
             )
         )
+    # Damping of the opening film; it does not act on the gas.
     damping = gx.Damping(film, mass_factor=20.0, stiffness_factor=1e-6)
     scene = gx.Scene(film, *chambers, *openings, damping)
     return chambers, gx.Case(
@@ -242,6 +249,7 @@ def main(
     for ratio in ratios:
         films[ratio] = {n: history(comm, ratio * SOUND, n, cells) for n in (1, parts)}
         many = films[ratio][parts]
+        # At a tenth of the time the fast tube is still flat behind the first compartments.
         early = len(many["time"]) // 10
         difference = many["inlet"][early] - many["tip"][early]
         results[f"flat tube, T = {ratio:g} L/c: spread at T/10 [%]"] = float(

@@ -73,7 +73,8 @@ LINKED |= {name: name for name in public_names()}
 
 def markdown(text: str) -> str:
     """A docstring as Markdown."""
-    lines, out = text.splitlines(), []
+    lines = text.splitlines()
+    out: list[str] = []
     i = 0
     while i < len(lines):
         line = lines[i]
@@ -91,7 +92,10 @@ def markdown(text: str) -> str:
                 i += 1
             while not block[-1].strip():
                 block.pop()
-            language = "pycon" if ">>>" in block[0] else "text"
+            # Sphinx colours an interactive session, and leaves an equation as it is.
+            language = "text"
+            if ">>>" in block[0]:
+                language = "pycon"
             out += [
                 "",
                 f"```{language}",
@@ -100,7 +104,10 @@ def markdown(text: str) -> str:
                 "",
             ]
         else:
-            out.append(prose(line) if not line.startswith("|") else line)
+            # A row of a table has its own markup.
+            if not line.startswith("|"):
+                line = prose(line)
+            out.append(line)
             i += 1
     return "\n".join(out)
 
@@ -122,15 +129,21 @@ def _entries(lines: list[str], i: int) -> tuple[int, list[str]]:
 
 def prose(line: str) -> str:
     """A line of text: what Markdown would take for its own is escaped, public names are linked."""
-    words = re.split(r"(`[^`]*`)", line)
-    return "".join(
-        _linked(w) if w.startswith("`") else re.sub(r"([*_<\\~#])", r"\\\1", w) for w in words
-    )
+    out = []
+    for words in re.split(r"(`[^`]*`)", line):
+        if words.startswith("`"):
+            out.append(_linked(words))
+        else:
+            out.append(re.sub(r"([*_<\\~#])", r"\\\1", words))
+    return "".join(out)
 
 
 def _linked(code: str) -> str:
+    """A word in backticks as a link to its entry of the reference, if it is a public name."""
     name = LINKED.get(code.strip("`").removeprefix("gx."))
-    return f"{{py:obj}}`{name} <gossamer_fx.{name}>`" if name else code
+    if not name:
+        return code
+    return f"{{py:obj}}`{name} <gossamer_fx.{name}>`"
 
 
 # ---- reference -------------------------------------------------------------------------------------------------------
@@ -139,7 +152,9 @@ def _linked(code: str) -> str:
 def thing(name: str) -> Any:
     """The object of a public name, e.g. "Chamber" or "gas.Ring", without the check of its arguments."""
     found = attrgetter(name)(gossamer_fx)
-    return inspect.unwrap(found) if inspect.isfunction(found) else found
+    if inspect.isfunction(found):
+        return inspect.unwrap(found)
+    return found
 
 
 def room_of(name: str) -> str:
@@ -154,9 +169,11 @@ def members(cls: type) -> list[tuple[str, str, Any]]:
     found: dict[str, tuple[str, str, Any]] = {}
     for parent in reversed([c for c in cls.__mro__ if c.__module__.startswith("gossamer_fx")]):
         for name, value in vars(parent).items():
-            plain = value.__func__ if isinstance(value, staticmethod | classmethod) else value
             if name.startswith("_"):
                 continue
+            plain = value
+            if isinstance(value, staticmethod | classmethod):
+                plain = value.__func__
             if isinstance(plain, FunctionType):
                 found[name] = ("method", name, plain)
             elif isinstance(plain, property):
@@ -175,9 +192,11 @@ def signature(thing: Any, bound: bool = False) -> str:
         for i, p in enumerate(found.parameters.values())
         if not (bound and i == 0 and p.name == "self")
     ]
-    shown = [
-        p.replace(default=_Shown(p.default)) if p.default is not p.empty else p for p in parameters
-    ]
+    shown = []
+    for p in parameters:
+        if p.default is not p.empty:
+            p = p.replace(default=_Shown(p.default))
+        shown.append(p)
     return str(found.replace(parameters=shown)).replace("'", "")
 
 
@@ -186,7 +205,9 @@ class _Shown:
 
     def __init__(self, value: Any) -> None:
         text = repr(value)
-        self._text = text if len(text) < 40 and "<" not in text and "Frozen" not in text else "..."
+        # Addresses of objects and long tables say nothing to a reader.
+        is_short = len(text) < 40 and "<" not in text and "Frozen" not in text
+        self._text = text if is_short else "..."
 
     def __repr__(self) -> str:
         return self._text.replace("'", '"')
@@ -201,20 +222,29 @@ def entry(name: str) -> str:
     module = f":module: {namespace}\n\n"
     if not inspect.isclass(it):
         return _directive("py:function", short + signature(it), module + markdown(text))
-    exception = issubclass(it, BaseException)
-    head = short + ("" if exception else signature(it))
+    kind_of_class = "py:class"
+    head = short + signature(it)
+    if issubclass(it, BaseException):
+        # Users catch errors, and do not make them: their arguments do not matter.
+        kind_of_class = "py:exception"
+        head = short
     body = [markdown(text)]
     for kind, member, plain in members(it):
         doc = inspect.getdoc(plain)
         if doc:
-            words = member + (signature(plain, bound=True) if kind == "method" else "")
+            words = member
+            if kind == "method":
+                words += signature(plain, bound=True)
             body.append(_directive(f"py:{kind}", words, markdown(doc), fence=":::"))
     body[0] = module + body[0]
-    return _directive("py:exception" if exception else "py:class", head, "\n\n".join(body))
+    return _directive(kind_of_class, head, "\n\n".join(body))
 
 
 def _directive(kind: str, head: str, body: str, fence: str = "::::") -> str:
-    options = "" if body.startswith(":module:") else "\n"
+    """A block of MyST: options follow the head at once, text follows an empty line."""
+    options = "\n"
+    if body.startswith(":module:"):
+        options = ""
     return f"{fence}{{{kind}}} {head}\n{options}{body}\n{fence}\n"
 
 
@@ -240,7 +270,8 @@ def reference() -> dict[str, str]:
     for name in public_names():
         rooms.setdefault(room_of(name), []).append(name)
     order = [*[r for r in ROOMS if r in rooms], *sorted(set(rooms) - set(ROOMS))]
-    pages, rows = {}, []
+    pages = {}
+    rows = []
     for room in order:
         title = ROOMS.get(room, room.capitalize())
         pages[f"reference_{room}"] = f"# {title}\n\n" + "\n".join(
@@ -314,8 +345,11 @@ def gallery() -> dict[str, str]:
 
 
 def _card(demo: dict[str, Any], title: str) -> str:
+    """The card of a demo in the gallery, with its picture if it has one."""
     name = demo["name"]
-    picture = [f":img-top: {_thumbnail(name, demo.get('crop', WHOLE))}"] if _picture(name) else []
+    picture = []
+    if _picture(name):
+        picture.append(f":img-top: {_thumbnail(name, demo.get('crop', WHOLE))}")
     options = "\n".join([*picture, f":link: demo_{name}", ":link-type: doc"])
     foot = f"{demo['time']} · {LEVELS[demo['level']]}"
     head = f"::::{{grid-item-card}} {demo['title']}\n{options}\n"
@@ -323,6 +357,7 @@ def _card(demo: dict[str, Any], title: str) -> str:
 
 
 def _demo_page(name: str, heading: str, title: str, text: str) -> str:
+    """The page of a demo: what it shows, its picture, its text, and its notebook."""
     parts = [f"# {heading}\n\n{prose(title)}\n"]
     if _picture(name):
         shutil.copy(ROOT / "demos" / f"{name}.png", OUT / f"{name}.png")
@@ -336,8 +371,11 @@ def _demo_page(name: str, heading: str, title: str, text: str) -> str:
 
 
 def _picture(name: str) -> Path | None:
+    """The picture of a demo, None if it has none."""
     path = ROOT / "demos" / f"{name}.png"
-    return path if path.exists() else None
+    if not path.exists():
+        return None
+    return path
 
 
 # of a card on a large screen [pixels]; all cards are alike, so that their texts are in line
@@ -375,9 +413,10 @@ def notebook(name: str, heading: str) -> None:
     cells = [
         new_markdown_cell(f"# {heading}\n\n{plain_text(text)}\n\n{note}"),
         new_code_cell(definitions),
-        # a scene that only a command varies has no main program
-        *([new_code_cell(main)] if main else []),
     ]
+    # A scene that only a command varies has no main program.
+    if main:
+        cells.append(new_code_cell(main))
     for i, cell in enumerate(cells):
         cell["id"] = f"cell-{i}"  # the same in every build
     nbformat.write(new_notebook(cells=cells), OUT / f"{name}.ipynb")
@@ -398,10 +437,12 @@ def code_of(name: str) -> tuple[str, str]:
 
 def plain_text(text: str) -> str:
     """A docstring for a notebook, whose Markdown has no roles of Sphinx: indented lines stay as they are."""
-    return "\n".join(
-        line if line.startswith("    ") else re.sub(r"([*_])", r"\\\1", line)
-        for line in text.splitlines()
-    )
+    out = []
+    for line in text.splitlines():
+        if not line.startswith("    "):
+            line = re.sub(r"([*_])", r"\\\1", line)
+        out.append(line)
+    return "\n".join(out)
 
 
 def options() -> str:
@@ -411,9 +452,12 @@ def options() -> str:
     launcher = re.search(
         r"<<'TEXT'\n(.*?)TEXT", (ROOT / "gossamer").read_text(encoding="utf-8"), re.DOTALL
     )
+    help_of_launcher = ""
+    if launcher:
+        help_of_launcher = launcher[1]
     parts = [
         "# Commands and their options\n\nThe launcher, in a clone:\n",
-        f"```text\n{launcher[1] if launcher else ''}```\n",
+        f"```text\n{help_of_launcher}```\n",
     ]
     parser: Any = _parser()
     parts.append("An installed package has the command `gossamer` with these.\n")
@@ -496,7 +540,8 @@ FENCE = re.compile(r"^(```|~~~).*?^\1", re.DOTALL | re.MULTILINE)
 def link_dois(app: Any, page: str, source: list[str]) -> None:
     """Make a link of each `doi:10...` of a page, but not in blocks of code."""
     text = source[0]
-    parts, end = [], 0
+    parts: list[str] = []
+    end = 0
     for block in FENCE.finditer(text):
         parts += [_with_links(text[end : block.start()]), block[0]]
         end = block.end()
@@ -512,7 +557,8 @@ def _doi_link(found: re.Match[str]) -> str:
     tail = ""
     # a closing bracket belongs to the sentence unless the DOI opened it, as in 10.1016/S0020-7683(98)00123-4
     while doi.endswith(")") and doi.count(")") > doi.count("("):
-        doi, tail = doi[:-1], ")" + tail
+        doi = doi[:-1]
+        tail = ")" + tail
     return f"[doi:{doi}](<https://doi.org/{doi}>){tail}"
 
 

@@ -31,6 +31,7 @@ def creased_strip(
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
+        # 2 nx cells, so that the crease is a line of nodes.
         along = np.linspace(-length, length, 2 * nx + 1)
         across = np.linspace(0, width, ny + 1)
         x, y = np.meshgrid(along, across)

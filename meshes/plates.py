@@ -33,12 +33,14 @@ def irregular_sheet(
     u, v = _displaced(nx, ny, random)
     has_middle = nx % 2 == 0
     if has_middle:
+        # The middle line of nodes is straight, whatever the random displacements.
         u[nx // 2] = 0.5
     points = np.stack([width * u, height * v, 0 * u], axis=-1)
     ids = _ids(nx, ny)
     lines = _edges(ids)
     if has_middle:
         lines["middle"] = ids[nx // 2]
+    # Diagonals of half of the cells run the other way.
     turned = random.random((nx, ny)) < 0.5
     return _mesh(comm, points, _triangles(ids, turned), lines)
 
@@ -141,6 +143,7 @@ def whole_disc(comm: MPI.Intracomm, cells: int, radius: float = 1.0) -> Mesh:
     points = [np.zeros(2)]
     rings = [np.array([1])]
     triangles = []
+    # Ring k has six nodes more than the one inside of it.
     for k in range(1, cells + 1):
         count = 6 * k
         angle = 2 * np.pi * np.arange(count) / count

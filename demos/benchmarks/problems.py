@@ -11,6 +11,7 @@ Words = dict[str, object]  # words of a script; see contestants.run
 Cases = dict[str, dict[str, Words]]  # by size, then by contestant
 Figures = dict[str, float]
 
+# A complete factorisation instead of the solver that is chosen.
 DIRECT: Words = {
     "PETSC_OPTIONS": "-gx_ksp_type preonly -gx_pc_type lu -gx_pc_factor_mat_solver_type mumps"
 }
@@ -40,6 +41,7 @@ class Problem:
 def sheets(sizes: dict[int, tuple[int, int, str]]) -> Cases:
     """Cells of a side: steps of each program, Kratos' linear solver; both stop at 1e-6 of a step's first residual."""
     return {
+        # Without wrinkling the law is linear elastic, and both programs have the same problem.
         f"n = {n}, {'wrinkling' if wrinkling else 'linear'}": {
             SELF: {"n": n, "steps": own, "wrinkling": wrinkling, "relative": 1e-6},
             "kratos": {"n": n, "steps": steps, "wrinkling": wrinkling, "solver": solver},
@@ -58,6 +60,7 @@ def ranks(pairs: dict[str, tuple[int, int]], steps: int) -> Cases:
     """Cells of a side on one rank and on two."""
     return {
         label: {
+            # Two labels of this program: its figures on one rank are the reference.
             "one-rank": {"n": one, "steps": steps},
             SELF: {"n": two, "steps": steps, "ranks": 2},
         }
@@ -82,6 +85,7 @@ def fabric_airbags(dampings: dict[tuple[int, int], float]) -> Cases:
 def strips(own: int, kratos: tuple[int, int], exudyn: int, ngsolve: int) -> dict[str, Words]:
     """Cells along, and as few increments of the load as succeed; of Kratos cells and increments."""
     return {
+        # Fewest cells and increments with which each program reaches the error.
         SELF: {"n": own, "step": 1e4},
         "kratos": {"n": kratos[0], "increments": kratos[1]},
         "exudyn": {"n": exudyn, "increments": 1},
@@ -92,6 +96,7 @@ def strips(own: int, kratos: tuple[int, int], exudyn: int, ngsolve: int) -> dict
 def rings(n: int) -> dict[str, Words]:
     """Cells across a half of the ring; the peers need many increments, the first of them small."""
     return {
+        # The load grows with the third power: the first increments are the hardest.
         SELF: {"shape": "slit ring", "n": n},
         "kratos": {"shape": "slit ring", "n": n, "increments": 40, "power": 3.0},
         "ngsolve": {"shape": "slit ring", "n": n // 2, "increments": 30, "power": 3.0},
@@ -101,8 +106,10 @@ def rings(n: int) -> dict[str, Words]:
 PROBLEMS = {
     "sheet": Problem(
         title="Free spinning sheet, h = 1e-3 s",
+        # Seconds per step and unknown are comparable between meshes.
         cost=lambda r: 1e6 * r["cpu"] / r["steps"] / r["dofs"],
         unit="µs CPU per step and unknown",
+        # Kratos takes a factorisation up to 5 k unknowns, then algebraic multigrid.
         cases=sheets({40: (20, 20, "sparse_lu"), 80: (5, 5, "amgcl"), 160: (2, 2, "amgcl")}),
         quick=sheets({20: (10, 10, "sparse_lu")}),
         peers=("kratos",),
@@ -128,6 +135,7 @@ PROBLEMS = {
         title="Free sheet, law time of a Newton iteration of orthotropic film over that of isotropic film",
         cost=lambda r: r["ratio"],
         unit="times",
+        # On order 2 half as many cells, hence as many unknowns.
         cases={
             f"{law}, order {order}": {SELF: {"law": law, "order": order, "n": 48 // order}}
             for order in (1, 2)
@@ -146,6 +154,7 @@ PROBLEMS = {
             "slit ring, 1 %": rings(16),
         },
         quick={"strip, 1 %": strips(6, (4, 4), 2, 2)},
+        # A peer that has no result by then counts as failed.
         seconds=300.0,
         peers=("kratos", "exudyn", "ngsolve"),
     ),
@@ -153,6 +162,7 @@ PROBLEMS = {
         title="Antenna pendulum, film equally far off the surface of its corners",
         cost=lambda r: r["cpu"],
         unit="s CPU",
+        # Resolutions at which the film's deflection agrees, see `equal`.
         cases={
             "until 0.5 s": {
                 SELF: {"n": 3, "elements": 6, "order": 2, "dt": 2e-2, "until": 0.5},
@@ -203,6 +213,7 @@ PROBLEMS = {
         unit="s CPU",
         cases={
             f"{n} x {n} cells": {
+                # newton's usual step; then a tenth of it, and five times as many sweeps.
                 SELF: {"n": n},
                 "newton": {"n": n},
                 "newton, h/10": {"n": n, "dt": 1e-5},
@@ -218,6 +229,7 @@ PROBLEMS = {
         cost=lambda r: r["ratio"],
         unit="times",
         cases={
+            # All of the stack pressed together, and a tenth of it.
             f"{vertices / 1000:g}k, {part:g} packed": {SELF: {"vertices": vertices, "part": part}}
             for part in (1.0, 0.1)
             for vertices in (1000, 5000, 20000, 80000)
@@ -231,6 +243,7 @@ PROBLEMS = {
         cases={
             f"{scene}, {n} x {n} cells": {SELF: {"scene": scene, "n": n}}
             for scene in ("sheet", "contact", "gas")
+            # Parameters are the thickness and the velocities of every node.
             for n in (10, 20, 40)
         },
         quick={"sheet, 6 x 6 cells": {SELF: {"scene": "sheet", "n": 6, "steps": 10}}},
@@ -239,6 +252,7 @@ PROBLEMS = {
         title="Free spinning sheet on two ranks and on one",
         cost=lambda r: r["wall"] / r["steps"],
         unit="s wall time per step",
+        # The same mesh on one and on two ranks.
         cases=ranks({"78k": (160, 160), "300k": (315, 315)}, steps=3),
         quick=ranks({"5k": (40, 40)}, steps=3),
         peers=("one-rank",),
@@ -249,6 +263,7 @@ PROBLEMS = {
         title="Free spinning sheet twice as large on two ranks",
         cost=lambda r: r["wall"] / r["steps"] / r["Newton/step"],
         unit="s wall time per Newton iteration",
+        # Twice as many unknowns on two ranks: ideal is an equal time per Newton iteration.
         cases=ranks({"39k a rank": (113, 160), "78k a rank": (160, 227)}, steps=3),
         quick=ranks({"2.6k a rank": (28, 40)}, steps=3),
         peers=("one-rank",),
@@ -258,6 +273,7 @@ PROBLEMS = {
         title="Free spinning sheet, the solver that is chosen against a factorisation",
         cost=lambda r: r["cpu"] / r["steps"],
         unit="s CPU per step",
+        # As many steps as the set-up of a preconditioner is used for.
         cases={"78k": {SELF: {"n": 160, "steps": 8}, "direct": {"n": 160, "steps": 8, **DIRECT}}},
         quick={"5k": {SELF: {"n": 40, "steps": 3}, "direct": {"n": 40, "steps": 3, **DIRECT}}},
         peers=("direct",),

@@ -44,9 +44,11 @@ case = words({"n": 40, "steps": 3, "dt": 1e-3})
 coarse = TimedCoarseSpace()
 watch = Stopwatch()
 run = build(MPI.COMM_WORLD, case["n"], dt=case["dt"]).simulation()
+# The log begins after the scene is compiled, so that it has the run only.
 PETSc.Log.begin()
 figures = watch.measure(run, case["steps"] * case["dt"])
 clocks = run.solver.newton.seconds
+# What PETSc's event of set-up has beyond the coarse space is the incomplete factorisation.
 parts = {what: clocks[what] for what in ("law", "residual", "tangent")} | {
     "coarse space": coarse.seconds,
     "incomplete factorisation": logged("PCSetUp") - coarse.seconds,

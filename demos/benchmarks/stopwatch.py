@@ -29,15 +29,19 @@ class Stopwatch:
         first = run.step
         iterations = newton.all_iterations
         krylov = newton.linear_iterations
+        # Seconds of each part before, as the clocks go on.
         parts = dict(newton.seconds)
+        # All ranks begin together.
         COMM.Barrier()
         cpu = time.process_time()
         wall = time.perf_counter()
         run.run(until=until)
+        # Seconds of all ranks add up; wall time is that of the run.
         cpu = COMM.allreduce(time.process_time() - cpu)
         wall = time.perf_counter() - wall
         iterations = newton.all_iterations - iterations
         dofs = run.system.numbering.size
+        # Peak memory of all ranks.
         peak = COMM.allreduce(megabytes())
         figures = {
             "cpu": cpu,
@@ -55,6 +59,7 @@ class Stopwatch:
         }
         return figures | {
             "MB": peak,
+            # Per unknown, without what the interpreter needs.
             "B/unknown": (peak - COMM.allreduce(self._before)) * 2**20 / dofs,
             "energy": run.totals.energy,
             "stored": sum(run.totals.stored.values()),

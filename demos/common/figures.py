@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 import gossamer_fx as gx
 from gossamer_fx.model.body import Array
 
+# Colours that remain different in print and for colour-blind readers.
 BLUE = "#1f5fa8"
 RED = "#c0392b"
 GREEN = "#2e7d4f"

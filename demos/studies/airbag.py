@@ -21,6 +21,7 @@ from gossamer_fx.meshes.sheet import crossed_sheet
 
 # Overpressure [Pa].
 PRESSURE = 5000.0
+# Half of the edge of a square whose diagonal is 1.2 m.
 HALF_EDGE = 0.6 / math.sqrt(2)
 FILM = {"E": 588e6, "nu": 0.4, "density": 1000.0, "thickness": 6e-4}
 LAWS: dict[str, FilmLaw] = {
@@ -43,6 +44,7 @@ def airbag(
         law,
         order=order,
     )
+    # The seam stays in its plane.
     seam = [gx.Fixed(film, edge, components=(2,)) for edge in ("top", "right")]
     symmetry = [
         gx.Fixed(film, "bottom", components=(1,)),
@@ -51,6 +53,7 @@ def airbag(
     return film, gx.Equilibrium(gx.Scene(film, gx.Pressure(film, PRESSURE), *seam, *symmetry))
 
 
+# `point` is a group of one node, which one rank owns.
 def displacement(
     film: gx.Membrane,
     search: gx.Equilibrium,
@@ -92,6 +95,7 @@ def problem(
     return {
         "w_M": float(displacement(film, search, "bottom left")[2]),
         "u_A": float(np.linalg.norm(displacement(film, search, "top right"))),
+        # The work of the pressure is p V, of a quarter of one sheet.
         "V": SHEETS * QUARTERS * found.totals.supplied / PRESSURE,
         "σ1_M": stress_at(film, search, "bottom left"),
         "wrinkled": wrinkled,

@@ -61,7 +61,11 @@ def moment(ratio: float) -> float:
 def turn(X: Array, ratio: float) -> Array:
     """Displacement of the last rim; the time of the continuation is κ/κ_w."""
     κ = ratio * FIRST
-    mean = INFLATED * (FIRST if ratio <= 1 else κ * math.cos(wrinkled_angle(ratio)))
+    # Up to the first wrinkle the mean strain is that of the pressure, R κ_w.
+    curvature = FIRST
+    if ratio > 1:
+        curvature = κ * math.cos(wrinkled_angle(ratio))
+    mean = INFLATED * curvature
     ε = κ * X[2] + mean - NU * P * RADIUS / (E * THICKNESS)
     return np.vstack([ε * X[0], 0 * ε, 0 * ε])
 

@@ -35,6 +35,7 @@ UNTIL = 12e-3
 DIAMETER = 0.03
 # Times [s] at which ratios of pressures are compared.
 TIMES = (2e-3, 3e-3, 5e-3)
+# Arguments of `demos.folded_tube.build` for each case.
 CASES: dict[str, dict[str, Any]] = {
     "sharp": {},
     "lift 0.3": {"lift": 3e-4},
@@ -45,6 +46,7 @@ CASES: dict[str, dict[str, Any]] = {
     "crease 0.02": {"crease": 0.02},
     "crease 0.2": {"crease": 0.2},
     "no contact": {"contact": 0.0},
+    # A longer tube needs more gas and more time.
     "long": {"length": 0.8, "panels": 5, "tank": 3.2e-6, "until": 20e-3},
 }
 
@@ -60,16 +62,21 @@ def problem(comm: MPI.Comm, tube: str) -> dict[str, float]:
     folds = sum(name.startswith("ring") for name in case.probes)
     found = {}
     for i in range(1, folds + 1):
+        # Pressure after a fold over that before it.
         ratio = series[f"p{i + 1} [Pa]"] / series[f"p{i} [Pa]"]
         area = series[f"ring{i} [mm2]"] / round_tube
+        # Until 3 ms the first fold decides.
         early = t <= TIMES[1]
         found |= {f"ratio{i} {1e3 * at:g} ms": float(np.interp(at, t, ratio)) for at in TIMES}
         found |= {f"least{i}": float(area[early].min()), f"mean{i}": float(area[early].mean())}
+        # A fold that never opens has no time.
         opened = np.flatnonzero(area >= OPEN)
-        found[f"opened{i} [ms]"] = 1e3 * float(t[opened[0]]) if len(opened) else math.inf
-    penetrations = (
-        float(series["penetrations"].max()) if "penetrations" in case.probes else math.nan
-    )
+        found[f"opened{i} [ms]"] = math.inf
+        if len(opened):
+            found[f"opened{i} [ms]"] = 1e3 * float(t[opened[0]])
+    penetrations = math.nan
+    if "penetrations" in case.probes:
+        penetrations = float(series["penetrations"].max())
     return found | {
         "penetrations": penetrations,
         "energy_error": abs(run.energy_error),
@@ -92,11 +99,13 @@ def draw(results: list[Result], path: Path) -> None:
     rows = [result for result in results if not result.failed]
     marks = "osD^"
     for panel, at in zip(axes, TIMES, strict=True):
+        # A row of the picture for each tube.
         for y, result in enumerate(rows):
             for i in range(1, 5):
                 ratio = result.values.get(f"ratio{i} {1e3 * at:g} ms")
                 if ratio is not None:
                     label = (
+                        # One legend for all panels: the long tube has all four folds.
                         f"fold {i}" if at == TIMES[0] and result.case["tube"] in ("long",) else None
                     )
                     panel.plot(

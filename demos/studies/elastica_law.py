@@ -135,7 +135,9 @@ def membrane(
 ) -> tuple[gx.Fixed, gx.Equilibrium]:
     """The film with a law for its mean stress, held in its plane unless the model is free."""
     is_free = model in (FREE, FREE_COARSE)
-    along, across = LONG_CELLS if model == FREE_COARSE else FILM_CELLS
+    along, across = FILM_CELLS
+    if model == FREE_COARSE:
+        along, across = LONG_CELLS
     mesh = sheet(comm, along, across, LENGTH, HEIGHT)
     start = waved if is_free else sheared
     body = gx.Membrane(mesh, law, order=2, displacement=start)
@@ -146,7 +148,9 @@ def membrane(
     if not is_free:
         items.append(gx.Fixed(body, "film", components=(2,), name="plane"))
     # A search that ends in NoEquilibrium is not longer than needed to tell.
-    iterations = 150 if is_free else 500
+    iterations = 500
+    if is_free:
+        iterations = 150
     search = gx.analysis.Continuation(tolerance=1e-4, total_iterations=iterations)
     return above, gx.Equilibrium(gx.Scene(*items), search)  # type: ignore[arg-type]
 

@@ -34,6 +34,7 @@ def exact(q: float) -> tuple[float, float]:
     ν = FILM["nu"]
     λ_x = 1.0
     λ_t = 1.0
+    # The rate is below a tenth: a hundred iterations reach round-off.
     for _ in range(100):
         S_x = q * λ_t**2 / (2 * λ_x)
         S_t = q * λ_x
@@ -54,6 +55,7 @@ def stretches(film: gx.Membrane, search: gx.Equilibrium) -> tuple[float, float]:
         return total
 
     n = float(sums(np.ones(middle.sum())))
+    # About the mean of the middle part, as nothing holds the tube.
     x = x[middle] - sums(x[middle]) / n
     X = X[middle] - sums(X[middle]) / n
     λ_x = sums(x[:, 0] * X[:, 0]) / sums(X[:, 0] ** 2)

@@ -334,6 +334,7 @@ class Gather:
     """
 
     def __init__(self, numbering: Numbering, indices: Sequence[GlobalIndices]) -> None:
+        """Make the scatter to this rank from the owners of the unknowns.  Collective."""
         self._shapes = [some.shape for some in indices]
         # The empty array gives the result a type if there are no others.
         nothing = np.zeros(0, dtype=PETSc.IntType)

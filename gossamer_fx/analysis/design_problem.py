@@ -385,7 +385,7 @@ class DesignProblem:
         """The values of a record.
 
         Raises:
-            InputError: there is no file, or it was written for another scene.
+            InputError: the file does not exist, or it was written for another scene.
         """
         path = self._record
         # Numbers are in the file of rank 0, which all ranks read.

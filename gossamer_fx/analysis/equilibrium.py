@@ -268,6 +268,7 @@ class Equilibrium:
         *,
         gas: GasProcess = "adiabatic",
     ) -> None:
+        """Check the arguments, which the class describes, and compile the scene.  Collective."""
         check(
             bool(scene.bodies),
             "Equilibrium: the scene has no body to move; add a film, cable, beam or mass.",

@@ -357,6 +357,14 @@ class _ShiftedInverse:
     def __init__(
         self, K: PETSc.Mat, M: PETSc.Mat, σ: float, stiffnesses: Sequence[tuple[Array, float]]
     ) -> None:
+        """Factorise K - σ M, and solve with it for g of each chamber, see (3).  Collective.
+
+        Args:
+            K: tangent stiffness.
+            M: mass matrix, of the same rows.
+            σ: shift [rad²/s²].
+            stiffnesses: (g, κ) of each chamber, with this rank's part of g.
+        """
         shifted = K.copy()
         shifted.axpy(-σ, M, DIFFERENT_PATTERN)
         self._M = M

@@ -85,6 +85,9 @@ class Beam(Curve):
         velocity: PointFunction | None = None,
         name: str = "beam",
     ) -> None:
+        """Check the arguments, which the class describes, and make space, section and initial
+        state.  Collective.
+        """
         super().__init__("Beam", name, mesh, 2, 9)
         self.section = section
         self._take_expansion("Beam", thermal)

@@ -169,6 +169,9 @@ class Cable(Curve):
         velocity: PointFunction | None = None,
         name: str = "cable",
     ) -> None:
+        """Check the arguments, which the class describes, and make space, law and initial state.
+        Collective.
+        """
         check(order in (1, 2), f"Cable '{name}': order is {order!r}; use 1 or 2.")
         super().__init__("Cable", name, mesh, order, 3)
         self.law = law

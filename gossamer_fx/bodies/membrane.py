@@ -95,6 +95,9 @@ class Membrane(Meshed):
         velocity: PointFunction | None = None,
         name: str = "film",
     ) -> None:
+        """Check the arguments, which the class describes, and make space, law and initial state.
+        Collective.
+        """
         self.mesh = mesh if isinstance(mesh, Mesh) else Mesh(mesh)
         domain = self.mesh.domain
         check(

@@ -91,6 +91,7 @@ class RigidBody:
         comm: MPI.Intracomm = MPI.COMM_WORLD,
         name: str = "body",
     ) -> None:
+        """Check the arguments, which the class describes; the coordinates are on rank 0."""
         check(
             math.isfinite(mass) and mass > 0,
             f"RigidBody '{name}': mass is {mass!r} kg; give a positive number.",

@@ -100,6 +100,9 @@ class GasAdjoint:
     """
 
     def __init__(self, network: SolvedGas) -> None:
+        """Find the parameters of chambers, openings, walls and reservoirs, and set their sums to
+        zero.
+        """
         self._network = network
         self._comm = network.geometry.comm
         self._n = len(network.chambers)
@@ -248,7 +251,13 @@ class GasAdjoint:
         return by_start
 
     def _take_openings(self, ν: Array) -> None:
-        """Sum up (7) of the openings; areas of rings wait for `carry`."""
+        """Add equation (7) of the module to the sums of the openings.
+
+        The derivative by the area of a ring is kept, since `carry` takes it to the film later.
+
+        Args:
+            ν: adjoint of the scaled balance (2n,), for n chambers.
+        """
         by_area = -ν @ self._by["area"]
         self._to_areas = []
         for passage, derivative in zip(self._passages, by_area, strict=True):
@@ -267,7 +276,11 @@ class GasAdjoint:
                 self._add(opening, "area", coefficient * derivative)
 
     def _take_boundaries(self, ν: Array) -> None:
-        """Sum up (7) of walls, reservoirs and surroundings."""
+        """Add equation (7) of the module to the sums of walls, reservoirs and surroundings.
+
+        Args:
+            ν: adjoint of the scaled balance (2n,), for n chambers.
+        """
         by_conductance = -ν @ self._by["conductance"]
         by_temperature = -ν @ self._by["wall temperature"]
         for j, (wall, _) in enumerate(self._walls):

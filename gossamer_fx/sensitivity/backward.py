@@ -87,6 +87,7 @@ class BackwardSteps:
     """
 
     def __init__(self, tape: RunTape) -> None:
+        """Make the adjoint vectors, which `solve` fills.  Collective."""
         self._tape = tape
         self._system: System = tape.system
         numbering = self._system.numbering
@@ -247,6 +248,7 @@ class ScalarParts:
     """
 
     def __init__(self, system: System) -> None:
+        """Collect the adjoints of the scalar unknowns, and set c to zero."""
         self.parts: list[ScalarsAdjoint] = []
         self._sizes: list[int] = []
         for scalars in system.scalar_unknowns:

@@ -49,6 +49,9 @@ class StaticGradients:
     """
 
     def __init__(self, equilibrium: SolvedEquilibrium, by: Sequence[str]) -> None:
+        """Check that the scene has a gradient at an equilibrium, and find the variables.
+        Collective.
+        """
         system = equilibrium.system
         check(
             not system.scalar_unknowns,

@@ -115,6 +115,7 @@ class RunTape:
     """
 
     def __init__(self, run: RunToRecord, *, memory: float = DEFAULT_MEMORY) -> None:
+        """Check the arguments, which the class describes, and record every step from now on."""
         stepper = run.stepper
         check(
             isinstance(stepper, Midpoint) and isinstance(stepper.rule, PathAverage),

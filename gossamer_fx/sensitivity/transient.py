@@ -56,6 +56,7 @@ class TransientGradients:
     """
 
     def __init__(self, tape: RunTape, by: Sequence[str]) -> None:
+        """Check that the scene has a gradient of runs, and find the variables.  Collective."""
         system = tape.system
         check(
             tape.steps > 0,

@@ -137,6 +137,14 @@ class FormVariable(Variable):
     def __init__(
         self, name: str, unit: str, coefficients: Sequence[Coefficient], adjoint: AdjointFields
     ) -> None:
+        """Differentiate the forces by the coefficients.
+
+        Args:
+            name: of the variable.
+            unit: of the variable.
+            coefficients: constants or fields that are the variable; all have the same values.
+            adjoint: fields of the adjoint problem.
+        """
         first = coefficients[0]
         is_constant = isinstance(first, fem.Constant)
         super().__init__(name, unit, not is_constant, size_of(first))

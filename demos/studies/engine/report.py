@@ -222,4 +222,6 @@ def _words(case: dict[str, Any]) -> str:
 
 
 def _number(value: float, digits: int) -> str:
-    return "" if math.isnan(value) else f"{value:.{digits}g}"
+    if math.isnan(value):
+        return ""
+    return f"{value:.{digits}g}"
