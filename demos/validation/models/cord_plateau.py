@@ -26,10 +26,14 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     """The total load [N] of the plateau; the quick form is the same."""
     diameter = inputs.number("diameter", "m", above=0)
     radius = diameter / 2
-    cords_up = inputs.word("cords_up", tuple(LEVER_RATIOS))
+    cords_up = inputs.word(
+        "cords_up",
+        choices=tuple(LEVER_RATIOS),
+    )
     lever_ratio = LEVER_RATIOS[cords_up]
     cord_force = inputs.number("cord_force", "N", above=0)
     arm = inputs.number("arm", "m", above=0)
     moment = 3 * cord_force * radius * lever_ratio
     load = 2 * moment / arm
-    return Prediction({"plateau load": Predicted(load)})
+    quantities = {"plateau load": Predicted(load)}
+    return Prediction(quantities)

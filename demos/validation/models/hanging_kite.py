@@ -142,12 +142,16 @@ def bending_share(curvature: float, radius: float, pressure: float, stiffness: f
     ratio = curvature / first
     if ratio <= 1:
         return 1.0
-    θ = brentq(
-        lambda a: math.sin(a) + (math.pi - a) * math.cos(a) - math.pi / ratio,
-        0.0,
-        math.pi,
-    )
-    return max((math.pi - θ + math.sin(2 * θ) / 2) / math.pi, SMALLEST_SHARE)
+
+    def excess(angle: float) -> float:
+        """Equation (3) for the half angle over which the wall is slack."""
+        taut = math.pi - angle
+        return math.sin(angle) + taut * math.cos(angle) - math.pi / ratio
+
+    θ = brentq(excess, 0.0, math.pi)
+    share = (math.pi - θ + math.sin(2 * θ) / 2) / math.pi
+    # A tube that has collapsed would be a mechanism.
+    return max(share, SMALLEST_SHARE)
 
 
 @dataclass
@@ -268,8 +272,9 @@ class Kite:
 
     def length(self, tube: Tube) -> float:
         """Length of a tube [m]."""
-        nodes = np.array([self.points[node] for node in tube.nodes])
-        return float(np.linalg.norm(np.diff(nodes, axis=0), axis=1).sum())
+        corners = np.array([self.points[node] for node in tube.nodes])
+        parts = np.diff(corners, axis=0)
+        return float(np.linalg.norm(parts, axis=1).sum())
 
     def tube_surface(self) -> float:
         """Surface of all tubes [m²]."""
@@ -395,19 +400,25 @@ class Hanging:
         """Present position [m] of a node of the kite."""
         return np.asarray(self._search.system.state.vector(self._ports[node]))
 
+    def distance(self, first: int, second: int) -> float:
+        """Present distance [m] between two nodes of the kite."""
+        between = self.position(first) - self.position(second)
+        return float(np.linalg.norm(between))
+
     def curvature(self, tube: Tube) -> float:
-        """Largest curvature [1/m] of a tube, from the turn of its sections between its ends."""
+        """Mean curvature [1/m] of a tube, from the turn of its sections between its ends."""
         assert tube.beam is not None
         ends = []
         for end in ("start", "end"):
             frame = tube.beam.frame(end)
             d2, d3 = self._search.system.state.vectors(frame.directors[-2:])
             ends.append(np.cross(d2, d3))
-        first = [
-            self.kite.points[tube.nodes[k + 1]] - self.kite.points[tube.nodes[k]] for k in (0, -2)
-        ]
-        before = _angle(first[0], first[1])
-        return abs(_angle(ends[0], ends[1]) - before) / self.kite.length(tube)
+        # A strut of several parts is not straight from the beginning.
+        corners = np.array([self.kite.points[node] for node in tube.nodes])
+        parts = np.diff(corners, axis=0)
+        angle_before = _angle(parts[0], parts[-1])
+        angle = _angle(ends[0], ends[1])
+        return abs(angle - angle_before) / self.kite.length(tube)
 
     def soften(self) -> float:
         """Let stiffnesses approach the secants at the present deformation; returns the largest change."""
@@ -560,19 +571,23 @@ class Hanging:
         ribs = []
         for node in nodes:
             strut = struts.get(node)
-            chain = (node, node + 1) if strut is None else strut.nodes
+            # Without a strut a rib is a straight line; the source numbers its trailing edge next.
+            chain: tuple[int, ...] = (node, node + 1)
+            if strut is not None:
+                chain = strut.nodes
             corners = np.array([self.kite.points[one] for one in chain])
-            along = np.concatenate(
-                [[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))]
-            )
-            rib = [np.interp(fractions * along[-1], along, column) for column in corners.T]
-            ribs.append((np.array(rib).T, strut))
+            lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+            along = np.concatenate([[0.0], np.cumsum(lengths)])
+            wanted = fractions * along[-1]
+            columns = [np.interp(wanted, along, column) for column in corners.T]
+            ribs.append((np.column_stack(columns), strut))
         return ribs
 
     def _canopy(self) -> tuple[gx.Membrane, float]:
         """The film and its area."""
         grid = np.array([points for points, _ in self._ribs()])
-        spans, rows, _ = grid.shape
+        spans = grid.shape[0]
+        rows = grid.shape[1]
         number = np.arange(spans * rows).reshape(spans, rows) + 1
         triangles = []
         for i in range(spans - 1):
@@ -618,9 +633,14 @@ class Hanging:
             name="canopy",
         )
         self._items.append(gx.Gravity(film, (0.0, 0.0, GRAVITY)))
-        corners = grid.reshape(-1, 3)[np.array(triangles).reshape(-1, 3) - 1]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        return film, float(np.linalg.norm(normals, axis=1).sum() / 2)
+        # Nodes of gmsh begin at 1.
+        numbers = np.array(triangles).reshape(-1, 3) - 1
+        corners = grid.reshape(-1, 3)[numbers]
+        first_side = corners[:, 1] - corners[:, 0]
+        second_side = corners[:, 2] - corners[:, 0]
+        normals = np.cross(first_side, second_side)
+        area = np.linalg.norm(normals, axis=1).sum() / 2
+        return film, float(area)
 
     def _attach(self, film: gx.Membrane) -> None:
         """The canopy on the leading edge and on the struts; its own nodes on the trailing edge."""
@@ -694,9 +714,9 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
             break
     lengths = []
     for i, j, k, m in inputs.table("distances", "1", 4):
-        left = np.linalg.norm(hanging.position(int(i)) - hanging.position(int(j)))
-        right = np.linalg.norm(hanging.position(int(k)) - hanging.position(int(m)))
-        lengths.append(float(left + right) / 2)
+        left = hanging.distance(int(i), int(j))
+        right = hanging.distance(int(k), int(m))
+        lengths.append((left + right) / 2)
     details = {
         "unknowns": float(hanging.unknowns),
         "iterations": float(iterations),

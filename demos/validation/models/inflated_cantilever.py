@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from mpi4py import MPI
@@ -46,8 +47,8 @@ SLOPE_STEP = 1e-3
 SLOPE_TOLERANCE = 1e-4
 MAX_CORRECTIONS = 4
 
-# Bisections of the deflection of the first wrinkle within the step in which it appears.
-BISECTIONS = 5
+# Parts of a step of the deflection, one of which the first wrinkle is assigned to.
+PARTS_OF_A_STEP = 8
 
 # Distance from the ends, over the radius, up to which wrinkles do not count: the rigid plate and the
 # clamp disturb the stress there.
@@ -158,13 +159,13 @@ class Bending:
         self.iterations += found.iterations
         return -2 * float(self._search.reaction(self._load)[0][2])
 
-    def wrinkled(self) -> bool:
-        """Whether a cell of the wall, away from the ends, bears no tension in some direction.  Collective."""
+    def wrinkled_points(self) -> int:
+        """Number of points of the wall, away from the ends, without tension in some direction.  Collective."""
         points, state = gx.fields.field_values(self._search, self._film, field="state")
         begin, end = self._counted
         is_counted = (points[:, 0] > begin) & (points[:, 0] < end)
-        here = bool((state[is_counted] < STATES["taut"] - 0.5).any())
-        return bool(self._film.comm.allreduce(here, op=MPI.LOR))
+        here = int((state[is_counted] < STATES["taut"] - 0.5).sum())
+        return self._film.comm.allreduce(here)
 
 
 def stiff_as_measured(
@@ -185,18 +186,28 @@ def stiff_as_measured(
     return tube
 
 
-def first_wrinkle(bending: Bending, before: float, after: float) -> float:
-    """The load [N] at which the first cell wrinkles, between two deflections [m]."""
-    load = bending.load(after)
-    for _ in range(BISECTIONS):
-        middle = (before + after) / 2
-        middle_load = bending.load(middle)
-        if bending.wrinkled():
-            after = middle
-            load = middle_load
-        else:
-            before = middle
-    return load
+def first_wrinkle(bending: Bending, deflections: Array) -> float:
+    """The load [N] at which the first cell wrinkles, from the inflated straight tube.
+
+    Deflections only grow: a wrinkled film finds its taut state again from nearby only, so that a search
+    backwards would find too small a load.
+
+    Args:
+        bending: the straight tube.
+        deflections: of the test [m], rising, as far as the one at which wrinkles were seen, or one more.
+    """
+    # The inflated tube first: a search for the bent one from the stress-free shape would leave wrinkles.
+    taut_load = bending.load(float(deflections[0]))
+    # Some coarse meshes have points that are not taut in the straight tube: those are of the mesh.
+    in_straight_tube = bending.wrinkled_points()
+    for before, after in pairwise(deflections):
+        for deflection in np.linspace(before, after, PARTS_OF_A_STEP + 1)[1:]:
+            load = bending.load(float(deflection))
+            if bending.wrinkled_points() > in_straight_tube:
+                # Between the last taut and the first wrinkled state.
+                return (taut_load + load) / 2
+            taut_load = load
+    return taut_load
 
 
 def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
@@ -238,10 +249,14 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     deflections = np.union1d(np.linspace(0.0, last_deflection, count + 1), read_at)
     loads = []
     step_of_wrinkles = 0
+    in_straight_tube = 0
     for k, deflection in enumerate(deflections):
         loads.append(bending.load(float(deflection)))
-        if step_of_wrinkles == 0 and bending.wrinkled():
-            step_of_wrinkles = max(k, 1)
+        wrinkled = bending.wrinkled_points()
+        if k == 0:
+            in_straight_tube = wrinkled
+        if step_of_wrinkles == 0 and wrinkled > in_straight_tube:
+            step_of_wrinkles = k
     curve = np.array(loads)
     quantities = {
         "load": Predicted(curve, deflections),
@@ -251,11 +266,9 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         load = float(np.interp(deflection, deflections, curve))
         quantities[f"load at {1e3 * deflection:g} mm"] = Predicted(load)
     if step_of_wrinkles:
-        before = float(deflections[step_of_wrinkles - 1])
-        after = float(deflections[step_of_wrinkles])
-        # From the straight tube: wrinkled film finds its taut state again only from nearby.
-        first = first_wrinkle(Bending(tube, comm, around), before, after)
-        quantities["first wrinkle"] = Predicted(first)
+        # One step more: after a large step a cell may have wrinkled too early.
+        seen = deflections[: step_of_wrinkles + 2]
+        quantities["first wrinkle"] = Predicted(first_wrinkle(Bending(tube, comm, around), seen))
     details = {
         "stiffness [N/m]": tube.stiffness,
         "unknowns": float(bending.unknowns),
