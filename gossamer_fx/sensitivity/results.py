@@ -53,7 +53,7 @@ class Derivative:
         comm = self.comm
         if comm is None and self.function is not None:
             comm = self.function.function_space.mesh.comm
-        # The velocities of a rigid body are no field, but one rank has them: the others add nothing.
+        # One rank has the velocities of a rigid body, which are not a field; the others add nothing.
         if comm is None:
             return share
         return float(comm.allreduce(share))
