@@ -269,7 +269,7 @@ def _random(vector: PETSc.Vec, seed: int) -> PETSc.Vec:
 
 
 def steered(comm):
-    """A rigid body that torques turn to an attitude; a spring pulls at a point beside its centre."""
+    """A rigid body that torques turn to an attitude; a spring pulls at a point next to its centre."""
     hub = gx.RigidBody(1.0, (0.6, 1.1, 1.5), name="a", spin=(0.3, -0.5, 1.0), comm=comm)
     control = gx.control.AttitudeControl(
         hub.frame(),
