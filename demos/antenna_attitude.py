@@ -41,8 +41,17 @@ FILM = gx.Miyazaki(
     thickness=2e-5,
     residual_stiffness=1e-8 / 35,
 )
-BOOM = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
-TARGETS = {1: (0.0, 0.0, 8.0), 2: (8.0, 0.0, 0.0)}  # degrees
+BOOM = gx.sections.tube(
+    0.02,
+    5e-4,
+    E=100e9,
+    nu=0.3,
+    density=1560.0,
+)
+TARGETS = {
+    1: (0.0, 0.0, 8.0),
+    2: (8.0, 0.0, 0.0),
+}  # degrees
 # Of the controlled motion: natural frequency Ω [rad/s] and damping ratio ζ.
 RATE = 0.6
 DAMPING = 1.0
@@ -62,9 +71,18 @@ class Antenna:
         return [self.film, *self.booms, *self.ties]
 
 
-def antenna(comm: MPI.Comm, film_cells: int, boom_elements: int, order: int = 1) -> Antenna:
+def antenna(
+    comm: MPI.Comm,
+    film_cells: int,
+    boom_elements: int,
+    order: int = 1,
+) -> Antenna:
     """The antenna in the plane z = 0, centre at the origin, stress-free."""
-    film = gx.Membrane(meshes.film(comm, film_cells, SIDE), FILM, order=order)
+    film = gx.Membrane(
+        meshes.film(comm, film_cells, SIDE),
+        FILM,
+        order=order,
+    )
     booms = [
         gx.Beam(meshes.boom(comm, boom_elements, SIDE, diagonal), BOOM, name=f"boom {k + 1}")
         for k, diagonal in enumerate(meshes.DIAGONALS)
@@ -266,7 +284,13 @@ def plot(
     """Angles, torques and the displacement of A over the time."""
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(3, 1, sharex=True, figsize=(7, 8), layout="constrained")
+    figure, axes = plt.subplots(
+        3,
+        1,
+        sharex=True,
+        figsize=(7, 8),
+        layout="constrained",
+    )
     curves = (
         ("angle [deg]", angles, ("θ about u", "β about v", "γ about w")),
         ("torque [N m]", torques, ("u", "v", "w")),

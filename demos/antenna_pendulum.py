@@ -69,7 +69,12 @@ class FilmDeflection:
         owned_points = film.space.tabulate_dof_coordinates()[: film.block.index_map.size_local]
         x, y, _ = owned_points.T / (SIDE / 2)
         # Bilinear shape functions of the corners, one a column.
-        signs = ((1, 1), (-1, 1), (-1, -1), (1, -1))
+        signs = (
+            (1, 1),
+            (-1, 1),
+            (-1, -1),
+            (1, -1),
+        )
         self._bilinear = np.array([(1 + a * x) * (1 + b * y) / 4 for a, b in signs]).T
 
     def __call__(self, run: gx.Simulation) -> float:
@@ -180,7 +185,11 @@ def plot(results: dict[tuple[int, int, int], dict], path: Path) -> None:
             "label": f"{cells}×{cells}-{elements}, P{order}",
             "ls": "--" if order == 1 else "-",
         }
-        tip.plot(r["time"], 1e3 * (r["tip"] - r["rigid_tip"]), **style)
+        tip.plot(
+            r["time"],
+            1e3 * (r["tip"] - r["rigid_tip"]),
+            **style,
+        )
         film.plot(r["time"], 1e3 * r["film"], **style)
     found = errors(results)
     for order in sorted({key[0] for key in found}):
@@ -188,8 +197,18 @@ def plot(results: dict[tuple[int, int, int], dict], path: Path) -> None:
         for what, mark in ((0, "o-"), (1, "s--")):
             values = [1e3 * found[key][what] for key in keys]
             label = f"{('tip', 'film')[what]}, P{order}"
-            by_size.loglog([results[key]["dofs"] for key in keys], values, mark, label=label)
-            by_seconds.loglog([results[key]["seconds"] for key in keys], values, mark, label=label)
+            by_size.loglog(
+                [results[key]["dofs"] for key in keys],
+                values,
+                mark,
+                label=label,
+            )
+            by_seconds.loglog(
+                [results[key]["seconds"] for key in keys],
+                values,
+                mark,
+                label=label,
+            )
     tip.set(xlabel="time [s]", ylabel="tip above the rigid limit [mm]")
     film.set(xlabel="time [s]", ylabel="film from its corners' surface [mm]")
     tip.legend(fontsize="x-small")

@@ -95,18 +95,40 @@ def draw(series: gx.Series, formula: tuple[Array, Array], path: Path) -> None:
     figure = new_figure(width=11.0, height=4.6)
     left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.5))
     sail = left.add_subplot(projection="3d")
-    draw_film(sail, petals_of(panels(), root=MAST, slope=PANEL_SLOPE), view=(18.0, -60.0))
-    sail.quiver(0.3, 0, 0, 1.6, 0, 0, color=RED, lw=2)
+    draw_film(
+        sail,
+        petals_of(panels(), root=MAST, slope=PANEL_SLOPE),
+        view=(18.0, -60.0),
+    )
+    sail.quiver(
+        0.3,
+        0,
+        0,
+        1.6,
+        0,
+        0,
+        color=RED,
+        lw=2,
+    )
     sail.text(1.1, 0, 0.35, "flight", color=RED, ha="center")
     left.suptitle("25 m² in four panels, swept back by 30°", fontsize=10)
     above, below = right.subplots(2, 1, sharex=True)
     times, axes = formula
-    above.plot(np.array(series.time) / 3600, (series["a"] - RADIUS) / 1e3, color=BLUE)
+    above.plot(
+        np.array(series.time) / 3600,
+        (series["a"] - RADIUS) / 1e3,
+        color=BLUE,
+    )
     above.plot(times / 3600, (axes - RADIUS) / 1e3, "--", color=GREY)
     above.set_ylabel("semi-major axis,\nchange [km]")
     above.legend(["computed, swinging", "formula, aligned"], fontsize=8, frameon=False)
     angle = np.degrees(series["angle to the motion [rad]"])
-    below.plot(np.array(series.time) / 3600, angle, color=BLUE, lw=0.4)
+    below.plot(
+        np.array(series.time) / 3600,
+        angle,
+        color=BLUE,
+        lw=0.4,
+    )
     below.set(xlabel="time [h]", ylabel="angle to the\nmotion [deg]")
     for panel in (above, below):
         panel.grid(alpha=0.3)
@@ -157,7 +179,11 @@ def main(
     }
     series = gx.Series(probes)
     outputs: list[Output] = [gx.outputs.Progress(), series]
-    run = gx.Simulation(gx.Scene(drag), gx.Midpoint(dt=dt), outputs=outputs)
+    run = gx.Simulation(
+        gx.Scene(drag),
+        gx.Midpoint(dt=dt),
+        outputs=outputs,
+    )
     run.run(until=3600 * hours)
     formula = fall_by_formula(hours, orbit.mu)
     if output is not None and comm.rank == 0:

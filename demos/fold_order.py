@@ -85,14 +85,26 @@ def folded_twice(first: str, openings: tuple[float, float]) -> Callable[[Array],
     def displacement(X: Array) -> Array:
         x = np.zeros_like(X)
         # The second half goes below: its depth counts as height of the layers for the second fold.
-        x[a], depth = halved(X[a], np.zeros_like(X[a]), openings[0])
-        x[b], x[2] = halved(X[b], -depth, openings[1])
+        x[a], depth = halved(
+            X[a],
+            np.zeros_like(X[a]),
+            openings[0],
+        )
+        x[b], x[2] = halved(
+            X[b],
+            -depth,
+            openings[1],
+        )
         return x - X
 
     return displacement
 
 
-def build(comm: MPI.Intracomm, first: str, openings: tuple[float, float]) -> gx.Membrane:
+def build(
+    comm: MPI.Intracomm,
+    first: str,
+    openings: tuple[float, float],
+) -> gx.Membrane:
     """The square film, folded twice."""
     return gx.Membrane(
         sheet(comm, 16, 16, EDGE, EDGE),

@@ -141,7 +141,13 @@ def curvature_at(build: Build) -> Any:
 def folds() -> gx.fold.Ikaros:
     """The fold, whose lines are the creases of the sail."""
     _, _, bends = ikaros.rows(PITCH)
-    return gx.fold.Ikaros(n=4, inner=INNER, outer=OUTER, pitch=PITCH, bends=bends)
+    return gx.fold.Ikaros(
+        n=4,
+        inner=INNER,
+        outer=OUTER,
+        pitch=PITCH,
+        bends=bends,
+    )
 
 
 def sail(comm: MPI.Comm, build: Build) -> gx.Membrane:
@@ -211,7 +217,12 @@ def tapes(film: gx.Membrane, build: Build) -> list[gx.connectors.Tape]:
 
 def parts(film: gx.Membrane, build: Build) -> tuple[gx.RigidBody, list[Any]]:
     """The hub, and what is with the sail: masses at the tips, tethers, tapes and creases."""
-    hub = gx.RigidBody(ikaros.HUB_MASS, ikaros.HUB_INERTIA, comm=film.comm, name="hub")
+    hub = gx.RigidBody(
+        ikaros.HUB_MASS,
+        ikaros.HUB_INERTIA,
+        comm=film.comm,
+        name="hub",
+    )
     items: list[Any] = [
         gx.connectors.AttachedMass(film.port(f"tip {k}"), ikaros.TIP, name=f"mass {k}")
         for k in range(4)
@@ -228,7 +239,12 @@ def sun_pressure(distance: float = DISTANCE) -> float:
     return PRESSURE_AT_AU / distance**2 * sum(OPTICS.coefficients())
 
 
-def steady(comm: MPI.Comm, build: Build, rpm: float, sunlit: bool = True) -> gx.Equilibrium:
+def steady(
+    comm: MPI.Comm,
+    build: Build,
+    rpm: float,
+    sunlit: bool = True,
+) -> gx.Equilibrium:
     """Equilibrium of the open sail in axes that turn with a spin [rpm]; the hub is held in them."""
     film = sail(comm, build)
     hub, items = parts(film, build)
@@ -298,7 +314,13 @@ def windmill(comm: MPI.Comm, corners: Array) -> float:
     areas = area_vectors(corners)
     front = OPTICS.coefficients()
     back = OPTICS.coefficients(back=True)
-    forces = light_force(areas, np.array([0.0, 0.0, 1.0]), front, back, Rows)
+    forces = light_force(
+        areas,
+        np.array([0.0, 0.0, 1.0]),
+        front,
+        back,
+        Rows,
+    )
     torques = np.cross(corners.mean(axis=1), forces)
     return float(PRESSURE_AT_AU / DISTANCE**2 * comm.allreduce(torques[:, 2].sum()))
 
@@ -369,8 +391,18 @@ def slack_tethers(search: gx.Equilibrium) -> int:
 
 def orbit_of_flight(sun_angle: float) -> gx.orbit.Orbit:
     """Round the Sun at the distance of June 2011; at the start light travels at `sun_angle` [rad] to z."""
-    start = gx.orbit.Elements(DISTANCE * AU, i=math.pi / 2, perigee=math.pi / 2 + sun_angle)
-    return gx.orbit.Orbit(start, mu=MU_SUN, sun=(0.0, 0.0, 0.0), shadow="none", radius=6.957e8)
+    start = gx.orbit.Elements(
+        DISTANCE * AU,
+        i=math.pi / 2,
+        perigee=math.pi / 2 + sun_angle,
+    )
+    return gx.orbit.Orbit(
+        start,
+        mu=MU_SUN,
+        sun=(0.0, 0.0, 0.0),
+        shadow="none",
+        radius=6.957e8,
+    )
 
 
 def torque_probe(orbit: gx.orbit.Orbit) -> Any:
@@ -421,7 +453,11 @@ def moments(search: gx.Equilibrium) -> tuple[float, float]:
     return ikaros.HUB_INERTIA[0] + J / 2, ikaros.HUB_INERTIA[2] + J
 
 
-def frozen(search: gx.Equilibrium, rpm: float, sun_angle: float) -> tuple[gx.RigidBody, list[Any]]:
+def frozen(
+    search: gx.Equilibrium,
+    rpm: float,
+    sun_angle: float,
+) -> tuple[gx.RigidBody, list[Any]]:
     """Hub and sail as one rigid body in the shape of a steady spin, and its surfaces.  Collective.
 
     Its products of inertia are left out: a thousandth of the moments.
@@ -490,7 +526,11 @@ def fly_frozen(
             title="IKAROS as built: a day in sunlight",
         )
         outputs.append(picture)
-    run = gx.Simulation(gx.Scene(light), gx.Midpoint(dt=dt), outputs=outputs)
+    run = gx.Simulation(
+        gx.Scene(light),
+        gx.Midpoint(dt=dt),
+        outputs=outputs,
+    )
     about_diameter, about_axis = moments(search)
     before = angular_momentum(run, frame, about_diameter, about_axis)
     run.run(until=until)

@@ -33,12 +33,22 @@ MOUNTED = 285.0  # K, temperature at which the sail is mounted
 
 # Polyimide with aluminium on its front: thickness, coefficient of expansion, and 1090 J/(kg K).
 THICKNESS = 7.5e-6  # m
-FILM = gx.Miyazaki(E=2.5e9, nu=0.3, density=1420.0, thickness=THICKNESS, residual_stiffness=1e-3)
+FILM = gx.Miyazaki(
+    E=2.5e9,
+    nu=0.3,
+    density=1420.0,
+    thickness=THICKNESS,
+    residual_stiffness=1e-3,
+)
 ALPHA = 20e-6  # 1/K
 SAIL = gx.orbit.ThermalProperties(
     1090.0 * FILM.density * THICKNESS, absorptivity=0.12, emissivity=(0.03, 0.5)
 )
-COATED = gx.orbit.ThermalProperties(40.0, absorptivity=(0.16, 0.12), emissivity=(0.08, 0.5))
+COATED = gx.orbit.ThermalProperties(
+    40.0,
+    absorptivity=(0.16, 0.12),
+    emissivity=(0.08, 0.5),
+)
 BANDS = ((2.0, 4.0), (6.0, 8.0))  # of x [m] that are coated
 
 
@@ -100,7 +110,12 @@ def sail(
         displacement=stretching(SIDE, strain),
         name="sail",
     )
-    frame = gx.RigidBody(30.0, (500.0, 500.0, 1000.0), comm=comm, name="frame")
+    frame = gx.RigidBody(
+        30.0,
+        (500.0, 500.0, 1000.0),
+        comm=comm,
+        name="frame",
+    )
     springs = springs_to_frame(
         film,
         frame,
@@ -127,7 +142,11 @@ def main(
         temperature, tension and flatness before the eclipse, a minute into it and at its end; closing errors, effort.
     """
     start = gx.orbit.Elements(RADIUS, 0.0, i=math.pi / 2)  # over the poles; the Sun is in its plane
-    orbit = gx.orbit.Orbit(start, sun=(0.0, 0.0, 1.0), shadow="cone")
+    orbit = gx.orbit.Orbit(
+        start,
+        sun=(0.0, 0.0, 1.0),
+        shadow="cone",
+    )
     film, frame, springs = sail(comm, cells)
     light = gx.orbit.SolarPressure(film, orbit, optics=JPL_SAIL, name="sunlight")
     heating = gx.orbit.SolarHeating(
@@ -135,7 +154,16 @@ def main(
     )
     damping = gx.Damping(film, stiffness_factor=0.05)
     spin = gx.RigidMotion(spin=(0.0, 0.0, SPIN))
-    scene = gx.Scene(film, frame, *springs, orbit, light, heating, damping, spin)
+    scene = gx.Scene(
+        film,
+        frame,
+        *springs,
+        orbit,
+        light,
+        heating,
+        damping,
+        spin,
+    )
     series = gx.Series(
         {
             "sunlit": gx.probes.OrbitState(orbit, "sunlit"),
@@ -147,7 +175,11 @@ def main(
             "taut": gx.probes.AreaFraction(film, "taut"),
         }
     )
-    run = gx.Simulation(scene, gx.Midpoint(dt=dt), outputs=[gx.outputs.Progress(), series])
+    run = gx.Simulation(
+        scene,
+        gx.Midpoint(dt=dt),
+        outputs=[gx.outputs.Progress(), series],
+    )
     end = until or start.period(orbit.mu)
     entry, exit_ = eclipse(orbit)
     moments = {
@@ -189,7 +221,11 @@ def eclipse(orbit: gx.orbit.Orbit) -> tuple[float, float]:
     return (midnight - half) / rate, (midnight + half) / rate
 
 
-def draw(series: gx.Series, fields: dict[str, tuple[np.ndarray, np.ndarray]], path: Path) -> None:
+def draw(
+    series: gx.Series,
+    fields: dict[str, tuple[np.ndarray, np.ndarray]],
+    path: Path,
+) -> None:
     """Temperature, tension and flatness over time, and the temperature of the film at three times."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -208,7 +244,13 @@ def draw(series: gx.Series, fields: dict[str, tuple[np.ndarray, np.ndarray]], pa
     for row, (label, names, factor) in enumerate(curves):
         axes = figure.add_subplot(grid[row, 0])
         for name, colour in names.items():
-            axes.plot(minutes, factor * series[name], color=colour, lw=1.2, label=name)
+            axes.plot(
+                minutes,
+                factor * series[name],
+                color=colour,
+                lw=1.2,
+                label=name,
+            )
         axes.fill_between(
             minutes, 0, 1, where=dark, transform=axes.get_xaxis_transform(), color="#dddddd", lw=0
         )
@@ -231,7 +273,12 @@ def draw(series: gx.Series, fields: dict[str, tuple[np.ndarray, np.ndarray]], pa
         axes.set_axis_off()
         images.append(image)
     if images:
-        figure.colorbar(images[0], ax=figure.axes[3:], label="temperature [K]", shrink=0.7)
+        figure.colorbar(
+            images[0],
+            ax=figure.axes[3:],
+            label="temperature [K]",
+            shrink=0.7,
+        )
     path.parent.mkdir(parents=True, exist_ok=True)
     canvas.print_png(str(path))
 

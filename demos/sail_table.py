@@ -70,7 +70,11 @@ def light_direction(cone: float, clock: float) -> Array:
     return np.array([np.sin(α) * np.cos(β), np.sin(α) * np.sin(β), -np.cos(α)])
 
 
-def build(comm: MPI.Intracomm, directions: Array, cells: int = 10) -> gx.Equilibrium:
+def build(
+    comm: MPI.Intracomm,
+    directions: Array,
+    cells: int = 10,
+) -> gx.Equilibrium:
     """A slack square in a square frame, in the light from each of the directions (n, 3)."""
 
     def slack(X: Array) -> Array:
@@ -82,13 +86,20 @@ def build(comm: MPI.Intracomm, directions: Array, cells: int = 10) -> gx.Equilib
 
     mesh = crossed_sheet(comm, cells, cells, SIDE, SIDE)
     # One support for all edges, so that one reaction balances the light.
-    mesh.groups["frame"] = (1, np.concatenate([mesh.groups[edge][1] for edge in EDGES]))
+    mesh.groups["frame"] = (
+        1,
+        np.concatenate([mesh.groups[edge][1] for edge in EDGES]),
+    )
     film = gx.Membrane(mesh, FILM, displacement=slack)
     frame = gx.Fixed(film, "frame", name="frame")
     # The light moves the film by its own width in about a minute.
     search = gx.analysis.Continuation(first_step=20.0)
     # `find(at=k)` takes direction k.
-    light = gx.orbit.Sunlight(film, direction=lambda k: directions[round(k)], optics=JPL_SAIL)
+    light = gx.orbit.Sunlight(
+        film,
+        direction=lambda k: directions[round(k)],
+        optics=JPL_SAIL,
+    )
     return gx.Equilibrium(gx.Scene(film, light, frame), search)
 
 
@@ -202,7 +213,11 @@ def draw(table: Table, path: Path) -> None:
     save(figure, path)
 
 
-def main(output: str | Path | None = None, cells: int = 10, step: int = 10) -> dict[str, float]:
+def main(
+    output: str | Path | None = None,
+    cells: int = 10,
+    step: int = 10,
+) -> dict[str, float]:
     """Make the table for cone angles up to 80° in steps of `step` [°]; with `output`, CSV and picture there."""
     cones = range(0, 81, step)
     attitudes = np.array(

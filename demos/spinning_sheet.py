@@ -53,9 +53,25 @@ def build(
         residual: stiffness of the wrinkled and slack film over that of the taut film.
         order: of the elements, 1 or 2.
     """
-    law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=residual)
-    film = gx.Membrane(sheet(comm, n, n), law, order=order, velocity=throw)
-    return gx.Case(gx.Scene(film), gx.Midpoint(dt=dt), until=until, title=TITLE)
+    law = gx.Miyazaki(
+        E=1e9,
+        nu=0.3,
+        density=1400.0,
+        thickness=1e-4,
+        residual_stiffness=residual,
+    )
+    film = gx.Membrane(
+        sheet(comm, n, n),
+        law,
+        order=order,
+        velocity=throw,
+    )
+    return gx.Case(
+        gx.Scene(film),
+        gx.Midpoint(dt=dt),
+        until=until,
+        title=TITLE,
+    )
 
 
 def main(

@@ -41,7 +41,11 @@ def petals(pitch: float) -> list[gx.orbit.Surface]:
     for k in range(4):
         c = math.cos(k * math.pi / 2)
         s = math.sin(k * math.pi / 2)
-        normal = (-s * math.sin(pitch), c * math.sin(pitch), -math.cos(pitch))
+        normal = (
+            -s * math.sin(pitch),
+            c * math.sin(pitch),
+            -math.cos(pitch),
+        )
         centre = (ARM * c, ARM * s, 0.0)
         petal = gx.orbit.Surface(
             AREA / 4,
@@ -110,7 +114,12 @@ def main(
         comm=comm,
         name="sail",
     )
-    light = gx.orbit.SolarPressure(body, orbit, surfaces=petals(pitch), name="sunlight")
+    light = gx.orbit.SolarPressure(
+        body,
+        orbit,
+        surfaces=petals(pitch),
+        name="sunlight",
+    )
     probes = {
         "spin": lambda run: float(run.totals.angular_momentum @ axis),
         "sun angle [rad]": gx.probes.SunAngle(orbit, body.frame().directors[2]),
@@ -121,7 +130,11 @@ def main(
     }
     series = gx.Series({name: probes[name] for name in ("sun angle [rad]", "torque")})
     outputs: list[Output] = [gx.outputs.Progress(), series]
-    run = gx.Simulation(gx.Scene(light), gx.Midpoint(dt=dt), outputs=outputs)
+    run = gx.Simulation(
+        gx.Scene(light),
+        gx.Midpoint(dt=dt),
+        outputs=outputs,
+    )
     frame = body.frame()
 
     def spin(system: object) -> float:

@@ -51,7 +51,7 @@ class Section:
     rotary3: float
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         for field in fields(self):
             value = getattr(self, field.name)
             check(

@@ -15,7 +15,12 @@ from .arrays import Groups, Numbers, Points, mesh_of_arrays, triangles_of
 from .line import line
 
 DIAGONALS = ((1.0, 1.0), (-1.0, 1.0))
-CORNERS = ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0))
+CORNERS = (
+    (1.0, 1.0),
+    (-1.0, 1.0),
+    (-1.0, -1.0),
+    (1.0, -1.0),
+)
 
 
 def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
@@ -62,7 +67,11 @@ def _ticks(cells: int, side: float) -> np.ndarray:
     # With one or two cells no line is near a third, and the grid stays even.
     if cells > 2:
         outer = round(cells / 3) / cells
-        even = np.interp(even, [0, outer, 1 - outer, 1], [0, 1 / 3, 2 / 3, 1])
+        even = np.interp(
+            even,
+            [0, outer, 1 - outer, 1],
+            [0, 1 / 3, 2 / 3, 1],
+        )
     return side * (even - 0.5)
 
 
@@ -81,7 +90,11 @@ def boom(
     """A straight boom of `elements` from corner to corner of the film; groups: those of `meshes.line`."""
     x = side / 2 * diagonal[0]
     y = side / 2 * diagonal[1]
-    return line(comm, [(-x, -y, 0), (x, y, 0)], elements)
+    return line(
+        comm,
+        [(-x, -y, 0), (x, y, 0)],
+        elements,
+    )
 
 
 def tie_points(side: float) -> np.ndarray:

@@ -32,16 +32,31 @@ def mesh_of_arrays(
     def build(model: Any) -> None:
         points, triangles, groups = arrays()
         film = model.addDiscreteEntity(2)
-        model.mesh.addNodes(2, film, range(1, len(points) + 1), points.ravel())
+        model.mesh.addNodes(
+            2,
+            film,
+            range(1, len(points) + 1),
+            points.ravel(),
+        )
         # gmsh counts from 1, and lists nodes element by element.
-        model.mesh.addElementsByType(film, GMSH_TRIANGLE, [], (triangles + 1).ravel())
+        model.mesh.addElementsByType(
+            film,
+            GMSH_TRIANGLE,
+            [],
+            (triangles + 1).ravel(),
+        )
         model.addPhysicalGroup(2, [film], name="film")
         for name, nodes in groups.items():
             # Points are given as (1,), edges as (n, 2).
             dim = nodes.ndim - 1
             kind = GMSH_LINE if dim else GMSH_POINT
             entity = model.addDiscreteEntity(dim)
-            model.mesh.addElementsByType(entity, kind, [], (nodes + 1).ravel())
+            model.mesh.addElementsByType(
+                entity,
+                kind,
+                [],
+                (nodes + 1).ravel(),
+            )
             model.addPhysicalGroup(dim, [entity], name=name)
 
     return gmsh_mesh(build, comm)
@@ -73,7 +88,12 @@ def joined(
         the different points, the triangles between them, and the new number of each given point.
     """
     rounded = np.rint(points / tolerance)
-    _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    _, first, inverse = np.unique(
+        rounded,
+        axis=0,
+        return_index=True,
+        return_inverse=True,
+    )
     # The shape of the inverse differs between versions of NumPy.
     new_numbers = inverse.ravel()
     return points[first], new_numbers[triangles], new_numbers

@@ -220,14 +220,29 @@ def _add(
 ) -> None:
     """Add points, if any, and triangles, whose numbers count from 0, to an entity of gmsh."""
     if len(points):
-        model.mesh.addNodes(2, entity, range(1, len(points) + 1), points.ravel())
-    model.mesh.addElementsByType(entity, 2, [], (triangles + 1).ravel())
+        model.mesh.addNodes(
+            2,
+            entity,
+            range(1, len(points) + 1),
+            points.ravel(),
+        )
+    model.mesh.addElementsByType(
+        entity,
+        2,
+        [],
+        (triangles + 1).ravel(),
+    )
 
 
 def _add_lines(model: Any, name: str, edges: Numbers) -> None:
     """Add edges (n, 2) of existing nodes as a group of lines."""
     entity = model.addDiscreteEntity(1)
-    model.mesh.addElementsByType(entity, 1, [], (edges + 1).ravel())
+    model.mesh.addElementsByType(
+        entity,
+        1,
+        [],
+        (edges + 1).ravel(),
+    )
     model.addPhysicalGroup(1, [entity], name=name)
 
 

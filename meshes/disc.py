@@ -90,7 +90,12 @@ def ring(
 
         def circle(radius: float) -> tuple[list[int], list[int]]:
             """Its points on the axes, and the four arcs between them: gmsh draws no longer ones."""
-            axes = ((1, 0), (0, 1), (-1, 0), (0, -1))
+            axes = (
+                (1, 0),
+                (0, 1),
+                (-1, 0),
+                (0, -1),
+            )
             points = [geo.addPoint(radius * x, radius * y, 0) for x, y in axes]
             following = points[1:] + points[:1]
             arcs = [geo.addCircleArc(p, centre, q) for p, q in zip(points, following, strict=True)]

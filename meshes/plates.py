@@ -164,7 +164,11 @@ def whole_disc(comm: MPI.Intracomm, cells: int, radius: float = 1.0) -> Mesh:
     return _mesh(comm, plane, np.array(triangles), {"rim": closed_rim})
 
 
-def _displaced(n: int, m: int, random: np.random.Generator | None) -> tuple[Floats, Floats]:
+def _displaced(
+    n: int,
+    m: int,
+    random: np.random.Generator | None,
+) -> tuple[Floats, Floats]:
     """Nodes (n + 1, m + 1) of the unit square, moved by up to a quarter of a cell; those of its edges along them."""
     along_u = np.linspace(0, 1, n + 1)
     along_v = np.linspace(0, 1, m + 1)
@@ -178,7 +182,12 @@ def _displaced(n: int, m: int, random: np.random.Generator | None) -> tuple[Floa
 
 def _edges(ids: Integers) -> dict[str, Integers]:
     """The nodes of the four edges of a grid by name; its first index runs from the left to the right."""
-    return {"bottom": ids[:, 0], "right": ids[-1], "top": ids[:, -1], "left": ids[0]}
+    return {
+        "bottom": ids[:, 0],
+        "right": ids[-1],
+        "top": ids[:, -1],
+        "left": ids[0],
+    }
 
 
 def _ids(n: int, m: int) -> Integers:

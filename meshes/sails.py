@@ -159,7 +159,11 @@ def pinwheel(
         corner = np.array([side / 2, -side / 2 / math.tan(step / 2)])
         sector = np.vstack([half, mirrored]) + corner
         tip = np.array([[reach * h, reach * h * slope]]) + corner
-        points, triangles = _around(sector, [step * k for k in range(n)], h)
+        points, triangles = _around(
+            sector,
+            [step * k for k in range(n)],
+            h,
+        )
 
         # The middles of the polygon's sides are within its circumscribed circle, all others not.
         edges = rim(triangles)
@@ -173,7 +177,11 @@ def pinwheel(
     return mesh_of_arrays(comm, arrays)
 
 
-def _around(sector: Points, angles: list[float], cell: float) -> tuple[Points, Numbers]:
+def _around(
+    sector: Points,
+    angles: list[float],
+    cell: float,
+) -> tuple[Points, Numbers]:
     """Points and triangles of a sector turned about the origin, once for each angle, and joined where they meet.
 
     Args:

@@ -59,7 +59,12 @@ def flat_tube(
                 geo.mesh.setTransfiniteCurve(line, across + 1)
             loops = []
             for i in range(compartments):
-                sides = [right_lines[i], cross_lines[i + 1], -left_lines[i], -cross_lines[i]]
+                sides = [
+                    right_lines[i],
+                    cross_lines[i + 1],
+                    -left_lines[i],
+                    -cross_lines[i],
+                ]
                 loops.append(geo.addCurveLoop(sides))
             strips.append([geo.addPlaneSurface([loop]) for loop in loops])
         for line in right_lines + left_lines:

@@ -9,4 +9,9 @@ import numpy as np
 
 def observed_order(steps: Sequence[float], errors: Sequence[float]) -> float:
     """Slope of log(error) over log(step), by least squares."""
-    return float(np.polyfit(np.log(steps), np.log(np.abs(errors)), 1)[0])
+    # A slope over several steps is less sensitive to one accidental zero than the last pair of
+    # errors.
+    log_steps = np.log(steps)
+    log_errors = np.log(np.abs(errors))
+    slope, _ = np.polyfit(log_steps, log_errors, 1)
+    return float(slope)

@@ -1,7 +1,8 @@
 """Run times compared with those of others: ./gossamer bench NAME [--quick] [--runs N]; NAME `all` runs every problem.
 
 `contact` runs `contact_cost`, too.  `errors` runs all problems whose name begins with it: error against CPU time
-on several meshes.  With --store their results are those that docs/benchmark.md shows.
+on several meshes.  `model` predicts scaling from parts that it
+measures.  With --store their results are those that docs/benchmark.md shows.
 
 The contestants take turns, one thread each; of every figure the median over the runs is shown, times next to results.
 Writes out/benchmarks/NAME.csv, and ends with a line `ratio PEER NUMBER` for each peer: its cost over this program's,
@@ -18,11 +19,12 @@ from comparison import compare
 from error_curves import STORED, solve, write_page
 from error_problems import ERROR_PROBLEMS
 from problems import PROBLEMS
+from scaling_model import predict
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="gossamer bench", description=__doc__.splitlines()[0])
-    names = [*PROBLEMS, "errors", *ERROR_PROBLEMS, "all"]
+    names = [*PROBLEMS, "errors", *ERROR_PROBLEMS, "model", "all"]
     parser.add_argument("name", choices=names, metavar="NAME", help=", ".join(names))
     parser.add_argument("--quick", action="store_true", help="one small case")
     parser.add_argument("--runs", type=int, default=3, help="of which the median is taken")
@@ -41,6 +43,8 @@ def main() -> int:
             solve(name, wanted.runs, wanted.quick, folder)
     if wanted.store:
         write_page()
+    if wanted.name in ("model", "all"):
+        predict(wanted.quick, wanted.out)
     parts = [name for name in PROBLEMS if wanted.name in (name, name.split("_")[0], "all")]
     for name in parts:
         problem = PROBLEMS[name]

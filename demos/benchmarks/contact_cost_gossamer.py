@@ -130,7 +130,7 @@ def cost(
             iterations[i] += run.solver.newton.all_iterations - first
         candidates = contact_set.candidates
         gap = PairDistances.of(candidates, contact_set.x0).gap
-        nearest = nearest_gaps(candidates, gap, contact_set.points.count, comm)
+        nearest = nearest_gaps(candidates, gap, contact_set.mesh)
         touching.append((nearest < DISTANCE).mean())
     spent = [comm.allreduce(clock.seconds - b) for clock, b in zip(clocks, before, strict=True)]
     with_contact, alone = (1e3 * cpu[i] / iterations[i] for i in (0, 1))

@@ -24,7 +24,10 @@ DENSITY = 1400.0
 THICKNESS = 1e-4
 SIGMA = DENSITY * THICKNESS  # mass per area [kg/m²]
 # Lamé's constants μ and λ of plane stress, times the thickness [N/m].
-LAME = (E * THICKNESS / (2 * (1 + NU)), E * THICKNESS * NU / (1 - NU**2))
+LAME = (
+    E * THICKNESS / (2 * (1 + NU)),
+    E * THICKNESS * NU / (1 - NU**2),
+)
 
 # Below this determinant [m³] an edge is parallel to a triangle: they have no single common point.
 PARALLEL = 1e-30
@@ -38,11 +41,15 @@ def grid(n: int) -> tuple[np.ndarray, np.ndarray]:
 
     # Corners of each square cell, counterclockwise.
     number = np.arange(x.size).reshape(x.shape)
-    p = number[:-1, :-1].ravel()
-    q = number[1:, :-1].ravel()
-    r = number[1:, 1:].ravel()
-    s = number[:-1, 1:].ravel()
-    triangles = np.vstack([np.stack([p, q, r], axis=1), np.stack([p, r, s], axis=1)])
+    left = number[:-1]
+    right = number[1:]
+    p = left[:, :-1].ravel()
+    q = right[:, :-1].ravel()
+    r = right[:, 1:].ravel()
+    s = left[:, 1:].ravel()
+    lower_triangles = np.stack([p, q, r], axis=1)
+    upper_triangles = np.stack([p, r, s], axis=1)
+    triangles = np.vstack([lower_triangles, upper_triangles])
     return points, triangles
 
 
@@ -69,7 +76,11 @@ def films(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     return stress_free, positions, velocities, np.vstack([triangles, triangles + len(X)])
 
 
-def elastic_energy(X: np.ndarray, x: np.ndarray, triangles: np.ndarray) -> float:
+def elastic_energy(
+    X: np.ndarray,
+    x: np.ndarray,
+    triangles: np.ndarray,
+) -> float:
     """Elastic energy [J] of films at positions x with the stress-free positions X (p, 3).
 
     The neo-Hookean membrane of Newton, with F the deformation gradient, J the ratio of areas, and zero
@@ -116,7 +127,9 @@ def penetrations(x: np.ndarray, triangles: np.ndarray) -> int:
         # A triangle at a node of the edge meets it there at any time.
         has_p = (triangles == p).any(axis=1)
         has_q = (triangles == q).any(axis=1)
-        is_tested = ~has_p & ~has_q & (np.abs(determinant) > PARALLEL)
+        is_separate = ~(has_p | has_q)
+        is_oblique = np.abs(determinant) > PARALLEL
+        is_tested = is_separate & is_oblique
         right_side = (a - x[p])[is_tested, :, None]
         solution = np.linalg.solve(matrix[is_tested], right_side)
         s, u, v = solution[..., 0].T

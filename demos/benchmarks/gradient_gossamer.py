@@ -45,7 +45,11 @@ def wrinkling(n: int) -> tuple[gx.Scene, float]:
 def colliding(n: int) -> tuple[gx.Scene, float]:
     """Two films and their time step [s]."""
     law = gx.Linear(1e7, 0.3, density=1400.0, thickness=THICKNESS)
-    lower = gx.Membrane(sheet(COMM, n, n, 0.2, 0.2), law, name="lower")
+    lower = gx.Membrane(
+        sheet(COMM, n, n, 0.2, 0.2),
+        law,
+        name="lower",
+    )
     shift = np.array([[0.011], [0.013], [1.5e-3]])
     film = gx.Membrane(
         sheet(COMM, n, n, 0.2, 0.2),

@@ -31,7 +31,11 @@ CASES = {
 def grid(shape: str, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Nodes (i, j, 3) and their numbers from 0: i from the clamped to the loaded end, j across; n cells along or 4n."""
     along, across = (n, max(n // 8, 1)) if shape == "strip" else (4 * n, n // 2)
-    u, v = np.meshgrid(np.linspace(0, 1, along + 1), np.linspace(0, 1, across + 1), indexing="ij")
+    u, v = np.meshgrid(
+        np.linspace(0, 1, along + 1),
+        np.linspace(0, 1, across + 1),
+        indexing="ij",
+    )
     points = np.stack(mapped(shape, u, v), axis=-1)
     return points, np.arange((along + 1) * (across + 1)).reshape(along + 1, across + 1)
 

@@ -14,7 +14,6 @@ Figures = dict[str, float]
 DIRECT: Words = {
     "PETSC_OPTIONS": "-gx_ksp_type preonly -gx_pc_type lu -gx_pc_factor_mat_solver_type mumps"
 }
-STRICT: Words = {"PETSC_OPTIONS": "-gx_ksp_rtol 1e-8"}
 
 
 @dataclass(frozen=True)
@@ -63,23 +62,6 @@ def ranks(pairs: dict[str, tuple[int, int]], steps: int) -> Cases:
             SELF: {"n": two, "steps": steps, "ranks": 2},
         }
         for label, (one, two) in pairs.items()
-    }
-
-
-def subdomains(
-    sizes: tuple[int, ...], counts: tuple[int, ...], dt: float, methods: tuple[str, ...]
-) -> Cases:
-    """Cells of a side and numbers of subdomains, each a rank, against a factorisation on one rank."""
-    return {
-        f"{dt:g} s, n = {n}, {count} parts": {
-            SELF: {"n": n, "steps": 2, "dt": dt, **DIRECT},
-            **{
-                m: {"n": n, "steps": 2, "dt": dt, "ranks": count, "subdomains": m, **STRICT}
-                for m in methods
-            },
-        }
-        for n in sizes
-        for count in counts
     }
 
 
@@ -295,19 +277,5 @@ PROBLEMS = {
         unit="ms CPU per Newton iteration",
         cases=alone("n", (80, 160), steps=12),
         quick=alone("n", (40,), steps=3),
-    ),
-    "subdomains": Problem(
-        title="Free spinning sheet in subdomains, two steps, hardly (1e-3 s) and much (4e-3 s) wrinkled",
-        cost=lambda r: r["Krylov/Newton"],
-        unit="Krylov iterations to 1e-8 for one of Newton's",
-        cases={
-            **subdomains((20, 40, 80), (2, 4, 8, 16), 1e-3, ("bddc", "fetidp")),
-            **subdomains(
-                (20, 40, 80), (2, 4, 8, 16), 4e-3, ("bddc",)
-            ),  # FETI-DP may not converge, see its module
-        },
-        quick=subdomains((20,), (2,), 1e-3, ("bddc", "fetidp")),
-        equal=("energy", "stored"),
-        script="sheet",
     ),
 }

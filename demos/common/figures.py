@@ -21,7 +21,12 @@ GREY = "#7a7a7a"
 
 def new_figure(width: float = 10.0, height: float = 3.9) -> Figure:
     """An empty figure of a size in inches, of a hundred pixels each."""
-    return Figure(figsize=(width, height), dpi=100, facecolor="white", layout="constrained")
+    return Figure(
+        figsize=(width, height),
+        dpi=100,
+        facecolor="white",
+        layout="constrained",
+    )
 
 
 def save(figure: Figure, path: Path) -> None:

@@ -51,7 +51,11 @@ def airbag(
     return film, gx.Equilibrium(gx.Scene(film, gx.Pressure(film, PRESSURE), *seam, *symmetry))
 
 
-def displacement(film: gx.Membrane, search: gx.Equilibrium, point: str) -> np.ndarray:
+def displacement(
+    film: gx.Membrane,
+    search: gx.Equilibrium,
+    point: str,
+) -> np.ndarray:
     """Of a named point [m]."""
     x = search.system.q0.array_r.reshape(-1, 3)
     mine = [node for node in film.nodes(point) if node < len(x)]
@@ -74,7 +78,12 @@ def stress_at(film: gx.Membrane, search: gx.Equilibrium, point: str) -> float:
     return float(total / n)
 
 
-def problem(comm: MPI.Comm, law: str, element: str, cells: int) -> dict[str, float]:
+def problem(
+    comm: MPI.Comm,
+    law: str,
+    element: str,
+    cells: int,
+) -> dict[str, float]:
     """`cells` along half an edge of order 1, half as many of order 2: as many unknowns."""
     order = {"P1": 1, "P2": 2}[element]
     film, search = airbag(comm, LAWS[law], order, cells // order)

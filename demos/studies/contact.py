@@ -13,8 +13,8 @@ tube      0.8 m, 58 mm, five compartments folded to a zigzag, filled from a tank
           controlled, with steps of at most 5e-5 s that aim at nine iterations
 map       films of 0.1 m, 4 x 4 cells, at 2 m/s, d̂ 1 mm, h 1e-4 s, 3 ms; one number goes from ordinary to extreme
 
-`deviation` is the largest relative error of contact time, velocities and mean stress, zero where there is no exact
-answer.  Every case must keep energy and momenta, and have no edge that intersects a triangle at its end; anything else
+`deviation` is the largest relative error of contact time, velocities and mean stress, zero where no exact answer
+exists.  Every case must keep energy and momenta, and have no edge that intersects a triangle at its end; anything else
 is an error.  The picture is the map.
 """
 

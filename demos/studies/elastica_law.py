@@ -93,7 +93,11 @@ def waved(X: np.ndarray) -> np.ndarray:
     return sheared(X) + np.stack([0 * height, 0 * height, height])
 
 
-def plate(comm: MPI.Comm, thickness: float, cells: int) -> tuple[gx.Fixed, gx.Equilibrium]:
+def plate(
+    comm: MPI.Comm,
+    thickness: float,
+    cells: int,
+) -> tuple[gx.Fixed, gx.Equilibrium]:
     """The plate with `cells` to a half wave, which starts with small wrinkles of the theory's length at 45°."""
     λ = half_wavelength(thickness)
     amplitude = λ / math.pi * math.sqrt(2 * (1 - FILM["nu"]) * GAMMA)
@@ -106,14 +110,29 @@ def plate(comm: MPI.Comm, thickness: float, cells: int) -> tuple[gx.Fixed, gx.Eq
 
     columns = round(cells * LENGTH / (math.sqrt(2) * λ))
     mesh = leaning_sheet(comm, columns, ROWS_PER_CELL * cells, LENGTH, HEIGHT, LEAN)
-    body = gx.Plate(mesh, gx.Linear(**FILM, thickness=thickness), displacement=wrinkled)
+    body = gx.Plate(
+        mesh,
+        gx.Linear(**FILM, thickness=thickness),
+        displacement=wrinkled,
+    )
     up = (0.0, 1.0, 0.0)
     below = gx.Fixed(body, "bottom", rotation=True, direction=up, name="below")
-    above = gx.Fixed(body, "top", rotation=True, direction=up, motion=moved, name="above")
+    above = gx.Fixed(
+        body,
+        "top",
+        rotation=True,
+        direction=up,
+        motion=moved,
+        name="above",
+    )
     return above, gx.Equilibrium(gx.Scene(body, below, above), SEARCH)
 
 
-def membrane(comm: MPI.Comm, law: FilmLaw, model: str) -> tuple[gx.Fixed, gx.Equilibrium]:
+def membrane(
+    comm: MPI.Comm,
+    law: FilmLaw,
+    model: str,
+) -> tuple[gx.Fixed, gx.Equilibrium]:
     """The film with a law for its mean stress, held in its plane unless the model is free."""
     is_free = model in (FREE, FREE_COARSE)
     along, across = LONG_CELLS if model == FREE_COARSE else FILM_CELLS

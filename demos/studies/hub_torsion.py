@@ -146,7 +146,13 @@ def _inward(B: float, c: float) -> tuple[float, Solution]:
     )
 
 
-def problem(comm: MPI.Comm, law: str, element: str, torque: float, nodes: int) -> dict[str, float]:
+def problem(
+    comm: MPI.Comm,
+    law: str,
+    element: str,
+    torque: float,
+    nodes: int,
+) -> dict[str, float]:
     """Turn the hub as the solution says for c = `torque` σ0 a², with `nodes` across the film."""
     order = {"P1": 1, "P2": 2}[element]
     cells = nodes // order

@@ -104,7 +104,11 @@ def error_across(comm: MPI.Intracomm, shapes: list[Array]) -> float:
     return float(comm.allreduce(far, MPI.MAX) / comm.allreduce(high, MPI.MAX))
 
 
-def predicted(comm: MPI.Intracomm, modes: int, share: float) -> dict[str, float]:
+def predicted(
+    comm: MPI.Intracomm,
+    modes: int,
+    share: float,
+) -> dict[str, float]:
     """Errors of the reduced model with `modes` modes and a share of the cells, see the module."""
     known = truth()
     started = time.process_time()
@@ -152,7 +156,12 @@ def predicted(comm: MPI.Intracomm, modes: int, share: float) -> dict[str, float]
     }
 
 
-def angular_momentum(comm: MPI.Intracomm, sail: gx.Membrane, x: Array, v: Array) -> Array:
+def angular_momentum(
+    comm: MPI.Intracomm,
+    sail: gx.Membrane,
+    x: Array,
+    v: Array,
+) -> Array:
     """Angular momentum (3,) [kg m²/s] about the centre, for positions and velocities (n, 3)."""
     momenta = mass_times(sail, v[:, :, None])[:, :, 0]
     total: Array = comm.allreduce(np.cross(x - CENTRE, momenta).sum(axis=0))

@@ -41,7 +41,7 @@ STUDY = Study(
     "sprout",
     "Convergence of the deployment of two tubes and a film",
     problem,
-    {"start": STARTS, "cell": [0.06, 0.045], "h": [2e-4, 1e-4, 5e-5]},
+    {"cell": [0.06, 0.045], "start": STARTS, "h": [2e-4, 1e-4, 5e-5]},
     lambda case: case["h"],
     quick={"start": ["usual"], "cell": [0.06], "h": [4e-4]},
     quick_options={"until": 5e-3},

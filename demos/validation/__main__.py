@@ -56,6 +56,10 @@ def main(words: list[str] | None = None) -> int:
     folder = STORED if wanted.store else wanted.out
     for path in _paths(wanted.name):
         case = with_inputs(read_case(path, MODELS), changes)
+        is_concerned = any(wanted.only in test.name for test in case.tests)
+        if wanted.name == "all" and not is_concerned:
+            continue
+        case = case.with_only(wanted.only)
         if wanted.sensitivity:
             for line in sensitivities(case, comm, quick=wanted.quick, only=wanted.only):
                 if comm.rank == 0:

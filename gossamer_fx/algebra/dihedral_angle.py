@@ -53,8 +53,8 @@ import numpy.typing as npt
 Numbers = npt.NDArray[Any]
 Array = npt.NDArray[np.floating]
 
-# Size of the complex step.  No difference is taken, so there is no cancellation, and a step this
-# small has no truncation error either.
+# Size of the complex step.  It takes no difference of two values, so nothing cancels, and a
+# step this small has no truncation error either.
 STEP = 1e-30
 
 # Half changes of angle [rad] below which x/sin x is replaced by its series 1 + x²/6 + 7 x⁴/360; the

@@ -86,6 +86,12 @@ class Numbering:
     """
 
     def __init__(self, comm: MPI.Intracomm, blocks: list[Block]) -> None:
+        """Number the unknowns of all blocks.  Collective.
+
+        Args:
+            comm: the ranks.
+            blocks: index map and unknowns a node of each block, in the same order on all ranks.
+        """
         self.comm = comm
         self.blocks = blocks
         sizes = np.array([b.index_map.size_local * b.size for b in blocks], dtype=np.int64)

@@ -353,6 +353,16 @@ class Gather:
             found.append(values[start:end].reshape(shape))
         return found
 
+    def add(self, values: Array, r: PETSc.Vec) -> None:
+        """Add values of all arrays, one after the other, to a vector at their indices.  Collective."""
+        self._values.array[:] = values.ravel()
+        self._scatter.scatter(
+            self._values,
+            r,
+            addv=PETSc.InsertMode.ADD_VALUES,
+            mode=PETSc.ScatterMode.REVERSE,
+        )
+
 
 def add_blocks(
     A: PETSc.Mat,

@@ -18,6 +18,9 @@ from .optimisation import Limit as Limit
 from .optimisation import Optimum as Optimum
 from .optimisation import minimise as minimise
 from .optimisation import minimise_runs as minimise_runs
+from .parameter_fit import Fit as Fit
+from .parameter_fit import fit as fit
+from .parameter_fit import fit_runs as fit_runs
 from .sensitivities import CrossingTime as CrossingTime
 from .sensitivities import Derivative as Derivative
 from .sensitivities import EnclosedVolume as EnclosedVolume

@@ -55,6 +55,7 @@ class ModeShapes:
     def __init__(
         self, body: Membrane, equilibrium: Equilibrium, *, modes: Sequence[Mode], height: float
     ) -> None:
+        """Compute the shapes x0 ± h φ (nodes, 3) [m], which the class describes."""
         system = equilibrium.system
         check(
             body in system.bodies,

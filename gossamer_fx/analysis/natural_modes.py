@@ -413,7 +413,18 @@ def _modes_at_rest(
     shift: float,
     stiffnesses: Sequence[tuple[Array, float]],
 ) -> list[Mode]:
-    """Modes of (2) near ω² = shift [1/s²]; loads that follow the body may make K unsymmetric."""
+    """The modes of equation (2) of the module whose ω² are nearest to a shift.  Collective.
+
+    Args:
+        K, M: tangent and mass matrix, without fixed coordinates.  K may be unsymmetric, by loads
+            that follow the body.
+        count: how many modes are wanted.
+        shift: ω² [1/s²] near which they are.
+        stiffnesses: vectors g and factors k of further stiffness k g gᵀ, as of gas in chambers.
+
+    Returns:
+        modes with frequency [Hz] and growth [1/s], in the order in which they are found.
+    """
     inverse = _ShiftedInverse(K, M, shift, stiffnesses)
     operator = PETSc.Mat().createPython((K.getSizes()), inverse, K.comm)
     operator.setUp()
@@ -450,7 +461,18 @@ def _largest_eigenpairs(operator: PETSc.Mat, count: int) -> Iterator[tuple[compl
 def _modes_in_turning_frame(
     K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, count: int, shift: dict[str, float]
 ) -> list[Mode]:
-    """Modes of (1) near λ = shift; of each conjugate pair the one with positive frequency."""
+    """The modes of equation (1) of the module whose eigenvalues λ are nearest to a shift.
+
+    Of each conjugate pair only the one with positive frequency is returned.  Collective.
+
+    Args:
+        K, G, M: tangent, Coriolis and mass matrix, without fixed coordinates.
+        count: how many modes are wanted.
+        shift: `real` or `imaginary` part of the shift [1/s].
+
+    Raises:
+        InputError: the shifted matrix is singular.
+    """
     # Imported here, as scenes at rest must not pay for it.
     from gossamer_fx.analysis.turning_modes import Inverse
 

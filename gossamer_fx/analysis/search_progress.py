@@ -54,6 +54,7 @@ class SearchProgress:
     """
 
     def __init__(self, comm: MPI.Intracomm, unknowns: int, is_wanted: bool) -> None:
+        """Note the time of the start; nothing is written before `QUIET_SECONDS` have passed."""
         self._writes = is_wanted and comm.rank == 0
         self._unknowns = unknowns
         self._stream = sys.stderr

@@ -52,6 +52,7 @@ class Inverse:
     def __init__(
         self, K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, real: float = 0.0, imaginary: float = 0.0
     ) -> None:
+        """Assemble and factorise the shifted matrix.  Collective; `problem` tells a failure."""
         self._G = G
         self._M = M
         self._σ = real

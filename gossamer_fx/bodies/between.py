@@ -36,7 +36,7 @@ class Between:
     name: str
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         check(
             bool(list(bodies_of(self.a, self.b))),
             f"{type(self).__name__} '{self.name}' joins the ground to itself; give a port of a body.",
@@ -58,7 +58,7 @@ class FrameJoint(Between):
     b: Frame
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         super().__post_init__()
         a = self.a.origin
         b = self.b.origin

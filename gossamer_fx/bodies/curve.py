@@ -34,6 +34,17 @@ class Curve(Meshed):
         order: int,
         size: int,
     ) -> None:
+        """Check that the mesh consists of lines, and make the space of the coordinates.
+
+        Args:
+            kind, name: class and name of the body, for messages.
+            mesh: of line elements in three dimensions.
+            order: of the Lagrange elements, 1 or 2.
+            size: numbers a node, 3 of positions and 3 of each director.
+
+        Raises:
+            InputError: the mesh has other cells, or the order is not possible.
+        """
         self.mesh = mesh if isinstance(mesh, Mesh) else Mesh(mesh)
         domain = self.mesh.domain
         check(

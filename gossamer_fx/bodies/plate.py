@@ -111,6 +111,7 @@ class Plate(Membrane):
         velocity: PointFunction | None = None,
         name: str = "plate",
     ) -> None:
+        """Check the arguments, which the class describes, and make the constants of bending."""
         check(
             order == 2,
             f"Plate '{name}': order is {order!r}; use 2 (of order 1 the curvature is zero in every cell, and the "
@@ -258,7 +259,7 @@ class Plate(Membrane):
         return Bending(domain, self._frame, self.bending_stiffness, penalty, rest)
 
     def _transmitting(self) -> ufl.Measure:
-        """The interior edges that transmit bending moments."""
+        """The measure of the interior edges that transmit bending moments: all but the hinges."""
         domain, metadata = self.mesh.domain, {"quadrature_degree": EDGE_DEGREE}
         if not self.hinges:
             return ufl.Measure("dS", domain, metadata=metadata)

@@ -48,6 +48,7 @@ class PointMass:
         comm: MPI.Intracomm = MPI.COMM_WORLD,
         name: str = "mass",
     ) -> None:
+        """Check the arguments, which the class describes; the coordinates are on rank 0."""
         check(
             math.isfinite(mass) and mass > 0,
             f"PointMass '{name}': mass is {mass!r} kg; give a positive number.",

@@ -43,6 +43,7 @@ class RigidPiece:
         rates: Array,
         rigid: bool = True,
     ) -> None:
+        """Take position, directors and rates, which the class describes, without a check."""
         self.name = name
         self.comm = owner.comm
         self._owner = owner
@@ -75,7 +76,7 @@ class RigidPiece:
         return Port(self, nodes, weights=(1.0, *along), vectors=vectors)
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The constraint that the directors stay orthonormal; there is no mass, hence no energy."""
+        """The constraint that the directors stay orthonormal; it has no mass, hence no energy."""
         if self._rigid:
             H, L, c = orthonormality(len(self._q) - 1)
             measure = PointMeasure([self.directors], H, L, c)

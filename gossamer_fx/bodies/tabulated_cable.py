@@ -94,7 +94,7 @@ class TabulatedCable(BarLaw):
     line_density: float
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         self._check_line_density()
         strain = np.asarray(self.strain, dtype=float)
         force = np.asarray(self.force, dtype=float)
@@ -114,7 +114,7 @@ class TabulatedCable(BarLaw):
             line_density: mass per natural length [kg/m], positive.
 
         Raises:
-            InputError: there is no such file, a unit is missing or unknown, a line has no two numbers, or
+            InputError: the file does not exist, a unit is missing or unknown, a line has no two numbers, or
                 what is wrong with the table.
         """
         strain, force = _read_csv(Path(path))
@@ -309,7 +309,11 @@ def _first(found: npt.NDArray[np.intp]) -> int:
 
 
 def _read_csv(path: Path) -> tuple[list[float], list[float]]:
-    """Strains and forces [N] of a file."""
+    """Read the columns of engineering strain and force [N] from a CSV file.
+
+    Raises:
+        InputError: the file does not exist, has no such column, or a row is not two numbers.
+    """
     check(path.is_file(), f"There is no table '{path}'; give the path of a CSV file.")
     # Spreadsheets begin a CSV file with a byte order mark, which "utf-8-sig" drops.
     with path.open(newline="", encoding="utf-8-sig") as file:

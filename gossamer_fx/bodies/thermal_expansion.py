@@ -43,6 +43,11 @@ class TemperatureInTime:
     def __init__(
         self, mesh: Mesh, given: Temperature, *, elsewhere: float, lowest: float, what: str
     ) -> None:
+        """Find the cells of each group; no temperature is evaluated yet.
+
+        Raises:
+            InputError: the mesh has no such group of cells.
+        """
         self._comm = mesh.domain.comm
         self._elsewhere = elsewhere
         self._lowest = lowest

@@ -86,6 +86,12 @@ class TripleProductEnergies(
     """All `TripleProductEnergy` terms of a scene."""
 
     def __init__(self, terms: Sequence[TripleProductEnergy], system: Assembly) -> None:
+        """Compile residual, tangent and energy of each term.
+
+        Args:
+            terms: the triple products of the scene.
+            system: the compiled scene, which has the fields of their bodies.
+        """
         self._system = system
         self._compiled: list[_Compiled] = []
         for term in terms:

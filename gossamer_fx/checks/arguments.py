@@ -109,7 +109,7 @@ def check_arguments[T: Callable[..., Any]](thing: T) -> T:
 
 
 def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function, behind a check of its arguments."""
+    """Wrap a function so that the types of its arguments are checked at each call."""
 
     # Signature and annotations are looked at in the first call: most of the classes that a scene
     # imports are never called, and an annotation may name a class that is defined further below.
@@ -123,6 +123,11 @@ def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
+        """Call the function if all arguments have the types of its signature.
+
+        Raises:
+            InputError: an argument is missing, unknown, or of another type.
+        """
         name = function.__name__
         if name == "__init__":
             name = type(args[0]).__name__
@@ -171,7 +176,13 @@ def _wrong_call(
     kwargs: dict[str, Any],
     error: TypeError,
 ) -> str:
-    """Why arguments do not fit a signature."""
+    """Explain in one clause why arguments do not fit a signature.
+
+    Args:
+        signature: of the function.
+        args, kwargs: the arguments of the call.
+        error: what Python raised, which is used if no better reason is found.
+    """
     parameters = [p for p in signature.parameters.values() if p.name != "self"]
     names = [parameter.name for parameter in parameters]
     known = f"its arguments are: {', '.join(names) or 'none'}"
@@ -310,7 +321,9 @@ def _annotated(hint: Any, marks: Iterable[Any]) -> Kind | None:
 
 
 def _union(alternatives: Iterable[Any]) -> Kind | None:
-    """One of several types."""
+    """The kind of a union of types, which accepts what one of them accepts; None if one has no
+    check.
+    """
     hints = list(alternatives)
     if Path in hints:
         # A word is tested as a path, which is stricter.

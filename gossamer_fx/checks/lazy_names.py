@@ -40,6 +40,12 @@ def lazy_names(
     load, list_names, names = lazy_loader.attach_stub(package, init_file)
 
     def __getattr__(name: str) -> Any:
+        """Load a public name at its first use.
+
+        Raises:
+            AttributeError: the package has no such name.
+            ImportError: a library that it needs is not installed.
+        """
         if name not in names:
             raise AttributeError(_unknown(module, name, names))
         try:

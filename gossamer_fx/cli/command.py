@@ -37,7 +37,14 @@ class _Parser(argparse.ArgumentParser):
 
 
 def main(words: Sequence[str]) -> int:
-    """Run one command; returns the exit code."""
+    """Run one command of `gossamer`, in this process or on the ranks that it asks for.
+
+    Args:
+        words: name of the command and its arguments.
+
+    Returns:
+        its exit code.
+    """
     if words[:1] == ["demo"]:  # its options are its own
         from gossamer_fx.cli.demo import main as run_demo
 
@@ -370,7 +377,7 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
     """What the scene file builds.
 
     Raises:
-        InputError: there is no such file, it has no `build`, or other arguments, or returns something else.
+        InputError: the file does not exist, it has no `build`, or `build` has other arguments or another result.
     """
     import inspect
 

@@ -25,7 +25,7 @@ def find_demos() -> Path | None:
 
 
 def main(words: Sequence[str]) -> int:
-    """Replace this process by a demo; returns an exit code if there is no such demo.
+    """Replace this process by a demo; returns an exit code if the demo does not exist.
 
     Args:
         words: the name of a demo, the default one if it is left out, then the demo's own arguments.

@@ -49,7 +49,7 @@ def launch(ranks: int, program: Sequence[str]) -> int:
         program: what follows `python3` on a command line.
 
     Returns:
-        Its exit code; 128 + signal if a signal ended it; 1 if there is no mpirun.
+        Its exit code; 128 + signal if a signal ended it; 1 if mpirun is missing.
     """
     mpirun = find_mpirun()
     if mpirun is None:

@@ -80,6 +80,7 @@ def check_same_scene(comm: MPI.Intracomm, path: Path, folder: Path) -> None:
     """
 
     def compare() -> None:
+        """Compare the checksum of the scene file with the one in the folder, or store it there."""
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
         mark = folder / "scene.json"
         make_parent(MPI.COMM_SELF, mark)

@@ -79,7 +79,14 @@ def guarded[T](
     debug: bool,
     act: Callable[[], T],
 ) -> T:
-    """What `act` returns; an error of the user's code is reported with its line in the file."""
+    """Run code of the user's file, and end the program with one sentence if it fails.
+
+    Args:
+        comm: the ranks, all of which end.
+        path: of the user's file.
+        debug: whether errors are raised as they are.
+        act: the code; its result is returned.
+    """
     try:
         return act()
     # Their messages are sentences already.

@@ -43,7 +43,7 @@ class AttachedMass:
     name: str = "attached mass"
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         # The weights of a direction add up to zero: it would have no mass in translation.
         check(
             bool(np.isclose(translation_weight(self.port), 1.0)),

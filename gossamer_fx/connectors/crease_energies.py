@@ -283,6 +283,7 @@ class _Points:
     """
 
     def __init__(self, terms: Sequence[CreaseEnergy], of: list[int], system: Assembly) -> None:
+        """Join the points of the terms in arrays, and measure their fold angles at the start."""
         self.of = of
         self._α = float(system.rule.alpha)
         mine = [terms[i] for i in of]
@@ -428,8 +429,12 @@ class _Points:
         return found
 
     def recall(self, stored: dict[tuple[int, ...], tuple[int, float | None]]) -> None:
-        """Set the history variables from those of `unusual`, by name; the positions are set
-        already.
+        """Set the history variables of the points; their positions are those of the state already.
+
+        Args:
+            stored: for the points that `unusual` listed, by (term, nodes): full turns of the fold
+                angle, and the rest angle [rad], None for the one of the input.  All other points
+                get the values of the input.
         """
         self.θ = self._principal(self._X)
         self.rest = self._first_rest.copy()

@@ -55,7 +55,7 @@ class RopeBundle:
     name: str = "ropes"
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         check(
             bool(len(self.ends)) and len(self.ends) == len(self.lengths),
             f"RopeBundle '{self.name}' has {len(self.ends)} pairs and {len(self.lengths)} lengths; give as many of "

@@ -183,7 +183,7 @@ class Spring(Between):
     name: str = "spring"
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         super().__post_init__()
         check_positive(self, "stiffness", "N/m")
         check(
@@ -235,7 +235,7 @@ class Rope(Between):
     name: str = "rope"
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         super().__post_init__()
         check_positive(self, "stiffness", "N/m")
         check_positive(self, "length", "m")
@@ -374,7 +374,7 @@ class AxialSpring:
     name: str = "spring"
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         check_positive(self, "stiffness", "N/m")
         check(
             any(self.direction),

@@ -146,7 +146,7 @@ class Tape:
         return Tape(body, law, bars=list(pairwise(ports)), lengths=lengths, name=name)
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         lengths = np.asarray(self.lengths, dtype=float)
         object.__setattr__(self, "lengths", lengths)
         check(

@@ -58,7 +58,7 @@ class Tether(Between):
     name: str = "tether"
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         super().__post_init__()
         check_positive(self, "stiffness", "N/m")
         if callable(self.length):

@@ -126,7 +126,15 @@ def hinge_angle(
     axis: Vector,
     rest: float,
 ) -> PointMeasure:
-    """(cos, sin) of the angle of b against a about the axis, zero where b is turned by `rest` from the start."""
+    """The measures (cos φ, sin φ) of the angle φ [rad] of a hinge, which are quadratic.
+
+    φ is the rotation of b relative to a about the axis since the start, less `rest`.
+
+    Args:
+        a, b: frames on both sides of the hinge.
+        axis: direction of the hinge at the start (3,), of any length.
+        rest: angle at which φ is zero [rad].
+    """
     p, q = perpendicular_pair(unit(axis))
     moving = along(p, b)
     # Vectors of a at the rest angle and a quarter turn beyond it: the angle counts from rest, and its
@@ -201,7 +209,7 @@ class TorsionSpring(AboutHinge):
     name: str = "torsion spring"
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         super().__post_init__()
         check_positive(self, "stiffness", "N m/rad")
         check(

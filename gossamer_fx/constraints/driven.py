@@ -50,7 +50,7 @@ class Driven:
     name: str = "motor"
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         check(
             any(self.axis),
             f"Driven '{self.name}': axis is {self.axis!r}; give three numbers, not all zero.",

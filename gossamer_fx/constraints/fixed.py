@@ -123,7 +123,7 @@ class Fixed:
         return f"{where} fixed {self.components}"
 
     def _check_rotation(self) -> None:
-        """Refuse the rotation of what has none."""
+        """Raise `InputError` if `rotation` is asked of a body without directors or slopes."""
         # Imported here: a scene without clamps does not load beams, plates and their forms.
         from gossamer_fx.bodies.beam import Beam
         from gossamer_fx.bodies.plate import Plate

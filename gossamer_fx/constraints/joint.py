@@ -75,7 +75,15 @@ def same_rotation(
     b: Frame,
     start: State,
 ) -> Iterable[PointConstraint]:
-    """Three products that keep the relative rotation of two frames, one of which has three directors."""
+    """Constrain the relative rotation of two frames to that of the start: three equations.
+
+    Each equation holds the product of a vector of one frame and a vector of the other at zero.
+
+    Args:
+        name: of the joint, which names the constraints.
+        a, b: the frames; one of them has three directors.
+        start: state in which the joint is made.
+    """
     full, other = (a, b) if len(a.directors) == 3 else (b, a)
     # Two directors of the other frame are enough: three products of orthogonal vectors fix three
     # angles.  A third director would repeat what its rigidity already says, and make the
@@ -96,7 +104,15 @@ def same_axis(
     other: Frame,
     start: State,
 ) -> Iterable[PointConstraint]:
-    """Two products that keep a direction n of both frames alike; the first has three directors."""
+    """Constrain a direction n to be the same in two frames: two equations.
+
+    Args:
+        name: of the joint, which names the constraints.
+        n: the direction at the start, a unit vector (3,).
+        full: a frame with three directors.
+        other: the other frame.
+        start: state in which the joint is made.
+    """
     # The axis is a vector of one frame, and two of the other stay normal to it.  A beam's section
     # has no vector along its normal, but two across it.
     if is_normal(n, other, start.vector):
@@ -117,7 +133,21 @@ def on_axis(
     b: Frame,
     start: State,
 ) -> Iterable[PointConstraint]:
-    """The point of b stays on the axis n through that of a, which carries it: (x_b - x_a)·p = 0 for two normals p."""
+    """Constrain a point of b to the straight line through a point of a, two equations.
+
+    The line has the direction n at the start and turns with a: (x_b - x_a)·p = 0 for two vectors p
+    of a that are normal to n.
+
+    Args:
+        kind, name: class and name of the joint, for messages.
+        n: direction of the line at the start, a unit vector (3,).
+        a: carries the line, through its origin.
+        b: its origin stays on the line.
+        start: state in which the joint is made.
+
+    Raises:
+        InputError: the point of b is off the line at the start.
+    """
     gap = start.vector(b.origin) - start.vector(a.origin)
     check(
         float(np.linalg.norm(np.cross(gap, n))) <= COINCIDE,

@@ -87,7 +87,7 @@ class Seam:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         if not self.name:
             words = f"{self.a.name}/{self.edge_a} sewn to {self.b.name}/{self.edge_b}"
             object.__setattr__(self, "name", words)

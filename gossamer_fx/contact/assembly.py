@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
+from gossamer_fx.algebra.point_measures import Gather
+from gossamer_fx.algebra.rank_exchange import RankExchange
 from gossamer_fx.contact.arrays import Array, Int32Array, Int64Array
 from gossamer_fx.contact.geometry.contact_points import ContactPoints
 from gossamer_fx.contact.kernels.library import library
@@ -44,10 +46,11 @@ class BlockAssembly:
     """
 
     blocks: Array
-    _sent: list[Int32Array]
+    _sent: Int32Array
+    _row_dof: Int64Array
 
     def __init__(self, points: ContactPoints, system: ContactAssembly) -> None:
-        """Find order and owner of all block rows; `couple` makes the pattern of a step.
+        """Find out which unknowns ranks own; `couple` makes the pattern of a step.
 
         Collective.
         """
@@ -55,16 +58,20 @@ class BlockAssembly:
         self._system = system
         self._comm = system.comm
         self._numbering = system.numbering
-        first_dof = points.first_dof
-        # Block rows in the order of their unknowns, and the position of each in this order.
-        self._order = np.argsort(first_dof)
-        self._position = np.argsort(self._order)
         end = self._numbering.start + self._numbering.size_local
-        ends = np.array(self._comm.allgather(end))
-        # Ranks own consecutive unknowns, so that their ends decide.
-        self._owner = np.searchsorted(ends, first_dof, side="right")
+        self._ends = np.array(self._comm.allgather(end))
         self._has_node_blocks = self._numbering.block_size == 3
         self.blocks = np.zeros((0, 9))
+        self._sort_block_rows()
+
+    def _sort_block_rows(self) -> None:
+        """Find order and owner of all block rows that this rank knows."""
+        self._first_dof = self._points.first_dof
+        # Block rows in the order of their unknowns, and the position of each in this order.
+        self._order = np.argsort(self._first_dof)
+        self._position = np.argsort(self._order)
+        # Ranks own consecutive unknowns, so that their ends decide.
+        self._owner = np.searchsorted(self._ends, self._first_dof, side="right")
 
     # ---- the pattern of a step ----
 
@@ -77,6 +84,9 @@ class BlockAssembly:
         Returns:
             for each group the block index (n, w w) of each two of its block rows.
         """
+        # A search may have changed which points this rank knows.
+        if self._points.first_dof is not self._first_dof:
+            self._sort_block_rows()
         counts = [len(group) for group in groups]
         widths = [group.shape[1] for group in groups]
         sizes = [count * width**2 for count, width in zip(counts, widths, strict=True)]
@@ -141,37 +151,56 @@ class BlockAssembly:
         diagonal = np.flatnonzero(rows == columns)
         self._diagonal = diagonal[np.argsort(self._position[rows[diagonal]])]
         self._diagonal_rows = rows[self._diagonal]
-
-        # A key names the row and column of a block in the order of the unknowns.
-        row_count = len(self._position)
         coupling = np.flatnonzero(rows != columns)
-        keys = self._position[rows[coupling]] * row_count + self._position[columns[coupling]]
-        order = np.argsort(keys)
-        keys = keys[order]
-        others: Int32Array = coupling[order].astype(np.int32)
-        self._sent = [others]
-        self._received: list[Int64Array] = []
         if self._comm.size > 1:
-            owner = self._owner[rows[others]]
-            ranks = range(self._comm.size)
-            self._sent = [others[owner == rank] for rank in ranks]
-            received = self._comm.alltoall([keys[owner == rank] for rank in ranks])
-            keys = np.unique(np.concatenate(received))
-            self._received = [np.searchsorted(keys, of_rank) for of_rank in received]
-        row, column = np.divmod(keys, row_count)
-        self._rows = self._order[row]
-        self._columns = self._order[column]
+            self._send_to_owners(coupling, rows, columns)
+        else:
+            self._keep_all(coupling, rows, columns)
         is_free = self._numbering.vector()
         is_free.set(1.0)
         is_free.array[self._system.supports.held] = 0
-        self._is_free = self._points.of_block_rows(is_free)
+        self._is_free = self._values_at(is_free)
+
+    def _keep_all(self, coupling: np.ndarray, rows: Int32Array, columns: Int32Array) -> None:
+        """Sort the blocks of some indices, which are all on this rank's block rows."""
+        # A key names the row and column of a block in the order of the unknowns.
+        row_count = len(self._position)
+        keys = self._position[rows[coupling]] * row_count + self._position[columns[coupling]]
+        order = np.argsort(keys)
+        self._sent = coupling[order].astype(np.int32)
+        row, column = np.divmod(keys[order], row_count)
+        self._rows = self._order[row]
+        self._columns = self._order[column]
+        self._row_dof = self._first_dof
+
+    def _send_to_owners(self, coupling: np.ndarray, rows: Int32Array, columns: Int32Array) -> None:
+        """Tell the owners of block rows which blocks of some indices they get; collective."""
+        self._sent = coupling.astype(np.int32)
+        self._exchange = RankExchange(self._comm, self._owner[rows[coupling]])
+        # Ranks have different numbers for the same block row, and the same for its first unknown.
+        row_dofs = self._exchange.send(self._first_dof[rows[coupling]])
+        column_dofs = self._exchange.send(self._first_dof[columns[coupling]])
+        self._row_dof, rank_of_dof = np.unique(
+            np.concatenate([row_dofs, column_dofs]), return_inverse=True
+        )
+        row, column = np.split(rank_of_dof.ravel(), 2)
+        row_count = len(self._row_dof)
+        keys, self._received = np.unique(row * row_count + column, return_inverse=True)
+        self._rows, self._columns = np.divmod(keys, max(row_count, 1))
+        # An owner need not know the points that other ranks couple with its own.
+        self._gather = Gather(self._numbering, [self._row_dof[:, None] + np.arange(3)])
+
+    def _values_at(self, q: PETSc.Vec) -> Array:
+        """Return the entries (k, 3) of a vector at the block rows of the coupling matrix; collective."""
+        if self._comm.size == 1:
+            return self._points.of_block_rows(q)
+        return self._gather(q)[0]
 
     # ---- the matrix of the system ----
 
     def reserve_diagonal(self, A: PETSc.Mat) -> None:
-        """Enter zeros, so that the pattern of a matrix holds all of this rank's blocks on the diagonal."""
-        own = self._order[self._owner[self._order] == self._comm.rank]
-        self._enter(A, own, np.zeros((len(own), 9)))
+        """Enter zeros, so that the pattern of a matrix holds the blocks on the diagonal of all points."""
+        self._enter(A, self._order, np.zeros((len(self._order), 9)))
 
     def add_diagonal(self, A: PETSc.Mat) -> None:
         """Add the blocks on the diagonal to a matrix."""
@@ -181,7 +210,7 @@ class BlockAssembly:
         """Add blocks (k, 9) [N/m] on the diagonal to a matrix, in the format that it has."""
         if not len(block_rows):
             return
-        rows, *csr = self._csr(block_rows, block_rows, blocks)
+        rows, *csr = self._csr(block_rows, block_rows, blocks, self._first_dof)
         enter = A.setValuesBlockedIJV if self._has_node_blocks else A.setValuesIJV
         enter(*csr, addv=PETSc.InsertMode.ADD_VALUES, rowmap=rows)
 
@@ -201,7 +230,7 @@ class BlockAssembly:
             self._fetch_entries()
             strong: Any = slice(None)
         else:
-            size = np.abs(self._points.of_block_rows(diagonal)).max(axis=1)
+            size = np.abs(self._values_at(diagonal)).max(axis=1)
             squared_norm = np.einsum("ni,ni->n", self._entries, self._entries)
             mean = size[self._entry_rows] * size[self._entry_columns]
             strong = np.flatnonzero(squared_norm > STRONG_COUPLING**2 * mean)
@@ -209,7 +238,7 @@ class BlockAssembly:
         if not self._comm.allreduce(len(entries)):
             return None
         rows, ends, columns, values = self._csr(
-            self._entry_rows[strong], self._entry_columns[strong], entries
+            self._entry_rows[strong], self._entry_columns[strong], entries, self._row_dof
         )
         block_size = 3 if self._has_node_blocks else 1
         local_size = self._numbering.size_local
@@ -224,13 +253,11 @@ class BlockAssembly:
     def _fetch_entries(self) -> None:
         """Sum the blocks of all ranks in this rank's block rows, without those that are zero."""
         blocks = self.blocks
-        index = self._sent[0]
+        index = self._sent
         if self._comm.size > 1:
             blocks = np.zeros((len(self._rows), 9))
             index = np.arange(len(self._rows), dtype=np.int32)
-            received = self._comm.alltoall([self.blocks[part] for part in self._sent])
-            for rows, part in zip(self._received, received, strict=True):
-                blocks[rows] += part
+            np.add.at(blocks, self._received, self._exchange.send(self.blocks[self._sent]))
         nonzero = _nonzero_blocks(blocks, index)
         self._entry_rows = self._rows[nonzero]
         self._entry_columns = self._columns[nonzero]
@@ -242,15 +269,18 @@ class BlockAssembly:
             self._entries *= (rows * columns).reshape(-1, 9)
 
     def _csr(
-        self, block_rows: np.ndarray, block_columns: np.ndarray, blocks: Array
+        self,
+        block_rows: np.ndarray,
+        block_columns: np.ndarray,
+        blocks: Array,
+        first_dof: Int64Array,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Array]:
-        """Return blocks (k, 9), sorted by rows, as compressed rows.
+        """Return blocks (k, 9), sorted by rows, as compressed rows; `first_dof` is that of block rows.
 
         Returns:
             the rows that have entries, where the entries of each begin and end, their columns, and their
             values.  A matrix without blocks of three has three rows for a row of blocks.
         """
-        first_dof = self._points.first_dof
         first = np.flatnonzero(np.diff(block_rows, prepend=-1))
         counts = np.diff(np.append(first, len(block_rows)))
         rows = first_dof[block_rows[first]]

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Protocol, cast
 import numpy as np
 from petsc4py import PETSc
 
+from gossamer_fx.algebra.rank_exchange import maximum_over_ranks
 from gossamer_fx.checks.errors import check
 from gossamer_fx.contact.arrays import Array, Int64Array
 from gossamer_fx.contact.contact_set import ContactSet
@@ -200,9 +201,17 @@ class CompiledContacts(
 
         found = []
         for item, contact_set in self.contact_sets.items():
-            of_bodies = contact_set.x0[: contact_set.points.body_count]
+            of_bodies = _corners_of_all(contact_set)
             found += [solid_of(obstacle, of_bodies) for obstacle in item.obstacles]
         return [solid for solid in found if solid is not None]
+
+
+def _corners_of_all(contact_set: ContactSet) -> Array:
+    """Return the corners (2, 3) [m] of the box round the bodies of a contact, of all ranks; collective."""
+    x = contact_set.x0[: contact_set.points.body_count]
+    corners = np.concatenate([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
+    corners = maximum_over_ranks(contact_set.mesh.comm, corners)
+    return np.array([-corners[3:], corners[:3]])
 
 
 def _examine_repeated_contacts(terms: Sequence[ContactEnergy], system: Assembly) -> None:

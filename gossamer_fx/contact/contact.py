@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
@@ -153,10 +154,11 @@ class Contact:
             math.isfinite(radius) and is_allowed,
             f"Contact '{self.name}': the radius of '{body.name}' is {radius!r} m; give radius={{'{body.name}': ...}}.",
         )
+        # Every rank knows its own facets.
         facets = facets_of(body)
         ends = facets.lines if is_line else facets.triangles[:, TRIANGLE_SIDES].reshape(-1, 2)
         lengths = np.linalg.norm(facets.X[ends[:, 0]] - facets.X[ends[:, 1]], axis=1)
-        shortest = float(lengths.min())
+        shortest = float(body.comm.allreduce(lengths.min(initial=np.inf), op=MPI.MIN))
         check(
             self.distance + 2 * radius <= MAX_REACH * shortest,
             f"Contact '{self.name}': a distance of {self.distance:g} m and a radius of {radius:g} m are too much for "

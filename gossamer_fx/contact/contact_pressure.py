@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from mpi4py import MPI
 
 from gossamer_fx.contact.arrays import Array, Int64Array
 from gossamer_fx.contact.contact_set import ContactSet
@@ -14,18 +13,19 @@ from gossamer_fx.model.body import Body
 def pressures_on(body: Body, contact_set: ContactSet) -> tuple[Int64Array, Array]:
     """Return global nodes (k,) of a body and the pressure [N/m²] (k,) there; none without this body.
 
-    Collective; the same on every rank.
+    Collective; each node has its pressure on one rank.
     """
     mesh = contact_set.mesh
     number = next((k for k, other in enumerate(mesh.bodies) if other is body), None)
     if number is None:
         return np.zeros(0, dtype=np.int64), np.zeros(0)
-    of_body = np.flatnonzero(mesh.body[: mesh.points.body_count] == number)
+    is_of_body = mesh.body[: mesh.points.body_count] == number
+    of_body = np.flatnonzero(is_of_body & mesh.shared.is_own)
     return mesh.nodes[of_body], pressures(contact_set)[of_body]
 
 
 def pressures(contact_set: ContactSet) -> Array:
-    """Return the pressure (n,) [N/m²] on the points of bodies at q0; collective, the same on every rank.
+    """Return the pressure (n,) [N/m²] on the points of bodies that this rank knows at q0; collective.
 
     It is the sum of the sizes of all pairs' forces on a point, over the area of the stress-free shape for
     which the point stands: pressures on both sides of a film add up.  The area of cables and beams is
@@ -41,7 +41,8 @@ def pressures(contact_set: ContactSet) -> Array:
         response = evaluate(pairs, x, x, contact_set.law, 1.0, by_pair=True)
         of_pairs = np.asarray(response.forces).reshape(-1, 4, 3)
         np.add.at(force, pairs.points, np.linalg.norm(of_pairs, axis=2))
-    points.comm.Allreduce(MPI.IN_PLACE, force, op=MPI.SUM)
     of_bodies = force[: points.body_count]
+    # Any rank may have pairs at a point.
+    contact_set.mesh.shared.take_sum(of_bodies)
     pressure: Array = of_bodies / contact_set.mesh.area[: points.body_count]
     return pressure

@@ -14,10 +14,12 @@ A step from x0 to x1 goes through
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.contact.active_set import (
@@ -30,7 +32,7 @@ from gossamer_fx.contact.active_set import (
 )
 from gossamer_fx.contact.arrays import Array, ByteArray, Int32Array, Int64Array, MaskArray
 from gossamer_fx.contact.assembly import BlockAssembly
-from gossamer_fx.contact.broad_phase.candidates import CandidateSearch, nearest_gaps
+from gossamer_fx.contact.broad_phase.candidates import CandidateSearch, StepPoints, nearest_gaps
 from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.contact.history import ContactHistory
 from gossamer_fx.contact.kernels.library import library
@@ -112,7 +114,9 @@ class ContactSet:
         Collective.
         """
         library(system.comm)
-        history.comm = system.comm
+        # History variables of points are kept by their owners: which points a rank knows changes.
+        self._own, own_numbers = mesh.own_points()
+        history.share(system.comm, own_numbers)
         self.mesh = mesh
         self.points = mesh.points
         self.history = history
@@ -156,17 +160,16 @@ class ContactSet:
             InputError: layers intersect or coincide.
         """
         system = self._system
-        x = self.points.at(system.q0, system.time)
-        # Intersections first: gaps between layers that intersect mean nothing.
-        refuse_intersections(self.mesh, x, self._comm)
-        refuse_points_inside(self.mesh, x)
-        self.search.find_at_rest(x, system.time)
-        gap = PairDistances.of(self.candidates, x).gap
-        nearest = nearest_gaps(self.candidates, gap, self.points.count, self._comm)
-        refuse_coincident(self.mesh, x, nearest, self.activation_distance)
-        self.history.activation_distance = initial_activation(self.activation_distance, nearest)
-        self.x0 = x
         self._start_time = system.time
+        self._search_at_rest()
+        # Intersections first: gaps between layers that intersect mean nothing.
+        refuse_intersections(self.mesh, self.x0, self._comm)
+        refuse_points_inside(self.mesh, self.x0)
+        gap = PairDistances.of(self.candidates, self.x0).gap
+        nearest = nearest_gaps(self.candidates, gap, self.mesh)
+        refuse_coincident(self.mesh, self.x0, nearest, self.activation_distance)
+        self._keep_activation(initial_activation(self.activation_distance, nearest))
+        self.history.has_begun = True
 
     def commit(self) -> None:
         """Take q0 as the start of the next step."""
@@ -175,7 +178,7 @@ class ContactSet:
         time = self._end_time if is_step else self._system.time
         self.x0 = self.points.at(self._system.q0, time)
         self._start_time = time
-        if not len(history.activation_distance):
+        if not history.has_begun:
             self.set_initial_state()
         # A state that was restored since then has a separate history.
         if self.pairs is not None and history.restored == self._restored:
@@ -267,13 +270,12 @@ class ContactSet:
         history = self.history
         if history.restored != self._restored:
             self._restored = history.restored
-            self.x0 = self.points.at(self._system.q0, self._system.time)
             self._start_time = self._system.time
-            # A checkpoint has the pairs of all ranks.
-            own = self.points.owned(self.mesh.first_points(history.identifier))
+            self._search_at_rest()
+            # A checkpoint has the pairs of all ranks; those of this rank are among its candidates.
+            own = np.isin(history.identifier, self.candidates.identifier)
             history.identifier = history.identifier[own]
             history.stiffness = history.stiffness[own]
-            self.search.find_at_rest(self.x0, self._system.time)
             self._energy, _ = energy_of_pairs(self.pairs_with_energy(), self.x0, self.law)
         return self._energy if len(history.identifier) else 0.0
 
@@ -299,12 +301,12 @@ class ContactSet:
             limit = MAX_DEVIATION * self.activation_distance
             self.points.refuse_jumps(system.time, system.h, limit)
         self._v = self.points.rates(system.v0, system.time, system.h)
-        predicted = np.ascontiguousarray(self.x0 + system.h * self._v)
         if not self.history.reference_speed:
             self.history.reference_speed = self._stiffness.reference_speed(system.h)
-        if not self._are_within_bounds(predicted):
+        if not self._are_within_bounds(self._predicted_end()):
             # The present list is complete while all points are within their bounds.
-            self.search.find(self.x0, self._v, system.time, system.h, predicted)
+            self._search(self._predicted_end)
+        predicted = self._predicted_end()
         self.search.begin_step()
         self._start = self._distances_at(self.x0) or PairDistances.of(self.candidates, self.x0)
         self._grow_activation()
@@ -314,29 +316,86 @@ class ContactSet:
 
     def set_static_load(self, force: float) -> None:
         """Take the norm [N] of all loads of an equilibrium, for which stiffness is derived."""
-        of_bodies = self.mesh.area[: self.points.body_count]
+        of_owned = self.mesh.area[: self.points.body_count][self.mesh.shared.is_own]
+        squares = self._comm.allreduce(float(of_owned @ of_owned))
         # A pressure p on nodes that stand for the areas A is the force p |A|.
-        self._stiffness.static_pressure = force / float(np.linalg.norm(of_bodies))
+        self._stiffness.static_pressure = force / math.sqrt(squares)
+
+    def _predicted_end(self) -> Array:
+        """Return the points (m, 3) [m] at the end of a step without forces."""
+        return np.ascontiguousarray(self.x0 + self._system.h * self._v)
 
     def _are_within_bounds(self, end: Array) -> bool:
-        """Return whether the candidates are complete for a step from x0 to points (m, 3)."""
-        bounds = self.search.bounds
-        return bounds.hold(self.x0, self._system.time) and bounds.hold(end, self._end_time)
+        """Return whether the candidates are complete for a step from x0 to points (m, 3); collective."""
+        search = self.search
+        return search.holds(self.x0, self._system.time) and search.holds(end, self._end_time)
+
+    def _search(self, end: Callable[[], Array]) -> None:
+        """Find candidates for a step that ends at points (m, 3) [m]; collective.
+
+        The search may change which points this rank knows: whatever has a row for each point is asked
+        for again.
+        """
+        system = self._system
+
+        def read() -> StepPoints:
+            self.x0 = self.points.at(system.q0, self._start_time)
+            self._v = self.points.rates(system.v0, self._start_time, system.h)
+            return StepPoints(self.x0, self._v, end())
+
+        self.search.find(read, system.time, system.h)
+        self._take_points()
+
+    def _search_at_rest(self) -> None:
+        """Find candidates about the points at q0; collective."""
+
+        def read() -> Array:
+            self.x0 = self.points.at(self._system.q0, self._start_time)
+            return self.x0
+
+        self.search.find_at_rest(read, self._start_time)
+        if self._comm.size > 1:
+            # Rows of pairs and forces are those of points that this rank knew before.
+            self.pairs = None
+            self.point_forces = np.zeros((self.points.count, 3))
+        self._take_points()
+
+    def _take_points(self) -> None:
+        """Read the history variables of the points that this rank knows since a search; collective."""
+        of_own = self.history.activation_distance
+        # The only rank knows the same points as before.
+        if self._comm.size == 1:
+            self._activation_of_points = of_own
+            return
+        self._own, _ = self.mesh.own_points()
+        if self.history.has_begun:
+            of_points = np.empty(self.points.count)
+            of_points[self._own] = of_own
+            self.mesh.shared.spread(of_points[: self.points.body_count])
+            self._activation_of_points = of_points
+
+    def _keep_activation(self, of_points: Array) -> None:
+        """Take new activation distances (m,) [m] of all points, which all ranks agree on."""
+        self._activation_of_points = of_points
+        self.history.activation_distance = of_points
+        if self._comm.size > 1:
+            self.history.activation_distance = of_points[self._own]
 
     def _grow_activation(self) -> None:
         """Let activation distances grow with the gaps at x0; collective."""
         gap = self._start.gap
         near = np.where(gap < FAR * self.activation_distance, gap, np.inf)
-        nearest = nearest_gaps(self.candidates, near, self.points.count, self._comm)
-        self.closest = min(self.closest, float(nearest.min(initial=np.inf)))
-        present = self.history.activation_distance
+        nearest = nearest_gaps(self.candidates, near, self.mesh)
+        least = self._comm.allreduce(float(nearest.min(initial=np.inf)), op=MPI.MIN)
+        self.closest = min(self.closest, least)
+        present = self._activation_of_points
         grown = grown_activation(present, self.activation_distance, nearest)
         # Without growth the array stays the same object, for which pairs' distances are known.
         if not np.array_equal(grown, present):
-            self.history.activation_distance = grown
+            self._keep_activation(grown)
 
     def _activation_distances(self) -> Array:
-        return self._activation.of(self.candidates, self.history.activation_distance)
+        return self._activation.of(self.candidates, self._activation_of_points)
 
     def _activated(self, active: MaskArray) -> ActivePairs:
         """Return the candidates of a mask (n,) as active pairs without stiffness."""
@@ -417,11 +476,16 @@ class ContactSet:
             whether any rank has added one: the step is then solved again from where it ended.
         """
         x1 = self._end_points()
-        if not self.search.bounds.hold(x1, self._end_time):
+        if not self.search.holds(x1, self._end_time):
             identifier = self.candidates.identifier[self._active]
-            self.search.find(self.x0, self._v, self._system.time, self._system.h, x1)
+            self._search(self._end_points)
+            x1 = self._end_points()
             self._start = PairDistances.of(self.candidates, self.x0)
             self._active = np.isin(self.candidates.identifier, identifier)
+            if self._comm.size > 1:
+                # The points of the pairs have other numbers now; forces are those of the last residual.
+                self._set_active(self._active)
+                self._compute_forces(x1)
         step = StepDistances(self._start, x1, FAR * self.activation_distance)
         self._solved = step
         self._known_distances = [step.start, step.end]
@@ -496,7 +560,11 @@ class ContactSet:
         """Add the forces [N] of the step to a residual; collective."""
         if self.pairs is None:
             return
-        x1 = self._end_points()
+        self._compute_forces(self._end_points())
+        self.points.add(self.point_forces, r)
+
+    def _compute_forces(self, x1: Array) -> None:
+        """Compute the forces [N] of this rank's pairs in a step to points x1 (m, 3) [m]."""
         self.point_forces = np.zeros((self.points.count, 3))
         of_bodies, of_obstacles = (
             evaluate(
@@ -515,7 +583,6 @@ class ContactSet:
         self.acting_count = int((of_bodies > 0).sum() + (of_obstacles > 0).sum())
         if self.friction is not None:
             self.friction.add_forces(self.x0, x1, self.point_forces)
-        self.points.add(self.point_forces, r)
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         """Add the blocks on the diagonal of the tangent to a matrix; `coupling` has the others."""

@@ -27,8 +27,9 @@ class ContactHistory:
     a pair changes only while it has none.
 
     Attributes:
-        activation_distance: gap (m,) [m] of each point below which its pairs have energy; empty before
-            the initial state is known.
+        activation_distance: gap (m,) [m] of each point below which its pairs have energy, of those
+            points for which this rank keeps it.
+        has_begun: whether the initial state is known.
         identifier: of pairs that have energy (k,), sorted; at least those of this rank.
         stiffness: k [J] of these pairs (k,).
         reference_speed: least closing speed [m/s] for which stiffness is chosen; zero before the first
@@ -38,24 +39,45 @@ class ContactHistory:
     """
 
     activation_distance: Array = field(default_factory=_no_numbers)
+    has_begun: bool = False
     identifier: Int64Array = field(default_factory=_no_identifiers)
     stiffness: Array = field(default_factory=_no_numbers)
     reference_speed: float = 0.0
     restored: int = 0
     comm: MPI.Intracomm | None = None
+    _own_points: Int64Array = field(default_factory=_no_identifiers)
+
+    def share(self, comm: MPI.Intracomm, own_points: Int64Array) -> None:
+        """Keep the activation distances of some points only; together the ranks keep all.
+
+        Args:
+            comm: of the contact.
+            own_points: numbers (m,) of the points of this rank, among those of all ranks.
+        """
+        self.comm = comm
+        self._own_points = own_points
+        # A state that was set before is that of all points.
+        if self.has_begun:
+            self.activation_distance = self.activation_distance[own_points]
 
     def get_state(self) -> dict[str, Any]:
         """Return the history of all ranks, the same on every rank; collective."""
         identifier = self.identifier
         stiffness = self.stiffness
+        activation_distance = self.activation_distance
         if self.comm is not None and self.comm.size > 1:
             of_ranks = self.comm.allgather((identifier, stiffness))
             identifiers = np.concatenate([part for part, _ in of_ranks])
             # Two ranks may hold the same pair; its stiffness is the same on both.
             identifier, first = np.unique(identifiers, return_index=True)
             stiffness = np.concatenate([part for _, part in of_ranks])[first]
+            of_points = self.comm.allgather((self._own_points, activation_distance))
+            numbers = np.concatenate([part for part, _ in of_points])
+            # All ranks have the points of obstacles, with the same values.
+            _, first = np.unique(numbers, return_index=True)
+            activation_distance = np.concatenate([part for _, part in of_points])[first]
         return {
-            "activation distance": self.activation_distance.tolist(),
+            "activation distance": activation_distance.tolist(),
             "identifier": identifier.tolist(),
             "stiffness": stiffness.tolist(),
             "reference speed": self.reference_speed,
@@ -63,7 +85,11 @@ class ContactHistory:
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Restore what `get_state` returned, on any number of ranks."""
-        self.activation_distance = np.array(state["activation distance"], dtype=float)
+        of_all_points = np.array(state["activation distance"], dtype=float)
+        self.has_begun = len(of_all_points) > 0
+        self.activation_distance = of_all_points
+        if self.comm is not None and self.has_begun:
+            self.activation_distance = of_all_points[self._own_points]
         self.identifier = np.array(state["identifier"], dtype=np.int64)
         self.stiffness = np.array(state["stiffness"], dtype=float)
         self.reference_speed = float(state["reference speed"])

@@ -81,13 +81,14 @@ class PairStiffness:
             x0, v: points [m] and their velocities [m/s] (m, 3) at the start of the step.
             reference_speed: [m/s].
         """
-        density = self._densities()
         sides = np.column_stack([pairs.points[:, 0], pairs.second_point])
+        bodies = self._mesh.body[sides]
+        density = self._densities()[bodies]
         rate = self._rate_of_distance(pairs, squared_distance, x0, v)
         if self._stiffness is not None:
             self._warning.check(
-                bodies=self._mesh.body[sides],
-                density=density[sides].min(axis=1),
+                bodies=bodies,
+                density=density.min(axis=1),
                 speed=np.maximum(-rate, 0),
             )
             return self._stiffness * self._activation_distance**2 * pairs.area
@@ -95,14 +96,14 @@ class PairStiffness:
             return STATIC_FACTOR * self.static_pressure * self._activation_distance * pairs.area
         # The density that acts between two free sides, twice the harmonic sum; that of one side, doubled,
         # against an obstacle.
-        both_sides = 2 / np.maximum((1 / density[sides]).sum(axis=1), TINY)
+        both_sides = 2 / np.maximum((1 / density).sum(axis=1), TINY)
         speed = np.maximum(reference_speed, SPEED_RESERVE * np.abs(rate))
         return STOPPING_FACTOR * both_sides * speed**2 * pairs.area
 
     def _densities(self) -> Array:
-        """Return the area density (m,) [kg/m²] of the body of each point; the masses never change."""
+        """Return the area density (k,) [kg/m²] of bodies and obstacles; the masses never change."""
         if self._density is None:
-            self._density = self._mesh.surface_densities(self._system)
+            self._density = self._mesh.body_densities(self._system)
         return self._density
 
     def _rate_of_distance(

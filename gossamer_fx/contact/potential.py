@@ -1,16 +1,19 @@
 """The contact potential: energy, forces and tangents of pairs, conserving in every step.
 
-Problem.  The distance of two primitives is not a quadratic function of the coordinates, but the step of
-this package conserves energy and momenta through energies of quadratic measures.
+Problem.  A time step of this package conserves energy and momenta exactly if energies are functions of
+measures that are quadratic in the coordinates (`terms.discrete_gradient`).  The distance of two
+primitives, e.g. of a point and a triangle, is not such a measure: it depends on where the closest points
+are, and they move.
 
 Idea.  A pair is three vectors, linear in its four points: r between the two sides, a and b along them.
-Its squared distance
+Points of the two sides are r + u a + v b apart.  The squared distance of the sides
 
     s(e) = min over (u, v) of φ(u, v)·e,    e = (r·r, r·a, r·b, a·a, a·b, b·b),
-                                            φ = (1, 2u, 2v, u², 2uv, v²)
+                                            φ = (1, 2u, 2v, u², 2uv, v²)                        (0)
 
-is a minimum of linear functions of six quadratic measures e, so a concave function of them.  An energy
-k b(x), x = (s - offset)/width, of a falling convex b is convex in e: an ordinary stored energy.
+is a minimum of functions that are linear in the six quadratic measures e.  A minimum of linear functions
+is concave.  An energy k b(x), x = (s - offset)/width, of a falling convex b is therefore convex in e, and
+can be treated as any stored energy.
 
     law       b(x), zero for x ≥ 1
     BARRIER   (1 - x)³/(4x)     nothing gets through, whatever the stiffness
@@ -20,7 +23,8 @@ Algorithm, for a step from e0 = e(q0) to e1 = e(q1) with the change Δe = e1 - e
 
     1. The stress of the step is S = k (b(x1) - b(x0))/(s1 - s0) φ_mean.                        (1)
     2. φ_mean = ∫₀¹ φ dτ along e0 + τ Δe, by two Gauss points.                                  (2)
-    3. What φ_mean·Δe misses of s1 - s0 is added along Δe: φ_mean·Δe = s1 - s0.                 (3)
+    3. Gauss points leave an error in (2).  A multiple of Δe is added to φ_mean such that
+       φ_mean·Δe = s1 - s0.                                                                     (3)
     4. The force on the points is De(q_mid)ᵀ S.  Since De(q_mid)(q1 - q0) = Δe, its work is
        k (b(x1) - b(x0)); it has no resultant and no moment, as e does not change in rigid motions.
 
@@ -28,11 +32,13 @@ Parallel edges.  Their closest points are anywhere along them and jump when they
 ε ((u - ½)² + (v - ½)²), ε = ROUNDING width, to the form rounds s and leaves it concave.  Where edges
 cross, s may then be ε/2; the offset of barriers is larger by this much, so that they are infinite there.
 
-Iterates of Newton's method may pass through something.  Such pairs are pushed back, by a parabola of the
-signed distance (`kernels/pass_through.h`).  Edges with a barrier must keep a fiftieth of their x in a
-step; below it b goes on as a parabola of x.  No step ends there.
+Iterates of Newton's method may pass through something.  Such pairs are pushed back by a parabola of the
+signed distance (`kernels/pass_through.h`).  For edges with a barrier, x must not fall below a fiftieth of
+its value at the start of the step.  Below it b is continued as a parabola of x, so that the iteration has
+a finite force; a step that ends there is refused.
 
-Cost: three closest points a pair and evaluation, all in C, without the pairs that are out of range.
+Cost: three searches for closest points for each pair and evaluation, at e1 and at the two Gauss points;
+those of e0 are known from the start of the step.  All is in C, and pairs out of range are left out.
 
 Limits: the tangent of a step is not symmetric, since (3) treats both ends differently from the middle.
 The measures at the Gauss points are those of no configuration, so that their closest points follow from

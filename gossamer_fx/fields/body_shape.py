@@ -38,7 +38,7 @@ class BodyShape:
     """
 
     def __init__(self, system: System, body: MeshBody) -> None:
-        """Make the functions; `update` sets their values."""
+        """Make the functions of positions on the mesh; `update` sets their values."""
         self._system = system
         self._of = system.state[body]
         self._reconstruct = body.reconstruct

@@ -365,7 +365,8 @@ def _collect_node_values(function: fem.Function, body: MeshBody, system: System)
         function.x.array[:] = 0
         return
     index_map = body.block.index_map
-    at_nodes = np.zeros(index_map.size_local + index_map.num_ghosts)
+    at_nodes = la.vector(index_map)
+    at_nodes.array[:] = 0
     for kind in playing(NodeFields, system.compiled):
         found = kind.node_values(function.name, body)
         if found is None:
@@ -374,11 +375,14 @@ def _collect_node_values(function: fem.Function, body: MeshBody, system: System)
         # Nodes that are not on this rank have the local number -1.
         local = index_map.global_to_local(global_nodes)
         here = local >= 0
-        np.add.at(at_nodes, local[here], values[here])
+        np.add.at(at_nodes.array, local[here], values[here])
+    # The rank that knows the value of a node need not own the node.
+    at_nodes.scatter_reverse(la.InsertMode.add)
+    at_nodes.scatter_forward()
     # The function may be discontinuous: it has the nodes of each cell.
     of_function = cell_nodes(function.function_space).ravel()
     of_body = cell_nodes(body.space).ravel()
-    function.x.array[of_function] = at_nodes[of_body]
+    function.x.array[of_function] = at_nodes.array[of_body]
 
 
 def _collect_temperature(function: fem.Function, body: MeshBody, system: System) -> None:

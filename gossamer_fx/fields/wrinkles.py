@@ -74,6 +74,7 @@ class WrinkleMap:
     """
 
     def __init__(self, function: fem.Function, film: MeshBody, system: System) -> None:
+        """Check the film's law, and compile the expressions of the map."""
         self._function = function
         self._shape = BodyShape(system, film)
         body = self._shape.body
@@ -89,7 +90,7 @@ class WrinkleMap:
         )
 
     def update(self) -> None:
-        """Set the function to the accepted state.  Collective."""
+        """Set the function to the map of the accepted state.  Collective."""
         self._shape.update()
         body = self._shape.body
         tensors, tension, bending = self._smoothed()
@@ -173,6 +174,7 @@ def _smooth(domain: Mesh, in_cells: Array) -> Array:
     areas = np.linalg.norm(area_vectors(corner_points(domain)), axis=1)
 
     def mean_at_vertices(values: Array) -> Array:
+        """Average values of cells (cells, k) at the vertices, weighted by area.  Collective."""
         sums = la.vector(dofmap.index_map, values.shape[1] + 1)
         weighted = np.column_stack([values[:own], np.ones(own)]) * areas[:own, None]
         table = sums.array.reshape(-1, values.shape[1] + 1)

@@ -74,7 +74,7 @@ class Ikaros(FoldMap):
     out: int = 0
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         self._check(self.n >= 3, f"n is {self.n!r}; give at least 3 trapezoids.")
         self._check(
             0 < self.inner < self.outer,

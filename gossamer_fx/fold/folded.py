@@ -43,7 +43,7 @@ class Folded:
     name: str = "folded"
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         for what, value in (("origin", self.origin), ("turn", self.turn)):
             check(
                 is_vector(value),

@@ -58,7 +58,7 @@ class Miura(FoldMap):
     lift: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         self._check_positive("a", "b")
         self._check_not_negative("opening", "lift")
         for what in ("gamma", "theta"):

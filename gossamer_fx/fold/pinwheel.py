@@ -67,7 +67,7 @@ class Star(FoldMap):
     gap: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         self._check(self.n >= 3, f"n is {self.n!r}; give a polygon of at least 3 sides.")
         self._check(
             1 <= self.columns <= self.reach,

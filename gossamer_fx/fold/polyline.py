@@ -184,7 +184,7 @@ class Zigzag(Strip):
     spacing: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         self._check_strip(("width", "opening", "lift", "spacing"))
         self._check(self.panels >= 2, f"panels is {self.panels!r}; give at least 2.")
         self._check(
@@ -291,7 +291,7 @@ class Roll(Strip):
     opening: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         self._check_strip(("radius", "pitch", "width", "opening"))
         self._check(
             1 <= self.bends <= MAX_BENDS,

@@ -61,7 +61,7 @@ class Spiral(FoldMap):
         return (self.length, self.rows * self.pitch)
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         self._check_positive("length", "pitch")
         for what, least in (("columns", 1), ("around", 6), ("rows", 1)):
             value = getattr(self, what)

@@ -177,7 +177,7 @@ def compile_library(
         definitions: names that are defined for the preprocessor.
 
     Raises:
-        InputError: there is no C compiler.
+        InputError: no C compiler was found.
         RuntimeError: the compiler refuses the files, or the file in the cache is damaged.
     """
     options = kernel_options()

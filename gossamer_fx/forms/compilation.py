@@ -68,7 +68,7 @@ def compile_form(form: ufl.Form) -> fem.Form:
     """Compile a form, or load its kernel from the cache.  Collective.
 
     Raises:
-        InputError: there is no C compiler.
+        InputError: no C compiler was found.
         RuntimeError: the compiler fails.
     """
     comm = form.ufl_domain().ufl_cargo().comm

@@ -158,6 +158,7 @@ class Balance:
         walls: list[tuple[Wall, int]],
         n: int,
     ) -> None:
+        """Take gas, openings and walls, which the class describes; V, W and y are given later."""
         self.h = 0.0
         self.temperatures: Array = np.zeros(n)
         self._gas = gas

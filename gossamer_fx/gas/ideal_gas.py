@@ -30,7 +30,7 @@ class IdealGas:
     R: float
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         # γ = 1 would mean an infinite c_v: the internal energy U = p V/(γ - 1) has no value then.
         check(
             self.gamma > 1,

@@ -76,6 +76,11 @@ class GasNetwork:
     """
 
     def __init__(self, items: list[Any], system: Assembly) -> None:
+        """Compile the enclosures, and connect chambers by openings and walls.
+
+        Raises:
+            InputError: the chambers have different gases or equal names.
+        """
         chambers = [item for item in items if isinstance(item, Volume)]
         _check_chambers(chambers)
         self.gas = chambers[0].gas

@@ -116,7 +116,7 @@ class Orifice:
     scalar_unknowns = GasNetwork
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         for end in (self.a, self.b):
             check(
                 isinstance(end, Volume | Holder),
@@ -215,7 +215,7 @@ class WallHeat:
     scalar_unknowns = GasNetwork
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         check(
             0 <= self.conductance < math.inf and 0 < self.temperature < math.inf,
             f"WallHeat '{self.name}': conductance {self.conductance!r} W/K and temperature {self.temperature!r} K must "

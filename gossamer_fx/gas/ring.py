@@ -197,6 +197,7 @@ class Loop:
     """
 
     def __init__(self, ring: Ring, system: Assembly) -> None:
+        """Walk once around the ring, and tabulate the strips that close it."""
         walk = ring.loop()
         order = ring.body.order
         self._system = system

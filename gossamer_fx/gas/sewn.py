@@ -68,6 +68,9 @@ class SeamStrip:
     """
 
     def __init__(self, line_a: EdgeLine, line_b: EdgeLine, system: Assembly) -> None:
+        """Divide the strip between the edges at the nodes of both, and tabulate its shape
+        functions.
+        """
         self._system = system
         self._alpha = system.rule.alpha
         self.volume = 0.0

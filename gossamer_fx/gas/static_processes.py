@@ -24,6 +24,14 @@ class IsothermalBalance(Balance):
     depends_on_swept_volume = False
 
     def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
+        """Residual (2n,): p V/(γ - 1) - m c_v T0 [J] of each chamber, then the mass balance [kg].
+
+        Args:
+            y: pressures [Pa], then masses [kg] of the n chambers.
+            V: volumes [m³].
+            W: work of the enclosures in the step [J].
+            known: flows of this state, if they are computed already.
+        """
         n = self._n
         pressures = y[:n]
         masses = y[n:]

@@ -71,7 +71,7 @@ class Ambient:
     scalar_unknowns = GasNetwork
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         check(
             math.isfinite(self.pressure) and self.pressure >= 0,
             f"Ambient '{self.name}': pressure is {self.pressure!r} Pa; give zero (vacuum) or a positive number.",
@@ -135,6 +135,7 @@ class Chamber:
         outside: Ambient | None = None,
         name: str = "chamber",
     ) -> None:
+        """Check the arguments, which the class describes, and find what encloses the gas."""
         self.name = name
         self.gas = gas
         self.outside = outside
@@ -204,7 +205,18 @@ def _enclosure(
     seams: tuple[SewnEdges, ...],
     chamber: str,
 ) -> Enclosure | None:
-    """What bounds the chamber of this name."""
+    """Make the enclosure of a chamber, None if its walls are rigid.
+
+    Args:
+        enclosure: a film, several films that are sewn, another enclosure as a piston, or None.
+        surface: groups of the film that bound the chamber; all of it if empty.
+        rings: openings of the film that rings close.
+        seams: seams that close films.
+        chamber: name of the chamber, for messages.
+
+    Raises:
+        InputError: seams are given with surface, rings, or without films.
+    """
     if isinstance(enclosure, Membrane) and not seams:
         return FilmEnclosure(enclosure, surface, rings, chamber)
     if isinstance(enclosure, Membrane | Sequence):
@@ -226,7 +238,16 @@ def _enclosure(
 
 
 def _rigid_part(name: str, dead_volume: float, volume: float | None) -> float:
-    """Check and return the rigid part of a chamber's volume [m³]."""
+    """Check and return the part of a chamber's volume [m³] that does not depend on a film.
+
+    Args:
+        name: of the chamber, for messages.
+        dead_volume: volume in addition to that of the enclosure [m³], zero or more.
+        volume: of a rigid chamber [m³], above zero; None if it has an enclosure.
+
+    Raises:
+        InputError: one of them is negative or not finite, or `volume` is zero.
+    """
     if volume is not None:
         check(
             math.isfinite(volume) and volume > 0,

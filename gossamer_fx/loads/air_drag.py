@@ -33,10 +33,10 @@ class AirDrag:
 
     v is the velocity of the film at the middle of the step, (x1 - x0)/h, so that the loss ½ ρ C ∫|vₙ|³ da closes the
     balance of energy exactly; the work of the wind u counts as supplied.  |vₙ| vₙ has a continuous derivative, at
-    zero, too.  Each piece of film is slowed as if it were alone in the flow: there is no friction along it, no wake, no
-    shelter behind other pieces, and no air that is carried along, whose mass per area is about ρ times the width of the
-    film.  In an `Equilibrium` still air has no part, and wind presses with ½ ρ C uₙ².  (`Drag` is the free-molecular
-    flow of an orbit.)
+    zero, too.  Each piece of film is slowed as if it were alone in the flow.  Left out are the friction along it,
+    its wake, the shelter behind other pieces, and the air that it carries along, whose mass per area is about ρ
+    times the width of the film.  In an `Equilibrium` still air has no part, and wind presses with ½ ρ C uₙ².
+    (`Drag` is the free-molecular flow of an orbit.)
 
     Args:
         body: the film.
@@ -64,7 +64,7 @@ class AirDrag:
     name: str = "air drag"
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         check_positive(self, "density", "kg/m³")
         check(
             math.isfinite(self.drag_coefficient) and self.drag_coefficient > 0,

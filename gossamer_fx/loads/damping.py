@@ -56,7 +56,7 @@ class Damping:
     name: str = "damping"
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         check(
             self.mass_factor >= 0
             and self.stiffness_factor >= 0

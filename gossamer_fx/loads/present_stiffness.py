@@ -27,6 +27,7 @@ class PresentStiffnesses(OnMeshes, StateObserver, CompiledTerms["PresentStiffnes
     """All `PresentStiffness` terms of a scene: evaluated whenever a state is accepted."""
 
     def __init__(self, terms: Sequence[PresentStiffness], system: Assembly) -> None:
+        """Compile the stiffness C = ∂S/∂e [N/m] at the present strain, for each term."""
         self._made = []
         for term in terms:
             strain = term.measure(system.fields[term.body].q0)
@@ -59,7 +60,7 @@ class PresentStiffness:
     compiler: ClassVar[Compiler] = PresentStiffnesses
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         mesh = self.body.space.mesh
         element = basix.ufl.quadrature_element(
             mesh.basix_cell(),

@@ -180,7 +180,7 @@ class Elastica(IsotropicFilm):
     c3: float = field(init=False)
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         super().__post_init__()
         shortest = 10 * math.pi * self.thickness
         check(

@@ -97,7 +97,7 @@ class FilmLaw:
     quadratic = False
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         law = type(self).__name__
         for name in ("density", "thickness"):
             value = getattr(self, name)
@@ -157,7 +157,7 @@ class IsotropicFilm(FilmLaw):
     nu: float
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         law = type(self).__name__
         check(
             math.isfinite(self.E) and self.E > 0,
@@ -252,7 +252,7 @@ class Miyazaki(IsotropicFilm):
     residual_stiffness: float = 1e-6
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         super().__post_init__()
         check(
             0 <= self.residual_stiffness <= 1,
@@ -384,7 +384,7 @@ class TensionField(Miyazaki):
     residual_stiffness: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         super().__post_init__()
         check(
             self.residual_stiffness == 0,

@@ -3,32 +3,46 @@
 Problem.  Film bears no compression: it wrinkles across the direction of its tension.  In isotropic
 film this is the direction of the largest strain; in orthotropic film it is not.
 
-Model.  Strain e = (E11, E22, 2 E12), taut stress C e, F the inverse of C, all in the axes of the film.
-The relaxed energy
+Idea.  Wrinkles are extra strain A ≥ 0 (as a matrix) that the film takes without stress.  The film
+takes as much of it as makes its energy least.  The strain is e = (E11, E22, 2 E12) in the axes of
+the film, C e its taut stress, and F the inverse of C.  The relaxed energy
 
     W(e) = min over A ≥ 0 of ½ (e + A):C:(e + A) = max over S ≥ 0 of S:e - ½ S:F:S               (1)
 
-is convex and has a continuous stress for every positive definite C.  A is the strain that wrinkles take
-up.  With e_tt = t·e t and F_tt the compliance along t
+is convex and has a continuous stress for every positive definite C.  Along t, with the strain
+e_tt = t·e t and the compliance F_tt, its stress is
 
     taut      S = C e                      where C e ≥ 0 (as a matrix)
     slack     S = 0                        where e ≤ 0
     wrinkled  S = (e_tt/F_tt) t⊗t          elsewhere; t maximises e_tt²/F_tt, e_tt > 0            (2)
 
-Algorithm.  The angle of t is the root of
+Algorithm, for the stress of a strain.
 
-    φ = e_tn F_tt - e_tt F_tn                                                                    (3)
+1. Find the state by the two inequalities of (2).
+2. In wrinkled film, find the angle of t as the root of
 
-(n across t) in the interval around the direction of the largest strain where e_tt > 0.  Film whose
-shear stiffness is far above that of its axes may have two maxima: where the strain of the wrinkles
-A = F S - e is not ≥ 0, the largest one is looked for on a grid.  The stress of a step is the average
-along a straight path of strain.  Taut and slack strains are cones, which the path meets at roots of
-quadratics; wrinkled pieces are integrated by Gauss points.
+       φ = e_tn F_tt - e_tt F_tn,    n across t,                                                 (3)
+
+   in the interval around the direction of the largest strain where e_tt > 0.
+3. Check that the strain of the wrinkles A = F S - e is ≥ 0.  If it is not, e_tt²/F_tt has two
+   maxima, as happens where the shear stiffness is far above that of the axes.  Then find the larger
+   maximum on a grid of `GRID_DIRECTIONS` directions, and improve it by Newton's method.
+
+Algorithm, for the average stress of a step along a straight path of strain.
+
+4. Taut and slack strains are cones; cut the path where it enters and leaves them, at roots of
+   quadratics.  Their stress is linear, so that their average is the stress at the middle.
+5. Integrate the wrinkled pieces by Gauss points.
 
 The C functions of `materials.kernels` do this in the iterations of a step.  `Orthotropic.energy` is
 the same energy in UFL, for fields that are drawn and for user's forms.
 
-Source of equation (1): A. C. Pipkin, IMA J. Appl. Math. 36 (1986) 85.
+Cost.  Some iterations on one angle for each wrinkled Gauss point; the grid is used at few points.
+
+Limits.  The average of a wrinkled piece is not exact, so that a correction along the change of strain
+closes the energy (`terms.discrete_gradient`).  Wrinkles have no bending stiffness and no wave length.
+
+Source of equation (1): A. C. Pipkin, IMA J. Appl. Math. 36 (1986) 85, doi:10.1093/imamat/36.1.85.
 """
 
 from __future__ import annotations
@@ -139,7 +153,7 @@ class LinearOrthotropic(FilmLaw):
     quadratic = True
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         super().__post_init__()
         law = type(self).__name__
         for name in ("E1", "E2", "G12"):
@@ -292,7 +306,7 @@ class Orthotropic(LinearOrthotropic):
     quadratic = False
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         super().__post_init__()
         check(
             0 <= self.residual_stiffness <= 1,
@@ -389,7 +403,13 @@ def _taut_stress(e: Expr, c: Any) -> Expr:
 
 
 def _by_state(e: Expr, c: Any, taut: Expr, wrinkled: Expr, slack: Expr) -> Expr:
-    """One of three expressions, by the state at the strain e in the axes."""
+    """Choose one of three expressions by the state of the film: taut, wrinkled or slack.
+
+    Args:
+        e: strain (E11, E22, 2 E12) in the axes of the film.
+        c: constants of the law.
+        taut, wrinkled, slack: the expressions, of one shape.
+    """
     S = _taut_stress(e, c)
     C11, _, C22, _ = _stiffnesses(c)
     margin = ROUND_OFF * ufl.max_value(C11, C22)

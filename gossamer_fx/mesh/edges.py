@@ -92,7 +92,7 @@ class EdgeTable:
     def opposite(self) -> Indices:
         """Local vertices (n, 2) of the left and the right triangle that are not on the edge.
 
-        The entry is -1 where there is no triangle.
+        The entry of a side without a triangle is -1.
         """
         corners = _corners(self.domain.topology)
         vertices = np.where(self.cells >= 0, corners[self.cells, self.sides], -1)

@@ -102,10 +102,7 @@ class TangentForms(Protocol):
 
 # The marks have no method: a base class states a fact about the kind.
 class OnMeshes:
-    """Marks a kind of which everything comes from forms on meshes: nothing acts on or between points.
-
-    Solvers that assemble sub-domains by themselves can take such a scene (`solvers.subdomains`).
-    """
+    """Marks a kind of which everything comes from forms on meshes: nothing acts on or between points."""
 
 
 class ExternalLoads:
@@ -460,7 +457,7 @@ class NodeFields(Protocol):
     def node_values(self, field: str, body: Body) -> tuple[npt.NDArray[np.int64], Array] | None:
         """Global nodes (n,) of a body and values (n,) of a field there at q0; None if it has none.
 
-        All ranks return all of them; what several kinds have adds up.
+        Each value is returned by one rank; what several kinds have adds up.
         """
         ...
 

@@ -85,8 +85,8 @@ class BodyState:
     def gathered(self) -> Array:
         """Positions (N, 3) [m] of all nodes of the body, by global number, on every rank.
 
-        Collective.  It is meant for what every rank has to see whole, such as the frame of a rigid
-        body or the surface that a search needs; a field on a mesh stays distributed.
+        Collective.  It is meant for what every rank has to see whole, such as a line of a few
+        points; a field on a mesh stays distributed.
         """
         positions = self.positions()
         if self.body.comm.size == 1:

@@ -77,7 +77,9 @@ class Drag:
     """Drag of free-molecular flow on the deformed triangles of a film, or on the surfaces of a rigid body.
 
     Each triangle or surface meets the air with its own velocity; none shades another.  The air has the state
-    at the altitude of the scene over a sphere, and turns with the Earth about z.
+    at the altitude of the scene over a sphere, and turns with the Earth about z.  It reaches both sides of an
+    open film, and the outer side of a closed one.  A closed film that is convex shades nothing, so that its
+    drag is complete.
 
     Args:
         body: a film or a rigid body.
@@ -85,11 +87,12 @@ class Drag:
         atmosphere: a function of the altitude [m] that returns `Air`, e.g. `ExponentialAtmosphere`.
         accommodation: exchange of momentum with the surface; default: diffuse.
         surfaces: of a rigid body.
+        closed: whether the film encloses a volume, with normals that point outwards, e.g. a balloon.
         rotation: of the atmosphere [rad/s].
         name: for messages and results; default from the body.
 
     Raises:
-        InputError: a film with surfaces, or a rigid body without.
+        InputError: a film with surfaces, or a rigid body without, or one that is `closed`.
 
     Example:
         >>> air = gx.orbit.ExponentialAtmosphere(3e-12, 400e3, scale_height=60e3)
@@ -104,6 +107,7 @@ class Drag:
         atmosphere: Atmosphere,
         accommodation: Accommodation | None = None,
         surfaces: Sequence[Surface] = (),
+        closed: bool = False,
         rotation: float = ROTATION,
         name: str = "",
     ) -> None:
@@ -114,6 +118,7 @@ class Drag:
         self.rotation = rotation
         self.accommodation = accommodation or Accommodation()
         self.surfaces = tuple(surfaces)
+        self.closed = closed
         self.name = name or f"drag on {body.name}"
         check(
             callable(atmosphere),
@@ -124,6 +129,10 @@ class Drag:
             f"'{self.name}': rotation is {rotation!r} rad/s; give a finite number.",
         )
         check_surfaces(self.name, body, self.surfaces)
+        check(
+            not closed or not isinstance(body, RigidBody),
+            f"'{self.name}': closed is for films; a Surface of a rigid body is one-sided by itself.",
+        )
 
     def requires(self) -> Iterable[Any]:
         yield self.body
@@ -167,8 +176,8 @@ class Drag:
         wall = constant(mesh, 1.0)
         σn = constant(mesh, how.normal)
         σt = constant(mesh, how.tangential)
-        # A film has no inside: air reaches both of its sides.
-        sides = constant(mesh, 1.0)
+        # Air reaches both sides of an open film.
+        sides = constant(mesh, 1.0 - float(self.closed))
         dx = surface_measure(film)
 
         def work(q: Expr, rate: Expr, w: Expr) -> ufl.Form:

@@ -100,7 +100,15 @@ def advance(
 
 
 def _stage(start: Array, time: float, C: Array | float, A: Array, B: Array) -> Array:
-    """The root T (n,) of T + time B T⁴/C = start + time A/C."""
+    """Solve one implicit stage: the root T (n,) [K] of T + time B T⁴/C = start + time A/C.
+
+    Args:
+        start: temperatures before the stage [K].
+        time: length of the stage [s].
+        C: heat capacity per area [J/(m² K)].
+        A: absorbed flux [W/m²].
+        B: emission over T⁴ [W/(m² K⁴)].
+    """
     right_side = start + time * A / C
     b = time * B / C
     # Both are above the root of a convex function that grows, from where Newton's method goes down.

@@ -138,6 +138,11 @@ class ThermalProperties:
     emissivity: float | tuple[float, float]
 
     def __post_init__(self) -> None:
+        """Check the signs and ranges of the properties.
+
+        Raises:
+            InputError: a capacity is not positive, or a share is not between 0 and 1.
+        """
         check(
             self.heat_capacity > 0,
             f"ThermalProperties: heat_capacity is {self.heat_capacity!r} J/(m² K); give a positive number.",
@@ -262,14 +267,7 @@ class SolarHeating:
         yield HeatedFilm(self.name, self)
 
     def balance(self, run: Run) -> HeatBalance:
-        """The heat balance of the film in the state of a run.  Collective.
-
-        Args:
-            run: a `Simulation` whose scene has this item.
-
-        Raises:
-            InputError: the item is not in its scene.
-        """
+        """The heat balance of a run in its present state.  Collective."""
         check(
             run.system in self._temperatures,
             f"'{self.name}' is not in the scene; add it to the scene.",
@@ -511,6 +509,11 @@ class HeatedFilms(
     """All `HeatedFilm` terms of a scene."""
 
     def __init__(self, terms: Sequence[HeatedFilm], system: Assembly) -> None:
+        """Make the temperatures of each heated film.
+
+        Raises:
+            InputError: a film is heated twice.
+        """
         self._films: list[FilmTemperatures] = []
         for term in terms:
             heating = term.heating

@@ -34,6 +34,7 @@ class ConnectorLines:
     """
 
     def __init__(self, path: Path, items: Sequence[object], schedule: Schedule) -> None:
+        """List the ends of all lines, and the columns of the table; no file is opened yet."""
         self.path = path
         self._schedule = schedule
         self._table = Table(path)

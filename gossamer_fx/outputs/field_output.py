@@ -40,6 +40,7 @@ class FieldOutput:
         every: int,
         times: Sequence[float],
     ) -> None:
+        """Check the arguments, which the class describes; the body is found when a run begins."""
         self.path = Path(path)
         self.body = body
         self.fields = fields

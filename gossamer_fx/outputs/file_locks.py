@@ -45,6 +45,11 @@ class FileLocks:
     """
 
     def __init__(self, comm: MPI.Intracomm, paths: Iterable[Path]) -> None:
+        """Acquire the locks of all paths.  Collective.
+
+        Raises:
+            InputError: another run writes one of the files, or two outputs have one file.
+        """
         self.running = False
         self._comm = comm
         self._paths = [Path(os.path.realpath(path)) for path in paths]

@@ -230,10 +230,10 @@ class Table:
 
 
 def append_bytes(path: Path, end: int, content: bytes) -> None:
-    """Write `content` at byte `end` of a file; if there is no room for all of it, nothing is written.
+    """Write `content` at byte `end` of a file; if the disk has no room for all of it, nothing is written.
 
     Raises:
-        OSError: the disk is full, or there is no such file.
+        OSError: the disk is full, or the file does not exist.
     """
     # Without a buffer, a full disk is noticed here and not when the file is closed.
     with path.open("r+b", buffering=0) as file:
@@ -274,6 +274,7 @@ def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> No
     """
 
     def task() -> None:
+        """Make the folder and write a page to it."""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             probe = path.parent / f".{path.name}.try"

@@ -85,7 +85,7 @@ class Progress:
             self._bar = _bar(self._stream)
             self._bar.add_task("")
             self._bar.start()
-        # Before the first step there is no last step whose length could be shown.
+        # Before the first step, no step has a length that could be shown.
         h = run.stepping.wanted
         if run.step:
             h = run.system.h

@@ -106,6 +106,7 @@ class Recording:
         overwrite: bool = False,
         format: str = "vtx",
     ) -> None:
+        """Check the arguments, which the class describes; the folder is made when a run begins."""
         check(
             format in FORMATS,
             f'Recording \'{folder}\': format is {format!r}; give "vtx" or "vtu".',

@@ -125,7 +125,7 @@ def read_run_file(folder: Path) -> dict[str, Any]:
         folder: of the run.
 
     Raises:
-        InputError: there is no file, or it is not JSON, of another format, or has other keys or types than
+        InputError: the file does not exist, it is not JSON, of another format, or has other keys or types than
             a run writes.
     """
     path = folder / "run.json"
@@ -176,7 +176,15 @@ def _check_kind(
     value: Any,
     kind: Any,
 ) -> None:
-    """Raise `InputError` unless a value is of a kind."""
+    """Raise `InputError` unless a value of a JSON file has the expected structure.
+
+    Args:
+        path: of the file, for messages.
+        where: what the value is in the file, for messages.
+        value: as read from JSON.
+        kind: the expected structure: a type, a dict of keys (those that end in "?" may be missing),
+            or `Each`, `Several` or `Row` of kinds.
+    """
     if isinstance(kind, dict):
         _refuse_unless(isinstance(value, dict), path, where, value, "an object")
         for key, inner in kind.items():

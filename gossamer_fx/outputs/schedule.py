@@ -28,7 +28,7 @@ class Schedule:
     times: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         check(
             isinstance(self.every, int) and self.every >= 1,
             f"every is {self.every!r}; give the number of steps between two outputs.",

@@ -62,6 +62,7 @@ class StaticRun:
     mass_error = 0.0
 
     def __init__(self, equilibrium: Equilibrium) -> None:
+        """Take scene, system and totals of the equilibrium; the run has no steps."""
         self.equilibrium = equilibrium
         self.comm = equilibrium.comm
         self.scene = equilibrium.scene
@@ -146,6 +147,7 @@ class ModeRun(StaticRun):
     def __init__(
         self, equilibrium: Equilibrium, mode: Mode, number: int, amplitude: float, frames: int
     ) -> None:
+        """Scale the mode to the amplitude [m], and compute the energy [J] of its vibration."""
         super().__init__(equilibrium)
         self._frames = frames
         self._frequency = mode.frequency or 1.0
@@ -212,6 +214,7 @@ class ModeRun(StaticRun):
 
     @property
     def totals(self) -> Totals:
+        """Energies [J] of the vibration at the present phase: ½ M |v|², and the rest as stored."""
         zero = np.zeros(3)
         kinetic = self._energy * math.sin(self._phase) ** 2
         return replace(

@@ -170,6 +170,7 @@ class VTU(FieldOutput):
         entries: list[Entry] = []
 
         def cut() -> None:
+            """Remove the records after the cursor from the list and from the disk."""
             if count:
                 entries.extend(read_pvd(self.path))
             number_of = {time: n for n, time in enumerate(sorted({e.time for e in entries}))}

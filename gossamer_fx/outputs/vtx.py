@@ -239,6 +239,11 @@ class Probes:
         every: int = 1,
         times: Sequence[float] = (),
     ) -> None:
+        """Check the arguments, which the class describes.
+
+        Raises:
+            InputError: no probe is given.
+        """
         self.path = Path(path)
         self.probes = dict(probes)
         self.schedule = Schedule(every, tuple(times))

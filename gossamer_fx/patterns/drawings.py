@@ -73,7 +73,7 @@ def read_dxf(
         scale: metres in a unit of the drawing; None: the drawing says its unit.
 
     Raises:
-        InputError: ezdxf is missing, there is no such file, it is not a DXF drawing, it has no unit, an
+        InputError: ezdxf is missing, the file does not exist, it is not a DXF drawing, it has no unit, an
             outline is open, or two groups would have one name.
 
     Example:
@@ -127,7 +127,11 @@ def panels_of(drawing: Drawing, path: str) -> list[Panel]:
 
 
 def _read(path: Path, scale: float | None) -> Drawing:
-    """Curves and texts of a file, in metres."""
+    """Read curves and texts of a DXF file, scaled to metres.
+
+    Raises:
+        InputError: the file cannot be read, is not DXF, or has no unit.
+    """
     check(path.is_file(), f"There is no drawing '{path}'; give the path of a DXF file.")
     try:
         import ezdxf

@@ -239,7 +239,7 @@ def _states(t: Array, shares: Tables, axes: Axes) -> None:
 
 
 def _errors(t: Array, errors: Tables, axes: Axes) -> None:
-    """Magnitudes, and their running maxima."""
+    """Draw the relative errors of the balances: magnitudes over time, and their running maxima."""
     ends: dict[str, tuple[float, str]] = {}
     axes.set_yscale("log")
     for name, colour in zip(errors, LINES, strict=False):

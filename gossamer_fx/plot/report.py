@@ -133,7 +133,7 @@ def _check_recorded(run: RunReader) -> None:
     """Refuse a run that has made no step.
 
     Raises:
-        InputError: there is no ledger.
+        InputError: the run has no ledger.
     """
     check(
         bool(run.table("ledger.csv")),
@@ -142,7 +142,7 @@ def _check_recorded(run: RunReader) -> None:
 
 
 def _page(run: RunReader) -> Iterable[str]:
-    """The page, line by line."""
+    """Yield the lines of the HTML page of a report."""
     script = Path(__file__).with_name("viewer.js").read_text(encoding="utf-8")
     ledger = run.table("ledger.csv")
     shows_scene = bool(run.bodies) and len(run.times) > 0
@@ -189,7 +189,7 @@ def _json(data: Any) -> str:
 
 
 def _status(about: Mapping[str, Any]) -> str:
-    """How the run ended."""
+    """The HTML paragraph that states how the run ended, from its run.json."""
     status = about["status"]
     numbers = about["statistics"]
     if "result" in about:

@@ -333,7 +333,7 @@ class RecordedBody:
         name: of the body.
 
     Raises:
-        InputError: there is no file, or one that cannot be read.
+        InputError: the file does not exist or cannot be read.
     """
 
     def __init__(self, folder: Path, name: str) -> None:

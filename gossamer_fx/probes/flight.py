@@ -60,7 +60,7 @@ class OrbitState:
         self.quantity = quantity
 
     def __call__(self, run: Run) -> float:
-        """The quantity in the state of a run."""
+        """Evaluate the quantity in the present state of a run; angles in rad, lengths in m."""
         position, velocity = self.orbit.flight(run.system).state()
         if self.quantity in ELEMENTS:
             elements = elements_of(position, velocity, self.orbit.mu)

@@ -217,7 +217,12 @@ def make_basis(film: Membrane, snapshots: Sequence[Array], count: int) -> Basis:
 
 
 def _check_snapshots(film: Membrane, snapshots: Sequence[Array], count: int) -> None:
-    """Check the arguments of `make_basis`."""
+    """Check the arguments of `make_basis`.
+
+    Raises:
+        InputError: fewer than one mode is asked for, there are no snapshots, or one is of another
+            mesh.
+    """
     check(count >= 1, f"reduce: modes is {count!r}; ask for one or more.")
     check(
         bool(snapshots),

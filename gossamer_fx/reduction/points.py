@@ -45,7 +45,15 @@ class Points:
     def __init__(
         self, functions: LawFunctions, cells: Indices, dA: Array, G: Array, *, may_choose: bool
     ) -> None:
-        """Make the arrays of strains and stresses at all quadrature points of the sampled cells."""
+        """Make the arrays of strains and stresses at the n quadrature points of the sampled cells.
+
+        Args:
+            functions: of the law, compiled.
+            cells: local numbers of the sampled cells.
+            dA: weights times areas (cells, points a cell) [m²].
+            G: gradients of the r modes in the frame of the film (n, 2, r) [1/m].
+            may_choose: whether strains are chosen, see `terms.element_energies`.
+        """
         self._c = library(functions.strain.function_space.mesh.comm)
         q, _, self._r = G.shape
         self.past = np.zeros((q, 3))

@@ -247,7 +247,19 @@ def _solve(
     Y: Array,
     wanted: Array,
 ) -> tuple[list[int], Array]:
-    """Steps 2 and 3 of `fewest_weights`: the columns that stay, and their positive weights."""
+    """Solve for the weights of the taken columns, and remove columns until all are positive.
+
+    These are steps 2 and 3 of `fewest_weights`.
+
+    Args:
+        taken: numbers of the columns (k).
+        weights: their present weights (k,), zero for the new one.
+        Y: the matrix (equations, columns).
+        wanted: right-hand side (equations,).
+
+    Returns:
+        the columns that remain, and their weights.
+    """
     taken = list(taken)
     while taken:
         part = Y[:, taken]

@@ -122,6 +122,7 @@ class Checkpoints:
         keep: int = 2,
         overwrite: bool = False,
     ) -> None:
+        """Check the arguments, which the class describes; nothing is written before the run begins."""
         self.folder = Path(folder)
         self.every = every
         self.minutes = minutes
@@ -251,6 +252,9 @@ class Checkpoints:
             checksums.append(_checksum(share))
 
         def complete_folder() -> None:
+            """Write run.json with the checksums of all ranks, and rename the folder to its final
+            name.
+            """
             gathered = comm.gather(checksums[0])
             if comm.rank == 0:
                 state["parts"] = gathered
@@ -368,7 +372,7 @@ def read(
         Positions of the outputs in their files, and in words what of the scene could not be compared.
 
     Raises:
-        InputError: there is no checkpoint, it is damaged, of another version, or of another scene.
+        InputError: the checkpoint does not exist, it is damaged, of another version, or of another scene.
     """
     comm = run.comm
     path, state = comm.bcast(on_rank_zero(comm, lambda: _open(Path(restart))))
@@ -459,7 +463,7 @@ def _open(path: Path) -> tuple[Path, dict[str, Any]]:
     """The folder of a checkpoint, and the contents of its run.json; on one rank.
 
     Raises:
-        InputError: there is no checkpoint, it is damaged, or of another version.
+        InputError: the checkpoint does not exist, it is damaged, or of another version.
     """
     folder: Path | None = path
     if not (path / "run.json").is_file():
@@ -536,7 +540,7 @@ def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
 
 
 def _join(shares: list[dict[str, Any]], empty: dict[str, Any], arrays: dict[str, Any]) -> None:
-    """Put the arrays of all shares together, by the keys of `empty`, which stand where there is no share."""
+    """Concatenate the arrays of all shares by key; a key without a share has its value in `empty`."""
     for key, no_rows in empty.items():
         arrays[key] = no_rows
         if shares:

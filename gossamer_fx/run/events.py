@@ -76,7 +76,7 @@ class At:
     name: str = "time"
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         check(
             isinstance(self.time, Real) and math.isfinite(self.time) and self.time >= 0,
             f"At '{self.name}': time is {self.time!r}; give seconds.",
@@ -120,7 +120,7 @@ class When:
     name: str = "event"
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         check(
             callable(self.probe),
             f"When '{self.name}': {self.probe!r} is not a function of the run; give one.",
@@ -175,6 +175,7 @@ class EventMonitor:
     """
 
     def __init__(self, run: Run, events: Sequence[Event], history: History) -> None:
+        """Sort the events by kind, and evaluate the probes of `When` at the start."""
         self._run = run
         self._history = history
         for event in events:

@@ -304,7 +304,7 @@ def _is_number(value: Known) -> bool:
 
 def _same_numbers(there: Sequence[float], here: Sequence[float]) -> bool:
     """Whether numbers are equal up to round-off; two NaN are equal."""
-    # There is no fixed absolute tolerance, since an area may be as small as 1e-13 m².
+    # The tolerance is relative only, since an area may be as small as 1e-13 m².
     largest = max((abs(x) for x in (*there, *here) if math.isfinite(x)), default=0.0)
     for one, other in zip(there, here, strict=True):
         near = math.isclose(one, other, rel_tol=SAME_ARGUMENT, abs_tol=SAME_COMPONENT * largest)

@@ -108,6 +108,7 @@ class Simulation:
         restart: str | Path | None = None,
         changes: Sequence[str] = (),
     ) -> None:
+        """Compile the scene and open the outputs; with `restart`, read the checkpoint.  Collective."""
         self.outputs = _list_of("outputs", outputs, Output)
         events = _list_of("events", events, object)
         self.scene = scene
@@ -231,7 +232,7 @@ class Simulation:
             Kinds of the outputs, and their positions in their files.
 
         Raises:
-            InputError: there is no checkpoint, or one of another scene.
+            InputError: the checkpoint does not exist, or is one of another scene.
         """
         from gossamer_fx.run.checkpoint import read
 

@@ -1,33 +1,55 @@
 """The adjoint of the midpoint rule: derivatives of the end of a step carried to its start.
 
-A step of length h from (q0, v0) to (q1, v1) solves
+Problem.  A result J of the last state of a run depends on parameters θ through all steps.  Finite
+differences take one run for each parameter, and lose digits.  Differentiating forwards takes one linear
+system for each parameter and step.
+
+Idea.  Go backwards: from the derivatives of J with respect to the end of a step, compute those with
+respect to its start.  This takes one transposed linear system for each step, whatever the number of
+parameters.  A step of length h from positions and velocities (q0, v0) to (q1, v1) solves
 
     r(q1; q0, v0, θ) = c M (q1 - q0 - h v0) + f(q0, q1, θ) = 0,    c = 2/h²                      (1)
     v1 = 2 (q1 - q0)/h - v0                                                                      (2)
 
-With a = dJ/dq1, b = dJ/dv1 and the tangent A = c M + ∂f/∂q1 of the solved step,
+with the mass matrix M and the forces f of the step.
 
-    Aᵀ μ = a + 2 b/h                                                                             (3)
-    dJ/dq0 = c M μ - Bᵀ μ - 2 b/h,    B = ∂f/∂q0                                                 (4)
-    dJ/dv0 = h c M μ - b                                                                         (5)
-    dJ/dθ -= μ·∂r/∂θ                                                                             (6)
+Algorithm, for a step with known a = dJ/dq1 and b = dJ/dv1.
 
-The rule is symmetric in time, f(q0, q1; h) = f(q1, q0; -h).  So B is the tangent of the reversed step,
-which starts at q1 and ends at q0: no term provides anything for it (`roles.Reversible`).
+1. Repeat the step from the tape, and take its tangent A = c M + ∂f/∂q1 at the solution.
+2. Solve for the adjoint μ:
 
-Scalar unknowns, e.g. the pressures and masses of gas, have equations s(y1; q0, q1, y0) = 0 and act in r.
-With c = dJ/dy1 and the blocks G = ∂r/∂y1, Hᵀ = ∂s/∂q1, C = ∂s/∂y1 of Newton's method, (3) becomes
+       Aᵀ μ = a + 2 b/h                                                                          (3)
+
+3. Carry the derivatives to the start of the step:
+
+       dJ/dq0 = c M μ - Bᵀ μ - 2 b/h,    B = ∂f/∂q0                                              (4)
+       dJ/dv0 = h c M μ - b                                                                      (5)
+
+   The rule is symmetric in time, f(q0, q1; h) = f(q1, q0; -h).  So B is the tangent of the reversed
+   step, which starts at q1 and ends at q0.  Terms therefore need no further code for the adjoint
+   (`roles.Reversible`).
+4. Add what the step contributes to the gradient:
+
+       dJ/dθ -= μ·∂r/∂θ                                                                          (6)
+
+Scalar unknowns y, e.g. the pressures and masses of gas, have equations s(y1; q0, q1, y0) = 0 and act in r.
+With dJ/dy1 and the blocks G = ∂r/∂y1, Hᵀ = ∂s/∂q1, C = ∂s/∂y1 of Newton's method, (3) becomes
 
     [ Aᵀ  H  ] [μ]   [ a + 2 b/h ]
-    [ Gᵀ  Cᵀ ] [ν] = [ c         ]                                                                (7)
+    [ Gᵀ  Cᵀ ] [ν] = [ dJ/dy1    ]                                                                (7)
 
-whose solution takes one solve with Aᵀ for each column of H.  What they give to the start of the step is
-theirs to say (`terms.scalar_unknowns.ScalarsAdjoint`).
+It is solved by one more system with Aᵀ for each column of H.  Each kind of scalar unknown adds its own
+part to the derivatives at the start of the step (`terms.scalar_unknowns.ScalarsAdjoint`).
 
-Lagrange multipliers are part of q1 and have neither mass nor rate.  Those of the step act in the
-reversed step, too, and their equations e(q1) = 0 do not depend on q0: their rows of μ do not count in (4).
+Lagrange multipliers are part of q1 and have neither mass nor rate.  The multipliers of the step act in the
+reversed step, too.  Their equations e(q1) = 0 do not depend on q0, so that their rows of μ do not count in
+(4).  Fixed and prescribed coordinates are given functions of time: their entries of a, b and μ are zero.
 
-Fixed and prescribed coordinates are given functions of time, so that their entries of a, b and μ are zero.
+Cost.  For each step: the iterations that repeat it, one factorisation, one transposed solve, and one
+tangent of the reversed step.
+
+Limits.  The step must be symmetric in time.  Friction and yielding depend on the history and are refused.
+In chaotic motion the derivatives grow exponentially with the number of steps (`sensitivity.transient`).
 """
 
 from __future__ import annotations

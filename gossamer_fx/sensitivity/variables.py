@@ -438,7 +438,14 @@ def _find(
 def _names_of(
     system: System, item: Any, in_time: bool, scalars: Sequence[ScalarsAdjoint]
 ) -> list[str]:
-    """Names of the variables of an item."""
+    """List the parameters of an item by which a result has a derivative, in alphabetical order.
+
+    Args:
+        system: the compiled scene.
+        item: of the scene.
+        in_time: whether the result is one of a run, which also has initial conditions.
+        scalars: adjoints of scalar unknowns, which add parameters of gas.
+    """
     names = {
         parameter.name
         for term in system.terms_of(item)

@@ -3,23 +3,31 @@
 Problem.  An incomplete factorisation needs a diagonal without zeros, which Lagrange multipliers do not have.
 A film of any size would therefore be factorised completely because of one hub.
 
-Idea.  With the unknowns f of films and the few others g,
+Idea.  Order the unknowns into those of the films, f, and the few others, g.  A residual r = (r_f, r_g) is to
+give a correction z = (z_f, z_g) with
 
     [ F  B ] [z_f]   [r_f]
     [ C  D ] [z_g] = [r_g]                                                                    (1)
 
-F is factorised incompletely, F̃ ≈ F, and g is eliminated.  With Z = F̃⁻¹ B and Σ = D - C Z,
+Only F is large, and it has no zeros on its diagonal.  Factorise it incompletely, F̃ ≈ F, and eliminate g
+exactly.  With Z = F̃⁻¹ B and the Schur complement Σ = D - C Z, block elimination of (1) gives
 
     z_g = Σ⁻¹ (r_g - C F̃⁻¹ r_f)                                                               (2)
     z_f = F̃⁻¹ r_f - Z z_g                                                                     (3)
 
 Algorithm.
 
-1. F with all couplings of contact is factorised with two levels of fill.  Without these couplings the packed
-   sail of IKAROS takes 9 to 55 Krylov iterations, with them 1 to 8.
-2. Z is computed once a step, by an application of F̃⁻¹ for each column of B.
-3. Where F is too ill-conditioned, as in slack film and long steps, Krylov iterations rise.  If a solve has
-   taken more of them than a complete factorisation costs, matrices are factorised for some steps.
+1. Factorise F, with all couplings of contact, with `ILU_LEVELS` levels of fill.  Without the couplings of
+   contact the packed sail of IKAROS takes 9 to 55 Krylov iterations, with them 1 to 8.
+2. Once a step, compute Z by an application of F̃⁻¹ to each column of B, and factorise Σ.
+3. In each Krylov iteration, apply (2) and (3).
+4. Within a step keep F̃ for the next Newton iteration while solves with it take few Krylov iterations.
+5. Where F is too ill-conditioned, as in slack film and long steps, Krylov iterations rise.  If a solve has
+   taken more of them than a complete factorisation costs, factorise the matrices completely for the next
+   `FACTORISED_STEPS` steps.
+
+Cost.  Step 2 costs as many applications of F̃⁻¹ as there are eliminated unknowns, hence at most
+`MAX_ELIMINATED`.  Step 3 costs one application of F̃⁻¹ and products with Z and C.
 
 Limits.  One rank, and bodies whose nodes have three unknowns.
 """
@@ -47,6 +55,10 @@ MAX_ELIMINATED = 60
 
 # Krylov iterations of a solve that cost as much as a complete factorisation.
 MAX_APPLICATIONS = 30
+
+# Krylov iterations of the last solve up to which F̃ is kept for the next matrix of the same step: a new one costs as
+# much as eight or nine.
+MAX_APPLICATIONS_TO_KEEP = 7
 
 # Steps in which matrices are then factorised, before F̃ is tried again.
 FACTORISED_STEPS = 10
@@ -96,23 +108,38 @@ class EliminatedJoints:
         self._complete_steps = 0  # left before F̃ is tried again
         self._step: tuple[float, float] | None = None  # time and length of the step of Z
         self._applications = 0  # since the last set-up
+        self._is_kept = False  # whether the factors are those of an earlier matrix
         self._Z: Array = np.zeros((0, len(films)))
         self.problem = ""
 
     def __str__(self) -> str:
         return f"ilu of {ILU_LEVELS} levels and {len(self._rest)} unknowns eliminated"
 
+    def can_keep(self) -> bool:
+        """Whether the factors of an earlier matrix of the same step serve for the next one."""
+        is_same_step = (self._system.time, self._system.h) == self._step
+        is_usable = is_same_step and not self._is_complete and not self.problem
+        can_keep = is_usable and 0 < self._applications <= MAX_APPLICATIONS_TO_KEEP
+        if can_keep:
+            self._applications = 0
+            self._is_kept = True
+        return can_keep
+
     def setUp(self, pc: PETSc.PC) -> None:
-        """Set up for the present matrix; called by PETSc."""
+        """Set up for the present matrix, unless earlier factors serve; called by PETSc."""
+        if self.can_keep():
+            return
         matrix = pc.getOperators()[0]
         step = self._system.time, self._system.h
         is_new_step = step != self._step
         self._step = step
         if is_new_step and self._complete_steps:
             self._complete_steps -= 1
-        if self._applications > MAX_APPLICATIONS:
+        # With factors of an earlier matrix, many iterations say nothing about those of the present one.
+        if self._applications > MAX_APPLICATIONS and not self._is_kept:
             self._complete_steps = FACTORISED_STEPS
         self._applications = 0
+        self._is_kept = False
         self._is_complete = self._complete_steps > 0
         if self._is_complete:
             factorisation.replace(self._complete, matrix)

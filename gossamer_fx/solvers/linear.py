@@ -209,7 +209,12 @@ class BorderedPreconditioner:
         self._needs_couplings = False  # whether P includes strong couplings in this step
 
     def setUp(self, pc: PETSc.PC) -> None:
-        """Set up P, Z and Σ for the present tangent; called by PETSc."""
+        """Prepare the preconditioner for the present tangent; called by PETSc.
+
+        The sparse part P is set up, the columns Z = P⁻¹ G of the scalar unknowns are solved for,
+        and the Schur complement Σ is computed.  With the two-level preconditioner Z of an earlier
+        iteration of the same step is used until solves take more applications.
+        """
         operator = self._operator
         step = self._system.time, self._system.h
         is_new_step = step != self._step
@@ -233,6 +238,8 @@ class BorderedPreconditioner:
         tangent = self._operator.A
         was_slow = self._applications > MAX_APPLICATIONS_WITHOUT_COUPLINGS
         self._needs_couplings = not is_new_step and (self._needs_couplings or was_slow)
+        if _can_keep_factors(self._sparse):
+            return
         if factorisation.is_exact(self._sparse) or _needs_all_couplings(self._sparse):
             factorisation.replace(self._sparse, tangent.whole())
         elif self._needs_couplings:
@@ -344,6 +351,14 @@ def _choose_gmres(ksp: PETSc.KSP) -> None:
 def _needs_all_couplings(pc: PETSc.PC) -> bool:
     """Whether a preconditioner takes the tangent with all couplings of contact."""
     return pc.getType() == "python" and getattr(pc.getPythonContext(), "needs_couplings", False)
+
+
+def _can_keep_factors(pc: PETSc.PC) -> bool:
+    """Whether a preconditioner serves for the next matrix as it is, so that the matrix need not be summed."""
+    if pc.getType() != "python":
+        return False
+    can_keep = getattr(pc.getPythonContext(), "can_keep", None)
+    return can_keep is not None and can_keep()
 
 
 def recover(pc: PETSc.PC) -> None:

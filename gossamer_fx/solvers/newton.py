@@ -140,7 +140,6 @@ class Newton:
         tolerances: when a step counts as solved.
         direct: factorise the matrix whatever its size.  Statics need this: with little inertia, film
             with slack parts is too ill-conditioned for an iterative solver.
-        subdomains: method of domain decomposition, one of `subdomains.METHODS`; None for none.
 
     Attributes:
         geometric_stiffness_delay: number of tangents at the start of a step without geometric
@@ -161,7 +160,6 @@ class Newton:
         system: System,
         tolerances: Tolerances,
         direct: bool = False,
-        subdomains: str | None = None,
     ) -> None:
         """Make vectors and PETSc's solvers for the system; no equation is solved yet.
 
@@ -187,7 +185,6 @@ class Newton:
         self._diagonal = system.numbering.vector()
         self._default_linear_rtol: float | None = None
         self._direct = direct
-        self._subdomains = subdomains
         self._set_up()
 
     # ---- PETSc's solvers -------------------------------------------------------------------------------
@@ -204,9 +201,7 @@ class Newton:
         self._snes.setMaxLinearSolveFailures(self.tolerances.max_iterations)
         self._tangent: Callable[[], PETSc.Mat] = lambda: system.assemble_tangent().A
         self._bordered: linear.Bordered | None = None
-        if self._subdomains is not None:
-            J = self._set_up_subdomains(self._subdomains)
-        elif self._scalar_count or system.active_sets:
+        if self._scalar_count or system.active_sets:
             J = self._set_up_bordered()
         else:
             J = system.A
@@ -228,17 +223,6 @@ class Newton:
             "line search would lead it astray; leave the option out.",
         )
         options["snes_linesearch_type"] = "basic"
-
-    def _set_up_subdomains(self, method: str) -> PETSc.Mat:
-        """Solve by domain decomposition; returns the matrix of the ranks' parts."""
-        # Imported here, as scenes without domain decomposition must not pay for it.
-        from gossamer_fx.solvers.subdomains import Subdomains, configure
-
-        parts = Subdomains(self.system)
-        self._tangent = parts.tangent
-        configure(self.ksp, method)
-        self._preconditioner = self.ksp.getPC()
-        return parts.matrix
 
     def _set_up_bordered(self) -> PETSc.Mat:
         """Solve with scalar unknowns or couplings of contact; returns the matrix of both."""
@@ -378,7 +362,11 @@ class Newton:
         J: PETSc.Mat,
         P: PETSc.Mat,
     ) -> None:
-        """Tangent at the iterate, unless an earlier one of the step is good enough."""
+        """Assemble the tangent at the iterate; called by PETSc.
+
+        Near the solution the last factors of a dense matrix are used again.  Far from it the
+        tangent may be without geometric stiffness, see the module.
+        """
         iteration = snes.getIterationNumber()
         is_near = self._norm < min(
             REUSE_FACTORS_BELOW_TOLERANCE * self._tolerance,

@@ -45,8 +45,6 @@ class Midpoint:
         dt: step [s].
         rule: stress in a step; the default conserves energy.
         tolerances: when a step counts as solved.
-        subdomains: "bddc" or "fetidp" solves a single body by domain decomposition, with each rank a
-            subdomain; None solves by other methods.
 
     Raises:
         InputError: dt is not a positive number.
@@ -62,7 +60,6 @@ class Midpoint:
     rule: StressRule = field(default_factory=PathAverage)
     _: KW_ONLY
     tolerances: Tolerances = field(default_factory=Tolerances)
-    subdomains: str | None = None
 
     def __post_init__(self) -> None:
         check(
@@ -72,7 +69,7 @@ class Midpoint:
 
     def start(self, system: System) -> MidpointSolver:
         """The rule at work on a compiled system, whose state is the initial one."""
-        return MidpointSolver(system, self.tolerances, self.subdomains)
+        return MidpointSolver(system, self.tolerances)
 
 
 class MidpointSolver:
@@ -83,12 +80,10 @@ class MidpointSolver:
         vectors: history variables of the rule that are vectors; there are none.
     """
 
-    def __init__(
-        self, system: System, tolerances: Tolerances, subdomains: str | None = None
-    ) -> None:
+    def __init__(self, system: System, tolerances: Tolerances) -> None:
         """Make the Newton solver of a step, without delay of the geometric stiffness at first."""
         self._system = system
-        self.newton = Newton(system, tolerances, subdomains=subdomains)
+        self.newton = Newton(system, tolerances)
         self._increment = system.numbering.vector()
         self._v1 = system.numbering.vector()
         self._delay_level = 0  # index in GEOMETRIC_STIFFNESS_DELAYS

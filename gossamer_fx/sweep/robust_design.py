@@ -98,7 +98,7 @@ class RobustDesign:
     usual: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         check(
             callable(self.outcome), f"RobustDesign: outcome is {self.outcome!r}; give a function."
         )

@@ -108,6 +108,7 @@ class SharedRuns:
         """The result of a run, or None if it has not been made; the same on every rank."""
 
         def read() -> Result | None:
+            """Read the file of the result, None if it does not exist."""
             path = self.result_file(values)
             try:
                 return Result(**json.loads(path.read_text()))

@@ -177,7 +177,18 @@ def _tied(
     counts: Callable[[Port], bool],
     centre: Array,
 ) -> Array:
-    """This rank's share of what a constraint exerts on those of its ports that count: -De(q_mid)ᵀλ."""
+    """Force and moment that one constraint exerts on some of its ports: this rank's share.
+
+    Args:
+        system: the compiled scene, after a step or at rest.
+        measure: of the constraint, whose force is -De(q_mid)ᵀ λ.
+        λ: its multipliers (n, m).
+        counts: whether the force on a port is part of the sum.
+        centre: point of the moment (3,) [m].
+
+    Returns:
+        force [N] and moment [N m], (2, 3).
+    """
     α = system.rule.alpha
     total = np.zeros((2, 3))
     own = [measure.ports[i] for i in evaluated_here(measure.ports)]

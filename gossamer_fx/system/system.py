@@ -142,7 +142,6 @@ class System:
         self.constraints = next((c for c in compiled if isinstance(c, CompiledConstraints)), None)
         self.active_sets = roles.playing(roles.ActiveSet, compiled)
         self._masses = roles.playing(roles.Mass, compiled)
-        self._mass_forms = roles.playing(roles.MassForms, compiled)
         self._stiffnesses = roles.playing(roles.ConstantStiffness, compiled)
         self._forces = roles.playing(roles.Forces, compiled)
         self._loads = [kind for kind in self._forces if isinstance(kind, roles.ExternalLoads)]
@@ -623,16 +622,6 @@ class System:
         """The bilinear forms of the tangent of a body on a mesh."""
         forms = [form for kind in self._tangent_forms for form in kind.tangent_forms(body)]
         return forms + [form for s in self.scalar_unknowns for form in s.tangents(body)]
-
-    def mass_forms(self, body: Body) -> list[fem.Form]:
-        """The bilinear forms of the mass of a body on a mesh."""
-        return [form for kind in self._mass_forms for form in kind.mass_forms(body)]
-
-    @property
-    def is_made_of_forms(self) -> bool:
-        """Whether all of the equations comes from forms on meshes: nothing acts on or between points."""
-        on_meshes = all(isinstance(kind, roles.OnMeshes) for kind in self.compiled)
-        return on_meshes and not self.scalar_unknowns
 
     def _add_tangents(self, A: PETSc.Mat) -> None:
         """Add to A the tangents of forms on meshes, of terms with arrays, and of scalar unknowns."""

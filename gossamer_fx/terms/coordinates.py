@@ -31,6 +31,12 @@ class Coordinates:
     """
 
     def __init__(self, space: fem.FunctionSpace, alpha: float) -> None:
+        """Make the functions and constants of one step.
+
+        Args:
+            space: of the coordinates.
+            alpha: share of the end of the step in the configuration of the forces: ½, or 1 at rest.
+        """
         self.q0 = fem.Function(space)
         self.q1 = fem.Function(space)
         self.δ = fem.Function(space)

@@ -135,7 +135,7 @@ class PathAverage(StressRule):
     alpha = 0.5
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
+        """Check the arguments, which the class describes; raises `InputError`."""
         check(
             self.points >= 1,
             f"PathAverage: points is {self.points!r}; take at least one Gauss point.",
@@ -231,8 +231,8 @@ def defect(
 ) -> Expr:
     """Gonzalez correction (5) of the stress S along Δe: ((Δψ - S·Δe)/|Δe|²) Δe.
 
-    There is no correction within the round-off of the energies, or for |Δe| < 1e-5 |e|: it would only
-    amplify noise, and keep a film that is taut all the way (where nothing is missing) from converging.
+    It is zero within the round-off of the energies, and for |Δe| < 1e-5 |e|.  There it would only amplify noise.
+    A film that is taut over the whole step needs no correction, and the noise would stop its convergence.
     """
     Δe = e1 - e0
     # 1e-40 stands for a film at rest, both of whose strains are zero.

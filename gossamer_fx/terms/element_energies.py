@@ -4,38 +4,52 @@ Problem.  A film's strain is quadratic in the coordinates.  Newton's iteration o
 sees, after each update, stresses of the second-order strain that the update brings with it.  In a stiff,
 thin film they are many times the stresses of the solution, and the iteration zigzags.
 
-Idea (D. Magisano, L. Leonetti & G. Garcea, IJNME 109 (2017) 1237).  The strain ê at
+Idea (D. Magisano, L. Leonetti & G. Garcea, Int. J. Numer. Meth. Eng. 109 (2017) 1237).  The strain ê at
 the quadrature points is a separate unknown, which is condensed at each point.  In the next iterate ê
 follows the *linearised* strain, so that the second-order part never produces stress.  At convergence ê is
 the true strain, and the solution is that of the original equations.
 
-Algorithm.  S(ê) is the stress of the step by the stress rule (`terms.discrete_gradient`), D = dS/dê:
+Algorithm, for one iteration.  S(ê) is the stress of the step by the stress rule
+(`terms.discrete_gradient`), D = dS/dê, and w any variation of the coordinates.
 
-1. residual    ∫ (S + D (e(q1) - ê))·De(q_mid)[w] dx
-2. tangent     ∫ D De(q1)[δ]·De(q_mid)[w] + α (γ S + (1-γ) S⁺)·D²e[δ, w] dx
-               γ is the share of the geometric stiffness, 1 except in initial iterations without it
-               (see `solvers.newton`).  S⁺ is the tensile part of S at rest (α = 1), and zero in time
-               steps: there it costs a thrown plate half as many iterations again, and rejected steps.
-3. update      ê = e(q1) - ½ D²e[δ, δ], the strain linearised about the last iterate
-4. response    (S, D) are evaluated once an iteration at all points, by compiled expressions; the forms of
-               1 and 2 only read them.  A path that stays in one state of the film (taut, wrinkled or
-               slack) has a separate expression, which costs a third to a sixth of the general one.
-               Laws with several states are evaluated by a C kernel (`terms.law_kernel`).
+1. Residual, with the stress S + D (e(q1) - ê) that is linear about ê:
 
-Choice of strains.  Where a film changes its state, the linearised stress σ = S + D (e_lin - ê) of a point
-may be far from the stress of the linearised strain.  There ê is chosen between the strain e_lin and the
-strain that has the stress σ:
+       ∫ (S + D (e(q1) - ê))·De(q_mid)[w] dx                                                       (1)
 
-    (D + k I)(ê - e_lin) = σ - S(e_lin),    |ê - e_lin| <= |e_lin - ê_before|                       (5)
+2. Tangent:
 
-with k a fraction of the largest stiffness.  Stiff points then follow the strain and soft points the stress.
+       ∫ D De(q1)[δ]·De(q_mid)[w] + α (γ S + (1-γ) S⁺)·D²e[δ, w] dx                                (2)
 
-Cost.  The law is evaluated once at each point and iteration, as without this method.  ê, S and D are stored:
-15 numbers at each quadrature point of a film.  (5) is one linear system of the size of the strain at each
-point that asks for it.
+   γ is the share of the geometric stiffness: 1, except in initial iterations without it (see
+   `solvers.newton`).  S⁺ is the tensile part of S at rest (α = 1), and zero in time steps.  In time steps
+   S⁺ would cost a thrown plate 50 % more iterations, and rejected steps.
+3. Solve for the update δ of the coordinates.  The strain linearised about the last iterate is
 
-Limits.  The measure e has to be quadratic, so that step 3 is exact.  The choice of strains changes the way to
-the solution, not the solution: at its end ê = e(q1) to the tolerance of the iteration.
+       e_lin = e(q1) - ½ D²e[δ, δ]                                                                 (3)
+
+   after the update.  It is ê of the next iteration, except where the strain is chosen.
+4. Choice of strains, in laws with several states.  Where a film changes its state, the linearised stress
+
+       σ = S + D (e_lin - ê)                                                                       (4)
+
+   of a point may be far from the stress of the linearised strain.  There the new ê is chosen between two
+   strains, e_lin and that which has the stress σ:
+
+       (D + k I)(ê - e_lin) = σ - S(e_lin),    |ê - e_lin| <= |e_lin - ê_before|                   (5)
+
+   with k a fraction of the largest stiffness.  Stiff points then follow the strain, soft points the stress.
+5. Evaluate S and D at the new ê once at all points.  The forms of 1 and 2 only read them.
+
+How S and D are evaluated.  Compiled expressions, of which a path that stays in one state of the film (taut,
+wrinkled or slack) has a separate one; it costs a third to a sixth of the general one.  Laws with several
+states are evaluated by a C kernel (`terms.law_kernel`), which also chooses the strains.
+
+Cost.  The law is evaluated once at each point and iteration, as in Newton's method on the coordinates.
+ê, S and D are stored: 15 numbers at each quadrature point of a film.  (5) is one linear system of the size
+of the strain at each point that asks for it.
+
+Limits.  The measure e has to be quadratic, so that (3) is exact.  The choice of strains changes the
+iterates and not the solution: at its end ê = e(q1) to the tolerance of the iteration.
 """
 
 from __future__ import annotations

@@ -165,6 +165,7 @@ class LoadForces:
     """A load, compiled."""
 
     def __init__(self, term: Load, at: Coordinates) -> None:
+        """Compile the virtual work of the load, and its derivative if the load follows the body."""
         self.term = term
         self._at = at
         δW = term.work(at.mid, at.w)

@@ -165,7 +165,14 @@ class PointConstraints(
         return zip(range(len(self._measures)), self._measures, unknowns, strict=True)
 
     def _targets_at(self, t: float) -> list[Array]:
-        """Right-hand sides f(t) e(q_start) (n, m) at a time [s]."""
+        """Right-hand sides of the constraints e(q) = openness(t) e(q_start) at a time t [s].
+
+        The openness of a seam that is drawn together falls from 1 to 0; that of all other
+        constraints is 0.
+
+        Returns:
+            one array (constraints, equations) for each kind of constraint.
+        """
         openness = np.zeros(len(self._terms))
         for k, term in enumerate(self._terms):
             if term.closing:

@@ -47,6 +47,7 @@ class ThermalStrain:
         in_time: bool,
         parameters: tuple[Parameter, ...],
     ) -> None:
+        """Make thermal strains at both ends of a step, from temperatures that are set later."""
         self.start_temperature = fem.Function(space)
         self.end_temperature = fem.Function(space)
         self.start = strain(self.start_temperature)

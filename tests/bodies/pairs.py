@@ -13,6 +13,7 @@ from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD
+# 1 s of motion: long enough for a few swings of every exciter below.
 STEPS = 200
 DT = 5e-3
 
@@ -36,6 +37,7 @@ class Motion:
 def film(motion: Motion, name: str) -> gx.Membrane:
     """Of 1 m, its corner at the origin."""
     law = gx.Miyazaki(
+        # Soft and thin, so that the film bends and wrinkles at these speeds.
         E=1e6,
         nu=0.3,
         density=1000.0,
@@ -79,6 +81,7 @@ def beam(motion: Motion, name: str) -> gx.Beam:
 
 
 def body(motion: Motion, name: str) -> gx.RigidBody:
+    # Off the joint at the origin, so that the joint transmits moments.
     centre = np.array([0.1, 0.2, -0.4])
     return gx.RigidBody(
         2.0,
@@ -148,6 +151,7 @@ def joint(kind: str, a: Any, b: Any) -> Any:
 
 
 def loose_mass() -> gx.PointMass:
+    # It belongs to no joint; an exciter between it and a body makes the motion other than rigid.
     return gx.PointMass(0.3, (0.5, -0.4, 0.8), name="loose")
 
 
@@ -157,6 +161,7 @@ def spring(item: Any, loose: gx.PointMass) -> list:
             port(item),
             loose.port(),
             stiffness=50.0,
+            # Shorter than the distance at the start, so that the spring pulls at once.
             length=0.7,
             name="exciter",
         )
@@ -172,6 +177,7 @@ def stop(item: Any, loose: gx.PointMass) -> list:
         gx.connectors.Stop(
             port(item),
             loose.port(),
+            # The loose mass starts 1.025 m from the origin and approaches, so that the stop closes.
             length=0.95,
             stiffness=300.0,
         )
@@ -183,6 +189,8 @@ def rope(item: Any, loose: gx.PointMass) -> list:
         gx.connectors.Rope(
             port(item),
             loose.port(),
+            # Slightly longer than the distance at the start, so that the rope becomes taut in the
+            # motion.
             length=1.05,
             stiffness=300.0,
         )
@@ -259,6 +267,7 @@ def hinge_parts(a: Any, b: Any) -> list:
 
 def conserves(scene: gx.Scene, closed: bool = True) -> gx.Simulation:
     """Energy to 1e-9 and constraints to 1e-10 over 200 steps; in a `closed` system, momenta to 1e-10."""
+    # Newton's tolerance is far below the limits of energy and momenta that are asserted.
     run = gx.Simulation(scene, gx.Midpoint(dt=DT, tolerances=gx.Tolerances(relative=1e-12)))
     for k in range(4):
         run.run(until=(k + 1) * STEPS // 4 * DT)
@@ -266,6 +275,7 @@ def conserves(scene: gx.Scene, closed: bool = True) -> gx.Simulation:
         first = run.first
         assert abs(run.energy_error) < 1e-9
         if closed:
+            # √(kinetic energy) has the dimension of a momentum for masses of about 1 kg.
             scale = first.kinetic**0.5 * 2
             error = np.abs(now.momentum - first.momentum).max()
             assert error < 1e-10 * scale

@@ -20,6 +20,8 @@ def angular_frequencies(scene: gx.Scene, direction: int | None = None) -> np.nda
 
     K - ω²M on the coordinates that the supports leave free, projected on the null space of the constraints.
     """
+    # At the end point the tangent is the stiffness of the state alone, without averages over a
+    # step.
     system: System = scene.compile(gx.steppers.EndPoint())
     system.set_inertia(0.0)
     system.begin_step(1.0)
@@ -32,6 +34,7 @@ def angular_frequencies(scene: gx.Scene, direction: int | None = None) -> np.nda
         owned = system.constraints.owned
         coordinates = free[free < owned.start]
         multipliers = free[free >= owned.start]
+        # Vectors in the null space of the constraints' rows move without violating a joint.
         Z = null_space(K[np.ix_(multipliers, coordinates)])
         K = K[np.ix_(coordinates, coordinates)]
         M = M[np.ix_(coordinates, coordinates)]

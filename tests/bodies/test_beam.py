@@ -39,14 +39,17 @@ def cantilever(elements: int, slenderness: float, load: float) -> tuple[float, f
     scene = gx.Scene(
         beam, gx.Fixed(beam, "start", rotation=True), gx.loads.Force(beam.port("end"), (0, 0, P))
     )
+    # The first step is the time in which the load moves the beam's own mass by about its length.
     search = Continuation(first_step=(section.line_density / P) ** 0.5, inner_tolerance=1e-6)
     statics = Equilibrium(scene, search)
     found = statics.find()
     node = global_node(beam, beam.mesh, "end")
+    # Nine coordinates a node: its position, then two directors.
     x, _, z = statics.system.q0.array_r[9 * node : 9 * node + 3]
     return float(z), float(1 - x), found.iterations
 
 
+# Tip deflection and shortening by elliptic integrals, for P L²/EI = 1, 2, 5, 10.
 ELASTICA = {
     1: (0.301721, 0.056433),
     2: (0.493457, 0.160642),
@@ -58,6 +61,7 @@ ELASTICA = {
 @pytest.mark.parametrize("load", ELASTICA)
 def test_cantilever_is_an_elastica(load: int) -> None:
     w, u, _ = cantilever(8, 1e3, load)
+    # 8 elements reach 0.3 % at all four loads.
     assert (w, u) == pytest.approx(ELASTICA[load], rel=3e-3)
 
 
@@ -71,10 +75,12 @@ def test_no_locking_and_no_more_iterations_in_slender_beams() -> None:
     tips, iterations = zip(
         *[(c[:2], c[2]) for c in (cantilever(8, s, 10) for s in (1e1, 1e2, 1e3, 1e4))], strict=True
     )
+    # At L/r = 10, shear and extension add more than 3 % to the deflection.
     limit = ELASTICA[10][0] * 1.03
     assert tips[0][0] > limit
     for tip in tips[1:]:
         assert tip == pytest.approx(ELASTICA[10], rel=1e-3)
+    # Locking shows as more iterations too: the tangent of a thin beam is ill-conditioned.
     assert max(iterations) <= min(iterations) + 3
 
 
@@ -98,6 +104,7 @@ def frequencies(supports: str, slenderness: float = 1e3) -> np.ndarray:
             for end, x in (("start", 0), ("end", 1))
         ]
     ω = angular_frequencies(gx.Scene(beam, *items))
+    # √(μL⁴/EI) for L = 1 m.
     return ω * (section.line_density / section.EI2) ** 0.5
 
 
@@ -127,6 +134,7 @@ def test_boom_of_the_antenna() -> None:
         density=1560.0,
     )
     measured = (s.EA, s.EI2, s.EI3, s.GJ, s.line_density)
+    # EA = E·2πrt and so on of the tube, by hand: N, N m² (three times), kg/m.
     expected = (6204645.5, 1210.2937, 1210.2937, 930.99512, 0.09679247)
     assert measured == pytest.approx(expected, rel=1e-6)
 
@@ -140,6 +148,7 @@ def test_square_section_has_the_torsion_constant_of_saint_venant() -> None:
         nu=0.0,
         density=1.0,
     )
+    # G = E / 2(1 + ν) = 1 Pa, so that GJ is the torsion constant itself.
     error = abs(s.GJ / (0.1405770 * 1e-4) - 1)
     assert error < 1e-5
 
@@ -163,6 +172,7 @@ def test_thrown_beam_conserves() -> None:
     )
     run = gx.Simulation(gx.Scene(beam), gx.Midpoint(dt=5e-3))
     run.run(until=1.0)
+    # 200 steps at the default tolerance of Newton's method.
     assert abs(run.energy_error) < 1e-11
     scale = np.linalg.norm(run.first.angular_momentum)
     error = np.abs(run.totals.momentum - run.first.momentum).max()
@@ -173,6 +183,7 @@ def test_thrown_beam_conserves() -> None:
     d = run.system.q0.array_r[owned].reshape(-1, 3, 3)[:, 1:]
     products = np.einsum("nai,nbi->nab", d, d) - np.eye(2)
     assert np.abs(products).max(initial=0.0) < 1e-10
+    # It must have been bent, or the test would not see the elastic forces.
     assert run.totals.stored["beam"] > 1e-3
 
 

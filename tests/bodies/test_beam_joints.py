@@ -24,6 +24,7 @@ SECTION = gx.sections.rectangle(
 MOTION = Motion((0.3, -0.2, 0.5, 1.0, 2.0, -0.7))
 DIRECTIONS = {
     "onwards": (1.0, 0.0, 0.0),
+    # Nearly parallel axes: a rotation from one to the other must not lose digits.
     "almost onwards": (1.0, 1e-4, 0.0),
     "back": (-1.0, 0.0, 0.0),
     "across": (0.0, 1.0, 0.0),
@@ -62,6 +63,7 @@ def test_two_arms_in_free_flight_conserve(direction: str) -> None:
     now = [triad(run, frame) for frame in frames]
     measured = now[0] @ now[1].T
     expected = first[0] @ first[1].T
+    # The angle between the two sections is what the joint keeps, to round-off.
     assert measured == pytest.approx(expected, abs=1e-10)
     measured = np.abs(now[0] - first[0]).max()
     assert measured > 0.5  # both have turned
@@ -117,6 +119,8 @@ def test_a_cantilever_in_pieces_bends_as_one_in_one_piece() -> None:
     load = (0.0, 2.5, 2.5)
     whole = tip(1, load)
     assert np.linalg.norm(whole[1:]) > 0.5
+    # Pieces and whole have the same elements, so only the tolerance of the equilibrium separates
+    # them.
     assert tip(2, load) == pytest.approx(whole, abs=1e-7)
     assert tip(4, load) == pytest.approx(whole, abs=1e-7)
 
@@ -161,8 +165,10 @@ def test_hinges_on_sections_take_any_axis(axis: tuple[float, float, float], seco
     run = conserves(scene)
     turned = [triad(run, side).T @ before for side, before in zip(sides, first, strict=True)]
     n = np.array(axis) / np.linalg.norm(axis)
+    # Both sides carry the axis: round-off of the constraint.
     assert turned[0] @ n == pytest.approx(turned[1] @ n, abs=1e-10)
     measured = np.abs(turned[0] - turned[1]).max()
+    # They have turned about the axis by some degrees, or nothing was tested.
     assert measured > 0.05
 
 
@@ -177,6 +183,7 @@ def test_a_beam_slides_along_a_beam() -> None:
     )
     run = conserves(gx.Scene(joint, pulled(one)))
     a, b = run.system.state.vectors([one.port("start"), two.port("start")])
+    # They have moved along the axis by more than 1 cm, or nothing was tested.
     assert np.linalg.norm(a - b) > 0.01
 
 

@@ -26,7 +26,10 @@ COMM = MPI.COMM_WORLD
 
 @pytest.mark.mpi
 @pytest.mark.parametrize(
-    ("corners", "stretch"), [(8, 1.017887399), (16, 1.019306166), (32, 1.019678284)]
+    # λ of the formula in the docstring, by which the polygon stands still; it tends to the
+    # circle's.
+    ("corners", "stretch"),
+    [(8, 1.017887399), (16, 1.019306166), (32, 1.019678284)],
 )
 def test_spinning_loop_keeps_its_radius(corners: int, stretch: float) -> None:
     """λ² = 1 + (2μΩ²R²/EA)(4 + 2 cos(2π/N))/6 of a polygon of bars with consistent mass."""
@@ -43,6 +46,8 @@ def test_spinning_loop_keeps_its_radius(corners: int, stretch: float) -> None:
         run.run(until=0.04 * (k + 1))
         radius = np.linalg.norm(run.system.q0.array_r.reshape(-1, 3), axis=1)
         error = np.abs(radius / stretch - 1).max(initial=0.0)
+        # The stretch is given with ten digits; 20 rad/s for 0.4 s amplify their round-off to below
+        # 1e-6.
         assert error < 1e-6
     assert abs(run.energy_error) < 1e-11
 
@@ -52,6 +57,7 @@ def test_elastic_catenary() -> None:
 
     def sagging(x: np.ndarray) -> np.ndarray:
         s = x[0] / 11
+        # A parabola of about the final sag, from which Newton's method converges.
         return np.vstack([-x[0] / 11, 0 * s, -4 * 2.2 * s * (1 - s)])
 
     cable = gx.Cable(
@@ -70,6 +76,7 @@ def test_elastic_catenary() -> None:
     found.find()
     x = found.system.q0.array_r.reshape(-1, 3)
     sag = -x[:, 2].min()
+    # Sag, horizontal force and end force of the elastic catenary, solved with its two equations.
     assert sag == pytest.approx(2.044323, rel=2e-3)
     reactions = found.system.supports.reactions.reshape(2, 3)
     measured = np.abs(reactions[:, 0])
@@ -77,6 +84,7 @@ def test_elastic_catenary() -> None:
     measured = np.linalg.norm(reactions, axis=1)
     assert measured == pytest.approx(42.221283, rel=2e-3)
     measured = np.abs(reactions[:, 2])
+    # Half the weight, 11 m × 0.5 kg/m × 10 m/s² / 2, which equilibrium gives exactly.
     assert measured == pytest.approx(27.5, rel=1e-8)
 
 
@@ -85,6 +93,7 @@ def hanging(tip_mass: float, elements: int = 64) -> gx.Scene:
     EA = 1e5
 
     def stretched(x: np.ndarray) -> np.ndarray:
+        # EA u' = g (weight below): the stretch is in equilibrium, so that only vibration is left.
         depth = -x[2]
         return np.vstack([0 * depth, 0 * depth, -(depth * (1 + tip_mass) - depth**2 / 2) / EA])
 
@@ -104,6 +113,7 @@ def hanging(tip_mass: float, elements: int = 64) -> gx.Scene:
 def test_hanging_cable_frequencies() -> None:
     """ω√(L/g) = half the zeros of J0."""
     ω = angular_frequencies(hanging(0.0), direction=0)
+    # j0,n / 2 with the zeros 2.4048, 5.5201, 8.6537, 11.7915.
     expected = [1.20241278, 2.76003906, 4.32686396, 5.89576722]
     assert ω[:4] == pytest.approx(expected, rel=1e-2)
 
@@ -112,11 +122,14 @@ def test_hanging_cable_with_tip_mass_frequencies() -> None:
     """A tip mass of half the cable's; every frequency twice, for both directions."""
     ω = angular_frequencies(hanging(0.5))
     measured = ω[[0, 2, 4]]
+    # Zeros of the transcendental equation with J0, J1, Y0, Y1 for a tip mass of half the cable's
+    # mass.
     assert measured == pytest.approx([1.08666161, 3.41989511, 6.28032853], rel=1e-2)
 
 
 @pytest.mark.parametrize(
     ("hub", "squares"),
+    # n(2n - 1) for a hub of radius 0; eigenvalues of the same equation for a hub of 0.2 L.
     [(0.0, (1.0, 6.0, 15.0, 28.0)), (0.2, (1.29755588, 7.56342702, 18.83961821))],
 )
 def test_spinning_cable_frequencies(hub: float, squares: tuple[float, ...]) -> None:
@@ -153,6 +166,7 @@ def test_tension_only_cable_goes_slack() -> None:
     run.run(until=0.8)
     x = run.system.q0.array_r.reshape(-1, 3)
     measured = np.ptp(x[:, 0])
+    # 1 m - 1 m/s × 0.8 s: without force the ends approach at the initial speed.
     assert measured == pytest.approx(0.2, abs=1e-12)
     run.run(until=2.05)  # it has passed through itself and is taut again
     assert abs(run.energy_error) < 1e-10

@@ -13,6 +13,7 @@ from tests.contact.scenes import film as contact_film
 from tests.rates import observed_order
 
 COMM = MPI.COMM_WORLD
+# Halvings, fine enough that the errors follow their leading term.
 STEPS = (4e-3, 2e-3, 1e-3)
 
 
@@ -31,6 +32,7 @@ def oscillator(stepper: gx.GeneralizedAlpha) -> float:
         stepper,
     )
     run.run(until=1.0)
+    # cos(ωt) with ω = √(100 N/m / 1 kg) = 10 rad/s.
     return abs(float(run.system.q0.array_r[0]) - np.cos(10.0))
 
 
@@ -61,6 +63,7 @@ def physical_pendulum(stepper: gx.GeneralizedAlpha) -> float:
     run.run(until=1.0)
     assert run.system.constraints is not None
     measured = run.system.constraints.violation(run.system.q0)
+    # The constraint is imposed on positions, so it holds to round-off.
     assert measured < 1e-11
     d1 = run.system.q0.array_r[3:6]
     return abs(float(np.arctan2(d1[0], -d1[1])) - exact)
@@ -98,6 +101,7 @@ def blown_piston(stepper: gx.GeneralizedAlpha) -> float:
 @pytest.mark.parametrize("problem", [oscillator, physical_pendulum, blown_piston])
 def test_second_order(problem, radius: float) -> None:
     errors = [problem(gx.GeneralizedAlpha(dt=dt, spectral_radius=radius)) for dt in STEPS]
+    # 0.2: the smallest step still has a term of third order.
     assert observed_order(STEPS, errors) == pytest.approx(2, abs=0.2)
 
 
@@ -113,6 +117,7 @@ def test_starts_with_the_forces_of_dampers_and_constraints() -> None:
     run.run(until=0.01)
     measured = run.totals.momentum[0] / 2.0
     expected = np.exp(-10.0 * 0.01)
+    # A start without the damper's force would miss by v c h/m = 0.1.
     assert measured == pytest.approx(expected, abs=5e-3)
 
 
@@ -136,8 +141,10 @@ def fluttering(stepper) -> float:
 
 
 def test_drifts_where_the_midpoint_rule_does_not() -> None:
+    # The midpoint rule closes the ledger to round-off.
     assert fluttering(gx.Midpoint(dt=2e-3)) < 1e-12
     measured = fluttering(gx.GeneralizedAlpha(dt=2e-3, spectral_radius=0.8))
+    # This method has no discrete energy, so its error is that of the step, far above round-off.
     assert measured > 1e-6
 
 
@@ -153,6 +160,7 @@ def test_free_antenna_drifts_where_the_midpoint_rule_does_not() -> None:
         for stepper in (gx.Midpoint(dt=5e-3), gx.GeneralizedAlpha(dt=5e-3))
     )
     assert conserving["energy_drift"] < 1e-10 and conserving[drift] < 1e-10
+    # 1e-8 separates a drift from round-off by two orders of magnitude.
     assert other["energy_drift"] > 1e-8 and other[drift] > 1e-8
     assert other["constraint_error"] < 1e-10
 

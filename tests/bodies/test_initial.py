@@ -51,12 +51,14 @@ def test_spin_of_a_whole_scene_has_the_momenta_of_a_rigid_body() -> None:
     )
     run = gx.Simulation(gx.Scene(beam, hub, tip, *joints, motion), gx.Midpoint(dt=1e-3))
     mass = 1.0 + beam.section.line_density * 2
+    # v + Ω × (c - c0): the centre of mass is at the origin, 1 m below `centre` in y.
     velocity = np.array([1.0, 2.0, 3.0]) + np.cross(SPIN, (0, -1.0, 0))
     inertia = (
         2 * 0.5 + 0.01 + beam.section.line_density * 2**3 / 12 + 2 * 2 * beam.section.rotary2 / 2
     )
     assert run.first.momentum == pytest.approx(mass * velocity, rel=1e-12)
     measured = run.first.angular_momentum[2]
+    # The beam's directors are unit vectors to 1e-12, and enter with their rotary inertia.
     assert measured == pytest.approx(inertia * 5.0, rel=1e-10)
 
 
@@ -80,9 +82,12 @@ def test_steady_spin_stays_steady() -> None:
         return float(np.linalg.norm(x - y))
 
     stretched = length()
+    # Centrifugal force stretches the soft beam by more than 3 mm.
     assert stretched > 2.003
     for t in (0.1, 0.25, 0.5):
         run.run(until=t)
+        # Midpoint rule and equilibrium discretise the same strain, so that only h² errors separate
+        # them.
         assert length() == pytest.approx(stretched, rel=1e-4)
     assert run.totals.kinetic == pytest.approx(run.first.kinetic, rel=1e-4)
 
@@ -113,4 +118,5 @@ def test_a_function_of_the_start_is_asked_once() -> None:
             for x in places
         )
     ).compile()
+    # A second call would return other random numbers.
     assert len(asked) == 1

@@ -79,11 +79,13 @@ REFUSED = [
         "1 m apart",
     ),
     (lambda: film().port_at((0.5, 0.5, 0.1)), "is 0.1 m away from 'film'"),
+    # A film of 1 m in the plane z = 0; the point is 0.1 m above it.
     (lambda: film().port("nowhere"), "no group 'nowhere'"),
     (lambda: film().port("left"), "has 3 nodes; a port is one point"),
     (lambda: gx.PointMass(0.0), "mass is 0.0 kg"),
     (lambda: gx.RigidBody(0.0, (1, 1, 1)), "mass is 0.0 kg"),
     (lambda: gx.RigidBody(1.0, (0, 1, 1)), "inertia is singular"),
+    # Principal moments obey the triangle inequality: 3 > 1 + 1 is impossible.
     (lambda: gx.RigidBody(1.0, (1, 1, 3)), "no body has"),
     (
         lambda: gx.RigidBody(1.0, (1, 1, 1), attitude=2 * np.eye(3)),
@@ -167,6 +169,7 @@ def four_bars(balls: bool) -> gx.Scene:
     With four hinges along z three constraints are redundant; with balls at both ends of the coupler, none.
     """
     corners = [np.array(p, dtype=float) for p in ((0, 0, 0), (0, 1, 0), (2, 1, 0), (2, 0, 0))]
+    # The two cranks turn about their lower ends; the coupler translates at 1 m/s.
     motions = [((0.5, 0, 0), (0, 0, -1)), ((1.0, 0, 0), (0, 0, 0)), ((0.5, 0, 0), (0, 0, -1))]
     bars = []
     for k, (velocity, spin) in enumerate(motions):
@@ -223,9 +226,11 @@ def test_closed_loop_is_solved() -> None:
     run = gx.Simulation(four_bars(balls=True), gx.Midpoint(dt=0.01))
     run.run(until=1.0)
     q = run.system.q0.array_r[:36].reshape(3, 4, 3)
+    # The directors of the two cranks are opposite, as one points up and the other down.
     assert q[0, 1] == pytest.approx(-q[2, 1], abs=1e-9)
     assert run.totals.kinetic == pytest.approx(run.first.kinetic, rel=1e-10)
     measured = np.arctan2(q[0, 1, 0], q[0, 1, 1])
+    # 1 rad/s for 1 s, up to the error h² of the midpoint rule.
     assert measured == pytest.approx(1.0, rel=1e-3)
     assert run.system.constraints is not None
     measured = run.system.constraints.violation(run.system.q0)
@@ -305,11 +310,13 @@ def joined(comm: MPI.Comm) -> list[float]:
 @pytest.mark.mpi
 def test_joints_across_ranks() -> None:
     """All ranks together find what each finds alone."""
+    # Ranks sum in another order, and Newton's method ends at another residual.
     assert joined(MPI.COMM_WORLD) == pytest.approx(joined(MPI.COMM_SELF), rel=1e-8, abs=1e-10)
 
 
 def test_a_screw_on_its_axis() -> None:
     """A cylindrical joint lets a body slide along and turn about its axis only: s = F t²/2m, φ = M t²/2I."""
+    # A unit vector: (1, 2, 2) has the length 3.
     axis = np.array([1.0, 2.0, 2.0]) / 3
     bolt = gx.RigidBody(
         2.0,
@@ -319,6 +326,7 @@ def test_a_screw_on_its_axis() -> None:
     )
     push = gx.loads.Force(
         bolt.port(),
+        # The second part is perpendicular to the axis, where the joint bears it.
         tuple(0.8 * axis + 5.0 * np.array([2.0, -1.0, 0.0])),
         name="push",
     )
@@ -336,9 +344,12 @@ def test_a_screw_on_its_axis() -> None:
     run.run(until=0.5)
     x, *directors = run.system.q0.array_r[:12].reshape(4, 3)
     expected = (1.5 + 0.8 * 0.5**2 / 2 / 2.0) * axis
+    # The acceleration is constant, so the midpoint rule is exact; the rest is the constraint's
+    # round-off.
     assert x == pytest.approx(expected, abs=1e-9)
     R = np.column_stack(directors)
     measured = math.acos((np.trace(R) - 1) / 2)
     expected = 0.06 * 0.5**2 / 2 / 0.3
+    # The angle is about 0.025 rad; directors turn with an error of h².
     assert measured == pytest.approx(expected, rel=1e-5)
     assert R @ axis == pytest.approx(axis, abs=1e-9)

@@ -24,6 +24,7 @@ def midpoint(dt: float) -> gx.Midpoint:
 
 def order(errors: list[float]) -> float:
     """Slope of the last halving."""
+    # 2 for a method of second order.
     return float(np.log2(errors[-2] / errors[-1]))
 
 
@@ -33,6 +34,7 @@ def coordinates(run: gx.Simulation, vectors: int) -> tuple[np.ndarray, np.ndarra
     return q, v
 
 
+# Reference positions x, y, z [m] at these times [s].
 SPRING_PENDULUM = {
     1.0: (-0.95281627, -0.32598524, -0.49398836),
     5.0: (-0.58812828, 0.40158893, -0.60206206),
@@ -41,7 +43,11 @@ SPRING_PENDULUM = {
 
 
 def spring_pendulum(dt: float) -> tuple[float, gx.Simulation]:
-    mass = gx.PointMass(1.0, (1.2, 0, -0.3), velocity=(0, 0.8, 0))
+    mass = gx.PointMass(
+        1.0,
+        (1.2, 0, -0.3),
+        velocity=(0, 0.8, 0),
+    )
     spring = gx.connectors.Spring(
         mass.port(),
         gx.Ground((0, 0, 0)),
@@ -63,11 +69,13 @@ def test_spring_pendulum_is_second_order_and_conserves() -> None:
         errors.append(error)
         assert abs(run.energy_error) < 1e-10
         measured = run.totals.angular_momentum[2]
+        # L_z = m (x v_y - y v_x) = 1.2 × 0.8 at the start.
         assert measured == pytest.approx(0.96, abs=1e-10)
     assert 1.9 < order(errors) < 2.1
     assert errors[-1] < 0.01
 
 
+# Angular velocities about the body's axes and R_zz, by Jacobi's elliptic functions.
 FREE_BODY = {
     1.0: (0.40838623, 0.91280923, 1.07808152, 0.71353421),
     5.0: (0.77041950, -0.63753728, 1.14215384, 0.97089924),
@@ -77,7 +85,11 @@ FREE_BODY = {
 
 def free_body(dt: float) -> tuple[float, gx.Simulation]:
     """Landau & Lifshitz, Mechanics, § 37, I = (1, 2, 3): a plate without thickness."""
-    body = gx.RigidBody(1.0, (1.0, 2.0, 3.0), spin=(1.0, 0.0, 1.2))
+    body = gx.RigidBody(
+        1.0,
+        (1.0, 2.0, 3.0),
+        spin=(1.0, 0.0, 1.2),
+    )
     run = gx.Simulation(gx.Scene(body), midpoint(dt))
     error = 0.0
     for t, exact in FREE_BODY.items():
@@ -85,9 +97,11 @@ def free_body(dt: float) -> tuple[float, gx.Simulation]:
         q, v = coordinates(run, 4)
         R = q[1:].T
         W = R.T @ v[1:].T
+        # ω of the body's axes: the skew part of Rᵀ Ṙ.
         rates = (W[2, 1] - W[1, 2]) / 2, (W[0, 2] - W[2, 0]) / 2, (W[1, 0] - W[0, 1]) / 2
         error = max(error, float(np.abs(np.array([*rates, R[2, 2]]) - exact).max()))
         deviation = np.abs(R.T @ R - np.eye(3)).max()
+        # The directors are constrained at the ends of steps, so they are orthonormal to round-off.
         assert deviation < 1e-12
     return error, run
 
@@ -105,19 +119,26 @@ def test_free_rigid_body_is_second_order_and_conserves() -> None:
 
 @pytest.mark.parametrize(
     ("dt", "relative", "largest"),
+    # Energy is missed by what Newton's residual leaves, which depends on where the iteration ends.
     [(0.026, 1e-10, 1e-11), (0.026, 1e-12, 1e-13), (0.035, 1e-10, 1e-13)],
 )
 def test_what_a_free_rigid_body_misses_follows_the_tolerance_and_not_the_step(
     dt: float, relative: float, largest: float
 ) -> None:
     """Two iterations leave a residual just below 1e-10 at 26 ms; at 35 ms a third one is made."""
-    body = gx.RigidBody(1.0, (1.0, 2.0, 3.0), spin=(1.0, 0.0, 1.2))
+    body = gx.RigidBody(
+        1.0,
+        (1.0, 2.0, 3.0),
+        spin=(1.0, 0.0, 1.2),
+    )
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=relative))
     run = gx.Simulation(gx.Scene(body), stepper)
     run.run(until=10.0)
     assert abs(run.energy_error) < largest
 
 
+# Two angles [rad] and two rates [rad/s] at these times [s], from the equations of the double
+# pendulum.
 HINGED_RODS = {
     0.5: (-0.00762363, 0.73574521, -1.97032908, -3.27194317),
     1.0: (-0.52210314, -1.38683787, -1.62101111, -0.48556604),
@@ -134,6 +155,7 @@ def hinged_rods(dt: float) -> tuple[float, gx.Simulation]:
         attitude = np.array([e, np.cross([0, 0, 1], e), [0, 0, 1]]).T
         return gx.RigidBody(
             1.0,
+            # m L²/12 of a thin rod of 1 kg and 1 m.
             np.full(3, 1 / 12),
             position=start + e / 2,
             attitude=attitude,
@@ -171,6 +193,7 @@ def hinged_rods(dt: float) -> tuple[float, gx.Simulation]:
         error = max(error, float(np.abs(np.array([*angles, *rates]) - exact).max()))
         hinge = (q[0, 0] + q[0, 1] / 2) - (q[1, 0] - q[1, 1] / 2)
         deviation = np.abs(hinge).max()
+        # The pin is a constraint on positions: round-off.
         assert deviation < 1e-12
     return error, run
 

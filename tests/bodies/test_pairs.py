@@ -53,6 +53,7 @@ DISTANCES = {
         p,
         q,
         stiffness=200.0,
+        # The mass starts √0.29 m = 0.54 m from the origin: spring and rope act at once or soon.
         length=0.3,
     ),
     "rope": lambda p, q: gx.connectors.Rope(
@@ -167,6 +168,7 @@ def test_dampers_lose_what_is_booked() -> None:
     )
     run = gx.Simulation(scene, gx.Midpoint(dt=DT, tolerances=gx.Tolerances(relative=1e-12)))
     run.run(until=1.0)
+    # A loss that is too small could hide a wrong sign within the tolerance of the ledger.
     assert run.totals.dissipated > 0.1
     assert abs(run.energy_error) < 1e-9
     error = np.abs(run.totals.angular_momentum - run.first.angular_momentum).max()

@@ -43,6 +43,7 @@ def panel(
 def distance_of_edges(run: gx.Simulation | gx.Equilibrium, seam: Seam) -> float:
     """Largest distance [m] of the nodes of the finer edge from the points that belong to them."""
     state = run.system.state
+    # The node fractions σ of the finer edge, where a difference of the two lines would show.
     line_a, line_b = seam.lines(run.system.initial)
     _, σ = max(line_a.all_nodes(), line_b.all_nodes(), key=lambda found: len(found[0]))
     apart = [state.vector(line_a.port(float(s))) - state.vector(line_b.port(float(s))) for s in σ]
@@ -64,11 +65,13 @@ def test_two_panels_are_drawn_together(cells: tuple[int, int], order: int) -> No
     )
     run = gx.Simulation(gx.Scene(left, right, seam), gx.Midpoint(dt=1e-3))
     run.run(until=0.025)
+    # The gap of 0.03 m closes linearly over 0.05 s: half of it is left at half the time.
     assert distance_of_edges(run, seam) == pytest.approx(0.015, abs=1e-9)
     run.run(until=0.05)
     assert distance_of_edges(run, seam) < 1e-9
     supplied = run.totals.supplied
     turning = run.totals.angular_momentum
+    # Sewing does work, or the balance below would be trivial.
     assert supplied > 1e-6
     run.run(until=0.06)
     assert distance_of_edges(run, seam) < 1e-9
@@ -93,6 +96,7 @@ def test_a_sewn_sheet_is_the_whole_one() -> None:
     hold = gx.Fixed(left, "left")
 
     def beside(X: np.ndarray, t: float) -> np.ndarray:
+        # 4 mm on 0.4 m: 1 % of strain, in the second unit of time.
         gap = 0.03 * (1 - min(t, 1.0))
         return np.vstack([0.2 + gap + 0.004 * max(t - 1.0, 0.0) + 0 * X[0], 0 * X[0], 0 * X[0]])
 
@@ -119,6 +123,7 @@ def test_a_sewn_sheet_is_the_whole_one() -> None:
     one.find(at=1.0)
     measured = statics.reaction(pull)[0]
     expected = one.reaction(end)[0]
+    # Same meshes, same law: the tolerance of the equilibrium.
     assert measured == pytest.approx(expected, rel=1e-7, abs=1e-9)
 
 
@@ -197,6 +202,7 @@ def test_ease_is_reported_and_limited() -> None:
         "left",
         max_ease=0.04,
     )
+    # Ease: the relative difference of the two lengths.
     assert seam.ease == pytest.approx(0.1 / 0.103 - 1)
     with pytest.raises(gx.InputError, match=r"0\.1 m and 0\.103 m long, 3\.0% apart"):
         gx.Seam(left, "right", right, "left")
@@ -230,6 +236,7 @@ def test_bad_seams_are_refused(edges: tuple[str, str], options: dict, words: str
 def test_lines_are_one_line() -> None:
     film = gx.Membrane(ring(COMM, 0.5, 1.0, 3, 16), FILM)
     line = edge_line(film, "rim", "test")
+    # The perimeter of the regular polygon of 16 chords in the unit circle.
     expected = 16 * 2 * np.sin(np.pi / 16)
     assert line.length == pytest.approx(expected)
     square = panel("left", 0.0)

@@ -73,11 +73,13 @@ def test_volume_and_conservation_of_a_pillow_of_two_films(
         seams=seams,
     )
     run = gx.Simulation(gx.Scene(bag), gx.Midpoint(dt=5e-4))
+    # Two sheets with the volume h ∫∫ sin sin = h a² 4/π² each; the coarse mesh misses up to 10 %.
     exact = 2 * 0.03 * SIDE**2 * 4 / np.pi**2
     measured = run.chamber("chamber").volume
     assert measured == pytest.approx(exact, rel=0.1)
     start = run.chamber("chamber").volume
     run.run(until=5e-3)
+    # The pillow must breathe by more than 1 %, or gas does no work.
     assert abs(run.chamber("chamber").volume / start - 1) > 0.01
     assert abs(run.energy_error) < 1e-10
     scale = run.first.angular_momentum[2]
@@ -118,6 +120,7 @@ def test_sewn_under_pressure() -> None:
     assert volume == pytest.approx(expected, rel=1e-12)
     run.run(until=0.012)
     assert abs(run.energy_error) < 1e-10
+    # It starts at rest, and seams pull with equal and opposite forces.
     assert np.abs(run.totals.momentum).max() < 1e-13
 
 
@@ -137,6 +140,7 @@ def test_tangent_of_an_open_seam_with_gas() -> None:
     system.set_inertia(0.0)
     first = system.q0.getOwnershipRange()[0]
     δ = system.q0.duplicate()
+    # A smooth change that depends on the global number only, so that it is the same on any ranks.
     δ.array[:] = 1e-2 * np.sin(1.3 * (first + np.arange(system.numbering.size_local)))
     # Ties that follow from others have multipliers that stay zero.
     δ.array[system.supports.held] = 0.0
@@ -149,6 +153,7 @@ def test_tangent_of_an_open_seam_with_gas() -> None:
         system.residual(y0, r)
         return r
 
+    # Central differences with 1e-5 × 1e-2: truncation and round-off are both below 1e-8.
     ε = 1e-5
     difference = residual(ε) - residual(-ε)
     difference.scale(1 / (2 * ε))
@@ -176,6 +181,7 @@ def test_pressure_is_shown_on_all_films() -> None:
     run = gx.Simulation(gx.Scene(bag), gx.Midpoint(dt=5e-4))
     for film in films:
         _, values = gx.fields.field_values(run, film, field="pressure")
+        # The pressure that was given: the step has not begun.
         assert np.allclose(values, 500.0)
 
 

@@ -16,10 +16,15 @@ TIP = (0.0, 1.0, 0.0)
 
 def turned() -> tuple[gx.Cable, gx.StartFrom]:
     """A cable from (0, 0, 0) to (1, 0, 0), and a start in which it goes to (0, 1, 0) instead."""
-    mesh = line(COMM, [(0, 0, 0), (1, 0, 0)], 4)
+    mesh = line(
+        COMM,
+        [(0, 0, 0), (1, 0, 0)],
+        4,
+    )
     law = gx.CableLaw(1e3, 1.0)
 
     def quarter(X: Array) -> Array:
+        # A quarter turn: (X, Y) goes to (-Y, X), so the displacement is (-Y - X, X - Y).
         return np.array([-X[1] - X[0], X[0] - X[1], 0 * X[2]])
 
     return gx.Cable(mesh, law), gx.StartFrom(
@@ -34,6 +39,7 @@ def test_a_ball_joint_takes_the_points_of_the_start() -> None:
     run = gx.Simulation(gx.Scene(cable, start, joint), gx.Midpoint(dt=1e-3))
     run.run(until=2e-3)
     measured = gx.probes.Position(cable.port("end"), "y")(run)
+    # A joint of the start pulls on nothing: round-off.
     assert measured == pytest.approx(1.0, abs=1e-12)
     with pytest.raises(gx.InputError, match=r"its two points are 1\.41421 m apart at the start"):
         gx.Scene(
@@ -52,6 +58,7 @@ def test_a_link_keeps_the_distance_of_the_start() -> None:
     end = np.array([gx.probes.Position(cable.port("end"), axis)(run) for axis in "xyz"])
     assert abs(end[0]) > 1e-3
     measured = np.linalg.norm(end - (0.0, 3.0, 0.0))
+    # The distance from TIP to (0, 3, 0) at the start.
     assert measured == pytest.approx(2.0, rel=1e-10)
 
 
@@ -63,4 +70,5 @@ def test_a_displacement_begins_at_zero() -> None:
     probe = gx.probes.Displacement(cable.port("end"), "y")
     assert probe(run) == 0.0
     run.run(until=2e-2)
+    # 0.5 m/s for 0.02 s, without forces.
     assert probe(run) == pytest.approx(0.01, rel=1e-9)

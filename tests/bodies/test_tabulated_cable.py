@@ -102,7 +102,11 @@ def test_a_string_thrown_through_its_corners_conserves(order: int) -> None:
     assert measured > 0.02
 
 
-def string_strains(run: gx.Simulation, string: gx.Cable, order: int) -> np.ndarray:
+def string_strains(
+    run: gx.Simulation,
+    string: gx.Cable,
+    order: int,
+) -> np.ndarray:
     """Engineering strains of the chords between the nodes."""
     x = run.system.state[string].gathered()
     X = np.concatenate(COMM.allgather(own_points(string)))
@@ -180,7 +184,11 @@ def test_a_table_is_read_with_its_units(tmp_path: Path) -> None:
         ([0.0, 0.1, 0.2], [0.0, 0.0, 2.0], "force is zero up to the strain 0.1"),
     ],
 )
-def test_bad_tables_are_refused(strain: list[float], force: list[float], words: str) -> None:
+def test_bad_tables_are_refused(
+    strain: list[float],
+    force: list[float],
+    words: str,
+) -> None:
     with pytest.raises(gx.InputError, match=words):
         gx.TabulatedCable(strain, force, line_density=0.1)
 

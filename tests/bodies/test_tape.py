@@ -100,7 +100,10 @@ def test_a_group_that_cannot_hold_a_tape_is_named_with_the_place(comm) -> None:
         [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
     )
     triangles = np.array([[0, 1, 2], [1, 2, 3], [1, 3, 4]])
-    groups = {"meridian": np.array([[0, 1], [0, 2]]), "empty": np.zeros((0, 2), dtype=np.int64)}
+    groups = {
+        "meridian": np.array([[0, 1], [0, 2]]),
+        "empty": np.zeros((0, 2), dtype=np.int64),
+    }
     film = gx.Membrane(mesh_of_arrays(comm, lambda: (points, triangles, groups)), FILM)
     with pytest.raises(
         gx.InputError, match=r"'meridian' has an edge without length at \(0, 0, 0\) m"

@@ -20,7 +20,11 @@ BRAKE = 2.0
 
 def flying(speed: float, **given) -> tuple[gx.Simulation, gx.PointMass]:
     """A mass at the end of a tether that is just straight."""
-    mass = gx.PointMass(MASS, (L, 0.0, 0.0), velocity=(speed, 0.0, 0.0))
+    mass = gx.PointMass(
+        MASS,
+        (L, 0.0, 0.0),
+        velocity=(speed, 0.0, 0.0),
+    )
     tether = gx.connectors.Tether(
         gx.Ground((0.0, 0.0, 0.0)),
         mass.port(),
@@ -78,7 +82,11 @@ def test_a_whirling_mass_is_paid_out_and_keeps_its_angular_momentum() -> None:
     ω = 2.0
     tension = MASS * ω**2 * L
     start = L - tension / K
-    mass = gx.PointMass(MASS, (L, 0.0, 0.0), velocity=(0.0, ω * L, 0.0))
+    mass = gx.PointMass(
+        MASS,
+        (L, 0.0, 0.0),
+        velocity=(0.0, ω * L, 0.0),
+    )
     tether = gx.connectors.Tether(
         gx.Ground((0, 0, 0)),
         mass.port(),
@@ -126,7 +134,11 @@ def test_a_driven_hub_keeps_its_rate_and_books_the_work_of_its_motor(comm) -> No
         length=0.8,
         stiffness=K,
     )
-    motor = gx.constraints.Driven(hub, (0, 0, 1), angle=lambda t: 3.0 * t)
+    motor = gx.constraints.Driven(
+        hub,
+        (0, 0, 1),
+        angle=lambda t: 3.0 * t,
+    )
     spin = gx.RigidMotion(spin=(0.0, 0.0, 3.0))
     run = gx.Simulation(gx.Scene(hub, mass, rope, motor, spin), gx.Midpoint(dt=5e-3))
     run.run(until=0.2)

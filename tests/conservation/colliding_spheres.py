@@ -79,6 +79,7 @@ class Collisions(
         reach = 2 * (
             self.spheres.radius
             + self.spheres.foresight * self._system.h * np.linalg.norm(v, axis=1).max()
+            # Each sphere may move by h |v|, `foresight` times, and two of them may approach.
         )
         self._take(self._within(self._system.state.vectors(self._ports), reach))
         self.found = max(self.found, len(self.pairs))
@@ -95,6 +96,7 @@ class Collisions(
         """Spheres may go as far as they like in an iteration."""
 
     def inadmissible(self) -> str:
+        # Centres nearer than a tenth of the contact distance: the next step would let them pass.
         closest = self._within(self._system.end.vectors(self._ports), 0.2 * self.spheres.radius)
         return f"{len(closest)} spheres passed through each other" if closest else ""
 

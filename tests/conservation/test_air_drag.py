@@ -14,18 +14,25 @@ from gossamer_fx.scene.validation import warnings
 from tests.survival.scenes import flutter
 
 THIN = {"E": 1e6, "nu": 0.3, "density": 1400.0, "thickness": 1e-5}
+# A stiff film stays flat, so that a force on an area has a closed form.
 STIFF = gx.Linear(**(THIN | {"E": 1e9}))
 FILM = gx.Miyazaki(**THIN, residual_stiffness=1e-6)
 PLATE = gx.Linear(**THIN)
+# Mass per area [kg/m²]; then density of the air [kg/m³], drag coefficient, gravity [m/s²].
 σ = 1400.0 * 1e-5
 ρ = 0.1
 C = 1.3
 g = 9.80665
 
 
-def body(kind: str, comm: MPI.Comm, velocity: tuple[float, float, float]) -> gx.Membrane:
+def body(
+    kind: str,
+    comm: MPI.Comm,
+    velocity: tuple[float, float, float],
+) -> gx.Membrane:
     """A flat film whose normal is (0, -3, 4)/5, or a plate."""
     given = {
+        # The sheet is inclined, so that no component of its normal is zero by chance.
         "displacement": lambda X: np.vstack([0 * X[0], -X[1] / 5, 3 * X[1] / 5]),
         "velocity": lambda X: 0 * X + np.reshape(velocity, (3, 1)),
     }
@@ -46,6 +53,7 @@ def midpoint(dt: float) -> gx.Midpoint:
     return gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
 
 
+# The normal with a positive z; the film falls along it.
 NORMAL = np.array([0.0, -0.6, 0.8])
 EVERY = pytest.mark.parametrize("kind", ["film", "plate"])
 
@@ -63,11 +71,13 @@ def test_a_film_falls_at_the_speed_at_which_air_carries_it(comm, kind: str) -> N
         ),
         midpoint(4e-3),
     )
+    # Terminal speed: the weight σ g balances ½ ρ C v².
     speed = math.sqrt(2 * σ * g / (ρ * C))
     corner = film.port("bottom left")
     run.run(until=0.2)
     v = np.array([gx.probes.Velocity(corner, axis)(run) for axis in "xyz"])
     expected = -speed * math.tanh(g * 0.2 / speed) * NORMAL
+    # Exact is v tanh(g t/v); the midpoint rule with 4 ms is within 1e-4 of it.
     assert v == pytest.approx(expected, abs=1e-4 * speed)
     run.run(until=1.2)
     v = np.array([gx.probes.Velocity(corner, axis)(run) for axis in "xyz"])
@@ -90,11 +100,13 @@ def test_of_a_film_that_is_thrown_the_inverse_speed_grows_linearly(comm, kind: s
     for t in (0.05, 0.15):
         run.run(until=t)
         v = np.array([gx.probes.Velocity(corner, axis)(run) for axis in "xyz"])
+        # d(1/v)/dt = ρ C/2σ for the velocity along the normal.
         expected = 1 / v0 + ρ * C * t / (2 * σ)
         assert 1 / (v @ NORMAL) == pytest.approx(expected, rel=4e-5)
         measured = v - (v @ NORMAL) * NORMAL
         assert measured == pytest.approx(along, abs=1e-9)
     measured = run.totals.losses["air drag"]
+    # The ledger closes exactly: the loss is the kinetic energy of the velocity along the normal.
     expected = σ * (v0**2 - (v @ NORMAL) ** 2) / 2
     assert measured == pytest.approx(expected, rel=1e-10)
     assert run.totals.supplied == 0 and abs(run.energy_error) < 1e-12
@@ -116,6 +128,7 @@ def test_a_film_that_flutters_loses_what_is_booked(comm, wind) -> None:
     for k in range(1, 6):
         run.run(until=k * 5e-3)
         lost.append(run.totals.losses["air drag"])
+    # Each interval loses at least 1e-4 of the energy, so the loss is not round-off.
     assert (np.diff(lost) > 1e-4 * run.first.energy).all()
     assert (
         abs(run.totals.supplied) > 0.01 * run.first.energy
@@ -141,8 +154,10 @@ def test_a_film_that_spins_in_its_plane_keeps_its_spin(comm) -> None:
     run.run(until=0.04)
     first = run.first
     now = run.totals
+    # Air must have slowed the film by a fifth, or the rest is trivial.
     limit = 0.8 * first.momentum[2]
     assert now.momentum[2] < limit
+    # About the point (½, ½, 0) over which the film flies.
     about = [t.angular_momentum - np.cross([0.5, 0.5, 0.0], t.momentum) for t in (first, now)]
     assert about[1] == pytest.approx(about[0], abs=1e-9 * abs(about[0][2]))
     assert abs(run.energy_error) < 1e-12
@@ -165,6 +180,7 @@ def test_at_rest_air_carries_nothing_and_wind_presses(comm) -> None:
         equilibrium.find()
         total = sum(equilibrium.reaction(support)[0] for support in held)
         assert (
+            # 0.2 %: the film sags by its own weight, and wind then presses obliquely.
             total[2] == pytest.approx(-(σ * 1.0 + lift), rel=2e-3) and abs(total[:2]).max() < 1e-6
         )
 
@@ -180,6 +196,7 @@ def test_newton_has_the_tangent_of_the_drag() -> None:
         gx.Midpoint(dt=5e-3),
     )
     run.run(until=5e-3)
+    # Seven iterations at a hundred times the density; a wrong tangent needs far more.
     assert run.iterations <= 7
     measured = run.totals.losses["air drag"]
     assert measured > 0.5 * run.first.energy

@@ -44,13 +44,17 @@ def test_a_cylinder_without_caps_holds_the_volume_of_its_polygon(order):
         area=rims[1],
         discharge_coefficient=0.5,
     )
+    # Steps this short leave the volume at its start.
     run = gx.Simulation(gx.Scene(film, bag, outlet), gx.Midpoint(dt=1e-5))
+    # Area of a regular polygon with 16 corners on the circle of 0.1 m.
     polygon = sides / 2 * radius**2 * math.sin(2 * math.pi / sides)
     measured = pytest.approx(polygon * length, rel=1e-12)
     assert measured == run.chamber("chamber").volume
     measured = gx.probes.RingArea(rims[1])(run)
     assert measured == pytest.approx(polygon, rel=1e-12)
     run.run(until=1e-5)
+    # Choked flow into vacuum: C A p √(γ/RT) (2/(γ+1))^((γ+1)/(2(γ-1))), with an exponent of 3 at γ
+    # = 1.4.
     choked = polygon / 2 * 1e3 / math.sqrt(296.8 * 300.0) * math.sqrt(1.4) * (2 / 2.4) ** 3
     assert run.totals.mass_supplied == pytest.approx(-choked * 1e-5, rel=0.02)
 
@@ -97,6 +101,7 @@ def test_two_compartments_conserve_everything_in_free_flight(order):
     first = run.first
     now = run.totals
     measured = run.chamber("compartment 2").mass
+    # Ten times the gas that fills the dead volume at the start.
     limit = 10 * 10.0 * 1e-6 / (296.8 * 300.0)
     assert measured > limit  # gas has passed the ring
     assert abs(run.energy_error) < 1e-9 and abs(run.mass_error) < 1e-13
@@ -112,6 +117,7 @@ def test_two_compartments_conserve_everything_in_free_flight(order):
 @pytest.mark.parametrize("order", [1, 2])
 def test_the_tangent_contains_the_share_of_the_rings(order, monkeypatch):
     """A δ against a central difference of the forces at held pressures."""
+    # Soft, so that the pressure loads and their tangent outweigh the stiffness of the film.
     soft = gx.Linear(E=1e3, nu=0.3, density=1420.0, thickness=25e-6)
     system = compartments(order, cells=4, law=soft).system
     y = system.begin_step(1e-4)
@@ -131,6 +137,7 @@ def test_the_tangent_contains_the_share_of_the_rings(order, monkeypatch):
         system.residual(y, r)
         return r
 
+    # Balances truncation (ε²) and round-off (1e-16/ε) of the central difference.
     ε = 1e-5
     difference = forces(ε)
     difference.axpy(-1.0, forces(-ε))

@@ -30,6 +30,7 @@ STIFFNESS = 2e-3
 
 def folded(angle: float) -> Callable[[np.ndarray], np.ndarray]:
     """Displacement of the strip to a valley fold of some angle [rad]."""
+    # The distance |X| of points from the crease is that of the flat strip.
     c = math.cos(angle / 2)
     s = math.sin(angle / 2)
     return lambda X: np.stack([(c - 1) * X[0], 0 * X[1], s * abs(X[0])])
@@ -67,6 +68,7 @@ def angles(run: gx.Simulation, crease: gx.connectors.Crease) -> np.ndarray:
 def test_a_thrown_strip_conserves_energy_and_angular_momentum(comm: MPI.Comm, order: int) -> None:
     run = gx.Simulation(gx.Scene(*strip(comm, order, velocity=throw)), gx.Midpoint(dt=2e-4))
     measured = run.first.stored["crease"]
+    # k θ²/2 for each metre of crease.
     expected = STIFFNESS * WIDTH * 1.4**2 / 2
     assert measured == pytest.approx(expected)
     run.run(until=6e-3)
@@ -85,6 +87,7 @@ def test_a_stiff_crease_snaps_through_flat() -> None:
     while run.time < 2e-3:
         run.run(until=run.time + 1e-4)
         least = min(least, float(angles(run, crease).min()))
+    # Negative: the fold has passed the flat state to the other side.
     assert least < -0.05
     assert run.substeps == 0
     assert abs(run.energy_error) < 1e-9
@@ -123,9 +126,11 @@ def test_a_fold_pressed_shut_opens_to_its_side(sign: int) -> None:
     run = gx.Simulation(gx.Scene(film, crease), gx.Midpoint(dt=1e-4))
     np.testing.assert_allclose(angles(run, crease), sign * math.pi)
     measured = run.first.stored["crease"]
+    # Fold angle ±π against a rest angle of ±2 rad.
     expected = STIFFNESS * WIDTH * (math.pi - 2) ** 2 / 2
     assert measured == pytest.approx(expected)
     run.run(until=1e-3)
+    # Below π: the fold has opened; it starts at 3.14.
     assert (np.abs(angles(run, crease)) < 3.0).all()
     assert (angles(run, crease) * sign > 0).all()
 
@@ -200,6 +205,7 @@ def test_a_thrown_plate_conserves_for_ten_thousand_steps(control: gx.StepControl
     while run.step < 10_000:
         run.run(until=run.time + 2.5e-3)
         seen.append(angle(run))
+    # It has passed the flat state both ways.
     assert min(seen) < -0.2 and max(seen) > 0.2
     assert abs(run.energy_error) < 1e-9
     drift = run.totals.angular_momentum - run.first.angular_momentum
@@ -226,6 +232,7 @@ def test_modes_of_a_creased_plate_are_softer_than_of_a_flat_one() -> None:
         )
         search.find()
         found.append([mode.frequency for mode in gx.analysis.modes(search, 3)])
+    # A crease of 1e-5 N m/m/rad is almost a free hinge, one of 1 almost rigid.
     limit = 0.9 * found[1][1]
     assert found[0][1] < limit
 
@@ -260,6 +267,7 @@ def test_turns_and_rest_angles_are_in_checkpoints_on_any_number_of_ranks(folder:
         )
         rest.run(until=4e-4)
         measured = rest.totals.stored["crease"]
+        # A restart on other ranks sums in another order; yielding amplifies that.
         assert measured == pytest.approx(whole.totals.stored["crease"], rel=1e-8)
         assert rest.totals.dissipated == pytest.approx(whole.totals.dissipated, rel=1e-8)
         assert rest.totals.kinetic == pytest.approx(whole.totals.kinetic, rel=1e-8)

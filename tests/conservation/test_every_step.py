@@ -8,6 +8,7 @@ import pytest
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
 
+# Over four decades: 1/h² grows by 1e8, so that any such round-off would show.
 STEPS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
 FAR = 7e6  # m: the radius of an orbit; its unit in the last place is 1e-9 m
 
@@ -23,8 +24,14 @@ def errors(scene: gx.Scene, h: float, steps: int) -> tuple[float, float]:
 
 @pytest.mark.parametrize("h", STEPS)
 def test_free_rigid_body(comm, h):
-    body = gx.RigidBody(1.0, (0.6, 1.1, 1.5), spin=(1.5, 0.0, 0.5))
+    body = gx.RigidBody(
+        1.0,
+        (0.6, 1.1, 1.5),
+        spin=(1.5, 0.0, 0.5),
+    )
+    # Two seconds, or 300 steps.
     measured = max(errors(gx.Scene(body), h, min(round(2 / h), 300)))
+    # A few hundred steps at 1e-16 each.
     assert measured < 1e-13
 
 
@@ -32,12 +39,17 @@ def test_what_one_iteration_leaves_goes_with_the_tolerance(comm):
     """At this step one iteration meets the usual tolerance, just so: 1e-14 of the energy a step."""
     lost = []
     for relative in (1e-10, 1e-13):
-        body = gx.RigidBody(1.0, (0.6, 1.1, 1.5), spin=(1.5, 0.0, 0.5))
+        body = gx.RigidBody(
+            1.0,
+            (0.6, 1.1, 1.5),
+            spin=(1.5, 0.0, 0.5),
+        )
         run = gx.Simulation(
             gx.Scene(body), gx.Midpoint(dt=5e-4, tolerances=gx.Tolerances(relative=relative))
         )
         run.run(until=0.1)
         lost.append(abs(run.energy_error))
+    # 200 steps of 1e-14 with the usual tolerance, and round-off with the tight one.
     assert lost[0] < 1e-11 and lost[1] < 1e-14
 
 
@@ -68,6 +80,7 @@ def test_oscillator_far_from_the_origin(comm, h, spring):
         )
     run = gx.Simulation(gx.Scene(mass, spring), gx.Midpoint(dt=h))
     run.run(until=200 * h)
+    # The docstring's 4e-9 a step, and a few steps that add up.
     assert abs(run.energy_error) < 2e-8
 
 
@@ -88,6 +101,7 @@ def test_film_that_wrinkles(comm, h):
     assert measured < 1e-13
 
 
+# With energy = 0.9 the test on the energy never acts; with 1e-12 it closes the balance.
 @pytest.mark.parametrize("energy, least, most", [(0.9, 1e-10, 1e-6), (1e-12, 0.0, 1e-10)])
 def test_a_step_far_too_long_closes_by_the_work_of_its_residual(comm, energy, least, most):
     """Its predictor is so bad that a residual of 1e-10 of the predictor's, which is enough otherwise, does work."""

@@ -63,9 +63,11 @@ def test_gravity_adds_its_impulse_and_nothing_else(comm, order):
     falling = run_of(film, gx.Gravity(film, g))
     floating = run_of(free_sheet(comm, order))
     impulse, _ = changes(falling)
+    # m g t with t = 20 × 1 ms.
     expected = MASS * 0.02 * np.array(g)
     assert impulse == pytest.approx(expected, rel=1e-11)
     measured = falling.totals.stored["film"]
+    # Same strains up to Newton's tolerance, since gravity adds no strain.
     assert measured == pytest.approx(floating.totals.stored["film"], rel=1e-8)
     assert abs(falling.energy_error) <= 1e-12
 
@@ -81,6 +83,8 @@ def test_pressure_in_a_closed_film_gives_no_momentum(comm):
         steps=30,
     )
     assert run.totals.supplied > 0.1 and abs(run.energy_error) <= 1e-11
+    # √(2 m T): the momentum that the kinetic energy could carry in one direction; two sheets of 1
+    # m².
     scale = math.sqrt(2 * 2 * MASS * run.totals.kinetic)
     for change in changes(run):
         assert abs(change).max() <= 1e-12 * scale
@@ -91,12 +95,14 @@ def test_supports_take_momentum_but_do_no_work(comm):
     film = free_sheet(comm)
     run = run_of(film, gx.Fixed(film, "left"), dt=2e-3)
     impulse, _ = changes(run)
+    # Supports must have acted, or the zero of their work says nothing.
     assert abs(impulse).max() > 0.01
     assert run.totals.supplied == run.totals.dissipated == 0
     assert run.totals.energy == pytest.approx(run.first.energy, rel=1e-12)
     owned = film.block.index_map.size_local
     nodes = film.nodes("left")
     x = run.system.q0.array_r.reshape(-1, 3)[nodes[nodes < owned]]
+    # Bit by bit: held nodes are not part of the unknowns.
     assert np.array_equal(x, film.space.tabulate_dof_coordinates()[nodes[nodes < owned]])
 
 
@@ -105,6 +111,7 @@ def test_a_guide_leaves_the_momentum_along_it():
     guides = [gx.Fixed(film, edge, components=(2,)) for edge in EDGES]
     run = run_of(film, *guides, dt=2e-3)
     impulse, turning = changes(run)
+    # Guides bear z only, so momentum along x and y and spin about z are free of them.
     assert abs(impulse[:2]).max() <= 1e-13 and abs(turning[2]) <= 1e-13
     assert abs(run.energy_error) <= 1e-12
 
@@ -118,13 +125,17 @@ def test_mass_damping_slows_every_motion_alike(comm):
         velocity=lambda X: thrown(X) + np.array([[1.0], [2.0], [3.0]]),
     )
     run = run_of(film, gx.Damping(film, mass_factor=20.0))
+    # c h/2 = 20 × 1e-3/2 = 0.01, in each of 20 steps.
     shrunk = ((1 - 0.01) / (1 + 0.01)) ** 20
     assert run.totals.momentum == pytest.approx(shrunk * run.first.momentum, rel=1e-10)
     assert run.totals.angular_momentum == pytest.approx(
-        shrunk * run.first.angular_momentum, rel=1e-5
+        # L of a film that deforms has terms in h², 1e-6 for 1 ms.
+        shrunk * run.first.angular_momentum,
+        rel=1e-5,
     )
     measured = run.totals.energy + run.totals.dissipated
     assert measured == pytest.approx(run.first.energy, rel=1e-12)
+    # exp(-2 × 20 × 0.02) = 0.45 of the kinetic energy is left, more or less.
     assert 0.3 < run.totals.dissipated / run.first.energy < 0.8
 
 
@@ -149,6 +160,7 @@ def test_damping_never_gives_energy():
     for step in range(1, 31):
         run.run(until=step * 1e-3)
         dissipated.append(run.totals.dissipated)
+    # In every single step, not only in the sum.
     assert (np.diff(dissipated) > 0).all()
 
 
@@ -158,6 +170,7 @@ def test_steps_that_are_halved_conserve_as_well(comm):
     stepper = gx.Midpoint(dt=4e-3, tolerances=gx.Tolerances(max_iterations=6))
     run = gx.Simulation(gx.Scene(free_sheet(comm, n=6)), stepper)
     run.run(until=0.06)
+    # Five rejected steps at least, so that steps of different lengths follow each other.
     assert run.substeps >= 5
     assert abs(run.energy_error) <= 1e-12
     for change in changes(run):
@@ -165,6 +178,7 @@ def test_steps_that_are_halved_conserve_as_well(comm):
 
 
 @pytest.mark.mpi
+# Mean numbers of iterations a step; the limits are the measured ones, rounded up.
 @pytest.mark.parametrize("h, most", [(1e-4, 4.5), (1e-3, 8), (4e-3, 11)])
 def test_a_film_that_switches_converges_in_few_iterations(comm, h, most):
     """With the strain of a predictor and Gauss points on the path they were 2.7, 8.9 and 19.8."""
@@ -214,6 +228,7 @@ def test_curved_film_with_gas_spins_freely(comm):
         gx.Orifice(bag, gx.gas.Ambient(), area=1e-3),
         steps=15,
     )
+    # More than 1 % of the gas has left.
     assert run.totals.mass < 0.99 * run.first.mass
     assert abs(run.energy_error) <= 1e-12 and abs(run.mass_error) <= 1e-12
     impulse, turning = changes(run)
@@ -245,6 +260,7 @@ def test_gas_and_outer_pressure_are_booked(comm):
         outside=outside,
     )
     run = run_of(film, bag, dt=2e-4, steps=20)
+    # ΔV from the volume at the start, V = U (γ - 1)/p.
     grown = run.chamber("chamber").volume - run.first.stored["chamber"] * 0.4 / 1.005e5
     assert grown > 0
     assert run.totals.supplied == pytest.approx(

@@ -21,6 +21,7 @@ from meshes.line import line
 from meshes.sheet import sheet
 from tests.rates import observed_order
 
+# Derivatives are compared to 1e-9 and better, so each step is solved beyond that.
 SOLVED = gx.Tolerances(relative=1e-13)
 FILM = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
 SOFT = {"E": 1e7, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
@@ -55,6 +56,7 @@ def wrinkling(comm):
 
 def on_floor(comm):
     body = gx.Membrane(
+        # 1.5 activation distances above the floor: contact begins within a few steps.
         sheet(comm, 4, 4, 0.2, 0.2),
         gx.Linear(**SOFT),
         displacement=lambda X: 0 * X + np.array([[0], [0], [1.5e-3]]),
@@ -73,6 +75,7 @@ def colliding(comm):
     )
 
     def above(X):
+        # Offsets that no symmetry of the two meshes repeats.
         return np.vstack([0.011 + 0 * X[0], 0.013 + 0 * X[0], 1.5e-3 + 0.01 * X[0]])
 
     upper = gx.Membrane(
@@ -216,9 +219,11 @@ def test_products_of_adjoint_and_tangent_linear_step(comm, make):
     run, tape = recorded(*make(comm))
     system = run.system
     steps = TransientGradients(tape, [f"{system.bodies[0].name}.initial_velocity"]).steps
+    # A step in the middle of the run, where film wrinkles or contact acts.
     k = len(tape.nodes) // 3
     first, last = tape.nodes[k - 1 : k + 1]
     a, b, δq0, δv0 = (_random(system.numbering.vector(), seed) for seed in range(4))
+    # 2/h² is the weight of the mass matrix in the step of the midpoint rule.
     h = last.h
     c = 2 / last.h**2
     δq1, right_side, product = (system.numbering.vector() for _ in range(3))
@@ -239,6 +244,7 @@ def test_products_of_adjoint_and_tangent_linear_step(comm, make):
     solver.getPC().setType("lu")
     solver.getPC().setFactorSolverType("mumps")
     solver.solve(right_side, δq1)
+    # Two corrections take the error of the factorisation away.
     for _ in range(2):
         A.mult(δq1, product)
         product.aypx(-1.0, right_side)
@@ -253,8 +259,10 @@ def test_products_of_adjoint_and_tangent_linear_step(comm, make):
 
     steps.solve(first, last, a, b)
     steps.carry(first, last, a, b)
+    # Reversed: Tᵀ (a, b) in the same two vectors.
     backward = a.dot(δq0) + b.dot(δv0)
     scale = a.norm() * δq0.norm() + b.norm() * δv0.norm()
+    # Round-off of scalar products of vectors of these sizes.
     assert abs(forward - backward) < 1e-12 * scale
 
 
@@ -458,7 +466,9 @@ def result_of(run: gx.Simulation) -> Callable[[gx.Simulation], float]:
     """A sum of weighted positions of the first body: the same function in each run."""
     body = run.system.bodies[0]
     start = np.array(run.system.initial[body].positions())
+    # Weights without symmetry, so that no part of the gradient cancels.
     weights = np.sin(5 * start + 1.0)
+    # Only the position of a body with directors counts.
     if body.block.size > 3:
         weights = np.hstack([weights, np.zeros((len(weights), body.block.size - 3))])
 
@@ -477,6 +487,7 @@ def change_of(variable: Variable, run: gx.Simulation) -> np.ndarray:
     values = variable.get()
     size = run.comm.allreduce(np.abs(values).max(initial=0.0), op=MPI.MAX) or 1.0
     if not variable.is_distributed or variable.function(values) is None:
+        # A direction of the same size as the values.
         return size * np.cos(1.0 + np.arange(len(values)))
     function = variable.function(values)
     space = function.function_space
@@ -542,7 +553,9 @@ def test_remainders_are_of_second_order(comm, make, name):
             run.run(until=until)
             return result_of(run)(run)
 
+    # Contact tolerates a tenth of the change only, before pairs come and go.
     largest = SIZES.get(name, 3e-3) * (0.1 if make is colliding else 1.0)
+    # Two halvings: enough for an observed order.
     sizes = [largest, largest / 2, largest / 4]
     remainders = [at(δ) - found.value - δ * slope for δ in sizes]
     linear = abs(slope) * largest
@@ -612,6 +625,7 @@ def test_steps_that_an_event_undid_leave_the_tape(comm):
     mass = gx.PointMass(1.0, (0.0, 0.0, 0.0), velocity=(1.0, 0.0, 0.0))
     crossing = gx.When(
         lambda run: run.system.state[mass].positions()[0, 0],
+        # The mass moves at 1 m/s, so the crossing is at t = 0.25 s.
         0.25,
         tolerance=1e-9,
     )
@@ -632,6 +646,7 @@ def test_steps_that_an_event_undid_leave_the_tape(comm):
         of=position,
         by=["mass.initial_velocity"],
     )
+    # x(T) = x0 + v T, so dx/dv = T = 1 s.
     assert found["mass.initial_velocity"].values == pytest.approx([1.0, 0.0, 0.0])
 
 

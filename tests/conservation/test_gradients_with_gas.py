@@ -16,6 +16,7 @@ from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.gases import NITROGEN
 from tests.rates import observed_order
 
+# Derivatives of remainders need states that are solved to round-off.
 SOLVED = gx.Tolerances(relative=1e-13)
 ELASTIC = {"E": 1e8, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
 CONTENTS = {"gas": NITROGEN, "temperature": 293.0}
@@ -25,10 +26,28 @@ def waves(X):
     return np.vstack([np.sin(15 * X[0]), np.sin(9 * X[1]), np.sin(11 * X[0])])
 
 
-def airbag_from_a_tank(comm, law=None, area=5e-5, coefficient=0.8, tank=3e4, volume=4e-4, p=1e3):
+def airbag_from_a_tank(
+    comm,
+    law=None,
+    area=5e-5,
+    coefficient=0.8,
+    tank=3e4,
+    volume=4e-4,
+    p=1e3,
+):
     """A quarter of an airbag that a tank blows up through an orifice, choked at first; free in space."""
-    film = gx.Membrane(airbag(comm, edge=0.2, cells=4), law or gx.Linear(**ELASTIC), velocity=waves)
-    bag = gx.Chamber(film, pressure=p, dead_volume=1e-3, name="bag", **CONTENTS)
+    film = gx.Membrane(
+        airbag(comm, edge=0.2, cells=4),
+        law or gx.Linear(**ELASTIC),
+        velocity=waves,
+    )
+    bag = gx.Chamber(
+        film,
+        pressure=p,
+        dead_volume=1e-3,
+        name="bag",
+        **CONTENTS,
+    )
     bottle = gx.Tank(volume, pressure=tank, **CONTENTS)
     inlet = gx.Orifice(bottle, bag, area=area, discharge_coefficient=coefficient, name="inlet")
     return gx.Scene(film, bag, inlet), 2e-4, 30
@@ -133,7 +152,11 @@ def test_the_gradient_of_the_last_energy_is_that_of_the_first(comm, make):
     film = system.bodies[0]
     names = [f"{film.name}.initial_velocity", f"{film.name}.initial_position", "tank.pressure"]
     names += ["tank.volume", "inlet.area", "tank.temperature"]
-    found = gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=names)
+    found = gx.analysis.gradient(
+        tape,
+        of=gx.analysis.Energy(),
+        by=names,
+    )
     tape.restore(tape.nodes[0])
     owned = system.block(film).owned
     momenta = system.numbering.vector()
@@ -148,10 +171,12 @@ def test_the_gradient_of_the_last_energy_is_that_of_the_first(comm, make):
         error = np.abs(found[name].values - exact[owned]).max(initial=0.0)
         assert error < CONSERVING[make] * largest, name
     tank = run.chamber("tank")
+    # U = p V/(γ - 1) with γ - 1 = 0.4.
     rel = CONSERVING[make]
     assert found["tank.pressure"].values[0] == pytest.approx(tank.volume / 0.4, rel=rel)
     assert found["tank.volume"].values[0] == pytest.approx(tank.pressure / 0.4, rel=rel)
     energy = found.value
+    # Energy at the start depends neither on the orifice nor on the temperature at given p and V.
     assert abs(found["inlet.area"].values[0]) * 1e-5 < 1e-10 * energy
     assert abs(found["tank.temperature"].values[0]) * 293.0 < 1e-10 * energy
 
@@ -190,15 +215,21 @@ CASES = [
 def test_remainders_are_of_second_order(comm, make, chamber, name, argument, value):
     """p(x + δ) - p(x) - δ dp/dx falls with δ², of the pressure at the end."""
     run, tape = recorded(make, comm)
-    found = gx.analysis.gradient(tape, of=pressure_of(run, chamber), by=[name])
+    found = gx.analysis.gradient(
+        tape,
+        of=pressure_of(run, chamber),
+        by=[name],
+    )
     (slope,) = found[name].values if found[name].function is None else [None]
 
     def remainder(δ: float) -> float:
         changed, _ = recorded(make, comm, **{argument: value + δ})
         return changed.chamber(chamber).pressure - found.value - δ * slope
 
+    # Small changes, so that the same steps see the same regime of flow.
     sizes = [value * part for part in (1e-3, 5e-4, 2.5e-4)]
     remainders = [remainder(δ) for δ in sizes]
+    # The function is smooth: the order is 2 to within the third-order term.
     assert 1.9 < observed_order(sizes, remainders) < 2.1, (slope, remainders)
 
 
@@ -209,6 +240,7 @@ def test_the_time_at_which_a_pressure_is_reached_has_a_derivative(comm):
     reached = gx.analysis.CrossingTime(pressure_of(run, "bag"), 1200.0)
     found = gx.analysis.gradient(tape, of=reached, by=["inlet.area", "film.thickness"])
     assert 0 < found.value < run.system.time
+    # 1e-4 of the area: truncation 1e-8, round-off far below.
     δ = 1e-4 * 5e-5
     times = []
     for area in (5e-5 - δ, 5e-5 + δ):
@@ -234,13 +266,19 @@ def test_what_the_gas_has_not_is_named_with_what_it_has(comm):
     with pytest.raises(
         gx.InputError, match=r"'inlet' has no parameter 'diameter'.*area, discharge"
     ):
-        gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["inlet.diameter"])
+        gx.analysis.gradient(
+            tape,
+            of=gx.analysis.Energy(),
+            by=["inlet.diameter"],
+        )
 
 
 @pytest.mark.mpi
 def test_orifice_and_tank_are_found_again_from_what_they_did(comm):
+    # Values that the search must recover; opening_time starts from others.
     """Newton's method with the derivatives of runs, from 25 % and 15 % off."""
-    area, pressure = 8e-8, 3.5e6
+    area = 8e-8
+    pressure = 3.5e6
     until = 2e-3
     shown = opening_time.opening(comm, area, pressure, until, cells=2)
     found = opening_time.main(
@@ -251,5 +289,6 @@ def test_orifice_and_tank_are_found_again_from_what_they_did(comm):
         runs=5,
         comm=comm,
     )
+    # Five Newton steps from 25 % off: quadratic convergence would give more digits.
     assert found["orifice_mm2"] == pytest.approx(1e6 * area, rel=1e-3)
     assert found["tank_kPa"] == pytest.approx(pressure / 1e3, rel=1e-3)

@@ -31,10 +31,18 @@ def thrown(X: np.ndarray) -> np.ndarray:
 
 def waves(X: np.ndarray, t: float) -> np.ndarray:
     """A temperature [K] that swings by 100 K, more on one side."""
+    # 100 K on a coefficient of 2e-5: strains of 2e-3, as large as those of the motion.
     return 293.15 + 100.0 * np.sin(40.0 * t) * (1 + X[0])
 
 
-def sheet_in_flight(comm, law: str, order: int, steps: int, n: int = 4) -> gx.Simulation:
+def sheet_in_flight(
+    comm,
+    law: str,
+    order: int,
+    steps: int,
+    n: int = 4,
+) -> gx.Simulation:
+    # Fabric expands differently along warp and weft.
     alpha = (2e-5, 5e-6) if law == "fabric" else 2e-5
     film = gx.Membrane(
         sheet(comm, n, n),
@@ -51,6 +59,7 @@ def sheet_in_flight(comm, law: str, order: int, steps: int, n: int = 4) -> gx.Si
 def momentum_error(run: gx.Simulation) -> float:
     """Largest change of momentum or angular momentum [kg m/s, kg m²/s]."""
     linear = run.totals.momentum - run.first.momentum
+    # Of the larger one, as both must stay.
     angular = run.totals.angular_momentum - run.first.angular_momentum
     return float(max(abs(linear).max(), abs(angular).max()))
 
@@ -70,6 +79,7 @@ def test_a_free_sheet_closes_its_balance_by_heat(comm, law: str, order: int) -> 
 def test_it_does_so_for_a_thousand_steps(law: str) -> None:
     run = sheet_in_flight(MPI.COMM_SELF, law, order=1, steps=1000)
     assert run.step == 1000
+    # A thousand steps, each solved to 1e-12.
     assert abs(run.energy_error) < 1e-9
     assert momentum_error(run) < 1e-12
 
@@ -104,6 +114,7 @@ def test_a_clamped_plate_with_a_gradient_closes_its_balance(comm) -> None:
     scene = gx.Scene(plate, gx.Fixed(plate, "left", rotation=True))
     run = gx.Simulation(scene, gx.Midpoint(dt=1e-3, tolerances=TIGHT))
     run.run(until=0.05)
+    # The clamp is warped against its support: heat does work on it.
     assert run.totals.supplied > 0
     assert abs(run.energy_error) < 1e-10
 
@@ -111,14 +122,24 @@ def test_a_clamped_plate_with_a_gradient_closes_its_balance(comm) -> None:
 @pytest.mark.mpi
 @pytest.mark.parametrize("kind", ["cable", "slack cable", "table", "beam"])
 def test_lines_close_their_balance(comm, kind: str) -> None:
-    curve = line(comm, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 6)
+    curve = line(
+        comm,
+        [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)],
+        6,
+    )
     expansion = ThermalExpansion(2e-5, waves)
 
     def swinging(X: np.ndarray) -> np.ndarray:
         return np.vstack([0 * X[0], 3 * np.sin(3 * X[0]), X[0]])
 
     if kind == "beam":
-        section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
+        section = gx.sections.tube(
+            0.02,
+            5e-4,
+            E=100e9,
+            nu=0.3,
+            density=1560.0,
+        )
         body = gx.Beam(curve, section, thermal=expansion, velocity=swinging)
     else:
         law = {
@@ -169,6 +190,7 @@ def test_generalized_alpha_follows_the_same_motion(comm) -> None:
         midpoint = ends(gx.Midpoint(dt=dt, tolerances=tolerances))
         other = ends(gx.GeneralizedAlpha(dt=dt, tolerances=tolerances))
         differences.append(float(np.abs(midpoint - other).max()))
+    # 4 for two methods of second order, less what higher terms take.
     assert differences[0] / differences[1] > 3.5
 
 
@@ -191,6 +213,7 @@ def test_the_gradient_of_a_heated_run(comm) -> None:
         film = run.scene.bodies[0]
         return gx.probes.Position(film.port_at((1.0, 1.0, 0.0)), axis="x")
 
+    # A coefficient ten times that of a film, so that the result depends on it visibly.
     alpha = 2e-4
     run, tape = tape_of(alpha)
     of = objective(run)
@@ -200,6 +223,7 @@ def test_the_gradient_of_a_heated_run(comm) -> None:
         other, _ = tape_of(alpha * factor)
         values.append(objective(other)(other))
     difference = (values[0] - values[1]) / (2e-3 * alpha)
+    # Central differences with 1e-3: a relative truncation error of 1e-6, and round-off above it.
     assert derivative == pytest.approx(difference, rel=1e-4)
 
 
@@ -213,7 +237,11 @@ def test_steps_that_are_undone_leave_the_balance_closed(comm) -> None:
         thermal=ThermalExpansion(2e-5, waves),
     )
     control = gx.StepControl(error=1e-7, max_step=4e-3)
-    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=2e-3, tolerances=TIGHT), control=control)
+    run = gx.Simulation(
+        gx.Scene(film),
+        gx.Midpoint(dt=2e-3, tolerances=TIGHT),
+        control=control,
+    )
     run.run(until=0.03)
     assert run.substeps > 0
     assert abs(run.energy_error) < 1e-11
@@ -239,5 +267,6 @@ def test_a_restart_goes_on_with_the_same_temperatures(comm, folder: Path) -> Non
     made(0.008, checkpoints=gx.Checkpoints(folder))
     rest = made(0.02, restart=folder)
     difference = abs(rest.system.q0.array_r - whole.system.q0.array_r).max(initial=0.0)
+    # Temperatures are functions of time and are evaluated again: only Newton's tolerance differs.
     assert difference < 1e-10
     assert abs(rest.energy_error) < 1e-11

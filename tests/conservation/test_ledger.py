@@ -88,6 +88,7 @@ def test_gas_keeps_the_momenta_of_a_free_film(comm) -> None:
     run.run(until=1e-2)
     first = run.first
     last = run.totals
+    # 50 steps in which the gas flows in: the film must move by the gas alone.
     assert abs(run.energy_error) < 1e-12
     error = np.abs(last.momentum - first.momentum).max()
     limit = 1e-12 * np.abs(first.momentum).max()
@@ -109,6 +110,7 @@ def test_loads_supports_and_damping_are_booked(comm) -> None:
     )
     run = gx.Simulation(scene, gx.Midpoint(dt=2e-3))
     run.run(until=0.06)
+    # Loads and damping must act, or a closed ledger means nothing.
     assert run.totals.supplied > 1e-2
     assert run.totals.dissipated > 1e-4
     assert abs(run.energy_error) < 1e-10
@@ -128,6 +130,7 @@ def test_the_error_is_over_the_largest_energy_also_if_nobody_looked(comm) -> Non
         )
         scene = gx.Scene(spring, gx.Gravity(mass, (0.0, 0.0, -9.81)))
         run = gx.Simulation(scene, gx.Midpoint(dt=5e-3), outputs=outputs)
+        # One period 2π √(m/k): the mass is at rest at its start again.
         run.run(until=2 * np.pi * (2.0 / 100.0) ** 0.5)
         return run
 
@@ -135,6 +138,7 @@ def test_the_error_is_over_the_largest_energy_also_if_nobody_looked(comm) -> Non
     watched = fall(errors)
     alone = fall()
     limit = 1e-2 * errors["size"].max()
+    # At the end the energies are almost zero, below 1 % of the largest.
     assert alone.totals.size < limit
     assert alone.energy_error == errors["error"][-1] == watched.energy_error != 0
 
@@ -148,6 +152,7 @@ def test_any_sequence_of_steps(steps: list[float]) -> None:
     for h in steps:
         run._advance(h)
     assert abs(run.energy_error) < 1e-11
+    # Mass of 0.14 kg at some m/s: 1e-12 is round-off.
     assert np.allclose(run.totals.angular_momentum, run.first.angular_momentum, rtol=0, atol=1e-12)
 
 
@@ -164,6 +169,7 @@ def test_a_step_that_fails_says_where_and_leaves_the_ledger(comm, folder: Path) 
         gx.Scene(film),
         stepper,
         outputs=[gx.Ledger(folder / "ledger.csv")],
+        # The first step of the flutter needs more than three iterations, once halved too.
         halvings=1,
     )
     with pytest.raises(gx.StepFailure) as caught:
@@ -203,6 +209,7 @@ def test_a_film_at_rest_is_said_to_be_at_rest(comm, folder: Path) -> None:
     )
     run.run(until=0.03)
     # what there is, is round-off, of which any share is without meaning
+    # Round-off of 36 cells: squares of 1e-16 times the stiffness.
     assert 0 < run.totals.energy < 1e-20
     assert run.at_rest
     assert run.energy_error == 0
@@ -228,6 +235,7 @@ def test_a_film_that_hardly_moves_is_not_at_rest(comm) -> None:
     run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3))
     run.run(until=0.03)
     assert not run.at_rest
+    # 1e-10 of strain leaves 6 digits of the energy above round-off.
     assert 0 < abs(run.energy_error) < 1e-2
 
 

@@ -18,6 +18,7 @@ LAW = gx.Linear(
     density=1400.0,
     thickness=1e-4,
 )
+# Units of these constants: s, 1/s, N, N/m, kg, m/s.
 DT = 5e-3
 DRAG = 3.0
 BRAKE = 2.0
@@ -132,6 +133,7 @@ def test_one_cause_is_the_sum_and_none_is_nothing(folder: Path) -> None:
         COMM.barrier()
         assert list(run.totals.losses) == lost
         assert (
+            # c v² t with v = 1 m/s, which falls by less than 1 % in two steps.
             run.totals.dissipated == pytest.approx(0.5 * 2 * DT, rel=0.01)
             if lost
             else run.totals.dissipated == 0
@@ -170,6 +172,7 @@ def test_restarts_go_on_with_each_cause(folder: Path) -> None:
         again = run_to(20, scene(comm), restart=folder / written).totals.losses
         assert list(again) == list(whole)
         measured = list(again.values())
+        # Steps agree to Newton's tolerance on any number of ranks.
         assert measured == pytest.approx(list(whole.values()), rel=1e-9, abs=1e-14)
 
 
@@ -201,4 +204,5 @@ def test_what_a_part_took_before_it_was_changed_stays_booked(folder: Path) -> No
         restart=folder,
         changes=["rope"],
     )
+    # The sum of a part that no longer loses anything is constant.
     assert after.totals.losses == lost and abs(after.energy_error) < 1e-12

@@ -71,6 +71,7 @@ def free_sheet(comm, law, steps: int, order: int = 1, n: int = 6) -> gx.Simulati
 def momentum_errors(run: gx.Simulation) -> list[float]:
     """Changes of momentum and angular momentum over those of the moving mass."""
     film_mass = NUMBERS["density"] * NUMBERS["thickness"]
+    # √(2 m T) with a film of 1 m²: the largest momentum that this kinetic energy allows.
     scale = math.sqrt(2 * film_mass * run.first.kinetic)
     changes = (
         run.totals.momentum - run.first.momentum,
@@ -88,6 +89,7 @@ def momentum_errors(run: gx.Simulation) -> list[float]:
 )
 def test_a_free_sheet_keeps_energy_and_momenta(comm, law, order: int) -> None:
     run = free_sheet(comm, law, steps=20, order=order)
+    # The film must be strained.
     assert run.totals.stored["film"] > 1e-8
     assert abs(run.energy_error) <= 1e-12
     assert max(momentum_errors(run)) <= 1e-12
@@ -98,9 +100,11 @@ def test_a_free_sheet_keeps_energy_and_momenta(comm, law, order: int) -> None:
 def test_a_free_sheet_keeps_energy_and_momenta_for_long(law) -> None:
     run = free_sheet(MPI.COMM_SELF, law, steps=1000)
     assert run.step == 1000
+    # A thousand steps at 1e-12 each.
     assert abs(run.energy_error) <= 1e-9
     assert max(momentum_errors(run)) <= 1e-12
     isotropic = free_sheet(MPI.COMM_SELF, ISOTROPIC, steps=1000)
+    # Orthotropic relaxation must not cost the tangent: at most half as many iterations more.
     assert run.iterations <= 1.5 * isotropic.iterations
 
 
@@ -115,6 +119,7 @@ def test_equal_stiffness_in_all_directions_moves_as_a_tension_field() -> None:
         1e9,
         1e9,
         0.3,
+        # G = E/2(1 + ν), as of an isotropic film.
         1e9 / 2.6,
         direction=(1.0, 0.3, 0.0),
         **NUMBERS,
@@ -123,6 +128,7 @@ def test_equal_stiffness_in_all_directions_moves_as_a_tension_field() -> None:
     expected = free_sheet(MPI.COMM_SELF, ISOTROPIC, steps=10)
     x = found.system.q0.array_r
     error = abs(x - expected.system.q0.array_r).max()
+    # Another code path for the same law, over ten steps that amplify round-off.
     assert error <= 1e-8
     assert found.totals.kinetic == pytest.approx(expected.totals.kinetic, rel=1e-9)
 
@@ -132,6 +138,7 @@ def test_energy_of_other_rules_and_steppers() -> None:
     film = gx.Membrane(sheet(MPI.COMM_SELF, 6, 6), FABRIC, velocity=thrown)
     run = gx.Simulation(gx.Scene(film), gx.GeneralizedAlpha(dt=1e-3))
     run.run(until=0.02)
+    # The end-point stress dissipates some per cent in twenty steps of 1 ms.
     assert run.totals.energy == pytest.approx(run.first.energy, rel=0.05)
 
 
@@ -158,6 +165,7 @@ def test_a_reduced_film_keeps_energy(comm) -> None:
         shapes.positions.append(bent)
     reduced = gx.reduction.reduce(film, [shapes], modes=6)
     tolerances = gx.Tolerances(relative=1e-12)
+    # Reduction keeps the rule, so energy closes; a sum over sampled cells has more round-off.
     run = gx.Simulation(gx.Scene(reduced), gx.Midpoint(dt=1e-3, tolerances=tolerances))
     run.run(until=0.02)
     assert max(run.totals.stored.values()) > 1e-9

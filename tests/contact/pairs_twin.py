@@ -12,6 +12,7 @@ from gossamer_fx.contact.potential import ROUNDING, ContactLaw
 
 # Which two of the vectors r, a, b make each measure.
 FIRST = [0, 0, 0, 1, 1, 2]
+# FIRST and SECOND: indices of the two vectors in each of the six products r·r, r·a, ..., b·b.
 SECOND = [0, 1, 2, 1, 2, 2]
 
 # r, a, b as combinations of the four points.
@@ -22,6 +23,7 @@ ROWS = {
     PairKind.POINT_IN_SPHERE: [[1, -1, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]],
     PairKind.POINT_IN_CYLINDER: [[1, -1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
 }
+# Two Gauss points integrate cubic functions, as the kernel does.
 GAUSS_POINTS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
 
 # The rounding ε ((u - ½)² + (v - ½)²) as measures, but for a constant in the first.
@@ -30,7 +32,10 @@ ROUNDING_MEASURES = np.array([0.5, -0.5, -0.5, 1, 0, 1])
 
 def measures_of(vectors: np.ndarray) -> np.ndarray:
     """Return e (6,) of r, a, b (3, 3)."""
-    return np.array([vectors[i] @ vectors[j] for i, j in zip(FIRST, SECOND, strict=True)])
+    products = []
+    for i, j in zip(FIRST, SECOND, strict=True):
+        products.append(vectors[i] @ vectors[j])
+    return np.array(products)
 
 
 def weights(u: float, v: float) -> np.ndarray:
@@ -43,19 +48,29 @@ def closest_parameters(e: np.ndarray, is_edges: bool) -> np.ndarray:
     _, ra, rb, aa, ab, bb = e
     F = np.array([[aa, ab], [ab, bb]])
     g = np.array([ra, rb])
+    # Parallel edges and slivers have a singular F: there the least value is on a side.
     if np.linalg.det(F) > 1e-14 * aa * bb:
         inner = np.linalg.solve(F, -g)
+        # The unit square of two edges, or the triangle u + v <= 1.
         is_inside = inner.max() <= 1 if is_edges else inner.sum() <= 1
         if inner.min() >= 0 and is_inside:
             return inner
-    corners = [(0, 0), (1, 0), (1, 1), (0, 1)] if is_edges else [(0, 0), (1, 0), (0, 1)]
+    # The least value on each side of the square or triangle.
+    corners = [(0, 0), (1, 0), (0, 1)]
+    if is_edges:
+        corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    following = corners[1:] + corners[:1]
     candidates = []
-    for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
+    for start, end in zip(corners, following, strict=True):
         corner = np.array(start, float)
         side = np.subtract(end, start)
+        slope = side @ (g + F @ corner)
         curvature = side @ F @ side
-        t = -side @ (g + F @ corner) / curvature if curvature > 0 else 0
-        candidates.append(corner + np.clip(t, 0, 1) * side)
+        # A side without length is one point.
+        t = 0.0
+        if curvature > 0:
+            t = np.clip(-slope / curvature, 0, 1)
+        candidates.append(corner + t * side)
     return min(candidates, key=lambda z: weights(*z) @ e)
 
 
@@ -76,11 +91,14 @@ class PairTwin:
         self.width = pairs.width[row]
         self.offset = pairs.offset[row]
         self.is_edges = self.kind == PairKind.EDGE_EDGE
+        # Only distances of edges are rounded; their gradient jumps where the closest points do.
         self.rounding = ROUNDING * self.width if self.is_edges else 0.0
         self.R = np.array(ROWS[self.kind], float)
         self.base = np.zeros(2)
         if self.kind <= PairKind.EDGE_EDGE:
-            self.base = closest_parameters(measures_of(self.R @ x0[self.points]), self.is_edges)
+            measures = measures_of(self.R @ x0[self.points])
+            self.base = closest_parameters(measures, self.is_edges)
+            # r from closest point to closest point: small numbers without cancellation.
             self.R[0] += self.base @ self.R[1:]
 
     def vectors(self, x: np.ndarray) -> np.ndarray:
@@ -99,7 +117,8 @@ class PairTwin:
         rounded = self._before_the_base_moved(e) + self.rounding * ROUNDING_MEASURES
         u, v = closest_parameters(rounded, self.is_edges)
         φ = weights(u - self.base[0], v - self.base[1])
-        return φ @ e + self.rounding * ((u - 0.5) ** 2 + (v - 0.5) ** 2), φ
+        from_middle = (u - 0.5) ** 2 + (v - 0.5) ** 2
+        return φ @ e + self.rounding * from_middle, φ
 
     def _before_the_base_moved(self, e: np.ndarray) -> np.ndarray:
         """Return the measures of the vectors before r was moved."""
@@ -107,6 +126,7 @@ class PairTwin:
         G[FIRST, SECOND] = e
         G[SECOND, FIRST] = e
         T = np.eye(3)
+        # Moving the base subtracts u a + v b from r.
         T[0, 1:] = -self.base
         return (T @ G @ T.T)[FIRST, SECOND]
 
@@ -114,10 +134,13 @@ class PairTwin:
         """Return b(x)."""
         if x >= 1:
             return 0.0
+        # The barrier of the contact potential: C² at x = 1 and infinite at 0.
         if self.law == ContactLaw.BARRIER:
             return (1 - x) ** 3 / (4 * x)
+        # Walls give a linear distance, pairs of surfaces a squared one.
         is_wall = self.kind >= PairKind.POINT_PLANE
-        return (1 - (x if is_wall else np.sqrt(x))) ** 2 / 2
+        scaled_gap = x if is_wall else np.sqrt(x)
+        return (1 - scaled_gap) ** 2 / 2
 
     def scaled(self, s: float) -> float:
         """Return the scaled distance of a squared distance."""
@@ -138,10 +161,14 @@ class PairTwin:
         s0, _ = self.distance(e0)
         s1, _ = self.distance(e1)
         mean = sum(self.distance(e0 + τ * change)[1] for τ in GAUSS_POINTS) / 2
-        mean = mean + (s1 - s0 - mean @ change) / (change @ change) * change
+        # Correction that makes the mean gradient do exactly the change s1 - s0.
+        missing = s1 - s0 - mean @ change
+        mean = mean + missing / (change @ change) * change
         b0 = self.energy_of(self.scaled(s0))
         b1 = self.energy_of(self.scaled(s1))
-        stress = self.stiffness * (b1 - b0) / (s1 - s0) * mean
+        # Secant of the potential over the change of the distance.
+        slope = (b1 - b0) / (s1 - s0)
+        stress = self.stiffness * slope * mean
         Q = np.zeros((3, 3))
         for m in range(6):
             Q[FIRST[m], SECOND[m]] += stress[m]

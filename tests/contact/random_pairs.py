@@ -28,7 +28,10 @@ def near_pairs(
     else:
         _place_at_wall(x, kind, d, rng)
     # Origins of walls move, directions do not.
-    moves = np.ones((4, 1)) if kind <= PairKind.EDGE_EDGE else np.array([[1.0], [1.0], [0], [0]])
+    moves = np.ones((4, 1))
+    if kind > PairKind.EDGE_EDGE:
+        moves[2:] = 0.0
+    # A step of about a third of the distance: some pairs begin to touch, others separate.
     y = x + 0.3 * d * rng.normal(size=(n, 4, 3)) * moves
     # In rooms of radius 1 the squared distance is -r², from -1 at the wall to -(1 - d)².
     offset, width = {
@@ -47,19 +50,41 @@ def near_pairs(
     return pairs, x.reshape(-1, 3), y.reshape(-1, 3)
 
 
-def _place_above_triangle(x: np.ndarray, d: float, rng: np.random.Generator) -> None:
+def _place_above_triangle(
+    x: np.ndarray,
+    d: float,
+    rng: np.random.Generator,
+) -> None:
     """Put the first points of pairs (n, 4, 3) above or below points of their triangles."""
+    # Uniform in the triangle, so that all of its parts are tested.
     weights = rng.dirichlet([1, 1, 1], len(x))
-    normal = _unit(np.cross(x[:, 2] - x[:, 1], x[:, 3] - x[:, 1]))
+    one_side = x[:, 2] - x[:, 1]
+    other_side = x[:, 3] - x[:, 1]
+    normal = _unit(np.cross(one_side, other_side))
+    # From well within the activation distance to beyond it.
     height = d * rng.uniform(0.3, 1.4, (len(x), 1))
-    x[:, 0] = np.einsum("nk,nkc->nc", weights, x[:, 1:]) + height * normal
+    foot = np.einsum("nk,nkc->nc", weights, x[:, 1:])
+    x[:, 0] = foot + height * normal
 
 
-def _place_across_edge(x: np.ndarray, d: float, rng: np.random.Generator) -> None:
+def _place_across_edge(
+    x: np.ndarray,
+    d: float,
+    rng: np.random.Generator,
+) -> None:
     """Move the second edges of pairs (n, 4, 3) near the first ones, at or just beyond their ends."""
-    normal = _unit(np.cross(x[:, 1] - x[:, 0], x[:, 3] - x[:, 2]))
-    u, v = rng.uniform(-0.1, 1.1, (2, len(x), 1))
-    gap = x[:, 0] + u * (x[:, 1] - x[:, 0]) - x[:, 2] - v * (x[:, 3] - x[:, 2])
+    first_edge = x[:, 1] - x[:, 0]
+    second_edge = x[:, 3] - x[:, 2]
+    normal = _unit(np.cross(first_edge, second_edge))
+    # A tenth of the length beyond either end.
+    u, v = rng.uniform(
+        -0.1,
+        1.1,
+        (2, len(x), 1),
+    )
+    point_on_first = x[:, 0] + u * first_edge
+    point_on_second = x[:, 2] + v * second_edge
+    gap = point_on_first - point_on_second
     height = d * rng.uniform(0.3, 1.4, (len(x), 1))
     x[:, 2:] += (gap + height * normal)[:, None]
 
@@ -71,16 +96,19 @@ def _place_at_wall(
     rng: np.random.Generator,
 ) -> None:
     """Make the last two points of pairs (n, 4, 3) orthonormal, and put the first ones near the wall."""
-    x[:, 2] = _unit(x[:, 2])
-    x[:, 3] -= np.einsum("nc,nc->n", x[:, 2], x[:, 3])[:, None] * x[:, 2]
-    x[:, 3] = _unit(x[:, 3])
+    axis = _unit(x[:, 2])
+    along_axis = np.einsum("nc,nc->n", axis, x[:, 3])
+    x[:, 2] = axis
+    x[:, 3] = _unit(x[:, 3] - along_axis[:, None] * axis)
     height = d * rng.uniform(0.3, 1.4, (len(x), 1))
     if kind == PairKind.POINT_PLANE:
-        x[:, 0] = x[:, 1] + height * x[:, 2] + x[:, 3]
+        x[:, 0] = x[:, 1] + height * axis + x[:, 3]
         return
-    x[:, 0] = x[:, 1] + (1 - height) * x[:, 2]
+    x[:, 0] = x[:, 1] + (1 - height) * axis
     if kind == PairKind.POINT_IN_CYLINDER:
-        x[:, 0] += rng.normal(size=(len(x), 1)) * np.cross(x[:, 2], x[:, 3])
+        # Anywhere along the cylinder, whose axis is the cross product.
+        distance = rng.normal(size=(len(x), 1))
+        x[:, 0] += distance * np.cross(axis, x[:, 3])
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
@@ -93,13 +121,16 @@ def make_degenerate(kind: int, x: np.ndarray) -> None:
     A third are parallel edges or slivers, a third edges of no length or triangles of two corners, and a
     sixth have a common point of both sides.
     """
-    third = slice(0, len(x) // 3)
-    other = slice(len(x) // 3, 2 * len(x) // 3)
-    x[5 * len(x) // 6 :, 0] = x[5 * len(x) // 6 :, 2]
+    count = len(x)
+    third = slice(0, count // 3)
+    other = slice(count // 3, 2 * count // 3)
+    last_sixth = slice(5 * count // 6, count)
+    x[last_sixth, 0] = x[last_sixth, 2]
     if kind == PairKind.EDGE_EDGE:
         x[third, 3] = x[third, 2] + x[third, 1] - x[third, 0]
         x[other, 3] = x[other, 2]
     else:
+        # A sliver, 1e-9 wide.
         x[third, 3] = x[third, 1] + 1e-9 * x[third, 3]
         x[other, 2] = x[other, 1]
 
@@ -110,7 +141,11 @@ def table_of(kind: int, count: int) -> PairTable:
     return PairTable(np.full(count, kind, np.uint8), points)
 
 
-def triangle_soup(n: int, seed: int, size: float = 0.2) -> tuple[CollisionPrimitives, np.ndarray]:
+def triangle_soup(
+    n: int,
+    seed: int,
+    size: float = 0.2,
+) -> tuple[CollisionPrimitives, np.ndarray]:
     """Return n triangles anywhere in the unit cube, of sizes that differ by a factor of 100.
 
     Returns:
@@ -118,6 +153,7 @@ def triangle_soup(n: int, seed: int, size: float = 0.2) -> tuple[CollisionPrimit
     """
     rng = np.random.default_rng(seed)
     middle = rng.uniform(size=(n, 1, 3))
+    # Sizes over two decades, as around refined corners.
     extent = size * 10 ** rng.uniform(-2, 0, (n, 1, 1))
     x = (middle + extent * rng.normal(size=(n, 3, 3))).reshape(-1, 3)
     return separate_triangles(n), x

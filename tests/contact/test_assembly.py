@@ -23,6 +23,7 @@ def touching(comm, body: str) -> gx.Simulation:
     )
     items = [gx.Fixed(lower, "left")]
     if body:
+        # An orthonormal triad without zeros, so that no entry of the tangent vanishes by chance.
         turned = np.array([(0.36, 0.48, -0.8), (-0.8, 0.6, 0.0), (0.48, 0.64, 0.6)])
         block = gx.RigidBody(
             0.02,
@@ -71,6 +72,7 @@ def test_the_tangent_is_the_derivative_of_the_residual(comm, body) -> None:
     q, z, end = (numbering.vector() for _ in range(3))
     q.waxpy(1e-4, system.v0, system.q0)
     z.array[:] = np.random.default_rng(comm.rank).normal(size=numbering.size_local)
+    # Fixed degrees of freedom do not move.
     z.array[held] = 0
 
     def forces(step: float):
@@ -81,11 +83,13 @@ def test_the_tangent_is_the_derivative_of_the_residual(comm, body) -> None:
         r.array[held] = 0
         return r
 
+    # Contact is stiff: the difference must be small compared with gaps of 1e-4 m.
     ε = 1e-9
     exact = forces(ε)
     exact.axpy(-1.0, forces(-ε))
     exact.scale(0.5 / ε)
     forces(0.0)
+    # Enough pairs in contact, or the tangent is zero.
     assert comm.allreduce(contact_set_of(run).acting_count) > 10
     A = numbering.matrix()
     contacts.add_tangents(A)
@@ -100,8 +104,10 @@ def test_the_tangent_is_the_derivative_of_the_residual(comm, body) -> None:
     size = exact.norm()
     for found in (of_sum, of_whole):
         found.axpy(-1.0, exact)
+        # 1e-5: relative truncation of the difference near the barrier.
         assert found.norm() < 1e-5 * size
     of_strong.axpy(-1.0, exact)
+    # The preconditioner's matrix leaves out weak couplings, and is closer than nothing.
     assert of_strong.norm() < size  # a part
 
 

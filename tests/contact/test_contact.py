@@ -33,6 +33,7 @@ def test_two_films_collide(comm, law):
         at=(0.01, 0.005),
     )
     run = simulate([gx.Contact(lower, upper, distance=1e-3, law=law)], 2e-3)
+    # They touched: nearer than the activation distance of 1 mm.
     assert contact_set_of(run).closest < 1e-3
     assert count_intersections(run) == 0
     assert_conserved(run)
@@ -73,6 +74,7 @@ def test_a_film_falls_edge_on_edge_and_cables_on_a_film():
                 name=f"cable {k}",
             )
         )
+    # The second cable starts 4 mm higher, so that it falls on the first one.
     cables[1]._start[0].reshape(-1, 3)[:, 2] += 0.004
     contact = gx.Contact(
         flat,
@@ -115,9 +117,11 @@ def test_films_hit_solids(kind):
     contact_set = contact_set_of(run)
     assert contact_set.closest < 1e-3
     measured = run.totals.momentum[2]
+    # Film and block exchange momentum, of which the sum is constant.
     assert measured == pytest.approx(run.first.momentum[2], rel=1e-11)
     assert_conserved(run, momentum=1e-10)
     measured = gx.probes.Velocity(block.port(), "z")(run)
+    # The block has received momentum, however little a heavy body moves.
     assert measured < -1e-8
     assert count_intersections(run) == 0
 
@@ -131,6 +135,7 @@ def test_a_moved_obstacle_supplies_its_work():
         motion=lambda t: (0.0, 0.0, 2.0 * t),
     )
     run = simulate([gx.Contact(rest, ram, distance=1e-3)], 3e-3)
+    # The ram has pushed the film.
     assert run.totals.supplied > 1e-6
     assert abs(run.energy_error) < 1e-9
 
@@ -149,6 +154,8 @@ def test_layers_that_start_near_each_other_have_no_energy_and_part_freely():
     assert run.first.stored["contact"] == 0
     assert run.totals.kinetic == pytest.approx(run.first.kinetic, rel=1e-12)
     distances = contact_set_of(run).history.activation_distance
+    # The activation distance of a pair that starts nearer is reduced, and recovers as the pair
+    # opens.
     assert distances.min() > 0.9e-3  # grown with the gap
 
 
@@ -171,6 +178,7 @@ def test_restart_in_the_middle_of_contact(comm, folder):
     assert first.totals.stored["contact"] > 0
     again = simulate(scene(), 1.2e-3, restart=folder / "saved")
     difference = np.abs(again.system.q0.array_r - through.system.q0.array_r).max(initial=0.0)
+    # Contact pairs and their history are in the checkpoint.
     assert comm.allreduce(difference, MPI.MAX) < 1e-12
     assert abs(again.energy_error) < 1e-10
 
@@ -194,10 +202,16 @@ def test_ranks_agree(comm, friction):
     assert (ours.totals.dissipated > 0) == (friction > 0)
     for name in ("kinetic", "angular_momentum", "dissipated"):
         assert np.allclose(
-            getattr(ours.totals, name), getattr(alone.totals, name), rtol=1e-8, atol=1e-12
+            # Ranks sum in another order; 20 steps of contact amplify that.
+            getattr(ours.totals, name),
+            getattr(alone.totals, name),
+            rtol=1e-8,
+            atol=1e-12,
         )
     points = [contact_set_of(r).points.at(r.system.q0, 0.0) for r in (ours, alone)]
-    error = np.abs(points[0] - points[1]).max()
+    # A rank knows some of the points; one rank knows all, in the order of their numbers.
+    known = contact_set_of(ours).mesh.known.points.number
+    error = np.abs(points[0] - points[1][known]).max()
     assert error < 1e-9
 
 
@@ -288,11 +302,13 @@ def test_probes_tell_force_gap_and_penetrations(comm):
     )
     run = simulate([contact], 8e-4, outputs=[seen])
     assert np.allclose(seen["down"], -seen["up"], atol=1e-12)
+    # Impulse: sum of the force times the step of 1e-4 s.
     impulse = 1e-4 * np.sum(seen["up"])
     owned = run.system.state[upper].part
     P = run.system.numbering.vector()
     run.system.M.mult(run.system.v0, P)
     momentum = comm.allreduce(P.array_r[owned][2::3].sum())
+    # Momentum gained from -2 m/s × 0.14 kg/m² × 0.01 m².
     assert impulse == pytest.approx(momentum + 2.0 * 0.14 * 0.01, rel=1e-9)
     assert 0 < min(seen["gap"]) < 1e-3
     assert max(seen["penetrations"]) == 0
@@ -313,4 +329,5 @@ def test_films_that_rest_node_over_node_do_not_believe_to_have_passed():
     other = film(MPI.COMM_SELF, height=1.2e-3, name="other")
     run = simulate([gx.Contact(one, other, distance=1e-3)], 2e-4)
     assert run.substeps == 0
+    # They rest: energy of round-off only.
     assert run.totals.kinetic < 1e-20

@@ -30,6 +30,7 @@ def test_pressure_integrates_to_the_force(comm, order) -> None:
     )
 
     def softly(t: float) -> float:
+        # Smooth from 0 to 4 Pa in 10 ms, so that the film does not bounce.
         y = min(t / 0.01, 1.0)
         return -4.0 * y * y * (3 - 2 * y)
 
@@ -43,6 +44,7 @@ def test_pressure_integrates_to_the_force(comm, order) -> None:
     beside = FieldFunctions(run.system, body, ["stress1", "contact_pressure"])
     beside.update()
     measured = integral(body, beside.functions[1])
+    # The same field in another set of fields.
     assert measured == pytest.approx(integral(body, alone), rel=1e-12)
     assert alone.x.array.min(initial=0.0) >= 0
     if order == 1:  # the shares of points of order 2 are not those of their shape functions

@@ -22,6 +22,7 @@ def test_updates_go_no_farther_than_contact_can_follow(comm):
         gx.Scene(gx.Contact(lower, upper, distance=1e-3), alone), gx.Midpoint(dt=1e-4)
     )
     system = run.system
+    # Updates larger than contact can follow, on average five activation distances.
     update = np.random.default_rng(comm.rank).normal(
         0.0, 5e-3, system.numbering.vector().getLocalSize()
     )
@@ -43,6 +44,7 @@ def test_a_scene_without_contact_limits_nothing(comm):
 
 
 def test_tangents_have_their_geometric_stiffness_near_the_solution(monkeypatch):
+    # Never the stage without geometric stiffness: 20 iterations are more than a step needs.
     monkeypatch.setattr(midpoint, "GEOMETRIC_STIFFNESS_DELAYS", (20,))
     lower = film(MPI.COMM_SELF, name="lower")
     upper = film(
@@ -65,12 +67,14 @@ def test_tangents_have_their_geometric_stiffness_near_the_solution(monkeypatch):
     run.run(until=4e-4)
     assert {share for share, _ in shares} == {0.0, 1.0}
     assert all((share == 0.0) == (residual > COMPLETE_TANGENT_RATIO) for share, residual in shares)
+    # The step must have been solved within the delays.
     assert run.last_iterations < 20
 
 
 def test_a_predictor_that_passed_through_is_no_measure_of_the_residual():
     comm = MPI.COMM_SELF
     lower = film(comm, name="lower")
+    # 100 m/s × 1e-4 s is 10 mm, three times the gap: the predictor passes through.
     upper = film(
         comm,
         height=3e-3,
@@ -90,6 +94,7 @@ def test_a_predictor_that_passed_through_is_no_measure_of_the_residual():
 
     newton._is_solved = seen
     run.run(until=1e-3)
+    # The first residual is far above the reference, and must not become the reference.
     assert max(forces / reference for forces, reference in first) > 100
     system = run.system
     momentum = system.numbering.vector()
@@ -102,6 +107,7 @@ def test_a_predictor_that_passed_through_is_no_measure_of_the_residual():
 
 
 @pytest.mark.mpi
+# 0.16 of the distance separates the two gaps.
 @pytest.mark.parametrize("gap, words", [(0.13, "would pass through"), (0.25, "")])
 def test_edges_nearer_than_their_barrier_lets_them_are_refused(comm, gap, words):
     """In the middle of edges a barrier is infinite at 0.16 of the distance at which contact begins."""

@@ -59,6 +59,7 @@ def test_films_face_to_face_meet_as_bodies_on_a_spring() -> None:
     # one triangle that reaches beyond the small film, with its centre below that one's, and as heavy as that
     base = gx.Membrane(
         _triangle(0.3),
+        # Area of an equilateral triangle in a circle of radius R: ¾ √3 R².
         gx.Linear(**law | {"density": law["density"] * 0.01 / (0.75 * 3**0.5 * 0.3**2)}),
         name="base",
     )
@@ -82,6 +83,7 @@ def test_films_face_to_face_meet_as_bodies_on_a_spring() -> None:
     run = simulate([contact], 3e-4, dt, outputs=[seen])
     assert_conserved(run, energy=1e-8)
     touching = np.count_nonzero(np.array(seen["force"]) > 1e-6)
+    # 5 %: the number of steps in contact is an integer near 60.
     assert touching * dt == pytest.approx(time, rel=0.05)
     measured = d - min(seen["gap"])
     assert measured == pytest.approx(depth, rel=0.05)
@@ -89,6 +91,7 @@ def test_films_face_to_face_meet_as_bodies_on_a_spring() -> None:
     run.system.M.mult(run.system.v0, P)
     owned = run.system.state[base].part
     measured = P.array_r[owned][2::3].sum()
+    # Equal masses exchange their velocities; a film that vibrates keeps a few per cent.
     assert measured == pytest.approx(run.first.momentum[2], rel=0.03)
 
 
@@ -108,7 +111,9 @@ def test_oblique_impact_keeps_what_is_along_the_plane() -> None:
     P0 = run.first.momentum
     error = np.abs(P - P0)[:2].max()
     limit = 1e-12 * np.abs(P0).max()
+    # A frictionless plane bears no force along itself.
     assert error < limit
+    # The film rebounds elastically; up to 1 % stays as vibration.
     assert P[2] == pytest.approx(-P0[2], rel=0.01)
     assert abs(run.energy_error) < 1e-9
 
@@ -134,6 +139,7 @@ def test_films_fall_edge_on_edge() -> None:
     assert count_intersections(run) == 0
     assert contact_set_of(run).closest < 1e-3
     measured = gx.probes.Velocity(lower.port_at((0.05, 0.1, 0.0)), "z")(run)
+    # It was hit, on a soft edge.
     assert measured < -1e-3
 
 

@@ -61,6 +61,7 @@ def test_a_motion_that_fails_later_ends_the_run_before_its_step(comm):
     run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=1e-4))
     with pytest.raises(gx.InputError, match=r"at t = 0\.0003 s: it returns"):
         run.run(until=1e-3)
+    # Two steps were fine; the third asks for the position at 0.3 ms.
     assert run.step == 2
     assert run.totals.supplied == 0.0
 
@@ -105,6 +106,7 @@ def test_a_jump_between_two_steps_is_refused(kind, length):
     with pytest.raises(gx.StepFailure, match="the motion of the obstacle 'obstacle' jumps"):
         run.run(until=1e-3)
     assert run.time == pytest.approx(2e-4)
+    # No energy from the jump.
     assert run.totals.energy == pytest.approx(0.0, abs=1e-20)
 
 
@@ -124,8 +126,11 @@ def test_a_plane_that_comes_and_goes_within_a_step_is_noticed():
         halvings=12,
     )
     film_height = run.system.state[contact.bodies[0]].positions()[:, 2]
+    # The film was pushed up by nearly the height of the plane.
     assert film_height.min() > height - 0.01
+    # A free film that is hit gets the work as kinetic energy; the rest is strain.
     assert run.totals.kinetic == pytest.approx(run.totals.supplied, rel=0.05)
+    # The plane is driven from outside: momentum is not conserved.
     assert_conserved(run, momentum=np.inf)
 
 
@@ -149,8 +154,10 @@ def test_a_thin_box_at_100_metres_per_second_does_not_pass_in_one_step():
     assert height.min() > speed * step / 2
     # The film leaves the box in the steps after that of the impact.
     run.run(until=4 * step)
+    # 0.14 kg/m² × 0.01 m².
     mass = 0.14 * 0.1**2
     expected = mass * (2 * speed) ** 2 / 2
+    # 10 %: the film does not leave the wall as a rigid body.
     assert run.totals.supplied == pytest.approx(expected, rel=0.1)
 
 
@@ -197,9 +204,10 @@ def test_a_film_that_turns_through_another_in_one_step_is_noticed(comm, kind):
     assert run.substeps > 0
     if kind == "film":
         speed = np.abs(run.system.state[hit].velocities()).max(initial=0.0)
+        # The film that was hit moves at a good part of the 50 m/s of the turning edge.
         assert comm.allreduce(float(speed), MPI.MAX) > 10.0
     else:
-        # Obstacles in space take up angular momentum, and no energy.
+        # Obstacles in space receive angular momentum, but no energy.
         change = run.totals.angular_momentum[0] - run.first.angular_momentum[0]
         limit = 0.1 * abs(run.first.angular_momentum[0])
         assert abs(change) > limit
@@ -233,6 +241,7 @@ def test_an_obstacle_that_turns_through_a_film_with_its_body_is_noticed():
         radius=0.006,
         body=hub,
     )
+    # Half a turn in one step: start and end of the ball are both above the film.
     step = math.pi / spin
     run = simulate(
         [gx.Contact(sail, ball, distance=DISTANCE)],
@@ -242,5 +251,6 @@ def test_an_obstacle_that_turns_through_a_film_with_its_body_is_noticed():
     )
     assert run.substeps > 0
     height = run.system.state[sail].positions()[:, 2]
+    # The ball has pushed the film down at the lowest point of its circle.
     assert height.min() < -1e-3
     assert abs(run.energy_error) < 1e-9

@@ -47,11 +47,13 @@ def test_the_kernel_agrees_with_its_twin(kind: int, law: ContactLaw) -> None:
         by_pair=True,
     )
     touching = np.flatnonzero(response.state == PairState.TOUCHES)
+    # At least a quarter of the pairs touch.
     assert len(touching) > 50
     for i in touching:
         twin = PairTwin(pairs, i, x0, law)
         expected = twin.force(x0, x1)
         found = response.forces[i].reshape(4, 3)
+        # The twin computes from squared lengths and loses digits that the kernel keeps.
         assert np.allclose(found, expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())
         one = pairs.rows(np.array([i]))
         measured = energy_of_pairs(one, x0, law)[0]
@@ -78,6 +80,7 @@ def test_work_is_the_change_of_energy(kind: int, law: ContactLaw) -> None:
         points = pairs.points[i]
         change = energy_of_pairs(one, x1, law)[0] - energy_of_pairs(one, x0, law)[0]
         work = response.forces[i] @ (x1[points] - x0[points]).ravel()
+        # The discrete gradient is exact; relative round-off of differences of energies.
         assert work == pytest.approx(change, rel=1e-10, abs=1e-13)
 
 
@@ -96,6 +99,7 @@ def test_forces_have_no_resultant_and_no_moment(kind: int) -> None:
     forces = np.where(touches, response.forces, 0).reshape(-1, 4, 3)
     size = np.abs(forces).max(axis=(1, 2))
     middle = ((x0 + x1) / 2).reshape(-1, 4, 3)
+    # Sums of four forces: round-off.
     assert (np.abs(forces.sum(1)).max(1) <= 1e-13 * size).all()
     assert (np.abs(np.cross(middle, forces).sum(1)).max(1) <= 1e-11 * size).all()
 
@@ -115,6 +119,7 @@ def test_the_tangent_is_the_derivative(kind: int, law: ContactLaw, alpha: float)
         tangents_by_pair=True,
     )
     K = response.tangents.reshape(-1, 12, 12)
+    # Cube root of the machine epsilon would be 6e-6; the curvature of the barrier asks for less.
     difference = 1e-6
     numeric = np.zeros_like(K)
     for j in range(12):
@@ -142,6 +147,7 @@ def test_the_tangent_is_the_derivative(kind: int, law: ContactLaw, alpha: float)
         np.allclose(K[i], numeric[i], rtol=1e-4, atol=1e-5 * np.abs(K[i]).max())
         for i in np.flatnonzero(response.state == PairState.TOUCHES)
     ]
+    # Enough pairs that touch.
     assert len(good) > 15
     # The others have the end of a side within the difference, where the distance has a kink.
     assert np.mean(good) > 0.95
@@ -206,6 +212,7 @@ def test_small_distances_of_large_triangles_keep_their_digits() -> None:
         b1 = energy_of_pairs(one, x1, BARRIER)[0]
         work = response.forces[i] @ (x1[points] - x0[points]).ravel()
         missing.append(abs(work - (b1 - b0)) / max(b0, b1))
+    # Relative digits of the work.
     # Positions have digits to 1e-16 of 1, distances to 1e-10 of 1e-6.
     assert np.median(missing) < 1e-9
 
@@ -227,6 +234,7 @@ def test_iterates_that_passed_through_are_pushed_back() -> None:
     assert response.state[0] == PairState.PASSED
     assert response.forces[0, 2] < 0  # the residual asks for a way up
     measured = response.tangents[0].reshape(12, 12)[2, 2]
+    # A positive stiffness draws the iteration back up.
     assert measured > 0
     error = abs(response.forces[0].reshape(4, 3).sum(0)).max()
     assert error < 1e-12
@@ -301,4 +309,5 @@ def test_edges_about_to_cross_are_pushed_back_the_more_the_nearer_they_are() -> 
     assert set(state) == exact
     assert (stress > 0).all() and (np.diff(stress) > 0).all()
     first = int(np.flatnonzero(state == PairState.PASSED)[0])
+    # The forces go on without a jump where energy ends: at most 5 % between two of 2000 heights.
     assert stress[first] / stress[first - 1] < 1.05

@@ -21,6 +21,7 @@ from gossamer_fx.forms.backend import interpolation_points
 from gossamer_fx.forms.kinematics import area_vector, half_trace_and_radius
 from gossamer_fx.meshes.airbag import airbag
 
+# A square whose diagonal is 1.2 m.
 EDGE = 1.2 / math.sqrt(2)
 LAW = gx.Miyazaki(
     E=588e6,
@@ -43,6 +44,7 @@ def inflate(cells: int, until: float, order: int = 1) -> dict[str, float]:
         LAW,
         order=order,
     )
+    # The pressure rises from 0 to 5 kPa.
     inside = gx.Pressure(film, lambda t: 5e3 * min(t / RAMP, 1.0))
     scene = gx.Scene(
         film,
@@ -85,16 +87,22 @@ def inflate(cells: int, until: float, order: int = 1) -> dict[str, float]:
     }
 
 
-POINTS = [(0.0, 0.0, 0.0), (-EDGE / 2, -EDGE / 2, 0.0), (0.0, -EDGE / 2, 0.0)]  # M, A, B
+POINTS = [
+    (0.0, 0.0, 0.0),
+    (-EDGE / 2, -EDGE / 2, 0.0),
+    (0.0, -EDGE / 2, 0.0),
+]  # M, A, B
 
 
 def test_airbag_comes_to_rest_in_the_accepted_shape():
     bag = inflate(cells=24, until=0.08)
     print(bag)
+    # Accepted values of the literature, with the spread that different codes have.
     assert bag["w_M"] == pytest.approx(0.2164, rel=0.005)
     assert bag["u_A"] == pytest.approx(0.0494, rel=0.02)
     assert bag["V"] == pytest.approx(0.1250, rel=0.005)
     assert bag["σ1(M)"] == pytest.approx(3.92e6, rel=0.04)
+    # Published values of u_B lie in this interval.
     assert 0.118 <= bag["u_B"] <= 0.128
     assert abs(bag["closing error"]) <= 1e-9
 
@@ -105,10 +113,12 @@ def test_volume_converges_with_order_two():
     for cells in (16, 24, 32):
         bag = inflate(cells, until=0.1)
         print(cells, bag)
+        # 0.12500 m³ is the converged volume.
         errors.append(0.12500 - bag["V"])
     error = abs(errors[-1])
     assert error <= 0.003 * 0.125
     measured = np.polyfit(np.log([16, 24, 32]), np.log(errors), 1)[0]
+    # Three meshes, of which the wrinkles change: the slope is uneven.
     assert measured == pytest.approx(-2, abs=0.4)
 
 

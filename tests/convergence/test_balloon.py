@@ -24,10 +24,16 @@ TABLE = {  # t: r [m], p [Pa], T [K], m [kg], elastic energy [J]
     0.2: (0.263802, 1956.285, 369.241, 1.419595e-3, 50.0177),
     0.5: (0.303917, 3069.670, 357.310, 3.519798e-3, 156.6309),
 }
+# Relative tolerances of mean radius, pressure, temperature, mass and elastic energy.
 ACCEPT = np.array([0.01, 0.03, 0.01, 0.001, 0.03])
 
 
-def balloon(dt: float, times, comm: MPI.Comm, cells: int = 10) -> tuple[np.ndarray, gx.Simulation]:
+def balloon(
+    dt: float,
+    times,
+    comm: MPI.Comm,
+    cells: int = 10,
+) -> tuple[np.ndarray, gx.Simulation]:
     """(mean radius, p, T, m, elastic energy) at the given times, on curved triangles with quadratic fields."""
     law = gx.Linear(
         E=2e6,
@@ -35,7 +41,11 @@ def balloon(dt: float, times, comm: MPI.Comm, cells: int = 10) -> tuple[np.ndarr
         density=1100.0,
         thickness=2e-4,
     )
-    film = gx.Membrane(sphere(comm, 0.2, cells, order=2), law, order=2)
+    film = gx.Membrane(
+        sphere(comm, 0.2, cells, order=2),
+        law,
+        order=2,
+    )
     gas = gx.IdealGas(gamma=1.4, R=287.0)
     bag = gx.Chamber(
         film,
@@ -67,6 +77,7 @@ def test_balloon_follows_its_equation_of_motion():
     times = [0.05, 0.1]
     found, run = balloon(5e-4, times, MPI.COMM_SELF)
     assert (abs(found / [TABLE[t] for t in times] - 1) <= ACCEPT).all()
+    # Gas and film are one system: both balances close to round-off.
     assert abs(run.energy_error) <= 1e-12 and abs(run.mass_error) <= 1e-12
     assert (
         abs(run.totals.momentum).max() <= 1e-12 and abs(run.totals.angular_momentum).max() <= 1e-12
@@ -86,8 +97,10 @@ def test_balloon_to_the_end_of_the_table():
 def test_balloon_is_of_second_order():
     """In h, for the same mesh: against a step far smaller."""
     steps = [5e-4, 2.5e-4, 1.25e-4]
+    # 2.5e-5 s, a fifth of the finest step, serves as exact.
     *runs, exact = (balloon(dt, [0.03], MPI.COMM_SELF, cells=8)[0][0] for dt in [*steps, 2.5e-5])
     print(np.array(runs) / exact - 1)
     for quantity in (0, 1, 2, 4):
         measured = observed_order(steps, [r[quantity] - exact[quantity] for r in runs])
+        # Temporal errors below 1e-6 have some noise of the iteration.
         assert measured == pytest.approx(2, abs=0.35)

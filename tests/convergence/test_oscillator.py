@@ -36,7 +36,9 @@ def oscillator(h: float, steps: int) -> tuple[np.ndarray, np.ndarray, gx.Simulat
 
 
 @pytest.mark.parametrize(
-    "h, frequency", [(0.01, 9.991679144), (0.1, 9.272952180), (0.2, 7.853981634)]
+    # ω_h of the docstring for ω = 10 rad/s.
+    "h, frequency",
+    [(0.01, 9.991679144), (0.1, 9.272952180), (0.2, 7.853981634)],
 )
 def test_midpoint_keeps_the_amplitude_and_has_its_exact_frequency(h, frequency):
     """x_n = cos(ω_h n h) with ω_h = (2/h) atan(ωh/2); energy is kept to round-off."""
@@ -45,16 +47,19 @@ def test_midpoint_keeps_the_amplitude_and_has_its_exact_frequency(h, frequency):
     expected = 2 / h * math.atan(OMEGA * h / 2)
     assert frequency == pytest.approx(expected, rel=1e-9)
     phase = frequency * h * np.arange(1, steps + 1)
+    # The given frequency has ten digits; 200 steps multiply their error.
     assert x == pytest.approx(np.cos(phase), abs=1e-6)
     expected = -OMEGA * np.sin(phase)
     assert v == pytest.approx(expected, abs=1e-5)
     measured = x**2 + (v / OMEGA) ** 2
+    # Amplitude √(x² + (v/ω)²) is an invariant of the rule.
     assert measured == pytest.approx(np.ones(steps), rel=1e-12)
     assert abs(run.energy_error) <= 1e-12
 
 
 def test_phase_is_of_second_order():
     steps = [0.04, 0.02, 0.01]
+    # 0.4 s are 4 rad.
     errors = [oscillator(h, round(0.4 / h))[0][-1] - math.cos(4.0) for h in steps]
     assert observed_order(steps, errors) == pytest.approx(2, abs=0.1)
 
@@ -73,9 +78,11 @@ def test_free_masses_fly_straight_in_one_iteration_at_most():
     run = gx.Simulation(gx.Scene(*masses), gx.Midpoint(dt=0.5))
     run.run(until=50.0)
     x = run.system.q0.array_r.reshape(-1, 3)
+    # x + v t with t = 50 s.
     expected = np.array([(1.0, 50.0, -49.0), (3.0, 150.0, -49.0)])
     assert x == pytest.approx(expected, rel=1e-12)
     assert run.iterations <= run.step
+    # Σ m v of both masses.
     assert run.totals.momentum == pytest.approx([0.0, 10.0, -4.0], rel=1e-14)
 
 
@@ -88,6 +95,7 @@ def test_fall_is_exact_whatever_the_step():
     )
     run = gx.Simulation(gx.Scene(mass, gx.Gravity(mass)), gx.Midpoint(dt=0.7))
     run.run(until=10.0)
+    # z = v t - g t²/2 at 10 s; the last step is shortened to end there.
     z = 30.0 - 9.80665 * 50.0
     assert run.system.q0.array_r == pytest.approx([10.0, 0.0, z], rel=1e-12)
     assert run.totals.supplied == pytest.approx(-2.0 * 9.80665 * z, rel=1e-12)

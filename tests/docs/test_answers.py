@@ -26,6 +26,7 @@ from demos import (
 @pytest.mark.slow
 def test_the_pressure_of_an_airbag_follows_its_volume() -> None:
     found = airbag_pressure.main(cells=8)
+    # The exponent of an adiabatic gas is γ, that of an isothermal one 1.
     assert found["exponent, no heat passes"] == pytest.approx(1.4, abs=1e-4)
     assert found["exponent, perfect wall"] == pytest.approx(1.0, abs=1e-3)
     assert 1.05 < found["exponent, τ = 0.03 s"] < 1.35
@@ -52,6 +53,7 @@ def test_a_ring_under_follower_pressure_has_its_closed_frequencies() -> None:
 def test_the_spread_of_pressure_in_a_round_tube_has_its_closed_form() -> None:
     spread, closed_form = uniform_pressure.spread_of_rigid_tube(10 * uniform_pressure.SOUND)
     assert spread == pytest.approx(closed_form, rel=0.01)
+    # 1/γ of the squared Mach number: 0.01/1.4.
     assert spread == pytest.approx(0.01 / 1.4, rel=0.1)
 
 
@@ -65,6 +67,7 @@ def test_a_flat_tube_is_opened_from_its_inlet_if_it_is_filled_fast() -> None:
 @pytest.mark.mpi
 def test_paper_remembers_its_crease() -> None:
     found = paper_crease.main(steps=4, comm=MPI.COMM_WORLD)
+    # The demo's text states these numbers.
     assert found["angle that stays [deg]"] == pytest.approx(100.1, abs=0.1)
     assert found["angle that stays over largest less yield angle"] == pytest.approx(1, abs=1e-6)
     assert found["loss over closed form"] == pytest.approx(1, abs=1e-6)
@@ -73,6 +76,7 @@ def test_paper_remembers_its_crease() -> None:
 @pytest.mark.slow
 def test_each_gap_of_a_stack_carries_the_friction_of_its_pressure() -> None:
     found = film_friction.main(stacks=((3, 20.0),))
+    # 3 %: edges of the sheets touch a little later than their middles.
     assert found["3 sheets, 20 Pa: force over (n - 1) μ p A"] == pytest.approx(1, abs=0.03)
     assert found["energy error"] < 1e-8
 
@@ -87,6 +91,7 @@ def test_a_stack_starts_on_any_number_of_ranks() -> None:
 
 def test_a_folded_start_has_no_energy_and_does_not_change_the_inflated_bag() -> None:
     found = folded_bag.main(cells=4)
+    # Folding is an isometry, so it stores round-off only.
     assert found["energy of the pressed start [J]"] < 1e-20
     assert abs(found["volume, folded over flat start, less 1"]) < 1e-6
     assert abs(found["energy, folded over flat start, less 1"]) < 1e-6
@@ -106,10 +111,12 @@ def test_a_table_of_a_sail_balances_its_frame(tmp_path: Path) -> None:
     found = sail_table.main(cells=6, step=40, output=tmp_path)
     assert found["imbalance with the frame"] < 1e-7
     assert found["flat sail over McInnes, less 1"] < 1e-12
+    # The closed form of a flat, ideal mirror: round-off.
     assert 0.95 < found["Fz in full light, deformed over flat"] < 0.99
     assert abs(found["Ty at 40° of the flat sail [N m]"]) < 1e-12
     rows = (tmp_path / "sail_table.csv").read_text(encoding="utf-8").splitlines()
     assert rows[0].startswith("cone [deg],clock [deg],Fx [N]")
+    # A head line, four cone angles, three clock angles.
     assert len(rows) == 1 + 4 * 3
     # The sail is symmetric: turned by a right angle, the load turns with it.
     table = np.loadtxt(rows[1:], delimiter=",")
@@ -139,6 +146,7 @@ def test_the_order_of_folds_is_that_of_the_layers() -> None:
 @pytest.mark.slow
 def test_a_finger_bends_as_a_beam_and_reaches_the_angle_that_is_wanted() -> None:
     found = soft_finger.main()
+    # 5 % below the beam of the closed form, whose section does not flatten.
     assert found["angle at 4 kPa over closed form"] == pytest.approx(0.95, abs=0.05)
     assert found["angle under control [deg]"] == pytest.approx(12, abs=0.05)
     assert found["energy error"] < 1e-10

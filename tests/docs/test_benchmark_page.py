@@ -28,6 +28,7 @@ def error_curves(monkeypatch: pytest.MonkeyPatch):
 def test_the_page_shows_what_is_stored(error_curves) -> None:
     page = error_curves.PAGE.read_text(encoding="utf-8")
     assert error_curves.BETWEEN.search(page)[0] == error_curves.page_part()
+    # At least four problems are stored, or the page is empty.
     assert len(RESULTS) >= 4
 
 
@@ -74,5 +75,6 @@ def test_a_quick_form_solves_draws_and_stores(tmp_path: Path) -> None:
     points = json.loads((tmp_path / "errors_strip.json").read_text(encoding="utf-8"))["points"]
     coarse, fine = (point["error"] for point in points)
     # Order two on 4 and 6 cells along the strip.
+    # (4/6)² = 0.44; 0.6 leaves room for other errors.
     assert fine < 0.6 * coarse
     assert (tmp_path / "errors_strip.png").is_file()

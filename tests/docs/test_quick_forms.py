@@ -43,6 +43,7 @@ def test_a_quick_study_ends_as_it_declares(tmp_path: Path, name: str) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.endswith("Everything is as the studies declare.\n")
     measured = (tmp_path / f"{name}.md").read_text(encoding="utf-8").count("|")
+    # A table has more than ten cells, or the study has written none.
     assert measured > 10
 
 
@@ -68,6 +69,7 @@ def test_a_run_of_the_robust_design_starts(start: str) -> None:
     levels |= {name: values[0] for name, values in robust_tube.SWEEP.noise.items()}
     case = robust_tube.build(MPI.COMM_SELF, **(levels | {"start": start, "panels": 3}))
     simulation = case.simulation([gx.Series(case.probes)])
+    # Two or more steps of the start; the whole run takes an hour.
     simulation.run(until=1e-4)
     assert simulation.step > 0
     assert abs(simulation.energy_error) < 1e-9

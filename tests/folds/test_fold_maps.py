@@ -17,6 +17,7 @@ from gossamer_fx.meshes.sails import parallelograms, pinwheel, trapezoids
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
 
+# The material matters only for the strain energy of the start.
 LAW = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-6)
 WIDTH = math.pi * 0.03 / 2  # of a tube of 30 mm that is pressed flat
 
@@ -31,6 +32,7 @@ class Sample:
     energy: float
 
 
+# Fold angles of 1.4 rad and 2.8 rad between panels: nearly shut, but without layers that touch.
 ZIGZAG = gx.fold.Zigzag(length=0.3, panels=3, angle=1.4)
 TUBE = gx.fold.Zigzag(
     length=0.25,
@@ -56,6 +58,7 @@ ROLL = gx.fold.Roll(
     opening=1e-4,
 )
 MIURA = gx.fold.Miura(a=0.05, b=0.05, gamma=1.0, theta=0.8)
+# The other Miura pattern is open; this one is stowed, and layers are separated for contact.
 STOWED = gx.fold.Miura(
     a=0.1,
     b=0.1,
@@ -130,6 +133,7 @@ def oblique_tube(comm: MPI.Intracomm) -> gx.Mesh:
     )
 
 
+# Fold map, mesh, expected fold angles [rad] by group, and a bound of the strain energy [J].
 SAMPLES = {
     "zigzag": Sample(
         ZIGZAG, lambda c: sheet(c, 9, 2, 0.3, 0.1), {"fold 1": -2.8, "fold 2": 2.8}, 1e-18
@@ -202,6 +206,7 @@ def test_no_strain_where_layers_lie_on_each_other_and_little_where_they_are_apar
 ) -> None:
     sample = SAMPLES[name]
     film = gx.Membrane(sample.mesh(comm), LAW)
+    # A pressed fold is an isometry: round-off of squares of strains.
     assert sample.folds.pressed().start(film).strain_energy() < 1e-15
     assert sample.folds.start(film).strain_energy() < sample.energy
 
@@ -213,6 +218,7 @@ def test_fold_lines_and_their_angles(comm, name: str) -> None:
     mesh = sample.folds.mark(sample.mesh(comm))
     found = {line.name: line.angle for line in sample.folds.lines(mesh)}
     measured = {group: found[group] for group in sample.angles}
+    # Angles of separated layers differ from the ideal ones by the opening over the panel.
     assert measured == pytest.approx(sample.angles, abs=2e-5)
     assert set(found) <= set(mesh.groups)
 
@@ -227,6 +233,7 @@ def test_layers_are_apart(comm, name: str) -> None:
     film = gx.Membrane(sample.mesh(comm), LAW)
     contact = gx.Contact(film, distance=2e-4)
     run = gx.Simulation(gx.Scene(film, sample.folds.start(film), contact), gx.Midpoint(dt=1e-5))
+    # No intersection at all, and a gap between all unconnected layers.
     assert gx.probes.Penetrations(contact)(run) == 0
     assert gx.probes.ContactGap(contact)(run) > 1e-6
 
@@ -241,9 +248,11 @@ def test_creases_start_at_rest_on_their_branch(comm, name: str) -> None:
     for crease in creases:
         for which in ("least", "largest"):
             measured = gx.probes.FoldAngle(crease, which).of(system)
+            # Fold angles come from positions with gaps of 1e-4 of a panel.
             assert measured == pytest.approx(crease.rest_angle, abs=1e-4)
     half = sample.folds.creases(film, stiffness=1e-3, set_angle_ratio=0.5)
     measured = [c.rest_angle for c in half]
+    # A set angle ratio of one half halves all rest angles.
     expected = [c.rest_angle / 2 for c in creases]
     assert measured == pytest.approx(expected)
 
@@ -260,6 +269,7 @@ def test_a_folded_plate_with_creases_stays_as_it_is(comm) -> None:
     )
     before = gx.fields.positions(run, plate)
     run.run(until=3e-3)
+    # In equilibrium: it moves only by the tolerance of three steps.
     error = np.abs(gx.fields.positions(run, plate) - before).max(initial=0.0)
     assert error < 1e-9
 
@@ -276,6 +286,7 @@ def test_joints_and_probes_see_the_folded_film(comm) -> None:
         gx.Midpoint(dt=1e-4),
     )
     measured = [gx.probes.Position(port, axis)(run) for axis in "xyz"]
+    # A joint at the folded position does not move the film.
     assert measured == pytest.approx(place, abs=1e-12)
 
 
@@ -294,6 +305,7 @@ def test_sizes_of_miuras_fold() -> None:
     H, S, L, V = MIURA.sizes
     a = np.array([0.0, L, H])
     b = np.array([S, V, 0.0])
+    # Both sides of the parallelogram are 0.05 m, with the angle of 1 rad between them.
     measured = [np.linalg.norm(a), np.linalg.norm(b)]
     assert measured == pytest.approx([0.05, 0.05], rel=1e-12)
     assert a @ b / 0.05**2 == pytest.approx(math.cos(1.0), rel=1e-12)
@@ -311,6 +323,7 @@ def test_a_polygon_along_miuras_lines(comm) -> None:
     first = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
     assert np.allclose((STOWED.start(film).positions() @ STOWED.axes)[first], X[first], atol=1e-12)
     assert np.allclose(STOWED.axes.T @ STOWED.axes, np.eye(3), atol=1e-12)
+    # Enough nodes in the first parallelogram to define its axes.
     assert comm.allreduce(int(first.sum())) > 4
 
 

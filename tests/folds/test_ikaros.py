@@ -16,8 +16,10 @@ RPM = ikaros.RPM
 
 @pytest.mark.mpi
 def test_the_cross_is_released(comm) -> None:
+    # 20 ms on one rank; three steps on several.
     found = ikaros.main(comm=comm, until=0.02 if comm.size == 1 else 6e-3)
     assert found["penetrations"] == 0 and found["rejected"] == 0
+    # Energy and angular momentum close to the tolerance of steps with contact.
     assert found["energy_error"] < 1e-8 and found["angular_momentum_drift"] < 1e-9
     assert found["spin_of_sail"] < ikaros.ARM_END
 
@@ -50,12 +52,15 @@ def test_the_cross_has_the_inertia_of_the_closed_form(comm) -> None:
 )
 def test_the_budget_of_the_spin(hub: float, spins: tuple[float, float, float]) -> None:
     """25 rpm wound; arms of 5.2 m and 6.37 m out; the open square.  The published figures have two digits."""
+    # Angular momentum of the wound sail with the given inertia of the hub.
     momentum = 25.0 * ikaros.arm_inertia(0.0, hub)
+    # Half an outer and half an inner side of the square membrane [m].
     a = 7.0
     b = 1.6
     square = hub + 14.0 / (4 * (a**2 - b**2)) * 8 / 3 * (a**4 - b**4) + 4 * 0.5 * 2 * a**2
     inertias = ikaros.arm_inertia(5.2, hub), ikaros.arm_inertia(6.37, hub), square
     measured = [momentum / inertia for inertia in inertias]
+    # Half of the last of two digits.
     assert measured == pytest.approx(spins, abs=0.051)
 
 
@@ -71,10 +76,12 @@ def test_the_spin_follows_the_budget_where_masses_are_paid_out_slowly(
     ω = 15.0 * RPM
     duration = 240.0
     count = 200
+    # On several ranks only that they agree at the start.
     steps = count if comm.size == 1 else 5
 
     def length(t: float) -> float:
         part = min(t / duration, 1.0)
+        # Smooth at both ends: vibration of the tethers would disturb the slow balance.
         return 0.2 + 2.0 * part**3 * (10 - 15 * part + 6 * part**2)
 
     items = []
@@ -92,7 +99,12 @@ def test_the_spin_follows_the_budget_where_masses_are_paid_out_slowly(
                 name=f"tether {k}",
             )
         )
-    scene = gx.Scene(body, *masses, *items, gx.RigidMotion(spin=(0.0, 0.0, ω)))
+    scene = gx.Scene(
+        body,
+        *masses,
+        *items,
+        gx.RigidMotion(spin=(0.0, 0.0, ω)),
+    )
     spin = gx.probes.AngularVelocity(body.frame(), "z")
     radius = gx.probes.PolarPosition(
         masses[0].port(),
@@ -107,9 +119,11 @@ def test_the_spin_follows_the_budget_where_masses_are_paid_out_slowly(
     run.run(until=duration / count * steps)
     budget = run.first.angular_momentum[2] / (hub + 4 * mass * series["radius"] ** 2)
     worst = np.abs(series["spin"] / budget - 1).max()
+    # The quasi-static closed form errs by the radial speed over ω r.
     assert worst < 1e-3
     assert abs(run.energy_error) < 1e-8
     if comm.size == 1:
+        # The radius is reached, and the hub has lost half of its spin.
         assert series["radius"][-1] == pytest.approx(3.0, abs=0.01) and series["spin"][-1] < 0.5 * ω
 
 
@@ -133,11 +147,14 @@ def test_the_lowest_modes_of_the_steady_sail(comm, held: bool) -> None:
             )
         ]
     )
+    # √(k (1/I_sail + 1/I_hub)) of two inertias on a torsional spring.
     swing = math.sqrt(stiffness * (1 / inertia + (0.0 if held else 1 / hub)))
     tilt = math.sqrt(ω**2 + stiffness / inertia)
+    # The list of modes contains one at this frequency.
     error = np.abs(found / swing - 1).min()
     assert error < 1e-3
     error = np.abs(found / tilt - 1).min()
+    # The film is not quite rigid out of its plane.
     assert error < 0.02
     if not held:  # the motion of the whole, seen from turning axes
         error = np.sort(np.abs(found / ω - 1))[:2].max()
@@ -149,8 +166,10 @@ def test_the_lowest_modes_of_the_steady_sail(comm, held: bool) -> None:
 def test_the_hub_swings_in_the_open_sail_as_the_closed_form_says(dampers: float) -> None:
     """A small swing; what dies away of it has been lost by film and tethers."""
     found = ikaros_swing.main(until=80.0, dt=0.4, tether_damping=dampers)
+    # 1 %: the closed form takes the sail as rigid in its plane.
     assert found["frequency"] == pytest.approx(found["closed_form"], rel=0.01)
     assert abs(found["decay"]) < 1e-5 and found["misfit"] < 0.01
+    # The swing of a light film loses little in four periods.
     assert found["energy_error"] < 1e-12 and 0 < found["dissipated"] < 1e-3 * found["swing"]
 
 
@@ -158,6 +177,7 @@ def test_a_damped_swing_is_fitted() -> None:
     t = np.linspace(0.0, 200.0, 400)
     s = 0.3 * np.exp(-0.01 * t) * np.cos(0.2 * t + 0.4) + 0.02
     measured = ikaros_swing.fit(t, s)
+    # An undamped misfit of zero: the data are exact.
     assert measured == pytest.approx((0.01, 0.2, 0.0), abs=1e-8)
 
 
@@ -168,13 +188,16 @@ def test_the_steady_sail_is_found_from_far_out_of_its_plane(comm) -> None:
     error = np.abs(gx.fields.positions(flat, film) - gx.fields.positions(bent, other)).max(
         initial=0.0
     )
+    # One equilibrium from two starts.
     assert error < 1e-9
 
 
 @pytest.mark.slow
 def test_the_sail_opens_in_stage_2(tmp_path) -> None:
     found = ikaros.main(tmp_path, until=3.0)
+    # The arms of 7 m half side open to more than 8 m in 3 s.
     assert found["largest_radius"] > 8.0 and found["penetrations"] == 0
+    # Two steps in a hundred may be rejected when layers meet.
     assert found["rejected"] <= 0.02 * found["steps"]
     assert found["energy_error"] < 1e-8 and found["angular_momentum_drift"] < 1e-9
     for name in ("ikaros.png", "ikaros_spin.png"):
@@ -212,11 +235,13 @@ def test_the_ring_of_guides_is_braked_against_the_hub(comm) -> None:
     rate = gx.probes.AngularVelocity(guides.ring.frame(), "z")(run) - gx.probes.AngularVelocity(
         hub.frame(), "z"
     )(run)
+    # The rate approaches M/c with c (1/I + 1/I'), where I' = m r² of the ring.
     decay = c * (1 / 2.0 + 1 / (mass * radius**2))
     expected = moment / c * (1 - math.exp(-decay * 0.3))
     assert rate == pytest.approx(expected, rel=1e-3)
     assert abs(run.energy_error) < 1e-12 and len(guides.rods) == 4
     measured = run.totals.angular_momentum[2]
+    # The couple is internal: no angular momentum is added.
     assert measured == pytest.approx(run.first.angular_momentum[2], rel=1e-12)
 
 
@@ -261,9 +286,11 @@ def test_arms_wound_round_the_hub_are_isometric_and_apart(
             assert gx.probes.Crossings(film)(run) == 0 and gx.probes.ContactGap(contact)(run) > 0
             r = np.linalg.norm(gx.fields.positions(run, film)[:, :2], axis=1)
             roll = folds.column / 2 / math.sin(math.pi / n / bends / 2)
+            # The roll ends at the radius of the polygon plus the part that is let out.
             assert r.min() >= 0.99 * folds.radius and r.max() == pytest.approx(
                 roll + out * folds.column, rel=0.01
             )
+    # At most 50 mJ by the separation of layers.
     assert energies[0] < 1e-15 and energies[1] < 0.05
 
 

@@ -58,6 +58,7 @@ def test_its_parts(comm) -> None:
         assert any(part is item for item in scene.items)
     assert len(it.chambers) == 2 and len(it.passages) == 1 and len(it.creases) == 2
     measured = [math.degrees(c.rest_angle) for c in it.creases]
+    # Half of the fold angle of 2.8 rad, for both layers.
     assert measured == pytest.approx([-80.2, 80.2], abs=0.1)
     turned = tube(
         comm,
@@ -105,11 +106,14 @@ def test_a_folded_tube_begins_to_deploy(comm) -> None:
         outputs=[series],
     )
     run.run(until=4e-4 if comm.size == 1 else 5e-5)
+    # The gas reaches the first compartment within the eight steps.
     assert abs(run.energy_error) < 1e-10 and abs(run.mass_error) < 1e-13
     assert series["penetrations"].max() == 0
     first, second = (run.chamber(bag.name).pressure for bag in it.chambers)
+    # The first compartment fills before the second.
     assert first > second > 0.99
     measured = series["ring"].max()
+    # The ring between the compartments is still less than half open.
     limit = 0.5 * math.pi * DIAMETER**2 / 4
     assert measured < limit
 
@@ -142,6 +146,7 @@ def test_caps_keep_the_ends_straight(comm) -> None:
         for side in ("left", "right")
     ]
     measured = np.linalg.norm(ends[0] - ends[1])
+    # The bar is rigid: the distance of its two ends is constant.
     assert measured == pytest.approx(width, rel=1e-9)
     measured = np.mean(ends, axis=0)
     expected = [gx.probes.Position(bar.port(), axis)(run) for axis in "xyz"]
@@ -189,6 +194,7 @@ def test_gravity_air_outside_and_gas_that_was_left_inside(comm) -> None:
     run.run(until=4e-4 if comm.size == 1 else 1e-4)
     volumes.append(sum(run.chamber(f"tube {k}").volume for k in (1, 2, 3)))
     assert abs(run.energy_error) < 1e-10 and run.totals.supplied != 0
+    # The gas left inside expands against the outer pressure of 1 kPa.
     assert volumes[1] > volumes[0] and run.chamber("tube 3").pressure < 1.2e3  # it expands
 
 
@@ -213,11 +219,14 @@ def test_a_deployment_to_its_end_on_any_ranks(comm) -> None:
     found = folded_tube.main(comm=comm)
     print({name: float(f"{value:.6g}") for name, value in found.items()})
     assert (
+        # Balances after a whole deployment with contact.
         found["energy_error"] < 1e-10 and found["mass_error"] < 1e-12 and found["penetrations"] == 0
     )
+    # ms; a tenth allows for the round-off that contact amplifies.
     assert found["opening_1_ms"] == pytest.approx(4.5, rel=0.1) and found[
         "opening_2_ms"
     ] == pytest.approx(5.7, rel=0.1)
     pressures = [found[f"pressure_{k}"] for k in (1, 2, 3)]
+    # Pressures even out through the rings.
     assert pressures == pytest.approx([pressures[0]] * 3, rel=0.02)
     assert found["rejected"] < 0.05 * found["steps"]

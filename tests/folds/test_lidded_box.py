@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
@@ -91,6 +92,58 @@ def test_walls_leave_the_room_free_and_the_lid_covers_it() -> None:
             - np.asarray(SIZES) / 2
         )
         assert gap.max() == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.mpi
+def test_a_free_body_carries_the_box(comm) -> None:
+    """Lid and body turn against each other; momentum and angular momentum stay; the angle is the closed form's.
+
+    With the reduced inertia: without external moments the spring turns both by φr (1 - cos ωt) with ω² = k/I,
+    where 1/I is that of the lid about the hinge for a body that is much heavier.
+    """
+    body = gx.RigidBody(2e3, (50.0, 60.0, 70.0), velocity=(0.3, 0.0, -0.1), comm=comm, name="bus")
+    turn = (0.3, -0.5, 0.8)
+    box = gx.assemblies.LiddedBox(
+        SIZES,
+        (0.4, 0.2, -0.1),
+        release_time=0.01,
+        max_angle=None,
+        rest_angle=2.0,
+        stiffness=0.1,
+        body=body,
+        turn=turn,
+    )
+    scene = gx.Scene(box)
+    run = gx.Simulation(scene, gx.Midpoint(dt=5e-4))
+    before = run.totals
+    until = 0.08 if comm.size == 1 else 0.02
+    run.run(until=until)
+    after = run.totals
+    scale = 0.1 * 0.05 * 40.0 * 0.1
+    drift = np.abs(after.angular_momentum - before.angular_momentum).max()
+    assert drift < 1e-10 * scale + 1e-12 * np.abs(before.angular_momentum).max()
+    momentum = np.linalg.norm(before.momentum)
+    assert np.abs(after.momentum - before.momentum).max() < 1e-12 * momentum
+    assert abs(run.energy_error) < 1e-11
+    axes = Rotation.from_rotvec(turn).as_matrix()
+    # The normal of the lid in the axes of the box.
+    normal = axes.T @ run.system.state.vector(box.lid.frame().directors[2])
+    angle = math.atan2(-normal[0], normal[2])
+    ω = math.sqrt(0.1 / INERTIA)
+    assert angle == pytest.approx(2.0 * (1 - math.cos(ω * (until - 0.01))), abs=5e-3)
+
+
+@pytest.mark.mpi
+def test_the_lid_moves_with_a_turning_body_at_the_start(comm) -> None:
+    """Before the first step, lid and body have one angular velocity: all joints hold their velocities."""
+    body = gx.RigidBody(2.0, (0.1, 0.2, 0.25), spin=(0.4, -1.0, 2.0), comm=comm, name="bus")
+    box = gx.assemblies.LiddedBox(SIZES, (0.1, 0.0, 0.2), body=body, release_time=1.0)
+    run = gx.Simulation(gx.Scene(box), gx.Midpoint(dt=1e-4))
+    expected = np.cross([0.4, -1.0, 2.0], [0.1, 0.0, 0.226])
+    found = [gx.probes.Velocity(box.lid.port(), axis)(run) for axis in "xyz"]
+    assert found == pytest.approx(expected, abs=1e-12)
+    spin = [gx.probes.AngularVelocity(box.lid.frame(), axis)(run) for axis in "xyz"]
+    assert spin == pytest.approx([0.4, -1.0, 2.0], abs=1e-12)
 
 
 @pytest.mark.mpi

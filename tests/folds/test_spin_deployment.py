@@ -25,6 +25,7 @@ def test_the_roll_leaves_the_hub(comm, tmp_path) -> None:
     assert found["energy_error"] < 1e-8 and found["angular_momentum_drift"] < 1e-9
     if comm.size == 1:
         start = 0.5 * spin_deployment.HUB
+        # Free flight for 20 ms at the speed of the rim.
         free = start * math.hypot(1.0, 2 * math.pi * 8.0 * 0.02)
         assert found["largest_radius"] == pytest.approx(free, rel=0.1)
         assert found["spin_of_sail"] < 0.9 * found["spin_of_hub"]
@@ -72,6 +73,7 @@ def test_a_driven_hub_with_creases_and_friction() -> None:
         gravity=9.81,
     )
     assert found["penetrations"] == 0 and found["energy_error"] < 1e-8
+    # A driven hub keeps 8 revolutions a second.
     assert found["spin_of_hub"] == pytest.approx(2 * math.pi * 8.0, rel=1e-3)
 
 

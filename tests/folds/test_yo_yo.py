@@ -33,6 +33,7 @@ def test_cords_begin_to_unwind(comm) -> None:
     first = run.first.angular_momentum
     now = run.totals.angular_momentum
     error = np.abs(now - first).max()
+    # Contact of cords on the hub is internal.
     limit = 1e-11 * np.abs(first).max()
     assert error < limit
 
@@ -40,6 +41,7 @@ def test_cords_begin_to_unwind(comm) -> None:
 @pytest.mark.slow
 def test_the_hub_is_stopped(tmp_path) -> None:
     found = yo_yo.main(tmp_path)
+    # The cords' mass and stiffness, which the closed form leaves out, explain 0.5 %.
     assert found["error_half"] < 0.004 and found["error_whole"] < 0.005
     assert found["energy_error"] < 1e-10 and found["angular_momentum_drift"] < 1e-11
     assert found["penetrations"] == 0 and found["rejected"] == 0

@@ -14,6 +14,7 @@ from gossamer_fx.orbit.gravity_field import egm2008
 from gossamer_fx.orbit.optics import Optics
 from gossamer_fx.orbit.surface_forces import Rows, light_force
 
+# Points [m] and accelerations [m/s²], copied from Basilisk with all its digits.
 GRAVITY = [
     ((7e6, 0, 0), (-8.145743969832791, -2.2756375203681974e-05, 3.852870784694628e-05)),
     ((4e6, 3e6, 5e6), (-4.500668902303778, -3.3756551169322675, -5.640842719608581)),
@@ -43,6 +44,7 @@ SUNLIGHT = [
 @pytest.mark.parametrize(("place", "known"), GRAVITY)
 def test_gravity_to_degree_20(place: tuple[float, ...], known: tuple[float, ...]) -> None:
     g = egm2008(20, central=True).gradient(np.array(place))
+    # Both use the same coefficients, so they agree to round-off.
     error = np.linalg.norm(g - known)
     limit = 1e-12 * np.linalg.norm(known)
     assert error < limit
@@ -63,8 +65,10 @@ def test_sunlight_on_a_plate(
     distance = np.linalg.norm(np.array([0, 0, AU]) - np.array([7e6, 0, 0]))
     f = f * (AU / distance) ** 2
     scale = float(f @ force / (f @ f))  # the pressure at 1 au that it takes
+    # The pressure of sunlight [Pa] at 1 au.
     assert scale == pytest.approx(4.563e-6, rel=1e-4)
     error = np.abs(scale * f - force).max()
+    # Basilisk's own constants have nine digits.
     limit = 1e-9 * np.linalg.norm(force)
     assert error < limit
     error = np.abs(np.cross([0.1, 0.2, 0.3], scale * f) - torque).max()

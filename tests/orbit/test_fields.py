@@ -12,6 +12,7 @@ from gossamer_fx.orbit.gravity_field import EGM_MU, EGM_RADIUS, egm2008, oblaten
 from gossamer_fx.orbit.harmonics import SolidHarmonics
 from gossamer_fx.orbit.magnetic_field import Igrf
 
+# Points [m], and accelerations [m/s²] by the maximum degree of the harmonics.
 PLACES = 1e6 * np.array([(7, 0, 0), (4, 3, 5), (-2.5, 5.5, -3.5)])
 ACCELERATIONS = {
     2: [
@@ -25,6 +26,7 @@ ACCELERATIONS = {
         (2.926502372, -6.4384943374, 4.1083854151),
     ],
 }
+# J_n of EGM2008, of its published table.
 ZONALS = {
     2: 1.0826261739e-3,
     3: -2.5324105e-6,
@@ -48,20 +50,28 @@ def test_zonal_coefficients_of_egm2008() -> None:
     c = egm2008().coefficients
     for n, J in ZONALS.items():
         measured = -c[n, 0].real
+        # The table has eight digits.
         assert measured == pytest.approx(J, rel=1e-7)
     assert len(c) == 21
     expected = sum(n + 1 for n in range(2, 21))
+    # All coefficients C_nm + i S_nm of degrees 2 to 20 are given.
     assert np.count_nonzero(c) == expected
 
 
 def test_oblateness() -> None:
-    known = [(-0.01096739, 0, 0), (0, 0, 0.02193478), (0.00893762, 0.00670321, -0.00372401)]
+    known = [
+        (-0.01096739, 0, 0),
+        (0, 0, 0.02193478),
+        (0.00893762, 0.00670321, -0.00372401),
+    ]
     places = 1e6 * np.array([(7, 0, 0), (0, 0, 7), (4, 3, 5)])
+    # Half of the last of eight decimals.
     assert np.allclose(oblateness().gradient(places), known, rtol=0, atol=1e-8 / 2)
     r = np.linalg.norm(places, axis=1)[:, None]
     z = places[:, 2:]
     factor = np.hstack([1 - 5 * z**2 / r**2] * 2 + [3 - 5 * z**2 / r**2])
     formula = -1.5 * 1.08262668e-3 * 3.986004418e14 * 6378137.0**2 / r**5 * places * factor
+    # Another form of the same polynomial: round-off.
     assert np.allclose(oblateness().gradient(places), formula, rtol=1e-13, atol=1e-17)
 
 
@@ -78,11 +88,11 @@ def test_igrf_at_three_places(
 ) -> None:
     θ = math.radians(colatitude)
     λ = math.radians(longitude)
-    e_r = np.array([math.sin(θ) * math.cos(λ), math.sin(θ) * math.sin(λ), math.cos(θ)])
-    e_θ = np.array([math.cos(θ) * math.cos(λ), math.cos(θ) * math.sin(λ), -math.sin(θ)])
-    e_λ = np.array([-math.sin(λ), math.cos(λ), 0.0])
+    e_r, e_θ, e_λ = spherical_axes(θ, λ)
     B = Igrf(2020.0).field(1e3 * r * e_r)
-    assert np.allclose(1e9 * np.array([B @ e_r, B @ e_θ, B @ e_λ]), known, rtol=0, atol=6e-5)
+    # nT: half of the last of four decimals, for each component.
+    components = np.array([B @ e_r, B @ e_θ, B @ e_λ])
+    assert np.allclose(1e9 * components, known, rtol=0, atol=6e-5)
 
 
 def test_igrf_between_epochs_is_their_mean() -> None:
@@ -92,6 +102,14 @@ def test_igrf_between_epochs_is_their_mean() -> None:
     assert np.allclose(Igrf(2030.0).field(r), ends[2])
     with pytest.raises(gx.InputError, match="1900"):
         Igrf(1850.0)
+
+
+def spherical_axes(θ: float, λ: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unit vectors outwards, southwards and eastwards at a colatitude and a longitude [rad]."""
+    outwards = np.array([math.sin(θ) * math.cos(λ), math.sin(θ) * math.sin(λ), math.cos(θ)])
+    southwards = np.array([math.cos(θ) * math.cos(λ), math.cos(θ) * math.sin(λ), -math.sin(θ)])
+    eastwards = np.array([-math.sin(λ), math.cos(λ), 0.0])
+    return outwards, southwards, eastwards
 
 
 def spherical(harmonics: SolidHarmonics, r: np.ndarray) -> np.ndarray:
@@ -114,15 +132,17 @@ def spherical(harmonics: SolidHarmonics, r: np.ndarray) -> np.ndarray:
             x = math.cos(θ)
             s = math.sin(θ)
             value = s**m * P(x)
-            slope = m * s ** (m - 1) * x * P(x) - s ** (m + 1) * dP(x) if m else -s * dP(x)
+            # Derivative of s^m P(cos θ) by θ; the first part is absent for m = 0.
+            slope = -(s ** (m + 1)) * dP(x)
+            if m:
+                slope += m * s ** (m - 1) * x * P(x)
             wave = c * np.exp(1j * m * λ)
             factor = (a / distance) ** (n + 1) / distance
-            g += factor * np.array(
-                [-(n + 1) * value * wave.real, slope * wave.real, value / s * (1j * m * wave).real]
-            )
-    e_r = r / distance
-    e_θ = np.array([math.cos(θ) * math.cos(λ), math.cos(θ) * math.sin(λ), -math.sin(θ)])
-    e_λ = np.array([-math.sin(λ), math.cos(λ), 0.0])
+            along_r = -(n + 1) * value * wave.real
+            along_θ = slope * wave.real
+            along_λ = value / s * (1j * m * wave).real
+            g += factor * np.array([along_r, along_θ, along_λ])
+    e_r, e_θ, e_λ = spherical_axes(θ, λ)
     return harmonics.scale * (g[0] * e_r + g[1] * e_θ + g[2] * e_λ)
 
 
@@ -134,6 +154,7 @@ def test_two_routes_agree(place: tuple[float, float, float]) -> None:
     for harmonics in (egm2008(10, central=True), Igrf(2026.0).harmonics):
         g = harmonics.gradient(r)
         error = np.abs(g - spherical(harmonics, r)).max()
+        # Two algorithms in double precision.
         limit = 1e-12 * np.linalg.norm(g)
         assert error < limit
 
@@ -144,9 +165,11 @@ def test_second_derivatives() -> None:
     G = field.second_gradient(r)
     step = 200.0
     ahead, behind = (field.gradient(r + s * step * np.eye(3)) for s in (1, -1))
+    # Central differences with 200 m: (step/r)² of truncation.
     error = np.abs(G - (ahead - behind) / (2 * step)).max()
     limit = 1e-7 * np.abs(G).max()
     assert error < limit
+    # The potential is harmonic: its second derivatives have no trace.
     error = abs(np.trace(G))
     limit = 1e-13 * np.abs(G).max()
     assert error < limit
@@ -159,6 +182,7 @@ def test_poles_are_places_like_others() -> None:
     north = np.array([0.0, 0.0, 7e6])
     aside = field.gradient(north + np.array([1.0, 0, 0]))
     error = np.linalg.norm(field.gradient(north) - aside)
+    # 1 m from the pole the gradient differs by its second derivative, 3 μ/r³ at most.
     assert error < 3 * EGM_MU / 7e6**3
     assert np.isfinite(field.second_gradient(north)).all()
 

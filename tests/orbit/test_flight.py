@@ -15,6 +15,7 @@ from gossamer_fx.orbit.gravity_field import J2, MU, RADIUS
 from gossamer_fx.orbit.mass_points import equivalent_points
 from gossamer_fx.orbit.orbit import Orbit
 
+# Semi-major axis [m] of a low orbit, its rate [rad/s] and period [s].
 A = 7e6
 RATE = math.sqrt(MU / A**3)
 PERIOD = 2 * math.pi / RATE
@@ -78,6 +79,7 @@ def test_rigid_body_flies_by_keplers_laws_in_second_order() -> None:
         errors.append(np.linalg.norm(state(run, orbit, body)[0] - exact))
         assert abs(run.energy_error) < 1e-10
         assert drift(run) < 1e-13
+    # Order between each two halvings.
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert np.all(np.abs(orders - 2) < 0.02)
 
@@ -141,7 +143,9 @@ def test_libration_of_a_dumbbell(tilt: float) -> None:
         gx.Midpoint(dt=15.0),
         events=[hangs],
     )
+    # Past the time of the quarter, so that the event is met.
     run.run(until=1.5 * quarter)
+    # The midpoint rule with 15 s: 0.2 % of the period of libration.
     assert run.time == pytest.approx(quarter, rel=2e-3)
 
 
@@ -150,6 +154,7 @@ def test_points_have_the_moments_of_a_body() -> None:
         [[5.0, 1.0, 0.5, 0], [1.0, 3.0, 0.2, 0.1], [0.5, 0.2, 2.0, 0], [0, 0.1, 0, 1.0]]
     )
     points, weights = equivalent_points(mass, np.array([1.0, 0, 0, 0]))
+    # The point masses have the same zeroth, first and second moments.
     assert np.allclose(
         np.einsum("p,pi,pj->ij", weights, points, points), mass, rtol=1e-13, atol=1e-14
     )
@@ -190,6 +195,7 @@ def test_strains_are_not_spoilt_by_seven_thousand_kilometres(order: int) -> None
         stored.append(run.totals.stored["film"])
     moved = positions[1] - positions[0]
     moved -= run.comm.bcast(moved[0])  # the origin goes to the centre of mass
+    # 1 nm: round-off of 7000 km would be 1 nm in each position.
     assert np.abs(moved).max() < 1e-9
     assert stored[1] == pytest.approx(stored[0], rel=1e-9)
     assert abs(run.energy_error) < 1e-10
@@ -219,6 +225,7 @@ def test_flexible_body_keeps_energy_and_angular_momentum_of_the_whole() -> None:
     run = gx.Simulation(gx.Scene(sail, hub, orbit, *strings), stepper)
     run.run(until=0.2)
     assert abs(run.energy_error) < 1e-9
+    # All forces are internal or act between body and Earth.
     assert drift(run) < 1e-13
 
 
@@ -245,6 +252,7 @@ def test_oblateness_turns_the_node_and_the_perigee() -> None:
     end = elements_of(*state(run, orbit, body))
     measured = (end.node - 1.0) / run.time
     expected = -rate * math.cos(i)
+    # 1 %: the formula is the first order of J2.
     assert measured == pytest.approx(expected, rel=0.01)
     assert abs(run.energy_error) < 1e-9
 
@@ -281,6 +289,7 @@ def test_another_time_of_return_is_the_same_motion() -> None:
         run.run(until=600.0)
         ends.append(np.array(state(run, orbit, body)))
     error = np.abs(ends[1][0] - ends[0][0]).max()
+    # Another choice of the moving origin changes only what is neglected.
     assert error < 1e-4  # m: terms of second order in |x|/|R|
     error = np.abs(ends[1][1] - ends[0][1]).max()
     assert error < 1e-6
@@ -314,6 +323,7 @@ def test_what_cannot_fly_is_refused() -> None:
 
 @pytest.mark.slow
 def test_a_stiffer_body_moves_as_the_rigid_one() -> None:
+    # The error falls by the factor of the stiffness, 4.
     """A dumbbell on springs of 1, 4, 16 N/m against two masses on a bar: the angle errs by 1/stiffness."""
     tilt = 0.5
     until = 600.0
@@ -357,6 +367,7 @@ def test_a_stiffer_body_moves_as_the_rigid_one() -> None:
             )
         )
     orders = np.log(np.array(errors[:-1]) / errors[1:]) / math.log(4)
+    # A tenth: the softest spring has a visible second-order term.
     assert np.all(np.abs(orders - 1) < 0.1), (errors, orders)
 
 

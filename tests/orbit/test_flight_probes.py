@@ -45,6 +45,7 @@ def test_probes_tell_orbit_light_attitude_and_what_acts() -> None:
     found = elements_of(r, v, orbit.mu)
     for name in ("a", "e", "i", "node", "perigee", "anomaly"):
         measured = gx.probes.OrbitState(orbit, name)(run)
+        # The probe reads the same state: only round-off separates the two.
         assert measured == pytest.approx(getattr(found, name), rel=1e-12)
     measured = gx.probes.OrbitState(orbit, "altitude")(run)
     expected = np.linalg.norm(r) - orbit.radius
@@ -67,6 +68,7 @@ def test_probes_tell_orbit_light_attitude_and_what_acts() -> None:
         )(run)
         for axis in "xyz"
     ]
+    # An ideal mirror of 1 m² at 0.4 rad: 2 P cos² α.
     expected = 2 * 4.563e-6 * math.cos(0.4) ** 2
     assert math.hypot(*push) == pytest.approx(expected, rel=1e-3)
     # light on the film at its own place turns the whole about the centre of mass of both
@@ -79,6 +81,7 @@ def test_probes_tell_orbit_light_attitude_and_what_acts() -> None:
         )(run)
         for axis in "xyz"
     ]
+    # From the centre of mass to the middle of the film.
     arm = (
         np.array([0.5 * math.cos(0.4), 0.5, -0.5 * math.sin(0.4)]) - orbit.flight(run.system).centre
     )
@@ -122,6 +125,7 @@ def test_gravity_gradient_turns_as_the_formula() -> None:
         )(run)
         for axis in "xyz"
     ]
+    # The field is not homogeneous: terms of L/R = 1e-7, and the last bits of positions of 7000 km.
     assert np.allclose(torque, known, rtol=1e-5, atol=1e-5 * np.abs(known).max())
 
 
@@ -146,8 +150,10 @@ def test_a_flight_goes_on_from_a_checkpoint(folder: Path) -> None:
     again, other = flight(restart=folder / "kept")
     again.run(until=0.05)
     error = np.abs(again.system.q0.array_r - whole.system.q0.array_r).max()
+    # The checkpoint holds the origin of the flight separately from small positions.
     assert error < 1e-12
     mine, theirs = (o.flight(r.system).origin for o, r in ((other, again), (orbit, whole)))
+    # m in 7000 km: the last bits.
     error = np.abs(mine.R0 - theirs.R0).max()
     assert error < 1e-8
     assert again.energy_error == pytest.approx(whole.energy_error, abs=1e-12)

@@ -25,6 +25,7 @@ from gossamer_fx.orbit.radiation import (
 from gossamer_fx.orbit.solar_heating import LIGHT_SPEED
 from tests.rates import observed_order
 
+# Material of the film: it matters little where only heat is tested.
 FILM = gx.Linear(2e9, 0.3, density=1400.0, thickness=1e-5)
 RADIUS = 7e6  # of the orbit [m]
 CAPACITY = 15.0  # J/(m² K)
@@ -46,7 +47,11 @@ def flight(
 ) -> SimpleNamespace:
     """A free film over the equator, damped, with its front towards a Sun over the pole."""
     film = gx.Membrane(crossed_sheet(comm, 2, 2), FILM, thermal=thermal)
-    orbit = gx.orbit.Orbit(gx.orbit.Elements(RADIUS), sun=sun, shadow=shadow)
+    orbit = gx.orbit.Orbit(
+        gx.orbit.Elements(RADIUS),
+        sun=sun,
+        shadow=shadow,
+    )
     heating = gx.orbit.SolarHeating(
         film, orbit, properties, initial_temperature=T0, space_temperature=0.0, **options
     )
@@ -55,7 +60,12 @@ def flight(
         items.append(gx.RigidMotion(spin=(spin, 0.0, 0.0), centre=(0.5, 0.5, 0.0)))
     run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt))
     run.run(until=until)
-    return SimpleNamespace(run=run, film=film, heating=heating, heat=heating.balance(run))
+    return SimpleNamespace(
+        run=run,
+        film=film,
+        heating=heating,
+        heat=heating.balance(run),
+    )
 
 
 def flux() -> float:
@@ -83,7 +93,9 @@ def test_it_is_reached_with_the_time_constant_of_the_film(comm, until: float) ->
     start = final * (1 + 1e-5)
     end = flight(comm, T0=start, dt=0.1, until=until)
     assert (end.heat.mean - final) / (start - final) == pytest.approx(
-        math.exp(-until / τ), rel=1e-3
+        # Linearised law for a difference of 1e-5.
+        math.exp(-until / τ),
+        rel=1e-3,
     )
 
 
@@ -98,10 +110,12 @@ def test_cooling_in_the_dark_is_the_closed_form() -> None:
     for count in counts:
         T, emitted = advance(T0, 20.0, CAPACITY, none, B, count=count)
         errors.append(float(T[0]) - exact)
+        # What is emitted is what the content loses, to round-off.
         assert emitted[0] == pytest.approx(CAPACITY * (350.0 - T[0]), rel=1e-12)
     assert observed_order([1 / count for count in counts], errors) == pytest.approx(2.0, abs=0.1)
     # As fine as a step of the motion is divided at least.
     assert counts[-1] >= substeps(T0, 20.0, CAPACITY, none, B)
+    # K, of 350 K.
     assert abs(errors[-1]) < 0.05
 
 
@@ -109,6 +123,7 @@ def test_steps_far_longer_than_the_time_constant_end_at_equilibrium() -> None:
     A = np.array([0.0, 100.0, 1000.0])
     B = np.full(3, STEFAN_BOLTZMANN)
     T0 = np.full(3, 400.0)
+    # 1e9 s at a time constant of below a second.
     count = substeps(T0, 1e9, 1e-3, A, B)
     T, _ = advance(T0, 1e9, 1e-3, A, B, count=count)
     assert T[1:] == pytest.approx(equilibrium_temperature(A, B)[1:], rel=1e-9)
@@ -136,6 +151,7 @@ def test_the_back_absorbs_as_the_back_does(comm) -> None:
             comm, T0=300.0, dt=2.0, until=150.0, sun=(0.0, 0.0, side), properties=dark_back
         )
         temperatures.append(end.heat.mean)
+    # Eight times the absorptivity: T⁴ is proportional to it.
     assert temperatures[1] / temperatures[0] == pytest.approx(8**0.25, rel=1e-6)
 
 
@@ -143,7 +159,11 @@ def test_the_back_absorbs_as_the_back_does(comm) -> None:
 def test_a_film_expands_with_its_temperature(comm) -> None:
     thermal = gx.materials.ThermalExpansion(2e-5, 250.0, reference=250.0)
     film = gx.Membrane(crossed_sheet(comm, 2, 2), FILM, thermal=thermal)
-    orbit = gx.orbit.Orbit(gx.orbit.Elements(RADIUS), sun=(0.0, 0.0, 1.0), shadow="none")
+    orbit = gx.orbit.Orbit(
+        gx.orbit.Elements(RADIUS),
+        sun=(0.0, 0.0, 1.0),
+        shadow="none",
+    )
     heating = gx.orbit.SolarHeating(film, orbit, ALUMINISED)
     damping = gx.Damping(film, stiffness_factor=1e-2)
     run = gx.Simulation(gx.Scene(film, orbit, heating, damping), gx.Midpoint(dt=0.5))
@@ -152,6 +172,7 @@ def test_a_film_expands_with_its_temperature(comm) -> None:
     heat = heating.balance(run)
     elongation = 2e-5 * (heat.mean - 250.0)
     strain = gx.fields.field_values(run, film, field="strain1")[1]
+    # Green's strain ε + ε²/2 of the elongation ε.
     np.testing.assert_allclose(strain, elongation * (1 + elongation / 2), rtol=1e-3)
     temperature = gx.fields.field_values(run, film, field="temperature")[1]
     np.testing.assert_allclose(temperature, heat.mean, rtol=1e-12)
@@ -163,7 +184,11 @@ def test_groups_have_their_own_temperatures(comm) -> None:
     mesh = crossed_sheet(comm, 2, 2)
     dark = locate_entities(mesh.domain, 2, lambda x: x[0] < 0.5 + 1e-9)
     film = gx.Membrane(gx.Mesh(mesh.domain, {"dark": (2, dark)}), FILM)
-    orbit = gx.orbit.Orbit(gx.orbit.Elements(RADIUS), sun=(0.0, 0.0, 1.0), shadow="none")
+    orbit = gx.orbit.Orbit(
+        gx.orbit.Elements(RADIUS),
+        sun=(0.0, 0.0, 1.0),
+        shadow="none",
+    )
     black = gx.orbit.ThermalProperties(2 * CAPACITY, absorptivity=0.9, emissivity=0.9)
     heating = gx.orbit.SolarHeating(
         film, orbit, ALUMINISED, groups={"dark": black}, initial_temperature=300.0
@@ -171,6 +196,7 @@ def test_groups_have_their_own_temperatures(comm) -> None:
     run = gx.Simulation(gx.Scene(film, orbit, heating), gx.Midpoint(dt=5.0))
     run.run(until=300.0)
     heat = heating.balance(run)
+    # Absorbed by one face, emitted by two, of the same value 0.9, which cancels.
     assert heat.highest == pytest.approx((flux() / (2 * STEFAN_BOLTZMANN)) ** 0.25, rel=1e-5)
     assert heat.lowest == pytest.approx(
         (0.2 * flux() / (0.65 * STEFAN_BOLTZMANN)) ** 0.25, rel=1e-5
@@ -195,16 +221,25 @@ def test_the_view_factor_is_the_integral_over_the_visible_sphere(height, angle) 
     solid_angle = np.sin(polar) * (cone / n) * (2 * math.pi / n)
     integral = float((np.maximum(cosine, 0.0) * solid_angle).sum()) / math.pi
     found = float(view_factor(np.array([math.cos(angle)]), height)[0])
+    # 800 × 800 midpoints.
     assert found == pytest.approx(integral, abs=2e-6)
 
 
 def test_infrared_of_the_earth_keeps_a_film_warm(comm) -> None:
     """Edge on to the Earth in the dark: both faces see it, each with the same view factor."""
     grey = gx.orbit.ThermalProperties(CAPACITY, absorptivity=0.0, emissivity=0.5)
-    end = flight(comm, T0=200.0, dt=10.0, until=3000.0, properties=grey, infrared=237.0)
+    end = flight(
+        comm,
+        T0=200.0,
+        dt=10.0,
+        until=3000.0,
+        properties=grey,
+        infrared=237.0,
+    )
     height = RADIUS / gx.orbit.Orbit(gx.orbit.Elements(RADIUS)).radius
     share = float(view_factor(np.array([0.0]), height)[0])
     expected = (share * 237.0 / STEFAN_BOLTZMANN) ** 0.25
+    # 3000 s are some time constants of the film.
     assert end.heat.mean == pytest.approx(expected, rel=1e-4)
 
 
@@ -218,7 +253,11 @@ def test_albedo_adds_to_the_day_side_only(comm) -> None:
             displacement=lambda X: np.vstack([-X[0], 0 * X[0], X[0]]),
         )
         # The film is across the x axis, on which both the Sun and the film are.
-        orbit = gx.orbit.Orbit(gx.orbit.Elements(RADIUS), sun=(1.0, 0.0, 0.0), shadow="none")
+        orbit = gx.orbit.Orbit(
+            gx.orbit.Elements(RADIUS),
+            sun=(1.0, 0.0, 0.0),
+            shadow="none",
+        )
         heating = gx.orbit.SolarHeating(
             film,
             orbit,
@@ -239,10 +278,18 @@ def test_albedo_adds_to_the_day_side_only(comm) -> None:
 def test_an_eclipse_cools_the_film_as_fast_as_it_radiates(comm) -> None:
     """From its beginning on, T = T0 (1 + 3 B T0³ t/C)^(-1/3)."""
     # On the night side, with the Sun behind the Earth.
-    end = flight(comm, T0=290.0, dt=1.0, until=60.0, sun=(-1.0, 0.0, 0.0), shadow="cylinder")
+    end = flight(
+        comm,
+        T0=290.0,
+        dt=1.0,
+        until=60.0,
+        sun=(-1.0, 0.0, 0.0),
+        shadow="cylinder",
+    )
     B = 0.65 * STEFAN_BOLTZMANN
     expected = 290.0 * (1 + 3 * B * 290.0**3 * 60.0 / CAPACITY) ** (-1 / 3)
     assert end.heat.absorbed == 0.0
+    # Time step error of the emission.
     assert end.heat.mean == pytest.approx(expected, rel=1e-3)
     assert abs(end.heat.error) < 1e-12
 
@@ -254,9 +301,21 @@ def heated_run(comm, until: float, **options: object) -> tuple[gx.Simulation, ob
     """A film with hot and cold triangles, in flutter."""
     thermal = gx.materials.ThermalExpansion(2e-5, {"dark": 320.0}, reference=250.0)
     mesh = crossed_sheet(comm, 3, 3)
-    dark = locate_entities(mesh.domain, 2, lambda x: x[0] < 1 / 3 + 1e-9)
-    film = gx.Membrane(gx.Mesh(mesh.domain, {"dark": (2, dark)}), FILM, thermal=thermal)
-    orbit = gx.orbit.Orbit(gx.orbit.Elements(RADIUS), sun=(0.0, 0.6, 0.8), shadow="none")
+    dark = locate_entities(
+        mesh.domain,
+        2,
+        lambda x: x[0] < 1 / 3 + 1e-9,
+    )
+    film = gx.Membrane(
+        gx.Mesh(mesh.domain, {"dark": (2, dark)}),
+        FILM,
+        thermal=thermal,
+    )
+    orbit = gx.orbit.Orbit(
+        gx.orbit.Elements(RADIUS),
+        sun=(0.0, 0.6, 0.8),
+        shadow="none",
+    )
     heating = gx.orbit.SolarHeating(film, orbit, ALUMINISED)
     spin = gx.RigidMotion(spin=(0.3, 0.0, 0.2), centre=(0.5, 0.5, 0.0))
     damping = gx.Damping(film, stiffness_factor=1e-3)
@@ -275,7 +334,8 @@ def test_a_restart_goes_on_with_the_temperatures_of_all_triangles(comm, folder: 
     restored, _ = heated_run(comm, 0.5, restart=folder)
     assert np.array_equal(temperatures_of(restored), temperatures_of(half))
     rest, again = heated_run(comm, 1.0, restart=folder)
-    a, b = heating.balance(whole), again.balance(rest)
+    a = heating.balance(whole)
+    b = again.balance(rest)
     # Hot film wrinkles and flutters: on several ranks the order of sums differs from run to run, and the
     # motion amplifies it.
     agreement = 1e-9 if comm.size == 1 else 1e-3
@@ -300,6 +360,7 @@ def test_steps_that_are_undone_take_their_heat_back(comm) -> None:
     run, heating = heated_run(comm, 1.0, control=control)
     assert run.substeps > 0
     heat = heating.balance(run)
+    # Undone steps leave no heat behind.
     assert abs(heat.error) < 1e-12
     assert abs(run.energy_error) < 1e-8
 
@@ -340,7 +401,12 @@ def test_heatings_that_make_no_sense_are_refused(comm, options, words: str) -> N
     film = gx.Membrane(sheet(comm, 2, 2), FILM)
     orbit = gx.orbit.Orbit(gx.orbit.Elements(RADIUS), sun=(0.0, 0.0, 1.0))
     with pytest.raises(gx.InputError, match=re.escape(words)):
-        gx.orbit.SolarHeating(film, orbit, ALUMINISED, **({"initial_temperature": 300.0} | options))
+        gx.orbit.SolarHeating(
+            film,
+            orbit,
+            ALUMINISED,
+            **({"initial_temperature": 300.0} | options),
+        )
 
 
 @pytest.mark.mpi

@@ -16,6 +16,8 @@ from gossamer_fx.orbit.gravity_field import MU, RADIUS
 from gossamer_fx.orbit.optics import JPL_SAIL, MIRROR, PRESSURE, Optics
 from gossamer_fx.orbit.sky import MU_MOON, Sky, third_body, third_body_gradient
 
+# Ellipses, a hyperbola, and orbits without inclination or eccentricity, whose angles are
+# conventions.
 ORBITS = [
     Elements(
         7e6,
@@ -64,6 +66,7 @@ def test_elements_of_their_own_state(orbit: Elements) -> None:
     again = elements_of(*orbit.state())
     measured = (again.a, again.e, again.i)
     expected = (orbit.a, orbit.e, orbit.i)
+    # Conversions to and from elements lose a few bits.
     assert measured == pytest.approx(expected, rel=1e-12, abs=1e-14)
     for angle in ("node", "perigee", "anomaly"):
         difference = getattr(again, angle) - getattr(orbit, angle)
@@ -90,6 +93,7 @@ def test_keplers_motion_obeys_newtons_law(orbit: Elements) -> None:
     ).y[:, -1]
     r1, v1 = orbit.after(t).state()
     error = np.linalg.norm(found[:3] - r1)
+    # DOP853 at 1e-13.
     limit = 1e-9 * np.linalg.norm(r1)
     assert error < limit
     error = np.linalg.norm(found[3:] - v1)
@@ -127,6 +131,7 @@ def test_part_of_an_orbit_in_the_cylinder(a: float, degrees: float, known: float
 
 
 def test_geostationary_orbits_have_seasons_without_shadow() -> None:
+    # The Sun is 20° above the orbit's plane: no point of the orbit can be in the shadow.
     β = math.radians(20)
     sun = AU * np.array([math.cos(β), 0, math.sin(β)])
     angles = np.linspace(0, 2 * math.pi, 721)
@@ -140,6 +145,7 @@ def test_penumbra_is_the_share_of_points_of_the_suns_disc() -> None:
     """Points of the disc that the Earth does not hide, counted."""
     sun = AU * np.array([1.0, 0, 0])
     r = 7e6
+    # 40 000 points of equal area.
     radius, angle = np.meshgrid(
         np.sqrt((np.arange(200) + 0.5) / 200), 2 * np.pi * (np.arange(200) + 0.5) / 200
     )
@@ -157,18 +163,25 @@ def test_penumbra_is_the_share_of_points_of_the_suns_disc() -> None:
             * ray
         )
         seen = np.mean(np.linalg.norm(nearest, axis=-1) > RADIUS)
+        # The count has the error of the points on the limb.
         assert sunlit_in_cone(place, sun) == pytest.approx(seen, abs=0.006)
     measured = sunlit_in_cone(np.array([7e6, 0, 0]), sun)
     assert measured == 1
     measured = sunlit_in_cone(np.array([-7e6, 0, 0]), sun)
     assert measured == 0
     far = np.array([-3e9, 0, 0])
+    # Beyond the tip of the umbra: one less the ratio of the two discs.
     annular = 1 - (math.asin(RADIUS / 3e9) / math.asin(SUN_RADIUS / (AU + 3e9))) ** 2
     assert sunlit_in_cone(far, sun) == pytest.approx(annular, rel=1e-12)
 
 
 def test_optics_of_mcinnes() -> None:
-    known = {0: (8.287832, 0.0), 30: (6.210109, 0.341425), 60: (2.059537, 0.341425)}
+    # μPa by angle of incidence [deg], of McInnes' non-perfect sail; seven decimals.
+    known = {
+        0: (8.287832, 0.0),
+        30: (6.210109, 0.341425),
+        60: (2.059537, 0.341425),
+    }
     mirrored, both, along = JPL_SAIL.coefficients()
     for degrees, (normal, tangential) in known.items():
         c = math.cos(math.radians(degrees))
@@ -177,7 +190,14 @@ def test_optics_of_mcinnes() -> None:
         measured = P * (mirrored * c + both + along * c)
         assert measured == pytest.approx(normal, abs=5.1e-7)
         assert P * along * s == pytest.approx(tangential, abs=5.1e-7)
-    ideal = {0: 9.126, 15: 8.514674, 30: 6.8445, 45: 4.563, 60: 2.2815, 75: 0.611326}
+    ideal = {
+        0: 9.126,
+        15: 8.514674,
+        30: 6.8445,
+        45: 4.563,
+        60: 2.2815,
+        75: 0.611326,
+    }
     for degrees, pressure in ideal.items():
         c = math.cos(math.radians(degrees))
         measured = 1e6 * PRESSURE * c * (MIRROR.coefficients()[0] * c)
@@ -261,6 +281,7 @@ def test_sun_on_three_days() -> None:
         "2015-06-23": (-0.01837951, 0.93233010, 0.40417666),
         "2026-01-01": (0.17429528, -0.88792281, -0.38489686),
     }.items():
+        # The Sun in an almanac, in au.
         assert np.allclose(Sky(day).sun(0.0) / AU, known, rtol=0, atol=2e-8)
     assert np.allclose(Sky("2010-06-08").sun(86400.0), Sky("2010-06-09").sun(0.0), rtol=1e-12)
 
@@ -299,10 +320,12 @@ def test_third_bodies_by_the_plain_formula() -> None:
         float(mpf(MU_MOON) * ((y - x) / d**3 - y / D**3))
         for x, y in zip(exact_r, exact_b, strict=True)
     ]
+    # Forty digits of the plain formula, which cancels in double precision.
     assert np.allclose(third_body(r, b, MU_MOON), plain, rtol=1e-13, atol=0)
     step = 1e3
     slopes = [
         (third_body(r + step * e, b, MU_MOON) - third_body(r - step * e, b, MU_MOON)) / 2 / step
         for e in np.eye(3)
     ]
+    # Central differences with 1 km.
     assert np.allclose(third_body_gradient(r, b, MU_MOON), slopes, rtol=1e-6, atol=1e-19)

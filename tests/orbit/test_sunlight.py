@@ -12,6 +12,7 @@ from gossamer_fx.meshes.sheet import sheet
 
 pytestmark = pytest.mark.mpi
 
+# Side of the sail [m], pressure of light [Pa].
 SIDE = 2.0
 PRESSURE = 4.56e-6
 # So stiff that the film stays flat to 1e-9 of its side.
@@ -20,7 +21,11 @@ LAW = gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-3)
 
 def resultant(comm, at: float = 0.0, **given) -> np.ndarray:
     """Force (3,) [N] of light on a flat square, from the reactions of its edges."""
-    film = gx.Membrane(sheet(comm, 2, 2, SIDE, SIDE), LAW, name="sail")
+    film = gx.Membrane(
+        sheet(comm, 2, 2, SIDE, SIDE),
+        LAW,
+        name="sail",
+    )
     light = gx.orbit.Sunlight(film, pressure=PRESSURE, **given)
     # All nodes but the middle one are on the edges, which one support holds.
     film.mesh.groups["rim"] = (
@@ -40,12 +45,17 @@ def test_light_on_a_mirror_pushes_along_its_normal(comm, angle):
     u = (math.sin(angle), 0.0, -math.cos(angle))
     force = resultant(comm, direction=u)
     expected = 2 * PRESSURE * SIDE**2 * math.cos(angle) ** 2
+    # The film stretches by the light, below 1e-5.
     assert force == pytest.approx([0.0, 0.0, -expected], rel=1e-5, abs=1e-9)
 
 
 def test_the_direction_follows_the_argument_of_the_equilibrium_and_its_length_does_not_count(comm):
     def direction(t: float) -> tuple[float, float, float]:
-        return (7 * math.sin(t), 0.0, -7 * math.cos(t))
+        return (
+            7 * math.sin(t),
+            0.0,
+            -7 * math.cos(t),
+        )
 
     turned = resultant(comm, at=0.6, direction=direction)
     fixed = resultant(comm, direction=direction(0.6))
@@ -55,7 +65,12 @@ def test_the_direction_follows_the_argument_of_the_equilibrium_and_its_length_do
 def test_a_group_may_have_its_own_optics(comm):
     """A film that absorbs is pushed along the light, with half of the force of a mirror."""
     black = gx.orbit.Optics(0.0, 0.0)
-    force = resultant(comm, direction=(0.0, 0.0, -1.0), groups={"film": black})
+    force = resultant(
+        comm,
+        direction=(0.0, 0.0, -1.0),
+        groups={"film": black},
+    )
+    # All of the light's momentum, without reflection.
     assert force[2] == pytest.approx(-PRESSURE * SIDE**2, rel=1e-5)
 
 

@@ -32,6 +32,7 @@ LAW = gx.Miyazaki(
     density=1400.0,
     thickness=1e-5,
 )
+# A film that is three times as thick on one half: areas and stresses scale with it.
 HEAVY = {"thickness": lambda X: np.where(X[0] > 1.0, 3e-5, 1e-5)}
 
 
@@ -79,6 +80,7 @@ def test_the_kernel_is_what_numpy_says(order, properties) -> None:
     G = mode_gradients(film, reduced.basis.values, at)
     F0 = G @ c0
     F1 = G @ c1
+    # Products of gradients with unit entries: round-off.
     assert np.allclose(points.start, strains(F0), atol=1e-13) and np.allclose(
         points.strain, strains(F1), atol=1e-13
     )
@@ -95,9 +97,11 @@ def test_the_kernel_is_what_numpy_says(order, properties) -> None:
     )
     expression = compile_expression(with_derivative(stress, e_chosen), interpolation_points(Q))
     response = evaluate(expression, film.space.mesh, own_cells(film)).reshape(-1, 12)
+    # Two implementations of the path average: numerics near corners differ in the last digits.
     assert np.allclose(points.response, response, rtol=1e-9, atol=1e-9 * abs(response).max())
 
     # the stress that is linear in the strain, about a strain that is not the true one
+    # As in an iteration, whose chosen strain has not converged.
     points.strain[:] *= 0.9
     S = points.response[:, :3]
     D = points.response[:, 3:].reshape(-1, 3, 3)
@@ -114,4 +118,5 @@ def test_the_kernel_is_what_numpy_says(order, properties) -> None:
     B0, B = (strain_operator(np.ascontiguousarray(F.transpose(1, 2, 0))) for F in (mid, F1))
     weighted = np.moveaxis(D, 0, 2) * dA, S.T * dA
     K = project(stress_derivatives(B0, weighted[0], B, 0.3 * weighted[1]), G)
+    # Sums over all points in another order.
     assert np.allclose(points.stiffness(0.5, 0.3), K, rtol=1e-11, atol=1e-11 * abs(K).max())

@@ -68,8 +68,10 @@ def flown(
 def test_shapes_on_the_disk_are_those_in_memory(folder: Path, order: int, halves: bool) -> None:
     shapes = flown(WORLD, folder, order, halves)
     read = gx.reduction.RecordedShapes(shapes.body, folder / "run")
+    # Every second of eight steps, and the start: five shapes.
     assert read.times == pytest.approx(np.arange(0, 10, 2) * DT) and len(shapes.positions) == 5
     for a, b in zip(read.positions, shapes.positions, strict=True):
+        # Files hold full precision.
         assert a.shape == b.shape and np.abs(a - b).max(initial=0.0) < 1e-14
     a, b = (
         gx.reduction.reduce(shapes.body, [motion], modes=2).basis.singular_values
@@ -88,6 +90,7 @@ def test_a_run_on_one_rank_is_read_on_all(folder: Path) -> None:
     run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT))
     run.run(until=8 * DT)
     error = np.abs(read.positions[-1].ravel() - run.system.q0.array_r).max(initial=0.0)
+    # Runs on different numbers of ranks.
     assert error < 1e-8
     measured = gx.reduction.reduce(film, [read], modes=2).basis.size
     assert measured == 5
@@ -113,6 +116,7 @@ def test_what_is_not_there_is_told_in_one_sentence(folder: Path) -> None:
             folder / "run",
             "lie on each other.*Snapshots",
         ),
+        # A file that lost its end, as after a full disk.
     ):
         with pytest.raises(gx.InputError, match=words):
             gx.reduction.RecordedShapes(film, where)

@@ -16,6 +16,7 @@ from gossamer_fx.fields.fields import AreaFractions, FieldFunctions
 from gossamer_fx.meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD
+# rad/s and m.
 SPIN = 1.0
 SIDE = 2.0
 LAW = gx.Miyazaki(
@@ -30,6 +31,7 @@ CORNERS = [(x, y, 0.0) for x in (0.0, SIDE) for y in (0.0, SIDE)]
 def sail(cells: int = 6, amplitude: float = 0.02, order: int = 1, **options) -> gx.Membrane:
     """A square that spins about its middle and swings out of its plane."""
 
+    # A saddle-shaped velocity, which the basis must learn from the snapshots.
     def velocity(X: np.ndarray) -> np.ndarray:
         x = X[0] - SIDE / 2
         y = X[1] - SIDE / 2
@@ -94,6 +96,7 @@ def test_contact_of_a_reduced_sail_is_refused_and_its_pressure_zero(recorded) ->
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("cells", [None, 25])
+# All cells, or a sample of 25: sampling may cost accuracy, but no conservation.
 def test_a_reduced_sail_conserves_what_the_film_does(recorded, cells) -> None:
     film, shapes = recorded
     run = flight(
@@ -105,6 +108,7 @@ def test_a_reduced_sail_conserves_what_the_film_does(recorded, cells) -> None:
         )
     )
     run.run(until=2.0)
+    # Newton's method had work to do, and the film was strained.
     assert run.iterations > 2 * run.step and run.totals.stored["film"] > 0
     assert abs(run.energy_error) < 1e-11
     size = np.abs(run.first.angular_momentum).max()
@@ -127,6 +131,7 @@ def test_more_cells_miss_less_of_the_stiffness(recorded) -> None:
         for cells in (10, 25)
     )
     assert len(few.cells) <= 10 and (few.weights > 0).all()
+    # Positive weights keep the sampled energy convex; more cells, less error.
     assert more.error < few.error < 1 and COMM.allreduce(len(more.cells)) > COMM.allreduce(
         len(few.cells)
     )
@@ -151,6 +156,7 @@ def test_with_all_modes_it_is_the_film() -> None:
     film = sail(cells=2)
     noise = gx.reduction.Snapshots(film)
     rng = np.random.default_rng(3)
+    # Nine nodes: with noise as snapshots the six modes and the rotation span all motions.
     noise.positions += [rng.standard_normal((9, 3)) for _ in range(4)]
     full = flight(film)
     reduced = flight(gx.reduction.reduce(film, [noise], modes=6))
@@ -163,6 +169,7 @@ def test_with_all_modes_it_is_the_film() -> None:
     shape = (
         x.basis.values @ reduced.system.q0.array_r[reduced.system.numbering.owned(0)].reshape(-1, 3)
     ).ravel()
+    # The same discrete problem in other coordinates.
     error = np.abs(shape - full.system.q0.array_r[full.system.numbering.owned(0)]).max()
     assert error < 1e-9
 
@@ -182,6 +189,7 @@ def test_more_modes_come_closer(recorded) -> None:
             ].max()
         )
     assert errors[2] < errors[1] < errors[0]
+    # 1 % of the largest deflection, with 36 of 46 modes.
     limit = 0.01 * np.abs(shapes.positions[10][:, 2]).max()
     assert errors[2] < limit
 
@@ -193,6 +201,7 @@ def test_devices_on_the_film_are_on_the_reduced_one_too() -> None:
     flight(film, [shapes]).run(until=0.4)
     full = flight(film)
     reduced = flight(gx.reduction.reduce(film, [shapes], modes=24))
+    # The basis misses a little of the initial velocity.
     assert reduced.totals.kinetic == pytest.approx(full.totals.kinetic, rel=1e-4)
     for run in (full, reduced):
         run.run(until=0.2)
@@ -214,6 +223,7 @@ def test_fields_are_those_of_the_whole_film(recorded) -> None:
     fields.update()
     assert fields.functions[0].function_space.mesh is film.space.mesh
     measured = AreaFractions([reduced])(run.system).sum()
+    # The areas of taut, wrinkled and slack film add up to the whole.
     assert measured == pytest.approx(1.0)
 
 
@@ -245,7 +255,9 @@ def test_gravity_and_pressure_act_on_it_as_on_the_film(recorded) -> None:
     run.run(until=0.1)
     mass = reduced.basis.mass
     measured = run.totals.momentum[2]
+    # Impulse of pressure on 4 m² less that of the weight, for 0.1 s.
     exact = 0.1 * (1e-3 * SIDE**2 - 2.0 * mass)
+    # The film moves as a whole; its bulging turns the pressure slightly.
     assert measured == pytest.approx(exact, rel=1e-3)
     assert abs(run.energy_error) < 1e-10
 
@@ -282,6 +294,7 @@ def test_the_energy_outside_of_the_basis_tells_where_it_does_not_hold(recorded) 
         run = flight(reduced)
         run.run(until=0.4)
         shares.append(gx.reduction.OutsideBasis(reduced)(run))
+    # Thirty modes leave less than half of what six leave out.
     assert 0 < shares[1] < 0.5 * shares[0]
     with pytest.raises(gx.InputError, match="give a ReducedMembrane"):
         gx.reduction.OutsideBasis(film)
@@ -310,6 +323,7 @@ def test_frequencies_of_the_spinning_sail_are_the_films() -> None:
     )
     measured = [mode.frequency for mode in again]
     exact = [mode.frequency for mode in modes]
+    # Modes of the basis are those of the film; the coupling of spin and deflection errs by 1 %.
     assert measured == pytest.approx(exact, rel=0.01)
 
 
@@ -327,6 +341,7 @@ def test_it_starts_from_a_shape_of_the_film(recorded) -> None:
     measured = run.system.q0.array_r[own]
     exact = expected.ravel()[: own.stop - own.start]
     assert measured == pytest.approx(exact, abs=1e-12)
+    # 1 m/s for 0.1 s.
     assert expected[0, 2] == pytest.approx(0.1, rel=1e-3) and outside < 1e-3
 
 
@@ -338,6 +353,7 @@ def test_the_demo_predicts_another_flight() -> None:
         training=12.0,
         until=4.0,
     )
+    # The text of the demo states both limits.
     assert result["error"] < 0.1 and result["reduced_unknowns"] < 0.9 * result["unknowns"]
     assert result["energy_error"] < 1e-10 and result["angular_momentum_drift"] < 1e-12
     assert result["energy_error_of_the_long_flight"] < 1e-10

@@ -18,11 +18,20 @@ TORUS = braided_torus.Torus.read(CASE.tests[1].inputs)
 
 
 def test_the_mesh_is_a_closed_torus_with_its_cords(comm):
-    along, around = 16, 6
+    along = 16
+    around = 6
     line = np.column_stack([np.full(2 * along, 1.5), np.zeros(2 * along)])
     φ = braided_torus.section_angles(TORUS, around)
-    mesh = braided_torus.torus_mesh(comm, braided_torus.surface(line, 0.17, φ), [0, 4])
-    film = gx.Membrane(mesh, gx.Linear(1e9, 0.3, density=1e3, thickness=1e-4), order=2)
+    mesh = braided_torus.torus_mesh(
+        comm,
+        braided_torus.surface(line, 0.17, φ),
+        [0, 4],
+    )
+    film = gx.Membrane(
+        mesh,
+        gx.Linear(1e9, 0.3, density=1e3, thickness=1e-4),
+        order=2,
+    )
     scene = gx.Scene(film, gx.Pressure(film, 1.0))
     load = gx.Equilibrium(scene).system
     # A closed surface: the pressure has no resultant.
@@ -37,17 +46,21 @@ def test_the_mesh_is_a_closed_torus_with_its_cords(comm):
 
 
 def test_a_cable_pulls_along_its_line_with_its_stiffness():
+    # Two points without a common coordinate: no component of the force is zero.
     pulley = np.array([0.6, 0.0, -0.2])
     X = np.array([1.5, 0.1, -0.1])
     cable = braided_torus.Cable(None, pulley, 45.0, 1e6)
     assert cable.tension(X + 1.0) == 45.0
     cable.hold(X)
     cable.begin(1e-3, 0.0, X, 0 * X)
+    # 45 N of pretension, and 1e6 N/m for 1 mm.
     assert cable.tension(X) == pytest.approx(45.0 + 1e3)
     force = cable.force(X)
+    # The force is parallel to the cable.
     assert np.cross(force, pulley - X) == pytest.approx(np.zeros(3), abs=1e-9)
     differences = np.zeros((3, 3))
     for j, step in enumerate(1e-6 * np.eye(3)):
+        # Central differences with 1 µm.
         differences[:, j] = (cable.force(X + step) - cable.force(X - step)) / 2e-6
     assert cable.tangent(X) == pytest.approx(differences, rel=1e-6, abs=1.0)
     # A slack cable does not push.
@@ -56,8 +69,10 @@ def test_a_cable_pulls_along_its_line_with_its_stiffness():
 
 
 def test_amplitudes_are_those_of_a_wave():
+    # 96 points resolve five waves.
     θ = np.arange(96) * 2 * math.pi / 96
     radius = 1.5 + 4e-3 * np.cos(3 * θ + 1) + 1e-3 * np.sin(5 * θ)
+    # Amplitudes of the waves 3, 4 and 5, by orthogonality to round-off.
     assert braided_torus.amplitudes(radius) == pytest.approx([4e-3, 0.0, 1e-3], abs=1e-12)
 
 
@@ -82,6 +97,10 @@ def test_the_torus_grows_with_the_pressure_as_its_cords_do(comm):
         ({"cord_angles": {"value": [210, 340], "unit": "deg"}}, "multiples of 60"),
         ({"cells_along": {"value": 20, "unit": "1"}}, "cells_around' is missing"),
         ({"shape": {"value": [[1.5, 0.0]], "unit": "m"}}, "shape has 1 points"),
+        ({"pulleys": {"value": [[0.6, -0.2]], "unit": "m"}}, "pulleys has 1 rows"),
+        ({"largest_load": {"value": 10, "unit": "N"}}, "above the sum of first_forces"),
+        ({"braid_angle": {"value": 95, "unit": "deg"}}, "give one below 90"),
+        ({"cord_force": {"value": 90, "unit": "kN"}}, "give a smaller force"),
         ({"pulleys": {"value": [[1, 2, 3]], "unit": "m"}}, "pulleys has 3 columns"),
     ],
 )

@@ -32,6 +32,7 @@ def beam_along_x(comm, cells=8, **options):
 @pytest.mark.parametrize("by", ["vector", "function"])
 def test_moments_of_a_beam_whose_end_is_turned(comm, by):
     """4 EI θ/L at the end that is turned, 2 EI θ/L at the other, forces 6 EI θ/L²."""
+    # Small, so that the linear beam theory holds to θ².
     θ = 1e-4
     beam = beam_along_x(comm)
     if by == "vector":
@@ -52,11 +53,13 @@ def test_moments_of_a_beam_whose_end_is_turned(comm, by):
     equilibrium = gx.Equilibrium(gx.Scene(still, turned))
     equilibrium.find(at=1.0)
     moments = [equilibrium.reaction(still)[1], equilibrium.reaction(turned, (L, 0.0, 0.0))[1]]
+    # 2 EI θ/L at the end that is held.
     exact = 2 * TUBE.EI2 * θ / L
     assert moments[0] == pytest.approx([0, 0, exact], rel=1e-3, abs=1e-6 * exact)
     expected = [0, 0, 2 * exact]
     assert moments[1] == pytest.approx(expected, rel=1e-3, abs=1e-6 * exact)
     measured = equilibrium.reaction(still)[0][1]
+    # Eight elements of the beam: 0.1 %.
     assert measured == pytest.approx(3 * exact / L, rel=1e-3)
 
 
@@ -64,6 +67,7 @@ def test_moments_of_a_beam_whose_end_is_turned(comm, by):
 def test_torque_of_a_twisted_beam(comm):
     """GJ φ/L, also of a large angle."""
     beam = beam_along_x(comm)
+    # More than a right angle, so that a linear twist would show.
     φ = 2.0
     still = gx.Fixed(beam, "start", rotation=True)
     twisted = gx.Fixed(
@@ -73,6 +77,7 @@ def test_torque_of_a_twisted_beam(comm):
         twist=lambda t: φ * t,
     )
     slides = gx.Equilibrium(gx.Scene(still, twisted))
+    # In four increments of half a radian.
     for t in (0.25, 0.5, 0.75, 1.0):
         slides.find(at=t)
     measured = slides.reaction(twisted, (L, 0.0, 0.0))[1][0]
@@ -104,10 +109,12 @@ def test_a_root_that_turns_and_moves_books_its_work(comm):
     )
     run = gx.Simulation(gx.Scene(root), gx.Midpoint(dt=1e-3))
     run.run(until=0.1)
+    # Energy of the driven motion, over a hundred steps.
     assert abs(run.energy_error) < 1e-9
     assert run.totals.supplied > 0
     # α̇ = 2: the work of the torque I α̇ and of the centripetal force at the root, which moves
     directions = gx.probes.AngularVelocity(beam.frame("start"), "z")(run)
+    # 2 %: the beam lags behind its root.
     assert directions == pytest.approx(ω + 2 * 0.1, rel=2e-2)
 
 
@@ -133,10 +140,13 @@ def test_lines_slide_in_planes_of_any_direction(comm, kind):
     equilibrium.find()
     pin = equilibrium.reaction((spin or ends)[0])[0]
     slope = equilibrium.reaction(ends[1])[0]
+    # Equilibrium gives the whole weight to both supports.
     assert pin + slope == pytest.approx([0, 0, weight], abs=1e-6 * weight)
+    # A frictionless slope bears along its normal only.
     measured = np.cross(slope, n)
     assert measured == pytest.approx([0, 0, 0], abs=1e-9 * weight)
     x = np.array([gx.probes.Displacement(body.port("end"), axis)(equilibrium) for axis in "xyz"])
+    # The end lies in the plane of the slope.
     assert x @ n == pytest.approx(0, abs=1e-12) and np.linalg.norm(x) > 0
 
 
@@ -153,6 +163,7 @@ def test_a_cable_is_moved_as_films_are(comm):
     equilibrium = gx.Equilibrium(gx.Scene(held, pulled))
     equilibrium.find(at=1.0)
     measured = equilibrium.reaction(pulled)[0][0]
+    # Saint Venant-Kirchhoff: N = EA λ (λ² - 1)/2.
     expected = 1e3 * 1.01 * (1.01**2 - 1) / 2
     assert measured == pytest.approx(expected, rel=1e-8)
 

@@ -12,6 +12,7 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.tube_section import cylinder
 from tests.contact.scenes import SIGMA, film
 
+# Activation distance [m] and gravity [m/s²].
 DISTANCE = 1e-3
 GRAVITY = 9.81
 
@@ -31,6 +32,7 @@ def penalty_slope(x):
 @pytest.mark.parametrize("stiffness", [None, 1e6])
 def test_a_film_lies_on_a_floor_where_contact_carries_its_weight(comm, law, slope, stiffness):
     """K d b'(z/d) + σ g = 0; without a stiffness K d is ten times the pressure of the loads."""
+    # Two activation distances above the floor: contact must be found.
     sheet = film(comm, height=2 * DISTANCE)
     floor = gx.contact.Plane(point=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
     contact = gx.Contact(
@@ -44,9 +46,11 @@ def test_a_film_lies_on_a_floor_where_contact_carries_its_weight(comm, law, slop
     result = equilibrium.find()
     weight = SIGMA * GRAVITY
     largest = 10 * weight if stiffness is None else stiffness * DISTANCE
+    # Height over the distance d at which contact carries the weight.
     expected = brentq(lambda x: largest * slope(x) + weight, 1e-6, 1.0)
     heights = equilibrium.system.state[sheet].positions()[:, 2]
     assert heights == pytest.approx(expected * DISTANCE, rel=1e-6)
+    # The floor resists neither sliding nor the turn about z.
     assert set(result.free) == {"translation x", "translation y", "rotation z"}
     assert result.residual < 1e-7
 
@@ -54,6 +58,7 @@ def test_a_film_lies_on_a_floor_where_contact_carries_its_weight(comm, law, slop
 RADIUS = 0.05
 LENGTH = 0.02
 PRESSURE = 1000.0
+# E t [N/m] of the tube.
 STIFFNESS = 1e9 * 25e-6
 
 
@@ -76,6 +81,7 @@ def test_a_tube_between_two_planes(comm, law, increments):
         name="tube",
     )
     press = 0.02
+    # Both planes start 1.5 activation distances away from the tube.
     start = RADIUS + 1.5 * DISTANCE
     planes = [
         gx.contact.Plane(
@@ -97,6 +103,7 @@ def test_a_tube_between_two_planes(comm, law, increments):
     equilibrium = gx.Equilibrium(gx.Scene(contact, gx.Pressure(tube, PRESSURE), *supports))
     for k in range(increments + 1):
         result = equilibrium.find(at=k / increments)
+    # Each increment has a tangent without a free motion.
     assert result.regular
     heights = equilibrium.system.state[tube].positions()[:, 2]
     top = comm.allreduce(float(heights.max(initial=-1.0)), MPI.MAX)
@@ -106,5 +113,6 @@ def test_a_tube_between_two_planes(comm, law, increments):
     force = PRESSURE * width * LENGTH
     on_upper = gx.probes.ContactForce(contact, planes[0], axis="z")
     on_lower = gx.probes.ContactForce(contact, planes[1], axis="z")
+    # 1 %: the section has 32 sides.
     assert on_upper(equilibrium) == pytest.approx(force, rel=0.01)
     assert on_lower(equilibrium) == pytest.approx(-force, rel=0.01)

@@ -46,9 +46,11 @@ def by_quadrature(force: float) -> tuple[float, float, float]:
         half = lambda u: math.asin(min(1.0, p * math.cosh(u)))  # noqa: E731
         integrand = lambda u: what(2 * half(u)) / math.cos(half(u)) / math.sqrt(force / B)  # noqa: E731
         return float(
+            # Integrals to 1e-12, since the table is compared with seven digits.
             quad(
                 integrand,
                 0,
+                # The substitution ends where φ reaches its value at the hinge.
                 math.acosh(math.sin(φ0 / 2) / p),
                 epsabs=1e-14,
                 epsrel=1e-12,
@@ -67,6 +69,7 @@ def by_quadrature(force: float) -> tuple[float, float, float]:
 
     def imbalance(φ0: float) -> float:
         moment = math.sqrt(2 * force * B * (math.cos(end(φ0)) - math.cos(φ0)))
+        # Moment of the strip less that of the crease.
         return moment - STIFFNESS * (REST - 2 * φ0)
 
     φ0 = float(
@@ -84,6 +87,7 @@ def by_quadrature(force: float) -> tuple[float, float, float]:
 @pytest.mark.parametrize("row", TABLE)
 def test_the_table_by_quadrature_and_as_a_boundary_value_problem(row: tuple[float, ...]) -> None:
     force, *expected = row
+    # The table has eight digits.
     assert by_quadrature(force) == pytest.approx(expected, rel=1e-7)
     angle, distance = STRIP.equilibrium(REST, STIFFNESS, force * WIDTH)
     computed = 180 - math.degrees(angle)
@@ -94,6 +98,7 @@ def test_the_table_by_quadrature_and_as_a_boundary_value_problem(row: tuple[floa
 @pytest.mark.parametrize("force, tolerance", [(0.01, 0.05), (0.3, 0.7)])
 def test_plates_of_eight_cells(comm, force: float, tolerance: float) -> None:
     found = crease.problem(comm, force, 8)
+    # Eight cells along half of the strip.
     assert found["d/exact"] == pytest.approx(1.0, abs=1e-3)
     assert found["angle error [deg]"] < tolerance
 
@@ -119,8 +124,10 @@ def test_a_crease_alone_carries_the_moment_at_its_hinge(comm) -> None:
         )
         search.find()
         ends.append(comm.allreduce(float(search.system.q0.array_r[2::3].max()), op=MPI.MAX))
+    # A crease of 1e3 N m/m/rad is as good as none.
     assert ends[1] == pytest.approx(ends[0], rel=1e-2)
     computed = ends[2] - ends[1]
+    # The angle of the hinge is F l/(k b), and moves the end by it times l.
     assert computed == pytest.approx(1e-5 * LENGTH**2 / 1e-2, rel=1e-2)
 
 
@@ -142,6 +149,7 @@ def measured(noise: float) -> tuple[list[float], list[float], list[float]]:
     weights = [1e-5, 1e-4, 5e-4, 3e-3]
     random = np.random.default_rng(3)
     rows = [STRIP.equilibrium(1.9, 3e-3, weight) for weight in weights]
+    # 0.5 degrees and 0.2 mm as standard deviations.
     angles = [a + noise * math.radians(0.5) * random.normal() for a, _ in rows]
     return weights, angles, [d + noise * 2e-4 * random.normal() for _, d in rows]
 
@@ -154,6 +162,7 @@ def test_identification_of_exact_data() -> None:
         angles=angles,
         distances=distances,
     )
+    # Data are exact; the search ends at its tolerance.
     assert found.rest_angle == pytest.approx(1.9, rel=1e-5)
     assert found.stiffness == pytest.approx(3e-3, rel=1e-4)
     assert found.misfit < 1e-3
@@ -169,8 +178,10 @@ def test_identification_of_data_with_errors_and_its_uncertainty() -> None:
         distances=distances,
         **uncertainties,
     )
+    # Three standard deviations; they themselves are below 0.1 rad.
     assert abs(found.rest_angle - 1.9) < 3 * found.rest_angle_error < 0.1
     assert abs(found.stiffness - 3e-3) < 3 * found.stiffness_error < 1e-3
+    # The misfit of eight data less two parameters is about 1.
     assert 0.2 < found.misfit < 2.5
 
 
@@ -191,6 +202,7 @@ def test_measurements_that_cannot_be(change: dict[str, object], words: str) -> N
 @pytest.mark.slow
 def test_the_demo_finds_the_crease_of_the_plate(tmp_path) -> None:
     found = crease_identification.main(tmp_path)
+    # Within three standard deviations, as the demo states.
     assert abs(found["rest angle error/deviation"]) < 3
     assert abs(found["stiffness error/deviation"]) < 3
     assert found["misfit"] < 1.5

@@ -13,6 +13,7 @@ def test_the_predicted_wave_length_is_that_of_the_theory() -> None:
     """The theory's λ of 6.31 mm at 25 µm and a shear of 3 mm; it grows with t^½ γ^(-¼)."""
     film = 25e-6
     expected = wrinkled_plate.LAMBDA * (wrinkled_plate.SHEAR / elastica_law.SHEAR) ** 0.25
+    # λ goes with √t and with the shear to the power -1/4.
     assert elastica_law.half_wavelength(film) == pytest.approx(expected, rel=1e-12)
     assert elastica_law.half_wavelength(4 * film) == pytest.approx(2 * expected, rel=1e-12)
 
@@ -22,6 +23,7 @@ def test_the_share_that_a_tension_field_leaves_out_is_that_of_the_law(thickness:
     λ = elastica_law.half_wavelength(thickness)
     law = gx.Elastica(**elastica_law.FILM, thickness=thickness, half_wavelength=λ)
     share = 2 * law.onset / elastica_law.GAMMA
+    # Onset of the law over the strain of the test, to first order.
     assert elastica_law.left_out(thickness) == pytest.approx(share, rel=1e-3)
 
 

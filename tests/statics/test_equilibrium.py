@@ -13,7 +13,11 @@ from gossamer_fx.meshes.disc import quarter_disc
 from gossamer_fx.meshes.sheet import sheet
 
 FILM = {"E": 1e9, "nu": 0.3, "density": 1000.0, "thickness": 1e-4}
-LAWS = [gx.Linear(**FILM), gx.Miyazaki(**FILM, residual_stiffness=1e-6), gx.TensionField(**FILM)]
+LAWS = [
+    gx.Linear(**FILM),
+    gx.Miyazaki(**FILM, residual_stiffness=1e-6),
+    gx.TensionField(**FILM),
+]
 
 
 def quarter(comm, law, cells, order, pressure, rim=(0, 1, 2)):
@@ -57,8 +61,10 @@ def test_clamped_disc_under_pressure_rises_as_it_must_by_every_law(
     equilibrium = Equilibrium(scene)
     found = equilibrium.find()
     _, w0 = positions(equilibrium, comm)
+    # Apex height by the axisymmetric equations, six digits.
     assert w0 == pytest.approx(0.309515, rel=tolerance)
     measured = 4 * found.totals.supplied / p
+    # A quarter of the disc supplies p V/4; the volume is less accurate than the height.
     assert measured == pytest.approx(0.527859, rel=4 * tolerance)
     assert found.residual < 1e-8
     assert found.regular
@@ -69,6 +75,7 @@ def test_mylar_balloon(comm):
     """Thickness and radius of the inflated balloon of two discs, extrapolated to an inextensible film (Taylor 1919)."""
     thickness = []
     radius = []
+    # Two stiffnesses, to extrapolate the linear dependence on q away.
     for q in (4e-3, 2e-3):
         law = gx.Miyazaki(**FILM, residual_stiffness=1e-6)
         film, scene = quarter(
@@ -85,6 +92,7 @@ def test_mylar_balloon(comm):
         thickness.append(2 * w0)
         radius.append(np.hypot(*x[film.nodes("rim"), :2].T).mean())
     measured = 2 * thickness[1] - thickness[0]
+    # Thickness 0.9139 and radius 0.7627 of Taylor's balloon of unit discs.
     assert measured == pytest.approx(0.913893, rel=5e-3)
     measured = 2 * radius[1] - radius[0]
     assert measured == pytest.approx(0.762760, rel=5e-3)
@@ -103,6 +111,7 @@ def test_reaction_work_and_stretch_of_a_pulled_strip(comm):
     λ = 1.02
     L = 2.0
     H = 1.0
+    # N/m of Saint Venant-Kirchhoff at the stretch λ.
     f = FILM["E"] * FILM["thickness"] * λ * (λ**2 - 1) / 2
     _, held, scene = strip(
         comm,
@@ -112,10 +121,19 @@ def test_reaction_work_and_stretch_of_a_pulled_strip(comm):
     found = equilibrium.find()
     x = equilibrium.system.q0.array_r.reshape(-1, 3)
     measured = comm.allreduce(float(x[:, 0].max()), max)
+    # The strain is constant: exact for any mesh.
     assert measured == pytest.approx(λ * L, rel=1e-9)
     force, moment = equilibrium.reaction(held, about=(0.0, 0.0, 0.0))
-    np.testing.assert_allclose(force, [-f * H, 0, 0], atol=1e-7 * f)
-    np.testing.assert_allclose(moment, [0, 0, f * H * H / 2], atol=1e-7 * f)
+    np.testing.assert_allclose(
+        force,
+        [-f * H, 0, 0],
+        atol=1e-7 * f,
+    )
+    np.testing.assert_allclose(
+        moment,
+        [0, 0, f * H * H / 2],
+        atol=1e-7 * f,
+    )
     expected = f * H * (λ - 1) * L
     assert found.totals.supplied == pytest.approx(expected, rel=1e-9)
 
@@ -129,6 +147,7 @@ def test_increments_follow_a_prescribed_motion(comm):
         motion=lambda X, t: np.vstack([t + 0 * X[0], 0 * X[0], 0 * X[0]]),
     )
     equilibrium = Equilibrium(gx.Scene(film, gx.Fixed(film, "left"), pulled))
+    # Increments grow, so that the last ones need several iterations.
     for t in (0.01, 0.02, 0.04):
         equilibrium.find(at=t)
         λ = 1 + t / 2
@@ -187,6 +206,7 @@ def test_work_of_a_moved_edge_closes_the_ledger_in_time(comm):
 
     run = gx.Simulation(gx.Scene(film, gx.Fixed(film, "left", motion=shake)), gx.Midpoint(dt=1e-3))
     run.run(until=0.03)
+    # The shaken edge has done work.
     assert run.totals.supplied > 1e-3
     assert abs(run.energy_error) < 1e-9
 
@@ -201,10 +221,12 @@ def test_work_of_a_moved_edge_closes_the_ledger_in_time(comm):
 )
 @pytest.mark.parametrize("law", ["Miyazaki 1e-6", "Miyazaki 1e-8"])
 def test_square_airbag_comes_to_rest_in_few_iterations(comm, law, cells, iterations):
+    # Limits of iterations: measured ones, with a third more.
     """Quarter of one sheet from its flat, stress-free state under 5 kPa at once, against converged references."""
     result = airbag.problem(comm, law, "P1", cells)
     assert result["iterations"] <= iterations
     assert result["residual"] < 1e-8
+    # References of a converged mesh, with the spread that is known of them.
     assert result["w_M"] == pytest.approx(0.2164, rel=5e-3)
     assert result["V"] == pytest.approx(0.1250, rel=5e-3)
     assert result["σ1_M"] == pytest.approx(3.92e6, rel=4e-2)
@@ -220,4 +242,5 @@ def test_square_airbag_on_a_mesh_that_others_have_solved_on(comm, cells, exact):
     """The same discrete problem, so the same digits: constant strains, u = 1e-6, cells of four triangles."""
     result = airbag.problem(comm, "Miyazaki 1e-6", "P1", cells)
     measured = [result[name] for name in ("w_M", "u_A", "V", "σ1_M")]
+    # Published with five or six digits by others on the same mesh.
     assert measured == pytest.approx(exact, rel=1.5e-5)

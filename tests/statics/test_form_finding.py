@@ -51,14 +51,16 @@ def test_soap_film_between_two_rings_is_a_catenoid(comm):
     film, scene = soap_film(comm, 1.0)
     find_form(film, scene, change=1e-4, updates=10)
     x, y, z = film.space.mesh.geometry.x.T
+    # Waist of the catenoid [m], the root of c cosh(h/2c) = 1.
     c = 0.848338
     measured = np.hypot(x, y)
     expected = c * np.cosh((z - 0.5) / c)
+    # 5 mm: chords of the mesh between the rings.
     assert measured == pytest.approx(expected, abs=5e-3)
 
 
 def test_rings_too_far_apart_hold_no_film(comm):
-    """Beyond h = 1.3255 m there is no catenoid."""
+    """Beyond h = 1.3255 m no catenoid exists."""
     film, scene = soap_film(comm, 1.6)
     with pytest.raises(gx.NoEquilibrium, match="pinch"):
         find_form(film, scene, change=1e-4, updates=10)
@@ -92,9 +94,11 @@ def test_edge_cables_of_a_film_between_four_corners_are_arcs(comm, force):
 
     find_form(film, scene, change=1e-4)
     R = force / TENSION.tension
+    # Centre of an arc of radius R through both corners.
     centre = np.array([0.5, -((R**2 - 0.25) ** 0.5)])
     x = film.space.mesh.geometry.x[film.nodes("bottom")]
     measured = np.hypot(*(x[:, :2] - centre).T)
+    # 2 mm for an edge of 12 cells.
     assert measured == pytest.approx(R, abs=2e-3)
     assert x[:, 2] == pytest.approx(0.0, abs=1e-9)
 
@@ -102,5 +106,6 @@ def test_edge_cables_of_a_film_between_four_corners_are_arcs(comm, force):
 def test_saddle_of_the_demo_has_cables_of_their_force(comm):
     """Its cables are nearly plane arcs; what bends them out of the film's tangent plane is small."""
     result = four_corner_film.main(comm=comm)
+    # 3 %: cables bend out of the tangent plane.
     assert result["radius of a cable [m]"] == pytest.approx(result["force/tension [m]"], rel=0.03)
     assert result["residual"] < 1e-8

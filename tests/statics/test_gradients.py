@@ -21,6 +21,7 @@ from gossamer_fx.sensitivity.static import StaticGradients
 SIDE = 0.5  # m
 # Relative changes of a parameter for differences; the best of them is compared.
 CHANGES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+# Best agreement over several sizes of the difference.
 AGREEMENT = 1e-6
 
 
@@ -28,6 +29,7 @@ def sail(comm: MPI.Intracomm) -> tuple[gx.Scene, list[gx.analysis.Integral]]:
     """A film that is sheared so far that part of it wrinkles, under pressure and gravity."""
 
     def sheared(X):
+        # Shear of 0.4 % against stretches of 0.1 %: about half of the film wrinkles.
         return np.vstack(
             [
                 1e-3 * X[0] + 4e-3 * X[1],
@@ -47,6 +49,7 @@ def sail(comm: MPI.Intracomm) -> tuple[gx.Scene, list[gx.analysis.Integral]]:
         crossed_sheet(comm, 4, 4, SIDE, SIDE),
         law,
         displacement=sheared,
+        # Not constant, so that a derivative by a uniform factor would fail.
         properties={"thickness": lambda x: 25e-6 * (1 + 0.2 * np.sin(9 * x[0]))},
     )
     scene = gx.Scene(
@@ -144,6 +147,7 @@ def strip(comm: MPI.Intracomm) -> tuple[gx.Scene, list[gx.analysis.Integral]]:
         E=2.5e9,
         nu=0.3,
         density=1400.0,
+        # 100 degrees: far from flat, where the crease has no moment.
         thickness=50e-6,
     )
     mesh = creased_strip(comm, 4, 1, 0.05, 0.01)
@@ -261,6 +265,7 @@ def direction(variable, seed: int) -> np.ndarray:
     """A change of a variable; of a field a smooth one, the same on any number of ranks."""
     function = variable.function(variable.get())
     if function is None:
+        # Random for a few numbers, smooth for a field.
         return np.random.default_rng(seed).normal(size=len(variable.get()))
     space = function.function_space
     size = space.dofmap.index_map_bs
@@ -275,6 +280,7 @@ def direction(variable, seed: int) -> np.ndarray:
 def test_gradients_agree_with_differences(comm, case):
     make, names = CASES[case]
     scene, results = make(comm)
+    # The equilibrium must be more exact than the differences.
     equilibrium = gx.Equilibrium(scene, gx.analysis.Continuation(tolerance=1e-11))
     equilibrium.find()
     start = equilibrium.system.q0.copy()
@@ -301,6 +307,7 @@ def test_gradients_agree_with_differences(comm, case):
             errors.append(np.abs(difference / (2 * step) / exact - 1))
         at(variable, values)
         measured = np.min(errors, axis=0).max()
+        # Truncation falls and round-off grows with smaller changes: the best of several.
         assert measured < AGREEMENT, (variable.name, exact, errors)
 
 
@@ -325,6 +332,7 @@ def test_energy_of_a_loaded_spring(comm):
         of=gx.analysis.Energy(),
         by=names,
     )
+    # ψ = F²/2k.
     expected = force**2 / (2 * k)
     assert found.value == pytest.approx(expected)
     assert found.unit == "J"
@@ -361,6 +369,7 @@ def test_energy_of_a_film_by_its_thickness_and_shape(comm):
     assert found["film.thickness"].values == pytest.approx([energy / t])
     # The stress-free square grows to the size 1 + s, and the held rim stays: the stretch is (1 + ε)/(1 + s).
     # W = C A ((1 + ε)²/(1 + s)² - 1)²/4, A = (1 + s)²; dW/ds at s = 0 follows.
+    # Biaxial stiffness per stretch, E t/(1 - ν).
     C = E * t / (1 - nu)
     exact = 2 * energy - 2 * C * green * (1 + stretch) ** 2
     shape = found["film.shape"]
@@ -384,6 +393,7 @@ def test_a_functional_of_the_user_gives_what_the_probe_gives(comm):
     own = gx.analysis.gradient(equilibrium, of=height, by=names)
     known = gx.analysis.gradient(equilibrium, of=probe, by=names)
     for name in names:
+        # The same adjoint solution.
         assert own[name].values == pytest.approx(known[name].values, rel=1e-12)
 
 
@@ -417,6 +427,7 @@ def test_frequencies_of_a_wrinkled_sheet_agree_with_differences(comm):
         size = comm.allreduce(np.abs(values).max(initial=0.0), op=MPI.MAX)
         exact = np.array([gradient[variable.name].along(change) for gradient in found])
         errors = []
+        # From truncation to round-off.
         for δ in (1e-4, 1e-5, 1e-6, 1e-7):
             sides = []
             for sign in (1, -1):
@@ -465,6 +476,7 @@ def hanging(comm: MPI.Intracomm) -> tuple[gx.Equilibrium, gx.analysis.Functional
     equilibrium = gx.Equilibrium(
         gx.Scene(ropes, gx.Gravity(mass)), gx.analysis.Continuation(tolerance=1e-12)
     )
+    # Not above the middle of the anchors, so that all three lengths must change.
     wanted = np.array([0.1, 0.1, -1.0])
 
     def away(run) -> np.ndarray:
@@ -489,6 +501,7 @@ def test_a_minimisation_finds_the_lengths_of_ropes(comm):
         iterations=200,
     )
     assert found.converged
+    # Distance squared [m²]; at the start it is above 1e-3.
     assert found.value < 1e-12
     assert found.values[0] > 1e-3
     anchors = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0]])
@@ -496,6 +509,7 @@ def test_a_minimisation_finds_the_lengths_of_ropes(comm):
     stretched = np.linalg.norm(arms, axis=1)
     tensions = 500.0 * (stretched - found.parameters["ropes.lengths"])
     force = -(tensions / stretched) @ arms
+    # Weight of 1 kg.
     assert force == pytest.approx([0.0, 0.0, 9.80665], abs=1e-3)
 
 
@@ -506,6 +520,7 @@ def test_a_minimisation_keeps_bounds_and_limits_and_restarts(comm, tmp_path):
         equilibrium,
         of=distance,
         by=["ropes.lengths"],
+        # The unbounded solution is outside of these bounds.
         bounds={"ropes.lengths": (1.25, 1.35)},
         record=record,
     )
@@ -521,6 +536,7 @@ def test_a_minimisation_keeps_bounds_and_limits_and_restarts(comm, tmp_path):
         record=record,
         restart=True,
     )
+    # A search that is continued does not get worse.
     bound = bounded.value * (1 + 1e-6)
     assert continued.values[0] <= bound
     third, distance = hanging(comm)
@@ -534,6 +550,7 @@ def test_a_minimisation_keeps_bounds_and_limits_and_restarts(comm, tmp_path):
         tolerance=1e-12,
     )
     measured = gx.analysis.Energy()(third)
+    # Constraints hold to their tolerance.
     assert measured <= 0.1 * (1 + 1e-6)
     assert limited.value < limited.values[0]
 
@@ -585,6 +602,7 @@ def test_the_demo_removes_most_of_the_wrinkles_at_equal_mass(comm):
     if comm.size > 1:
         pytest.skip("fields are varied on one rank")
     found = sail_thickness.main(cells=6, iterations=15, comm=comm)
+    # A tenth of the wrinkling of the even sail, as the demo says.
     assert found["wrinkling over that of the even sail"] < 0.1
     assert found["mass over that of the even sail"] == pytest.approx(1.0, rel=1e-6)
 

@@ -65,6 +65,7 @@ def test_an_unloaded_slack_film_rests_where_it_is(comm, law):
     """Its residual was 5.5, of loads that are nothing but round-off; now it is below the round-off of the film."""
     body = film(comm, law=law, displacement=lambda X: -0.1 * X)
     found = Equilibrium(gx.Scene(body)).find()
+    # Loads are zero, so that the residual is relative to the round-off of the film.
     assert found.residual < 1e-3
     assert not found.regular
 
@@ -157,6 +158,7 @@ def test_a_film_that_is_pinned_turns_about_its_pin(comm):
         **STRETCHED,
     )
     found = Equilibrium(gx.Scene(gx.Fixed(body, "bottom left"), gx.Fixed(body, "top right"))).find()
+    # The axis between two opposite corners of the square.
     assert found.free == ("rotation (0.707, 0.707, 0)",)
 
 

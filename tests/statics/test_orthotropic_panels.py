@@ -11,6 +11,7 @@ import gossamer_fx as gx
 from gossamer_fx.materials.film import WRINKLED
 from gossamer_fx.meshes.sheet import EDGES, sheet
 
+# Pa; the film is four times as stiff along its first axis.
 E1 = 4e9
 E2 = 1e9
 NU12 = 0.3
@@ -42,6 +43,7 @@ def test_a_sheared_panel_carries_diagonal_tension(comm, side: int) -> None:
         direction=(1.0, 0.0, 0.0),
         **NUMBERS,
     )
+    # Half a per cent, to either side.
     E12 = side * 5e-3
     # Green-Lagrange strain E11 = E22 = 0 and E12: the lengths of both sides are constant.
     angle = math.asin(2 * E12)
@@ -55,8 +57,10 @@ def test_a_sheared_panel_carries_diagonal_tension(comm, side: int) -> None:
     equilibrium = gx.Equilibrium(gx.Scene(*[gx.Fixed(film, edge) for edge in EDGES]))
     result = equilibrium.find()
     F_tt = compliance_along(math.pi / 4, E2)
+    # W = e²/2F times the thickness, on 1 m².
     expected = abs(E12) ** 2 / (2 * F_tt) * THICKNESS
     measured = result.totals.stored["film"]
+    # A uniform state: exact up to the tolerance of the equilibrium.
     assert measured == pytest.approx(expected, rel=1e-8)
     _, stress = gx.fields.field_values(equilibrium, film, field="stress1")
     exact = np.full(stress.shape, abs(E12) / F_tt)
@@ -95,6 +99,7 @@ def test_a_pulled_strip_stretches_contracts_and_shears_at_any_angle_to_its_axes(
         **NUMBERS,
     )
     along, across, shear = strain_of_tension(angle)
+    # 1 % along; the film contracts and shears freely.
     stretch = 1.01
     S = (stretch**2 - 1) / 2 / along
     film = gx.Membrane(sheet(comm, 8, 4, 2.0, 1.0), law)
@@ -107,6 +112,7 @@ def test_a_pulled_strip_stretches_contracts_and_shears_at_any_angle_to_its_axes(
     ]
     equilibrium = gx.Equilibrium(gx.Scene(*loads, *held))
     result = equilibrium.find()
+    # Density of the energy over 2 m².
     measured = result.totals.stored["film"]
     exact = S**2 * along / 2 * THICKNESS * 2.0
     assert measured == pytest.approx(exact, rel=1e-7)
@@ -116,6 +122,7 @@ def test_a_pulled_strip_stretches_contracts_and_shears_at_any_angle_to_its_axes(
     height = math.sqrt(1 + 2 * S * across - lean**2)
     expected = np.column_stack([stretch * X[:, 0] + lean * X[:, 1], height * X[:, 1], 0 * X[:, 2]])
     error = abs(x - expected).max(initial=0.0)
+    # 1e-7 m on 2 m.
     assert error <= 1e-7
 
 
@@ -143,4 +150,5 @@ def test_a_strip_across_its_stiff_axis_is_softer(comm) -> None:
 
     along = energy((1.0, 0.0, 0.0))
     across = energy({"film": (0.0, 1.0, 0.0)})
+    # Between fixed sides the ratio of the stiffnesses is exact.
     assert along / across == pytest.approx(E1 / E2, rel=1e-9)

@@ -19,6 +19,7 @@ from meshes.plates import irregular_sheet
 from meshes.sheet import EDGES, sheet
 
 WORLD = MPI.COMM_WORLD
+# Pa: ten to one.
 E1 = 10e9
 E2 = 1e9
 NU12 = 0.25
@@ -73,6 +74,7 @@ def test_the_bending_energy_is_never_negative_with_hardly_more_than_the_least_pe
     V = fem.functionspace(domain, ("Lagrange", 2, (3,)))
     x = ufl.TrialFunction(V)
     w = ufl.TestFunction(V)
+    # Numbers E1, E2 ... of unit size; 1.001 is just above the least penalty.
     numbers = (50.0, 1.0, 1.0, 0.3, math.cos(angle), math.sin(angle))
     stiffness = OrthotropicBending(*(constant(domain, number) for number in numbers))
     bending = Bending(domain, frame(domain), stiffness, constant(domain, 1.001))
@@ -82,6 +84,7 @@ def test_the_bending_energy_is_never_negative_with_hardly_more_than_the_least_pe
     K = assemble_matrix(compile_form(bending.cells(x, w, dx) + bending.edges(x, w, dS) + clamp))
     K.assemble()
     values = np.linalg.eigvalsh(K.convert("dense").getDenseArray())
+    # Eigenvalues that should be zero are round-off of the largest.
     assert values[0] > -1e-12 * values[-1]
 
 
@@ -94,6 +97,7 @@ def test_the_bending_energy_is_never_negative_with_hardly_more_than_the_least_pe
 )
 def test_a_cylinder_has_the_energy_of_its_direction(comm, angle: float, given) -> None:
     """½ D_nn κ² per area, and the moment D_nn κ along the curved direction."""
+    # 1/m: an arc of 2 rad.
     κ = 2.0
 
     def rolled(X: np.ndarray) -> np.ndarray:
@@ -109,6 +113,7 @@ def test_a_cylinder_has_the_energy_of_its_direction(comm, angle: float, given) -
         )
         energy = gx.Scene(plate).compile().totals().stored["plate bending"]
         errors.append(abs(energy / (stiffness_along(angle, given) * κ**2 / 2 * 0.25) - 1))
+    # 0.5 % with 16 cells, and at least halved by refinement.
     assert errors[1] < 5e-3
     assert errors[1] < errors[0] / 2
 
@@ -140,6 +145,7 @@ def test_frequencies_of_a_simply_supported_plate(given) -> None:
         search = gx.analysis.Continuation(tolerance=1e-4)
         equilibrium = gx.Equilibrium(gx.Scene(plate, *supports), search)
         equilibrium.find()
+        # The lowest four modes; higher ones need finer meshes.
         return np.array([mode.frequency for mode in gx.analysis.modes(equilibrium, 4)])
 
     mass = NUMBERS["density"] * NUMBERS["thickness"]
@@ -151,9 +157,11 @@ def test_frequencies_of_a_simply_supported_plate(given) -> None:
     exact = math.pi / 2 * np.sqrt(np.sort(squares)[:4] / mass)
     coarse = frequencies(3)
     fine = frequencies(6)
+    # A third at least: nearly second order.
     assert (fine - exact < (coarse - exact) / 3).all()
     # The error falls with the square of the size of the cells.
     measured = (4 * fine - coarse) / 3
+    # Extrapolated from two meshes of second order.
     assert measured == pytest.approx(exact, rel=7e-3)
 
 
@@ -172,6 +180,7 @@ def test_a_plate_without_moments_keeps_its_rest_curvature(comm) -> None:
         rest_curvature=np.diag((κ, 0.0, 0.0)),
     )
     energy = gx.Scene(plate).compile().totals().stored["plate bending"]
+    # Half a per cent of the energy of a flat plate's bending.
     limit = 5e-3 * stiffness_along(0.5) * κ**2 / 2 * 0.25
     assert abs(energy) < limit
 
@@ -185,6 +194,7 @@ def test_a_thrown_plate_keeps_energy_and_momenta(comm) -> None:
     tolerances = gx.Tolerances(relative=1e-12)
     run = gx.Simulation(gx.Scene(plate), gx.Midpoint(dt=1e-3, tolerances=tolerances))
     run.run(until=0.02)
+    # √(2 m T), 1.5 kg.
     scale = math.sqrt(2 * 1.5 * run.first.kinetic)
     assert abs(run.energy_error) <= 1e-11
     deviation = abs(run.totals.momentum - run.first.momentum).max()

@@ -60,12 +60,14 @@ def test_square_drum(comm, order, cells, tolerance):
     )
     equilibrium = held(film)
     equilibrium.find()
+    # The mesh as drawn is the equilibrium.
     assert largest_displacement(equilibrium) < 1e-9
     wave_speed = (TENSION / MASS) ** 0.5
     exact = [
         wave_speed / 2 / a * (m * m + n * n) ** 0.5 for m, n in ((1, 1), (1, 2), (2, 1), (2, 2))
     ]
     measured = [mode.frequency for mode in modes(equilibrium, 4)]
+    # The error of frequencies: (h/λ)² for order 1.
     assert measured == pytest.approx(exact, rel=tolerance)
 
 
@@ -86,6 +88,7 @@ def test_round_drum(comm):
         )
     )
     equilibrium.find()
+    # Zeros of Bessel functions.
     roots = np.array([2.404826, 5.135622, 5.520078])
     exact = roots / (2 * np.pi) * (TENSION / MASS) ** 0.5
     measured = [mode.frequency for mode in modes(equilibrium, 3)]
@@ -93,7 +96,14 @@ def test_round_drum(comm):
 
 
 AXIS = (1.0, 2.0, 0.0)
-FABRIC = {"E1": 2e9, "E2": 5e8, "nu12": 0.3, "G12": 3e8, "density": DENSITY, "thickness": THICKNESS}
+FABRIC = {
+    "E1": 2e9,
+    "E2": 5e8,
+    "nu12": 0.3,
+    "G12": 3e8,
+    "density": DENSITY,
+    "thickness": THICKNESS,
+}
 
 
 @pytest.mark.parametrize(
@@ -109,6 +119,7 @@ FABRIC = {"E1": 2e9, "E2": 5e8, "nu12": 0.3, "G12": 3e8, "density": DENSITY, "th
 )
 def test_a_film_has_the_stress_that_was_given(comm, law):
     """Principal stresses of a tensor that is oblique to the axes of law and mesh."""
+    # A rotation by the angle whose cosine is 0.8.
     turn = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
     stress = turn @ np.diag([3e5, 1e5, 0.0]) @ turn.T
     film = gx.Membrane(sheet(comm, 3, 3), law, initial_stress=stress)
@@ -116,6 +127,7 @@ def test_a_film_has_the_stress_that_was_given(comm, law):
     equilibrium.find()
     for field, exact in (("stress1", 3e5), ("stress2", 1e5)):
         _, values = gx.fields.field_values(equilibrium, film, field=field)
+        # Uniform stress: exact.
         assert values == pytest.approx(exact, rel=1e-9)
 
 
@@ -166,6 +178,7 @@ def test_film_that_is_let_free_shrinks_by_its_initial_strain(comm):
     equilibrium.find()
     corner = gx.probes.Position(film.port("top right"), "x")(equilibrium)
     expected = (1 - 2 * e) ** 0.5
+    # Natural size: Green's strain -e.
     assert corner == pytest.approx(expected, rel=1e-7)
 
 
@@ -190,6 +203,7 @@ def test_a_prestressed_film_that_flies_conserves_energy_and_momenta(comm, order)
     )
     run.run(until=0.02)
     measured = run.first.stored["film"]
+    # The stored energy drives the motion.
     assert measured > 10 * run.first.kinetic
     assert run.totals.kinetic > 2 * run.first.kinetic
     assert abs(run.energy_error) <= 1e-11
@@ -214,6 +228,7 @@ def test_string(comm):
     )
     equilibrium = gx.Equilibrium(gx.Scene(cable, gx.Fixed(cable, "start"), gx.Fixed(cable, "end")))
     equilibrium.find()
+    # n/2L with L = 2 m, each twice for the two directions.
     exact = np.repeat([1.0, 2.0, 3.0], 2) / 4 * (50.0 / ROPE.line_density) ** 0.5
     measured = [mode.frequency for mode in modes(equilibrium, 6)]
     assert measured == pytest.approx(exact, rel=2e-4)
@@ -233,6 +248,7 @@ def test_a_cable_that_is_cut_short(comm, factor):
     stretch = 1 / factor
     tension = ROPE.EA * (stretch**2 - 1) / 2 * stretch
     force, _ = equilibrium.reaction(end)
+    # Uniform along the cable.
     assert force == pytest.approx([tension, 0.0, 0.0], abs=1e-6 * tension)
     hanging = gx.Cable(
         line(comm, [(0, 0, 0), (0, 0, 2.0)], 4),
@@ -242,6 +258,7 @@ def test_a_cable_that_is_cut_short(comm, factor):
     top = gx.Fixed(hanging, "end")
     weighed = gx.Equilibrium(gx.Scene(hanging, top, gx.Gravity(hanging, (0.0, 0.0, -10.0))))
     weighed.find()
+    # Mass of the natural length.
     weight = ROPE.line_density * 2.0 * factor * 10
     measured = weighed.reaction(top)[0][2]
     assert measured == pytest.approx(weight, rel=1e-7)
@@ -267,6 +284,7 @@ def test_a_turnbuckle_tightens_a_cable(comm):
         tensions.append(-equilibrium.reaction(start)[0][0])
     # N = EA ½(λ² - 1) λ of the cable equals k (shortening - elongation) of the turnbuckle.
     for shortening, tension in zip((0.01, 0.02), tensions, strict=True):
+        # Length that is taken out less what the turnbuckle stretches.
         elongation = shortening - tension / 1e6
         λ = 1 + elongation / 2
         expected = ROPE.EA * (λ**2 - 1) / 2 * λ
@@ -299,9 +317,11 @@ def test_beam_under_axial_force(comm, share):
     ends = [gx.Fixed(beam, "start"), gx.Fixed(beam, "end")]
     equilibrium = gx.Equilibrium(gx.Scene(beam, *ends))
     equilibrium.find()
+    # Euler's column: frequency zero at N = -P.
     ω = (np.pi / L) ** 2 * (section.EI2 / section.line_density * (1 + share)) ** 0.5
     found = [mode.frequency for mode in modes(equilibrium, 2, above=0.9 * ω / 2 / np.pi)]
     expected = [ω / 2 / np.pi] * 2
+    # Rotary inertia and shear of a slender beam are below 1e-3.
     assert found == pytest.approx(expected, rel=2e-3)
 
 
@@ -331,7 +351,11 @@ def test_what_is_refused(comm):
     )
     with pytest.raises(gx.InputError, match="Prestress does not say which strain has it"):
         gx.Membrane(mesh, elastica, initial_stress=1e5)
-    curve = line(comm, [(0, 0, 0), (1, 0, 0)], 2)
+    curve = line(
+        comm,
+        [(0, 0, 0), (1, 0, 0)],
+        2,
+    )
     with pytest.raises(gx.InputError, match="TabulatedCable does not say which strain has it"):
         table = gx.TabulatedCable([0.0, 0.1], [0.0, 10.0], line_density=0.01)
         gx.Cable(curve, table, initial_tension=1.0)

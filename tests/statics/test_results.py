@@ -20,6 +20,7 @@ LAW = gx.Linear(
 
 
 def column(value):
+    # Uniform states are exact up to the tolerance of the equilibrium.
     return pytest.approx(value, rel=1e-7, abs=1e-7)
 
 
@@ -36,6 +37,7 @@ def test_strains_stresses_and_positions_of_a_pulled_strip(comm):
     equilibrium.find()
     points, strain = gx.fields.field_values(equilibrium, film, field="strain1")
     _, stress = gx.fields.field_values(equilibrium, film, field="stress1")
+    # Green's strain of the stretch 1.02.
     expected = column((1.02**2 - 1) / 2)
     assert strain == expected
     expected = column(E * (1.02**2 - 1) / 2)
@@ -77,6 +79,7 @@ def test_reaction_of_a_clamped_beam(comm):
     force, moment = equilibrium.reaction(clamp)
     expected = [-3.0, 2.0, -5.0]
     assert force == pytest.approx(expected, abs=1e-6)
+    # Moment about the clamp with the arm of the deflected tip.
     expected = -np.cross(x, F)
     assert moment == pytest.approx(expected, abs=1e-6)
     _, elsewhere = equilibrium.reaction(clamp, about=(1.0, 2.0, 3.0))
@@ -114,8 +117,10 @@ def test_forces_of_joints_at_rest_and_in_motion(comm):
     equilibrium.find()
     force, moment = equilibrium.joint_force(middle, about=(0.0, 0.0, -2.0))
     assert force == pytest.approx([0, 0, 30.0], abs=1e-6)
+    # Weight of the lower body, 30 N, at an arm of 0.5 m.
     assert moment == pytest.approx([0, -15.0, 0], abs=1e-6)
     force, moment = equilibrium.joint_force(top)
+    # Both weights.
     assert force == pytest.approx([0, 0, 50.0], abs=1e-6)
     assert moment == pytest.approx([0, -15.0, 0], abs=1e-6)
     measured = gx.probes.JointForce(top, "z")(equilibrium)
@@ -147,6 +152,7 @@ def test_forces_of_joints_at_rest_and_in_motion(comm):
         outputs=[series],
     ).run(until=0.05)
     measured = np.hypot(series["x"], series["y"])[1:]
+    # m ω² r of the stone, to h².
     assert measured == pytest.approx(2.0 * 3.0**2 * 0.5, rel=1e-4)
     assert series["ω"] == pytest.approx(3.0, rel=1e-6)
 

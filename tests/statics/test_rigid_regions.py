@@ -14,6 +14,7 @@ from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube_section import cylinder
 
+# Pa, m and kg/m³.
 E = 1e9
 THICKNESS = 1e-4
 DENSITY = 1000.0
@@ -61,6 +62,7 @@ def test_a_strip_is_pulled_by_the_force_on_its_straight_edge(comm, sliding):
     measured = gx.probes.Position(edge.port(), "x")(equilibrium)
     assert measured == pytest.approx(2 * λ, rel=1e-9)
     measured = gx.probes.Position(edge.port(), "y")(equilibrium)
+    # Half the width of 1 m, shrunk.
     expected = math.sqrt(1 - 2 * nu * ε) / 2
     assert measured == pytest.approx(expected, rel=1e-9)
     measured = equilibrium.joint_force(edge)[0]
@@ -74,7 +76,9 @@ def test_a_strip_is_bent_by_the_moment_on_its_straight_edge(comm):
     film, flat = strip(comm)
     edge = gx.RigidRegion(film, "right", fixed_components=(2,))
     θ = 1e-5
+    # I = t H³/12 with H = 1 m.
     inertia = THICKNESS / 12
+    # M = E I θ/L with L = 2 m.
     moment = gx.loads.Torque(edge.line, (0.0, 0.0, θ * E * inertia / 2.0))
     equilibrium = gx.Equilibrium(gx.Scene(flat, gx.Fixed(film, "left"), edge, moment))
     equilibrium.find()
@@ -83,6 +87,7 @@ def test_a_strip_is_bent_by_the_moment_on_its_straight_edge(comm):
         for side in ("bottom", "top")
     ]
     measured = corners[0] - corners[1]
+    # Displacement of the end by θ L/2 = θ.
     assert measured == pytest.approx(θ, rel=1e-4)
     measured = gx.probes.Displacement(edge.port(), "y")(equilibrium)
     assert measured == pytest.approx(θ, rel=1e-4)
@@ -104,6 +109,7 @@ def test_a_hub_turns_by_the_torque_on_it(comm, piece):
         rigid_body=hub,
         fixed_components=(2,),
     )
+    # G = E/2(1 + ν) with ν = 0.3.
     G = E / 2.6
     T = 0.5
     load = gx.loads.Torque(region.frame, (0.0, 0.0, T))
@@ -113,6 +119,7 @@ def test_a_hub_turns_by_the_torque_on_it(comm, piece):
     equilibrium.find()
     d = [gx.probes.Displacement(region.frame.directors[0], axis)(equilibrium) for axis in "xy"]
     exact = T / (4 * math.pi * G * THICKNESS) * (1 / 0.3**2 - 1)
+    # Eight quadratic rings.
     assert math.hypot(*d) == pytest.approx(exact, rel=1e-3)
 
 
@@ -145,6 +152,7 @@ def test_a_wrinkled_hub_needs_no_secant(comm):
     found.find()
     p = region.frame.directors[0]
     x, y = (gx.probes.Displacement(p, axis)(found) for axis in "xy")
+    # Angle from the chord of a unit director.
     φ = 2 * math.asin(math.hypot(x, y) / 2)
     c = math.cos(φ)
     s = math.sin(φ)
@@ -160,6 +168,7 @@ def test_a_wrinkled_hub_needs_no_secant(comm):
         gx.Scene(gx.Fixed(turned, "film", components=(2,)), gx.Fixed(turned, "rim"), turn)
     )
     check.find()
+    # The film is wrinkled over most of its area.
     assert φ > 0.01 and gx.probes.AreaFraction(loaded, "wrinkled")(found) > 0.5
     measured = check.reaction(turn)[1][2]
     assert measured == pytest.approx(T, rel=1e-6)
@@ -183,6 +192,7 @@ def test_an_inflated_tube_bends_under_the_moment_on_its_end_plate(comm, ratio):
         order=2,
     )
     plate = gx.RigidRegion(film, "last rim", sliding=True)
+    # Axial force of the pressure on the closed end.
     axial = tube.P * math.pi * tube.INFLATED**2
     M = tube.moment(ratio)
     held = [
@@ -206,6 +216,7 @@ def test_an_inflated_tube_bends_under_the_moment_on_its_end_plate(comm, ratio):
     equilibrium.find()
     n = [gx.probes.Displacement(plate.frame.directors[2], axis)(equilibrium) for axis in "xz"]
     κ = math.asin(math.hypot(*n) / 2) * 2 / tube.LENGTH
+    # 1 %, as in the test of the bent tube.
     assert κ == pytest.approx(ratio * tube.FIRST, rel=1e-2)
 
 
@@ -225,7 +236,11 @@ def test_a_beam_is_bent_into_an_arc_by_the_torque_on_its_end(comm):
     for t in (0.25, 0.5, 0.75, 1.0):
         equilibrium.find(at=t)
     x, y = (gx.probes.Position(beam.port("end"), axis)(equilibrium) for axis in "xy")
-    expected = (pytest.approx(0.0, abs=2e-3), pytest.approx(2 / math.pi, rel=2e-3))
+    # A half circle of length 1 has its end at (0, 2/π).
+    expected = (
+        pytest.approx(0.0, abs=2e-3),
+        pytest.approx(2 / math.pi, rel=2e-3),
+    )
     assert (x, y) == expected
 
 
@@ -256,6 +271,7 @@ def test_momenta_of_a_free_film_grow_by_force_and_torque(comm, kind):
     run.run(until=0.05)
     first = run.first
     last = run.totals
+    # No force acts; the torque grows the angular momentum.
     assert last.momentum == pytest.approx(first.momentum, abs=1e-10)
     grown = last.angular_momentum - first.angular_momentum
     assert grown == pytest.approx(0.05 * T, abs=1e-9)

@@ -80,6 +80,7 @@ def test_two_flat_discs_become_the_mylar_balloon(cells: tuple[int, int]) -> None
     coarse = quarter_pillow(cells, 2e-3)
     fine = quarter_pillow(cells, 1e-3)
     radius, thickness = 2 * np.array(fine) - coarse
+    # Ten cells across a quarter: 2 % of the radius.
     assert radius == pytest.approx(MYLAR_RADIUS, rel=2e-2)
     assert thickness == pytest.approx(MYLAR_THICKNESS, rel=1e-2)
 
@@ -95,6 +96,7 @@ def test_a_sheet_becomes_a_tube() -> None:
         density=1000.0,
         thickness=1e-3,
     )
+    # 97 % of the circle, so that a gap of 3 % is left.
     around = 0.97 * 2 * np.pi / (n * chord)
 
     def bent(X: np.ndarray) -> np.ndarray:
@@ -125,6 +127,7 @@ def test_a_sheet_becomes_a_tube() -> None:
     middle = x[X[:, 1] > 1e-9, 1:].mean(axis=0)
     radii = np.linalg.norm(x[:, 1:] - middle, axis=1)
     assert stretch > 1.02
+    # The seam stiffens nothing; 24 chords are exact in the mean.
     assert radii == pytest.approx(stretch * R, rel=1e-3)
 
 
@@ -139,6 +142,7 @@ def mylar_gores(n: int) -> gx.patterns.Gores:
 
 def test_gores_have_the_circumference_of_the_body() -> None:
     gores = mylar_gores(12)
+    # Length of the meridian from pole to pole: the diameter of the flat disc.
     assert gores.length == pytest.approx(2.0, rel=1e-3)
     measured = 12 * gores.width(np.array(gores.length / 2))
     assert measured == pytest.approx(2 * np.pi * MYLAR_RADIUS)
@@ -157,6 +161,7 @@ def test_gores_have_the_circumference_of_the_body() -> None:
     assert statics.totals.stored["film"] < 1e-2
     seams = gores.seams(film)
     assert len(seams) == 12
+    # Left and right edges of gores are of one length.
     assert all(abs(seam.ease) < 1e-12 for seam in seams)
 
 
@@ -183,6 +188,7 @@ def test_pumpkin_balloon_tends_to_the_constant_stress_shape() -> None:
         displacement=gores.placed,
     )
     seams = gores.seams(film)
+    # Load of the pressure on the disc inside the equator.
     limit = p * np.pi * (factor * MYLAR_RADIUS) ** 2
     cord = gx.CableLaw(EA=1e3 * limit / n, line_density=1e-3)
     tendons = [
@@ -215,6 +221,7 @@ def test_pumpkin_balloon_tends_to_the_constant_stress_shape() -> None:
     stored = [found.totals.stored[f"tendon {k}"] for k in range(n)]
     # Every tendon has the same force, ½ N² L/EA of which is stored.
     forces = np.sqrt(2 * np.array(stored) * cord.EA / (factor * gores.length))
+    # All tendons carry one force.
     assert forces == pytest.approx(forces[0], rel=1e-3)
     assert 0.85 < forces.sum() / (p * np.pi * radius**2) < 1.0
 
@@ -267,6 +274,7 @@ def test_panels_touch_while_they_are_sewn() -> None:
         gx.Midpoint(dt=1e-3),
     )
     run.run(until=0.06)
+    # The panels have touched, at an acceleration of twenty times gravity.
     assert run.totals.stored["contact"] > 0
     assert abs(run.energy_error) < 1e-9
     assert gx.probes.Penetrations(contact)(run) == 0
@@ -320,6 +328,7 @@ def test_open_gores_hold_no_gas() -> None:
 
 def test_demo_of_a_pumpkin_balloon(tmp_path: Path) -> None:
     found = pumpkin.main(tmp_path, gores=8)
+    # Eight gores: 6 % from the limit.
     assert found["radius/limit"] == pytest.approx(1.0, abs=0.06)
     assert 0.5 < found["load in tendons"] < 1.0
     measured = (tmp_path / "pumpkin.png").read_bytes()[1:4]

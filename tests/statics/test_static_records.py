@@ -102,10 +102,12 @@ def test_a_mode_is_recorded_over_one_period(comm, folder):
     largest = []
     for frame in range(4):
         largest.append(max(values.max() for values in reader.values("mode_amplitude", frame)))
+    # A cosine at quarters of its period: the absolute amplitude is 3 cm, 0, 3 cm, 0.
     expected = [0.03, 0.0, 0.03, 0.0]
     assert largest == pytest.approx(expected, abs=1e-12)
     ledger = reader.table("ledger.csv")
     measured = ledger["kinetic"] + ledger["stored mode"]
+    # Energy of the vibration, half kinetic and half stored in the mean.
     assert measured == pytest.approx(ledger["kinetic"].max())
     if comm.rank == 0:
         gx.plot.modes(folders, folder / "modes.png")
@@ -258,6 +260,7 @@ def test_held_pressure_is_that_of_a_load(comm):
     expected = held.pressure * held.volume / AIR.R / 300.0
     assert held.mass == pytest.approx(expected, rel=1e-9)
     measured = blown.totals.stored["film"]
+    # Two paths to one equilibrium.
     assert measured == pytest.approx(loaded.totals.stored["film"], rel=1e-5)
     assert blown.totals.mass_supplied > 0
 
@@ -319,4 +322,5 @@ def test_the_size_of_the_shown_motion_is_a_share_of_the_scene(comm, folder):
     )
     values = gx.plot.RunReader(folders[0]).values("mode_amplitude", 0)
     largest = comm.allreduce(max(float(part.max()) for part in values), MPI.MAX)
+    # Five per cent of the largest dimension, 1 m.
     assert largest == pytest.approx(0.05, rel=1e-9)

@@ -63,6 +63,7 @@ def test_a_strip_slides_in_planes_of_any_direction(comm, angle):
     )
     flat = [gx.Fixed(film, edge, components=(2,)) for edge in ("left", "right", "top", "bottom")]
     ε = (1.02**2 - 1) / 2
+    # Force per length that stretches the strip by 2 %.
     f = E * THICKNESS * 1.02 * ε
     scene = gx.Scene(
         *ends,
@@ -76,6 +77,7 @@ def test_a_strip_slides_in_planes_of_any_direction(comm, angle):
     assert along == pytest.approx(2.04, rel=1e-8)
     measured = comm.allreduce(float((x @ n).max()), max)
     expected = (1 - 0.6 * ε) ** 0.5
+    # √(1 - 2 ν ε) across.
     assert measured == pytest.approx(expected, rel=1e-8)
     force, _ = equilibrium.reaction(ends[0])
     assert force == pytest.approx(-f * e, abs=1e-6 * f)
@@ -103,8 +105,10 @@ def test_a_normal_load_pulls_along_the_film_or_as_the_mesh_was(comm, following):
     )
     run = gx.Simulation(gx.Scene(load), gx.Midpoint(dt=1e-4))
     run.run(until=1e-3)
+    # Force 2e6 N/s × t on 1 m, integrated over 1 ms.
     impulse = 2000.0 * 1e-3**2 / 2
     expected = [0, impulse, 0] if following else [impulse, 0, 0]
+    # The film moves by 1e-5 of its length meanwhile.
     assert run.totals.momentum == pytest.approx(expected, abs=1e-5 * impulse)
     assert abs(run.energy_error) < 1e-9
 
@@ -113,8 +117,15 @@ def test_a_normal_load_pulls_along_the_film_or_as_the_mesh_was(comm, following):
 def test_a_load_on_edges_inside_the_film_counts(comm):
     mesh = sheet(comm, 4, 4)
     mesh.domain.topology.create_entities(1)
-    inside = locate_entities(mesh.domain, 1, lambda X: np.isclose(X[0], 0.5))
-    mesh.groups["middle"] = (1, np.sort(inside).astype(np.int32))
+    inside = locate_entities(
+        mesh.domain,
+        1,
+        lambda X: np.isclose(X[0], 0.5),
+    )
+    mesh.groups["middle"] = (
+        1,
+        np.sort(inside).astype(np.int32),
+    )
     film = gx.Membrane(mesh, LAW)
     held = [gx.Fixed(film, edge) for edge in ("left", "right")]
     equilibrium = gx.Equilibrium(
@@ -166,6 +177,7 @@ def test_beams_and_cables_are_held_moved_and_damped_as_films_are(comm):
     equilibrium.find(at=1.0)
     measured = gx.probes.Position(beam.port("end"), "z")(equilibrium)
     assert measured == pytest.approx(0.1)
+    # kg/m × 1 m × gravity.
     weight = TUBE.line_density * 9.80665
     measured = equilibrium.reaction(pinned)[0] + equilibrium.reaction(lifted)[0]
     assert measured == pytest.approx([0, 0, weight], abs=1e-5)
@@ -188,6 +200,7 @@ def test_beams_and_cables_are_held_moved_and_damped_as_films_are(comm):
         ):
             run = gx.Simulation(gx.Scene(gx.Fixed(body, "start"), damping), gx.Midpoint(dt=1e-4))
             run.run(until=3e-3)
+            # Damping takes energy, and not all of it.
             assert 0 < run.totals.dissipated < run.first.energy
             assert abs(run.energy_error) < 1e-9
 
@@ -206,12 +219,17 @@ def test_a_tape_has_weight(comm, load):
     equilibrium = gx.Equilibrium(gx.Scene(tape, field, *held))
     equilibrium.find()
     total = sum(equilibrium.reaction(support)[0] for support in held)
+    # Mass of the film of 1 m²; the tape has 0.5 kg.
     mass = 1000.0 * THICKNESS
     if load == "gravity":
         expected = [0, 0, (mass + 0.5) * 9.80665]
         assert total == pytest.approx(expected, rel=1e-6, abs=1e-6)
     else:  # of the film about (½, ½), of the tape about (1, ½); what stretching adds is small
-        expected = [-4 * (mass / 2 + 0.5), -4 * (mass / 2 + 0.25), 0]
+        expected = [
+            -4 * (mass / 2 + 0.5),
+            -4 * (mass / 2 + 0.25),
+            0,
+        ]
         assert total == pytest.approx(expected, rel=1e-4, abs=1e-6)
 
 
@@ -226,7 +244,10 @@ def test_contradicting_supports_are_refused(comm):
 
 def test_a_support_of_nothing_is_refused(comm):
     mesh = sheet(comm, 2, 2)
-    mesh.groups["nowhere"] = (1, np.zeros(0, dtype=np.int32))
+    mesh.groups["nowhere"] = (
+        1,
+        np.zeros(0, dtype=np.int32),
+    )
     film = gx.Membrane(mesh, LAW)
     for support in (
         lambda: gx.Fixed(film, "nowhere"),

@@ -31,7 +31,13 @@ def thermal(ΔT: float) -> float:
     return metric(1 + ALPHA * ΔT)
 
 
-def strip(comm, law, stretch: float, expansion, order: int = 1) -> tuple[gx.Scene, gx.Fixed]:
+def strip(
+    comm,
+    law,
+    stretch: float,
+    expansion,
+    order: int = 1,
+) -> tuple[gx.Scene, gx.Fixed]:
     """A strip with one cell across, stretched between its ends, whose sides are free in its plane."""
     mesh = sheet(comm, 4, 1, LENGTH, WIDTH)
     film = gx.Membrane(
@@ -90,6 +96,7 @@ def test_fibres_that_shrink_when_heated_pull_along_their_direction(comm) -> None
     equilibrium = gx.Equilibrium(scene)
     equilibrium.find()
     force = equilibrium.reaction(end)[0][0]
+    # No strain along, so that the whole thermal strain is stress.
     expected = -100e9 * metric(1 - 80e-6) * THICKNESS * WIDTH
     assert force == pytest.approx(expected, rel=1e-6)
     strain = gx.fields.field_values(equilibrium, scene.bodies[0], field="strain1")[1]
@@ -111,13 +118,18 @@ def test_axes_that_are_turned_expand_in_their_own_directions(comm) -> None:
     run = gx.Equilibrium(gx.Scene(film, drag, gx.Fixed(film, "bottom", components=(2,))))
     run.find()
     both = [gx.fields.field_values(run, film, field=name)[1] for name in ("strain1", "strain2")]
+    # Larger and smaller principal strain, whatever the axes.
     np.testing.assert_allclose(both[0], metric(1 + 4e-3), rtol=1e-6)
     np.testing.assert_allclose(both[1], metric(1 + 1e-3), rtol=1e-6)
 
 
 @pytest.mark.mpi
 def test_cables_and_beams_between_clamps(comm) -> None:
-    curve = line(comm, [(0.0, 0.0, 0.0), (LENGTH, 0.0, 0.0)], 4)
+    curve = line(
+        comm,
+        [(0.0, 0.0, 0.0), (LENGTH, 0.0, 0.0)],
+        4,
+    )
     cooled = ThermalExpansion(ALPHA, T0 - 40.0, reference=T0)
     cable = gx.Cable(curve, gx.CableLaw(1e4, 0.01), thermal=cooled)
     ends = [gx.Fixed(cable, group) for group in ("start", "end")]
@@ -125,8 +137,18 @@ def test_cables_and_beams_between_clamps(comm) -> None:
     equilibrium.find()
     assert equilibrium.reaction(ends[1])[0][0] == pytest.approx(-1e4 * thermal(-40.0), rel=1e-6)
 
-    section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
-    beam = gx.Beam(curve, section, thermal=ThermalExpansion(ALPHA, T0 + 40.0, reference=T0))
+    section = gx.sections.tube(
+        0.02,
+        5e-4,
+        E=100e9,
+        nu=0.3,
+        density=1560.0,
+    )
+    beam = gx.Beam(
+        curve,
+        section,
+        thermal=ThermalExpansion(ALPHA, T0 + 40.0, reference=T0),
+    )
     ends = [gx.Fixed(beam, group) for group in ("start", "end")]
     equilibrium = gx.Equilibrium(gx.Scene(beam, *ends))
     equilibrium.find()
@@ -137,17 +159,25 @@ def test_cables_and_beams_between_clamps(comm) -> None:
 @pytest.mark.mpi
 def test_a_group_that_is_hot_relieves_the_others(comm) -> None:
     mesh = crossed_sheet(comm, 4, 1, LENGTH, WIDTH)
-    hot = locate_entities(mesh.domain, 2, lambda x: x[0] < LENGTH / 2 + 1e-9)
+    hot = locate_entities(
+        mesh.domain,
+        2,
+        lambda x: x[0] < LENGTH / 2 + 1e-9,
+    )
     named = gx.Mesh(mesh.domain, {**mesh.groups, "hot": (2, hot)})
     law = gx.Linear(2e9, 0.0, density=1400.0, thickness=THICKNESS)
     expansion = ThermalExpansion(ALPHA, {"hot": T0 - 60.0}, reference=T0)
     film = gx.Membrane(named, law, thermal=expansion)
     end = gx.Fixed(film, "right")
-    others = [gx.Fixed(film, "left"), gx.Fixed(film, "bottom", components=(2,))]
+    others = [
+        gx.Fixed(film, "left"),
+        gx.Fixed(film, "bottom", components=(2,)),
+    ]
     equilibrium = gx.Equilibrium(gx.Scene(film, end, *others))
     equilibrium.find()
     # Two springs in series; both halves shrink across as well, which changes their widths by 1e-3.
     force = equilibrium.reaction(end)[0][0]
+    # Half of the strip shrinks by 60 K: 30 K in the mean.
     assert force == pytest.approx(2e9 * ALPHA * 30.0 * THICKNESS * WIDTH, rel=2e-3)
     temperature = gx.fields.field_values(equilibrium, film, field="temperature")[1]
     assert comm.allreduce(temperature.min(initial=T0), op=min) == pytest.approx(T0 - 60.0)
@@ -158,7 +188,11 @@ def test_a_string_that_is_cooled_sounds_higher(comm) -> None:
     tones = []
     stretch = 1 + 1e-3
     for ΔT in (0.0, -30.0):
-        curve = line(comm, [(0.0, 0.0, 0.0), (LENGTH, 0.0, 0.0)], 40)
+        curve = line(
+            comm,
+            [(0.0, 0.0, 0.0), (LENGTH, 0.0, 0.0)],
+            40,
+        )
         string = gx.Cable(
             curve,
             gx.CableLaw(1e4, 0.01),
@@ -176,6 +210,7 @@ def test_a_string_that_is_cooled_sounds_higher(comm) -> None:
         tone = gx.analysis.modes(equilibrium, 1)[0].frequency
         assert tone == pytest.approx(expected, rel=2e-3)
         tones.append(tone)
+    # 30 K raise the tension by half.
     assert tones[1] > 1.2 * tones[0]
 
 
@@ -189,13 +224,23 @@ def test_a_plate_that_is_hot_on_its_front_rolls_up(comm, cells: int, tolerance: 
     law = gx.LinearOrthotropic(
         2e9, 2e9, 0.0, 1e9, density=1400.0, thickness=1e-3, direction=(1.0, 0.0, 0.0)
     )
-    expansion = ThermalExpansion((1e-4, 0.0), reference=T0, gradient=lambda X, t: -10.0 * t)
-    plate = gx.Plate(sheet(comm, cells, 2, LENGTH, WIDTH), law, thermal=expansion)
+    expansion = ThermalExpansion(
+        (1e-4, 0.0),
+        reference=T0,
+        gradient=lambda X, t: -10.0 * t,
+    )
+    plate = gx.Plate(
+        sheet(comm, cells, 2, LENGTH, WIDTH),
+        law,
+        thermal=expansion,
+    )
     equilibrium = gx.Equilibrium(gx.Scene(plate, gx.Fixed(plate, "left", rotation=True)))
     result = equilibrium.find(at=1.0)
+    # α × 10 K over 1 mm.
     curvature = 1e-4 * 10.0 / 1e-3
     x = gx.fields.positions(equilibrium, plate)
     height = comm.allreduce(x[:, 2].max(), op=max)
+    # Rise of an arc of 1 rad.
     assert height == pytest.approx((1 - math.cos(curvature)) / curvature, rel=tolerance)
     # Heat has bent the plate before it was free to bend: what it stored then is what was lost.
     stiffness = 2e9 * 1e-9 / 12
@@ -208,8 +253,16 @@ def test_a_plate_that_is_hot_on_its_front_rolls_up(comm, cells: int, tolerance: 
 def test_a_free_plate_with_a_gradient_is_a_shallow_sphere(comm) -> None:
     law = gx.Linear(2e9, 0.3, density=1400.0, thickness=1e-3)
     κ = 0.002  # 1/m: the plate bends by a tenth of its thickness, and stretches little
-    expansion = ThermalExpansion(1e-5, reference=T0, gradient=lambda X, t: -κ * 1e-3 / 1e-5 * t)
-    plate = gx.Plate(crossed_sheet(comm, 8, 8, 0.2, 0.2), law, thermal=expansion)
+    expansion = ThermalExpansion(
+        1e-5,
+        reference=T0,
+        gradient=lambda X, t: -κ * 1e-3 / 1e-5 * t,
+    )
+    plate = gx.Plate(
+        crossed_sheet(comm, 8, 8, 0.2, 0.2),
+        law,
+        thermal=expansion,
+    )
     scene = gx.Scene(
         plate,
         gx.Fixed(plate, "left", components=(0,), direction=(1.0, 0.0, 0.0)),
@@ -221,7 +274,11 @@ def test_a_free_plate_with_a_gradient_is_a_shallow_sphere(comm) -> None:
     square = x[:, 0] ** 2 + x[:, 1] ** 2
     lowest = comm.allreduce(x[:, 2].min(initial=np.inf), op=min)
     # Heights above the middle of the sphere, of which this is a quarter.
-    np.testing.assert_allclose(x[:, 2] - lowest, κ / 2 * square, atol=0.01 * κ / 2 * 0.08)
+    np.testing.assert_allclose(
+        x[:, 2] - lowest,
+        κ / 2 * square,
+        atol=0.01 * κ / 2 * 0.08,
+    )
     # It bends freely: held flat, it would store ½ ∫ M0:κ0 = D (1 + ν) κ² A.
     stiffness = 2e9 * 1e-9 / (12 * (1 - 0.09))
     held_flat = stiffness * 1.3 * κ**2 * 0.04
@@ -234,8 +291,17 @@ def test_a_free_plate_with_a_gradient_is_a_shallow_sphere(comm) -> None:
 def test_a_linear_temperature_needs_no_stress_in_a_free_plate(comm) -> None:
     """u = ½ α a (X² - Y², 2 X Y) has the strain α a X in both directions."""
     law = gx.Linear(2e9, 0.3, density=1400.0, thickness=1e-3)
-    expansion = ThermalExpansion(ALPHA, lambda X, t: T0 + 50.0 * X[0], reference=T0)
-    film = gx.Membrane(crossed_sheet(comm, 3, 3), law, order=2, thermal=expansion)
+    expansion = ThermalExpansion(
+        ALPHA,
+        lambda X, t: T0 + 50.0 * X[0],
+        reference=T0,
+    )
+    film = gx.Membrane(
+        crossed_sheet(comm, 3, 3),
+        law,
+        order=2,
+        thermal=expansion,
+    )
     equilibrium = gx.Equilibrium(
         gx.Scene(
             film,
@@ -256,7 +322,11 @@ def test_derivatives_of_a_cooled_drum(comm, name: str) -> None:
     """The volume under a film that cooling stretches, against central differences."""
     law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-2)
     expansion = ThermalExpansion(ALPHA, T0 - 100.0, reference=T0)
-    film = gx.Membrane(crossed_sheet(comm, 3, 3, 0.5, 0.5), law, thermal=expansion)
+    film = gx.Membrane(
+        crossed_sheet(comm, 3, 3, 0.5, 0.5),
+        law,
+        thermal=expansion,
+    )
     rim = [gx.Fixed(film, edge) for edge in ("left", "right", "bottom", "top")]
     equilibrium = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, 50.0), *rim))
     equilibrium.find()
@@ -280,7 +350,11 @@ def test_a_field_of_temperatures_is_a_variable(comm) -> None:
     """The sum of the derivatives by all temperatures is minus that by the reference temperature."""
     law = gx.Linear(2.5e9, 0.34, density=1420.0, thickness=25e-6)
     expansion = ThermalExpansion(ALPHA, T0 - 100.0, reference=T0)
-    film = gx.Membrane(crossed_sheet(comm, 3, 3, 0.5, 0.5), law, thermal=expansion)
+    film = gx.Membrane(
+        crossed_sheet(comm, 3, 3, 0.5, 0.5),
+        law,
+        thermal=expansion,
+    )
     rim = [gx.Fixed(film, edge) for edge in ("left", "right", "bottom", "top")]
     equilibrium = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, 50.0), *rim))
     equilibrium.find()
@@ -324,7 +398,11 @@ def test_expansions_that_make_no_sense_are_refused(arguments, words: str) -> Non
 def test_films_refuse_expansions_of_other_bodies(comm, arguments, words: str) -> None:
     law = gx.Linear(2e9, 0.3, density=1400.0, thickness=THICKNESS)
     with pytest.raises(gx.InputError, match=re.escape(words)):
-        gx.Membrane(sheet(comm, 2, 2), law, thermal=ThermalExpansion(**arguments))
+        gx.Membrane(
+            sheet(comm, 2, 2),
+            law,
+            thermal=ThermalExpansion(**arguments),
+        )
 
 
 @pytest.mark.mpi
@@ -341,7 +419,11 @@ def test_films_refuse_expansions_of_other_bodies(comm, arguments, words: str) ->
 )
 def test_temperatures_that_make_no_sense_are_refused(comm, temperature, words: str) -> None:
     law = gx.Linear(2e9, 0.3, density=1400.0, thickness=THICKNESS)
-    film = gx.Membrane(sheet(comm, 3, 3), law, thermal=ThermalExpansion(1e-5, temperature))
+    film = gx.Membrane(
+        sheet(comm, 3, 3),
+        law,
+        thermal=ThermalExpansion(1e-5, temperature),
+    )
     with pytest.raises(gx.InputError, match=re.escape(words)):
         gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3))
 
@@ -356,7 +438,11 @@ def test_what_has_no_thermal_form_says_so(comm) -> None:
     )
     with pytest.raises(gx.InputError, match="clamp it in a constant direction"):
         gx.Simulation(gx.Scene(plate, turned), gx.Midpoint(dt=1e-3))
-    film = gx.Membrane(sheet(comm, 2, 2), law, thermal=ThermalExpansion(1e-5))
+    film = gx.Membrane(
+        sheet(comm, 2, 2),
+        law,
+        thermal=ThermalExpansion(1e-5),
+    )
     with pytest.raises(gx.InputError, match="has a thermal expansion, which sampled cells"):
         from gossamer_fx.reduction.reduced_membrane import check_reducible
 

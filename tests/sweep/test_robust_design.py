@@ -13,14 +13,21 @@ from gossamer_fx.sweep.robust_design import RobustDesign, signal_to_noise
 from gossamer_fx.sweep.runs import SharedRuns
 from gossamer_fx.sweep.sweep_report import run_design
 
-CONTROL = {"a": [1, 2], "b": [1.0, 2.0, 4.0], "c": ["x", "y", "z"]}
+CONTROL = {
+    "a": [1, 2],
+    "b": [1.0, 2.0, 4.0],
+    "c": ["x", "y", "z"],
+}
 
 
 def decibels(comm, folder, a, b, c, n=0):
     """A number whose S/N is a sum of effects: 3 dB for a, 1 dB for each level of b, none of c; and noise."""
     if a == 2 and c == "z" and b == 4.0:
         raise gx.StepFailure("It snapped.")
-    return {"y": 10 ** ((3 * a + math.log2(b)) / 20) * (1 + 0.1 * n), "spread": 10 + n / a}
+    return {
+        "y": 10 ** ((3 * a + math.log2(b)) / 20) * (1 + 0.1 * n),
+        "spread": 10 + n / a,
+    }
 
 
 def design(**changes):

@@ -21,7 +21,11 @@ def vertex_points(domain: dmesh.Mesh) -> np.ndarray:
     topology = domain.topology
     topology.create_connectivity(0, 2)
     n = topology.index_map(0).size_local + topology.index_map(0).num_ghosts
-    nodes = dmesh.entities_to_geometry(domain, 0, np.arange(n, dtype=np.int32))
+    nodes = dmesh.entities_to_geometry(
+        domain,
+        0,
+        np.arange(n, dtype=np.int32),
+    )
     return domain.geometry.x[nodes[:, 0]]
 
 
@@ -114,7 +118,13 @@ def test_groups_of_edges() -> None:
 
 @pytest.mark.mpi
 def test_three_sheets_at_one_edge_and_normals_that_differ() -> None:
-    points = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1)]
+    points = [
+        (0, 0, 0),
+        (1, 0, 0),
+        (0, 1, 0),
+        (0, -1, 0),
+        (0, 0, 1),
+    ]
 
     def build(model) -> None:
         surface = model.addDiscreteEntity(2)

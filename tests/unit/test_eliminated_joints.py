@@ -24,7 +24,12 @@ def hung_film(comm, cells=6, *more):
         name="film",
         velocity=lambda X: np.vstack([0 * X[0], 0 * X[0], X[0] * (1 - X[0])]),
     )
-    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name="hub")
+    hub = gx.RigidBody(
+        1.0,
+        (1.0, 1.0, 1.0),
+        comm=comm,
+        name="hub",
+    )
     items: list[object] = [film, hub, gx.Damping(film, stiffness_factor=1e-4)]
     for k, corner in enumerate([(0.0, 0, 0), (1.0, 0, 0), (0.0, 1, 0), (1.0, 1, 0)]):
         anchor = np.subtract(corner, (0.0, 0.1, 0.0))
@@ -69,6 +74,34 @@ def test_steps_are_those_of_a_factorisation(monkeypatch):
     assert solver.linear_iterations < 8 * solver.all_iterations
 
 
+def test_factors_are_kept_within_a_step_and_the_steps_stay_the_same(monkeypatch):
+    """Kept factors save set-ups, and change results by the tolerance of the linear solver only."""
+    runs = []
+    set_ups = []
+    for most in (0, eliminated_joints.MAX_APPLICATIONS_TO_KEEP):
+        run = run_iteratively(MPI.COMM_SELF, monkeypatch, MAX_APPLICATIONS_TO_KEEP=most)
+        monkeypatch.setattr(eliminated_joints, "MAX_APPLICATIONS_TO_KEEP", most)
+        count = [0]
+        original = EliminatedJoints._set_up_incomplete
+
+        def counted(preconditioner, *given, count=count, original=original):
+            count[0] += 1
+            original(preconditioner, *given)
+
+        monkeypatch.setattr(EliminatedJoints, "_set_up_incomplete", counted)
+        run.run(until=5e-3)
+        monkeypatch.undo()
+        runs.append(run)
+        set_ups.append(count[0])
+    every, kept = runs
+    assert set_ups[0] == every.solver.newton.all_iterations
+    # A step begins with new factors.
+    assert kept.step <= set_ups[1] <= 0.8 * set_ups[0]
+    difference = every.system.q0.array_r - kept.system.q0.array_r
+    assert np.linalg.norm(difference) < 1e-7 * np.linalg.norm(every.system.q0.array_r)
+    assert kept.totals.energy == pytest.approx(every.totals.energy, rel=1e-9)
+
+
 def test_one_application_solves_where_the_films_are_factorised_completely(monkeypatch):
     """With enough levels of fill F̃ is F, and the elimination exact, multipliers included."""
     run = run_iteratively(MPI.COMM_SELF, monkeypatch)
@@ -98,6 +131,7 @@ def test_matrices_are_factorised_after_a_solve_that_took_too_long(monkeypatch):
     run = run_iteratively(MPI.COMM_SELF, monkeypatch)
     context = run.solver.newton._preconditioner.getPythonContext()
     monkeypatch.setattr(eliminated_joints, "MAX_APPLICATIONS", 0)
+    monkeypatch.setattr(eliminated_joints, "MAX_APPLICATIONS_TO_KEEP", 0)
     run.run(until=2e-3)
     assert context._is_complete
     assert abs(run.energy_error) < 1e-11 * run.totals.energy
@@ -110,7 +144,10 @@ def test_a_singular_elimination_is_followed_by_factorisations(monkeypatch):
     """A Schur complement of zeros ends the iteration, and the step is made with complete factors."""
     run = run_iteratively(MPI.COMM_SELF, monkeypatch)
     context = run.solver.newton._preconditioner.getPythonContext()
-    zeros = (np.full((18, 18), np.nan), np.arange(18))
+    zeros = (
+        np.full((18, 18), np.nan),
+        np.arange(18),
+    )
     monkeypatch.setattr(eliminated_joints, "lu_factor", lambda *given, **named: zeros)
     run.run(until=2e-3)
     assert context._is_complete

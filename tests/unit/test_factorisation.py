@@ -12,7 +12,11 @@ from gossamer_fx.solvers import factorisation
 
 def test_a_singular_full_matrix_is_told_and_the_next_one_is_solved():
     """PETSc's own factorisation of dense matrices raises an error, which would end the program."""
-    A = PETSc.Mat().createDense((2, 2), array=np.ones((2, 2)), comm=PETSc.COMM_SELF)
+    A = PETSc.Mat().createDense(
+        (2, 2),
+        array=np.ones((2, 2)),
+        comm=PETSc.COMM_SELF,
+    )
     x, b = A.createVecs()
     b.array[:] = [1.0, 3.0]
     assert "LAPACK: the matrix is singular" in factorisation.solve(A, b, x)
@@ -42,7 +46,11 @@ def test_a_pinned_hub_with_many_ropes_makes_its_steps(comm, masses):
 
 
 def matrix(diagonal: list[float]) -> PETSc.Mat:
-    A = PETSc.Mat().createAIJ((len(diagonal), len(diagonal)), nnz=1, comm=PETSc.COMM_SELF)
+    A = PETSc.Mat().createAIJ(
+        (len(diagonal), len(diagonal)),
+        nnz=1,
+        comm=PETSc.COMM_SELF,
+    )
     for i, value in enumerate(diagonal):
         A.setValue(i, i, value)
     A.assemble()
@@ -74,11 +82,21 @@ def test_the_reason_is_told_and_the_next_matrix_is_tried():
 
 def ropes(comm, masses, spin):
     """A pinned hub with masses on ropes, turning."""
-    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name="hub")
+    hub = gx.RigidBody(
+        1.0,
+        (1.0, 1.0, 1.0),
+        comm=comm,
+        name="hub",
+    )
     items = [gx.constraints.RevoluteJoint(hub.frame(), gx.ground_frame(), axis=(0, 0, 1))]
     for k in range(masses):
         e = np.array([np.cos(2 * np.pi * k / masses), np.sin(2 * np.pi * k / masses), 0.0])
-        mass = gx.PointMass(0.1, tuple(0.5 * e), comm=comm, name=f"mass {k}")
+        mass = gx.PointMass(
+            0.1,
+            tuple(0.5 * e),
+            comm=comm,
+            name=f"mass {k}",
+        )
         items += [
             gx.connectors.Rope(
                 hub.port(tuple(0.1 * e)), mass.port(), length=0.39, stiffness=1e3, name=f"rope {k}"
@@ -89,7 +107,11 @@ def ropes(comm, masses, spin):
 
 
 def test_the_first_acceleration_has_the_workspace_that_it_needs(comm):
-    run = gx.Simulation(ropes(comm, 64, 0.0), gx.GeneralizedAlpha(dt=1e-3), halvings=0)
+    run = gx.Simulation(
+        ropes(comm, 64, 0.0),
+        gx.GeneralizedAlpha(dt=1e-3),
+        halvings=0,
+    )
     run.run(until=2e-3)
     assert run.totals.energy == pytest.approx(64 * 0.5 * 1e3 * 0.01**2, rel=1e-4)
 
@@ -127,7 +149,12 @@ def blocks_of_three(dense: np.ndarray) -> PETSc.Mat:
     columns = np.tile(np.arange(n, dtype=PETSc.IntType), n)
     blocks = dense.reshape(n, 3, n, 3).transpose(0, 2, 1, 3)
     values = np.ascontiguousarray(blocks).ravel()
-    A = PETSc.Mat().createBAIJ(dense.shape, 3, csr=(ends, columns, values), comm=PETSc.COMM_SELF)
+    A = PETSc.Mat().createBAIJ(
+        dense.shape,
+        3,
+        csr=(ends, columns, values),
+        comm=PETSc.COMM_SELF,
+    )
     return A
 
 

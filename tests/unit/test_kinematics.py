@@ -118,7 +118,11 @@ def test_strain_is_quadratic_in_the_positions(comm, surface, order):
 @pytest.mark.mpi
 def test_area_vector_of_a_sphere(comm):
     """∮n dA = 0; ⅓∮x·n dA = V and ∮|n| dA = A follow a homogeneous expansion."""
-    film = Membrane(sphere(comm, 1.0, 24, order=2), LAW, order=2)
+    film = Membrane(
+        sphere(comm, 1.0, 24, order=2),
+        LAW,
+        order=2,
+    )
     x = moved(film, lambda X: 1.5 * X + 0.7)
     n = area_vector(film.deformation(x))
     for component in range(3):
@@ -174,5 +178,9 @@ def test_tension_is_the_positive_part_of_a_stress():
         exact = axes @ np.diag(np.maximum(values, 0)) @ axes.T
         stress = ufl.as_vector([ufl.as_ufl(float(s)) for s in S])
         found = [float(component) for component in tension(stress)]
-        expected = [exact[0, 0], exact[1, 1], exact[0, 1]]
+        expected = [
+            exact[0, 0],
+            exact[1, 1],
+            exact[0, 1],
+        ]
         assert found == pytest.approx(expected, abs=1e-12)

@@ -43,7 +43,12 @@ def law_at_points(permuted: bool) -> tuple[PointLaw, PointValues]:
     _, energy = film.terms(InitialState([film], film.comm))
     mesh = film.space.mesh
     Q = fem.functionspace(mesh, quadrature_element(mesh, film.dx.metadata(), (3,)))
-    functions = law_functions(energy, PathAverage(), fem.Function(Q), fem.Function(Q))
+    functions = law_functions(
+        energy,
+        PathAverage(),
+        fem.Function(Q),
+        fem.Function(Q),
+    )
     cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
     points = Q.dofmap.list.shape[1]
     q = len(cells) * points

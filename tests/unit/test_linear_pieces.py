@@ -14,34 +14,46 @@ CORNERS = np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]])
 
 
 def areas(corners: np.ndarray) -> np.ndarray:
-    one = corners[:, 1] - corners[:, 0]
-    other = corners[:, 2] - corners[:, 0]
-    return (one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]) / 2
+    """Signed areas (n,) [m²] of triangles (n, 3, 2), positive for counterclockwise corners."""
+    one_x, one_y = (corners[:, 1] - corners[:, 0]).T
+    other_x, other_y = (corners[:, 2] - corners[:, 0]).T
+    return (one_x * other_y - one_y * other_x) / 2
 
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_pieces_of_a_triangle_fill_it(order: int) -> None:
     """Each has an equal, positive part of the area: no node is taken for another."""
-    nodes = CORNERS if order == 1 else middles(CORNERS)
-    pieces = linear_pieces(np.arange(nodes.shape[1])[None], 2)
+    nodes = CORNERS
+    if order == 2:
+        nodes = middles(CORNERS)
+    numbers = np.arange(nodes.shape[1])
+    pieces = linear_pieces(numbers[None], 2)
     measured = areas(nodes[0][pieces])
+    # The area of the triangle is 0.5.
     assert measured == pytest.approx(0.5 / len(pieces))
     assert len(pieces) == order**2
 
 
 def test_pieces_of_a_line() -> None:
-    measured = linear_pieces(np.array([[4, 5]]), 1).tolist()
+    order_one = np.array([[4, 5]])
+    measured = linear_pieces(order_one, 1).tolist()
     assert measured == [[4, 5]]
-    measured = linear_pieces(np.array([[4, 5, 6]]), 1).tolist()
+    order_two = np.array([[4, 5, 6]])
+    measured = linear_pieces(order_two, 1).tolist()
+    # The node in the middle is the last one of a line of order 2.
     expected = [[4, 6], [6, 5]]
     assert measured == expected
 
 
 def test_the_order_of_nodes_is_that_of_dolfinx() -> None:
     """On a film of order 2: nodes on edges lie in the middle of the corners that the table says."""
-    space = dolfinx.fem.functionspace(sheet(MPI.COMM_SELF, 2, 2).domain, ("Lagrange", 2, (3,)))
-    X = space.tabulate_dof_coordinates()[space.dofmap.list]
+    domain = sheet(MPI.COMM_SELF, 2, 2).domain
+    space = dolfinx.fem.functionspace(domain, ("Lagrange", 2, (3,)))
+    cells = space.dofmap.list
+    X = space.tabulate_dof_coordinates()[cells]
     measured = middles(X[:, :3])
     assert measured == pytest.approx(X)
-    vtk = dolfinx.plot.vtk_mesh(space)[0].reshape(len(X), 7)[:, 1:]
-    assert np.array_equal(from_vtk(vtk), space.dofmap.list)
+    # VTK writes the number of nodes before the six nodes of each cell.
+    rows = dolfinx.plot.vtk_mesh(space)[0].reshape(len(X), 7)
+    vtk = rows[:, 1:]
+    assert np.array_equal(from_vtk(vtk), cells)

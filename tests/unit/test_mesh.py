@@ -45,7 +45,11 @@ def test_sheet_has_its_cells_edges_and_corners(comm):
 @pytest.mark.mpi
 @pytest.mark.parametrize("order", [1, 2])
 def test_nodes_of_a_group_are_where_the_group_is(comm, order):
-    film = Membrane(sheet(comm, 6, 4, 3.0, 2.0), LAW, order=order)
+    film = Membrane(
+        sheet(comm, 6, 4, 3.0, 2.0),
+        LAW,
+        order=order,
+    )
     X = film.space.tabulate_dof_coordinates()
     assert abs(X[film.nodes("right"), 0] - 3.0).max(initial=0) <= 1e-12
     assert abs(X[film.nodes("top"), 1] - 2.0).max(initial=0) <= 1e-12
@@ -136,7 +140,8 @@ def test_orientation_of_the_cells_survives(comm):
 
     for order in (1, 2):
         mesh = sphere(comm, 1.0, 12, order)
-        X, n = ufl.SpatialCoordinate(mesh.domain), ufl.CellNormal(mesh.domain)
+        X = ufl.SpatialCoordinate(mesh.domain)
+        n = ufl.CellNormal(mesh.domain)
         outward = fem.form(
             ufl.conditional(ufl.gt(ufl.dot(X, n), 0), 1.0, 0.0) * ufl.dx(mesh.domain)
         )
@@ -150,7 +155,12 @@ def test_orientation_of_the_cells_survives(comm):
 def test_cells_that_cannot_be_are_told(comm, cells, culprit):
     def build(model):
         surface = model.addDiscreteEntity(2)
-        model.mesh.addNodes(2, surface, [], [0, 0, 0, 1, 0, 0, 0, 1, 0])
+        model.mesh.addNodes(
+            2,
+            surface,
+            [],
+            [0, 0, 0, 1, 0, 0, 0, 1, 0],
+        )
         model.mesh.addElementsByType(surface, 2, [], np.array(cells) + 1)
 
     with pytest.raises(InputError, match=culprit):
@@ -166,7 +176,8 @@ def test_unknown_group_is_told_with_the_known_ones(comm):
 @pytest.mark.mpi
 def test_ranks_share_the_mesh_that_one_has_alone(comm):
     """Counts on this communicator are those of one rank alone."""
-    alone, shared = sheet(MPI.COMM_SELF, 5, 3), sheet(comm, 5, 3)
+    alone = sheet(MPI.COMM_SELF, 5, 3)
+    shared = sheet(comm, 5, 3)
     for dim in range(3):
         for mesh in (alone, shared):
             mesh.domain.topology.create_entities(dim)
@@ -197,7 +208,8 @@ NO_MESHES = {
 @pytest.mark.parametrize("name", NO_MESHES)
 def test_a_script_is_not_executed(folder: Path, comm: MPI.Comm, name: str) -> None:
     """gmsh runs what it does not take for a mesh, shell commands included."""
-    path, mark = folder / name, folder / "executed"
+    path = folder / name
+    mark = folder / "executed"
     if comm.rank == 0:
         path.write_text(NO_MESHES[name].format(mark))
     comm.barrier()

@@ -14,7 +14,12 @@ LAW = gx.Miyazaki(1e8, 0.3, density=1400.0, thickness=1e-5)
 def hung_film(comm, *more):
     """A film on two ropes from a turning hub."""
     film = gx.Membrane(sheet(comm, 4, 4), LAW, name="film")
-    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name="hub")
+    hub = gx.RigidBody(
+        1.0,
+        (1.0, 1.0, 1.0),
+        comm=comm,
+        name="hub",
+    )
     items = [film, hub, gx.RigidMotion(spin=(0, 0, 1.0))]
     for k, corner in enumerate([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]):
         rope = gx.connectors.Rope(
@@ -29,7 +34,11 @@ def hung_film(comm, *more):
 
 
 def revolute(hub):
-    return gx.constraints.RevoluteJoint(hub.frame(), gx.ground_frame(), axis=(0, 0, 1))
+    return gx.constraints.RevoluteJoint(
+        hub.frame(),
+        gx.ground_frame(),
+        axis=(0, 0, 1),
+    )
 
 
 @pytest.mark.mpi

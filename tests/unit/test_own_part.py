@@ -18,7 +18,11 @@ PAGE = Path(__file__).parents[2] / "CONTRIBUTING.md"
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
-    [code] = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    [code] = re.findall(
+        r"```python\n(.*?)```",
+        PAGE.read_text(encoding="utf-8"),
+        re.DOTALL,
+    )
     assert len(code.splitlines()) <= 60
     file = tmp_path_factory.mktemp("own") / "bending_spring.py"
     file.write_text(code, encoding="utf-8")
@@ -28,7 +32,11 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
 
 
 def test_the_page_imports_the_public_interface_only() -> None:
-    [code] = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    [code] = re.findall(
+        r"```python\n(.*?)```",
+        PAGE.read_text(encoding="utf-8"),
+        re.DOTALL,
+    )
     modules = {
         node.module
         for node in ast.walk(ast.parse(code))
@@ -37,9 +45,21 @@ def test_the_page_imports_the_public_interface_only() -> None:
     assert modules == {"gossamer_fx.extend"}
 
 
-def swinging(own: ModuleType, hardening: float = 2e3, dt: float = 1e-2) -> gx.Simulation:
-    places = ((-1.0, 0.0, 0.0), (0.0, 0.2, 0.0), (1.0, 0.0, 0.1))
-    speeds = ((0.0, 1.0, 0.0), (0.3, 0.0, 2.0), (0.0, -1.0, 0.5))
+def swinging(
+    own: ModuleType,
+    hardening: float = 2e3,
+    dt: float = 1e-2,
+) -> gx.Simulation:
+    places = (
+        (-1.0, 0.0, 0.0),
+        (0.0, 0.2, 0.0),
+        (1.0, 0.0, 0.1),
+    )
+    speeds = (
+        (0.0, 1.0, 0.0),
+        (0.3, 0.0, 2.0),
+        (0.0, -1.0, 0.5),
+    )
     masses = [
         gx.PointMass(
             1.0 + k,

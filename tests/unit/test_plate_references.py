@@ -17,8 +17,10 @@ def disc_frequency(n: int, s: int, free: bool) -> float:
     """The s-th λ² = ω a² √(ρt/D) of a plate J_n(λr) + c I_n(λr), n nodal diameters (Leissa, NASA SP-160, ch. 2)."""
 
     def edge(λ: float) -> float:
+        """Determinant of both conditions at the edge, zero at an eigenvalue."""
         if not free:
             return float(jv(n, λ) * ivp(n, λ) - iv(n, λ) * jvp(n, λ))
+        # Bending moment and effective shear force of J_n and of I_n.
         rows = []
         for f, fp, sign in ((jv, jvp, -1.0), (iv, ivp, 1.0)):
             w = f(n, λ)
@@ -31,41 +33,56 @@ def disc_frequency(n: int, s: int, free: bool) -> float:
         (m1, v1), (m2, v2) = rows
         return float(m1 * v2 - m2 * v1)
 
+    # Fine enough that no interval has two of the roots that are tabulated.
     grid = np.linspace(0.5, 12, 2000)
+    # I_n grows as exp(λ).
     values = [edge(λ) * math.exp(-λ) for λ in grid]
-    roots = [
-        brentq(edge, a, b)
-        for a, b, u, v in zip(grid, grid[1:], values, values[1:], strict=False)
-        if u * v < 0
-    ]
+    roots = []
+    for k in range(len(grid) - 1):
+        if values[k] * values[k + 1] < 0:
+            roots.append(brentq(edge, grid[k], grid[k + 1]))
     return roots[s] ** 2
 
 
-def square_frequencies(clamped: bool, count: int = 6, degree: int = 14) -> np.ndarray:
+def square_frequencies(
+    clamped: bool,
+    count: int = 6,
+    degree: int = 14,
+) -> np.ndarray:
     """ω a² √(ρt/D) of a square plate by the Rayleigh-Ritz method with polynomials."""
     x, weight = legendre.leggauss(degree + 6)
+    # A clamped polynomial has double roots at both ends.
+    bubble = legendre.Legendre.fromroots([-1, -1, 1, 1])
     basis = []
     for k in range(degree):
         p = legendre.Legendre.basis(k)
-        basis.append(p * legendre.Legendre.fromroots([-1, -1, 1, 1]) if clamped else p)
-    f = [
-        np.array([p.deriv(d)(x) * 2**d if d else p(x) for p in basis]) for d in range(3)
-    ]  # on a side of length 1
-    G = {(i, j): (f[i] * weight / 2) @ f[j].T for i in range(3) for j in range(3)}
+        basis.append(p * bubble if clamped else p)
+    # f[d]: d-th derivatives on a side of length 1, at the Gauss points of [-1, 1].
+    f = []
+    for d in range(3):
+        rows = [p.deriv(d)(x) * 2**d for p in basis]
+        f.append(np.array(rows))
+    # G[i, j]: integrals of the i-th times the j-th derivatives.
+    G = {}
+    for i in range(3):
+        for j in range(3):
+            G[i, j] = (f[i] * weight / 2) @ f[j].T
     M = np.kron(G[0, 0], G[0, 0])
-    K = (
-        np.kron(G[2, 2], G[0, 0])
-        + np.kron(G[0, 0], G[2, 2])
-        + 2 * (1 - NU) * np.kron(G[1, 1], G[1, 1])
-    )
-    K += NU * (np.kron(G[2, 0], G[0, 2]) + np.kron(G[0, 2], G[2, 0]))
+    bending = np.kron(G[2, 2], G[0, 0]) + np.kron(G[0, 0], G[2, 2])
+    twist = np.kron(G[1, 1], G[1, 1])
+    coupling = np.kron(G[2, 0], G[0, 2]) + np.kron(G[0, 2], G[2, 0])
+    K = bending + 2 * (1 - NU) * twist + NU * coupling
+    # Unit diagonal: products of high degree are nearly dependent and need all digits.
     scale = 1 / np.sqrt(np.diag(M))
-    values, vectors = np.linalg.eigh(M * np.outer(scale, scale))
-    keep = vectors[:, values > 1e-10 * values.max()] / np.sqrt(
-        values[values > 1e-10 * values.max()]
-    )
-    ω2 = np.linalg.eigvalsh(keep.T @ (K * np.outer(scale, scale)) @ keep)
-    return np.sqrt(np.maximum(ω2, 0))[0 if clamped else 3 :][:count]
+    scaling = np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(M * scaling)
+    is_kept = values > 1e-10 * values.max()
+    basis_change = vectors[:, is_kept] / np.sqrt(values[is_kept])
+    ω2 = np.linalg.eigvalsh(basis_change.T @ (K * scaling) @ basis_change)
+    ω = np.sqrt(np.maximum(ω2, 0))
+    # A free plate begins with three rigid motions.
+    first = 0 if clamped else 3
+    return ω[first : first + count]
 
 
 def clamped_disc(load: float, thickness: float, degree: int = 16) -> float:
@@ -78,14 +95,20 @@ def clamped_disc(load: float, thickness: float, degree: int = 16) -> float:
     s, weight = legendre.leggauss(40)
     s = (s + 1) / 2
     weight = weight / 2
-    even = [np.polynomial.Polynomial([0] * (2 * k) + [1]) for k in range(degree // 2)]
+    identity = np.polynomial.Polynomial([0, 1])
+    even = [identity ** (2 * k) for k in range(degree // 2)]
+    # Zero at the rim; squared, with zero slope there.
     bubble = np.polynomial.Polynomial([1, 0, -1])
-    radial = [np.polynomial.Polynomial([0, 1]) * bubble * p for p in even]
+    radial = [identity * bubble * p for p in even]
     lift = [bubble**2 * p for p in even]
-    tables = [
-        [np.array([p.deriv(d)(s) if d else p(s) for p in each]) for d in range(3)]
-        for each in (radial, lift)
-    ]
+    # Values and two derivatives at the Gauss points.
+    tables = []
+    for polynomials in (radial, lift):
+        derivatives = []
+        for d in range(3):
+            rows = [p.deriv(d)(s) for p in polynomials]
+            derivatives.append(np.array(rows))
+        tables.append(derivatives)
     t = thickness
     A = t / (1 - NU**2)
     D = t**3 / 12 / (1 - NU**2)
@@ -102,12 +125,12 @@ def clamped_disc(load: float, thickness: float, degree: int = 16) -> float:
         norm = np.sqrt(dr**2 + dz**2)
         κ_r = (dr * ddz - dz * ddu) / norm**2
         κ_t = dz / norm / s
-        stored = A * (E_r**2 + 2 * NU * E_r * E_t + E_t**2) + D * (
-            κ_r**2 + 2 * NU * κ_r * κ_t + κ_t**2
-        )
-        return float(
-            (weight * (np.pi * s * stored - p * 2 * np.pi * r * z * dr)).sum() / (D * t**2)
-        )
+        membrane = A * (E_r**2 + 2 * NU * E_r * E_t + E_t**2)
+        bending = D * (κ_r**2 + 2 * NU * κ_r * κ_t + κ_t**2)
+        stored = np.pi * s * (membrane + bending)
+        work = p * 2 * np.pi * r * z * dr
+        # Of order one, as the search for the minimum expects.
+        return float((weight * (stored - work)).sum() / (D * t**2))
 
     found = minimize(
         energy,
@@ -119,6 +142,7 @@ def clamped_disc(load: float, thickness: float, degree: int = 16) -> float:
 
 
 def test_the_frequencies_of_circular_plates_follow_from_bessel_functions() -> None:
+    # The study's values have six digits.
     for edge, found in CIRCLE.items():
         for (n, s), value in found.items():
             measured = disc_frequency(n, s, edge == "free")

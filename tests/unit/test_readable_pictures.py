@@ -29,9 +29,23 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> gx.plot.RunReader:
     """A film that falls on a tape, a rope and a spring."""
     film = gx.Membrane(sheet(COMM, 4, 4), LAW, name="film")
     hook = gx.Ground((1.5, 1.5, 0.0))
-    tape = gx.connectors.Tape.along_edges(film, gx.CableLaw(1e3, 0.01), edges="left")
-    rope = gx.connectors.Rope(film.port("top right"), hook, stiffness=1e3, length=1.0)
-    spring = gx.connectors.Spring(film.port("bottom right"), hook, stiffness=10.0, length=1.6)
+    tape = gx.connectors.Tape.along_edges(
+        film,
+        gx.CableLaw(1e3, 0.01),
+        edges="left",
+    )
+    rope = gx.connectors.Rope(
+        film.port("top right"),
+        hook,
+        stiffness=1e3,
+        length=1.0,
+    )
+    spring = gx.connectors.Spring(
+        film.port("bottom right"),
+        hook,
+        stiffness=10.0,
+        length=1.6,
+    )
     fall = gx.Gravity(film, (0.0, 0.0, -9.81))
     folder = tmp_path_factory.mktemp("falls") / "run"
     recording = gx.Recording(folder, every=2, title="A film on ropes")
@@ -46,7 +60,11 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> gx.plot.RunReader:
 def test_ropes_springs_and_tapes_are_drawn(recorded: gx.plot.RunReader) -> None:
     """Four bars of the tape, the rope and the spring, at their positions in each state."""
     for frame in range(len(recorded.times)):
-        shape = recorded.shape(frame, "state", lambda values: np.zeros(len(values), dtype=int))
+        shape = recorded.shape(
+            frame,
+            "state",
+            lambda values: np.zeros(len(values), dtype=int),
+        )
         assert shape.lines.shape == (6, 2, 3)
         tape = shape.lines[:4]
         assert tape[:, :, 0] == pytest.approx(0.0, abs=1e-3)
@@ -76,7 +94,8 @@ def test_a_gif_keeps_the_colour_of_a_few_cells_in_one_frame(tmp_path: Path) -> N
     """As of film that is slack for a moment: blue in one frame of sixty, among shades of grey and orange."""
     from PIL import Image
 
-    height, width = 80, 120
+    height = 80
+    width = 120
     shade = np.linspace(0.5, 1.0, width)[None, :, None]
     frames = []
     for number in range(60):
@@ -160,7 +179,14 @@ def test_a_curve_that_ends_at_zero_has_its_name(tmp_path: Path) -> None:
     contact = np.where(t < 0.5, 1e-4 * t, 0.0)
     curves = {"kinetic": 1.0 + t, "in contact": contact}
     axes = Figure().subplots()
-    _lines(t, curves, dict(zip(curves, LINES, strict=False)), "Energy", "J", axes)
+    _lines(
+        t,
+        curves,
+        dict(zip(curves, LINES, strict=False)),
+        "Energy",
+        "J",
+        axes,
+    )
     assert axes.get_yscale() == "log"
     assert {text.get_text() for text in axes.texts} == {"kinetic", "in contact"}
 

@@ -45,7 +45,11 @@ def test_a_closed_line_has_two_layers() -> None:
 
 @pytest.mark.mpi
 def test_a_plane_cuts_films_where_they_are(comm, folder) -> None:
-    low = gx.Membrane(sheet(comm, 5, 4), gx.Linear(**LAW), name="low")
+    low = gx.Membrane(
+        sheet(comm, 5, 4),
+        gx.Linear(**LAW),
+        name="low",
+    )
     high = gx.Membrane(
         sheet(comm, 3, 4),
         gx.Linear(**LAW),
@@ -63,7 +67,11 @@ def test_a_plane_cuts_films_where_they_are(comm, folder) -> None:
     run.run(until=2e-3)
     if comm.rank == 0:
         read = gx.plot.RunReader(folder / "run")
-        section = PlaneCut(read, (0.0, 0.45, 0.0), (0.0, -1.0, 0.0))
+        section = PlaneCut(
+            read,
+            (0.0, 0.45, 0.0),
+            (0.0, -1.0, 0.0),
+        )
         cut = section.cut(len(read.times) - 1)
         measured = (folder / "section.png").stat().st_size
         assert measured > 5000

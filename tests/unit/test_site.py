@@ -137,7 +137,8 @@ GENERATED = "out/"  # folders of runs that a page makes before
 @pytest.mark.parametrize("path", PAGES, ids=NAMES)
 def test_commands_on_pages_are_understood(path: Path) -> None:
     for words in commands(path.read_text(encoding="utf-8")):
-        command, rest = words[0], words[1:]
+        command = words[0]
+        rest = words[1:]
         told = " ".join(words)
         assert command in COMMANDS or command == "--help", told
         if any(word.isupper() for word in rest):  # a placeholder

@@ -34,19 +34,29 @@ def test_stretch_within_a_cone(m, margin):
     e1 = random_strains(CELLS, 0.1, seed=2)
     start, end = stretch(e0, e1).T
     h, x, y = mohr(along(e0, e1))
-    is_within = h + margin >= m * np.hypot(x, y)
+    radius = np.hypot(x, y)
+    is_within = h + margin >= m * radius
     assert (start >= 0).all()
     assert (start <= end).all()
     assert (end <= 1).all()
     # Sampling finds the length of the stretch up to one piece.
-    error = abs(is_within.mean(axis=0) - (end - start)).max()
+    sampled_length = is_within.mean(axis=0)
+    error = abs(sampled_length - (end - start)).max()
     assert error <= 1.1 / len(SAMPLES)
-    middle = (e0.T + (start + end) / 2 * (e1 - e0).T).T[end > start + 1e-9]
-    h, x, y = mohr(middle)
-    assert (h + margin >= m * np.hypot(x, y)).all()
+    middle_parameter = (start + end) / 2
+    middle = e0 + middle_parameter[:, None] * (e1 - e0)
+    # Stretches without length have no middle inside.
+    h, x, y = mohr(middle[end > start + 1e-9])
+    radius = np.hypot(x, y)
+    assert (h + margin >= m * radius).all()
     # The random paths enter, leave, cross and avoid the cone.
     ends = set(zip(is_within[0].tolist(), is_within[-1].tolist(), strict=True))
-    expected = {(False, False), (False, True), (True, False), (True, True)}
+    expected = {
+        (False, False),
+        (False, True),
+        (True, False),
+        (True, True),
+    }
     assert ends == expected
 
 
@@ -58,7 +68,13 @@ def test_average_of_the_gradient_of_centre_times_radius(length):
     points, weights = np.polynomial.legendre.leggauss(400)
     h, x, y = mohr(along(e0, e1, (1 + points) / 2))
     r = np.hypot(x, y)
-    gradient = np.stack([(r + h * x / r) / 2, (r - h * x / r) / 2, h * y / r / 2], axis=-1)
+    # Gradient of h r by (E11, E22, 2 E12).
+    cosine = x / r
+    sine = y / r
+    by_E11 = (r + h * cosine) / 2
+    by_E22 = (r - h * cosine) / 2
+    by_shear = h * sine / 2
+    gradient = np.stack([by_E11, by_E22, by_shear], axis=-1)
     exact = np.tensordot(weights / 2, gradient, axes=1)
     # 400 Gauss points are not accurate for paths that pass close to r = 0.
     error = abs(found - exact).max()
@@ -71,4 +87,8 @@ def test_average_through_the_apex_is_finite():
     e0 = np.array([[1.0, -1.0, 0.0], [1e-3, -1e-3, 2e-3], [0.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
     found = Samples(mean_gradient, arguments=2)(e0, -e0)
     assert np.isfinite(found).all()
-    np.testing.assert_allclose(found[0], [0.25, 0.25, 0.0], atol=1e-9)  # h = 0, mean r = 1/2
+    np.testing.assert_allclose(
+        found[0],
+        [0.25, 0.25, 0.0],
+        atol=1e-9,
+    )  # h = 0, mean r = 1/2

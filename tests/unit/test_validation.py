@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ from demos.validation.engine.case import read_case
 from demos.validation.engine.comparison import compare
 from demos.validation.engine.report import misses, table
 from demos.validation.engine.results import comparisons, run
+from demos.validation.models import hanging_kite
 from gossamer_fx import InputError
 
 GOOD = """
@@ -163,6 +166,31 @@ def test_the_command_writes_table_results_and_picture(folder, capsys):
     assert (folder / "hiad_plateau.md").read_text(encoding="utf-8").count("kPa") == 6
 
 
+def test_a_chosen_test_runs_in_the_quick_form_too(folder, capsys):
+    """A test that is not one of the quick form, on the mesh of the quick form."""
+    words = ["hiad_plateau", "--quick", "--only", "2 up, 138", "--out", str(folder)]
+    assert main(words) == 0
+    capsys.readouterr()
+    stored = json.loads((folder / "hiad_plateau-quick.json").read_text(encoding="utf-8"))
+    assert list(stored["tests"]) == ["2 up, 138 kPa"]
+
+
+def test_a_name_of_no_test_is_refused_and_all_skips_cases_without_it(folder):
+    with pytest.raises(InputError, match="No test of 'hiad_plateau' has '3 up' in its name"):
+        main(["hiad_plateau", "--only", "3 up", "--out", str(folder)])
+    assert main(["all", "--only", "3 up", "--out", str(folder)]) == 0
+    assert not list(folder.iterdir())
+
+
+def test_a_curve_may_begin_at_zero_outside_of_its_range(folder):
+    curve = 'y = {value = [0, 5, 6], unit = "kN"}\nx = {value = [0, 1, 2], unit = "mm"}'
+    text = GOOD.replace('y = {value = 5, unit = "kN"}', f"{curve}\nrange = [1, 2]")
+    (measured,) = case_of(folder, text).tests[0].measured
+    assert compare(measured, {"x": [0.0, 2e-3], "y": [0.0, 12e3]}).y_measured[0] == 5.0
+    with pytest.raises(InputError, match="zeros"):
+        case_of(folder, text.replace("range = [1, 2]", ""))
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_the_cases_are_complete_and_have_results(name):
     case = read_case(CASES / f"{name}.toml", MODELS)
@@ -172,3 +200,26 @@ def test_the_cases_are_complete_and_have_results(name):
 
 def test_the_page_shows_the_stored_results():
     assert page_table() in PAGE.read_text(encoding="utf-8")
+
+
+def test_the_page_names_every_input_of_a_specimen():
+    page = PAGE.read_text(encoding="utf-8")
+    for name in NAMES:
+        data = tomllib.loads((CASES / f"{name}.toml").read_text(encoding="utf-8"))
+        named = {one for test in data["tests"] for one in test["inputs"]}
+        # The braid angle is in the files of tubes for information: the stiffnesses contain it.
+        missing = [one for one in named - {"braid_angle"} if f"`{one}`" not in page]
+        assert not missing, f"{name}: {missing}"
+        assert f"`{data['model']}`" in page
+
+
+def test_the_specimen_of_the_page_is_read(folder):
+    """The test that the page shows for a kite, after the inputs of the case file."""
+    page = PAGE.read_text(encoding="utf-8")
+    *_, block = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    head, *_ = (CASES / "hanging_kite.toml").read_text(encoding="utf-8").split("[[tests]]")
+    head = head.replace('quick_tests = ["case 5"]', "")
+    (test,) = case_of(folder, head + block).tests
+    kite = hanging_kite.Kite.read(test.inputs)
+    assert kite.pressure == pytest.approx(2e4)
+    assert kite.tip_load == 3.0 and kite.point_load == 0.0

@@ -12,6 +12,10 @@ from demos.validation.models.capstan import helix, tangent
 from demos.validation.models.hanging_kite import (
     PulleyEnergy,
     bending_share,
+    check_fits,
+    shear_stiffness,
+    torsional_stiffness,
+    twist_between,
     wall_stiffness,
 )
 from demos.validation.models.inflated_cantilever import Cantilever
@@ -61,14 +65,67 @@ def test_a_bent_tube_wrinkles_and_tends_to_the_collapse_moment():
 
 
 def test_the_stiffness_of_a_tube_is_that_of_its_fit():
-    """The secant at the first wrinkle of the tube of 0.13 m at 0.3 bar is 397 N/m, see the case file."""
+    """Bending and shear in series: the secant of the tube of 0.13 m at 0.3 bar is 397 N/m, see the case file."""
     radius = 0.065
-    slope = 3 * math.pi * radius**3 * wall_stiffness(radius, 0.3e5)
+    pressure = 0.3e5
+    bending = 3 * math.pi * radius**3 * wall_stiffness(radius, pressure)
+    slope = 1 / (1 / bending + 1 / shear_stiffness(radius, pressure))
     assert slope == pytest.approx(397.7, rel=1e-3)
 
 
+def test_a_twisted_tube_bears_the_torque_of_its_fit():
+    """T = c₁ arctan(c₂ φ'), with the published constants for r = 0.08 m and p = 0.5 bar."""
+    radius = 0.08
+    torque = (1467 * radius + 40.908) * 0.5 - 191.8 * radius + 47.406
+    per_twist = -17703 * radius**4 * math.log(0.5) + 358.05 * radius**3 + 0.0918
+    for twist in (0.05, 0.5, 3.0):
+        found = torsional_stiffness(twist, radius, 0.5e5) * twist
+        assert found == pytest.approx(torque * math.atan(per_twist * twist), rel=1e-12)
+    untwisted = torsional_stiffness(0.0, radius, 0.5e5)
+    assert untwisted == pytest.approx(torque * per_twist, rel=1e-9)
+    # Woven: the wall is far softer in shear than an isotropic film, whose G is E/2.6.
+    shear = untwisted / (2 * math.pi * radius**3)
+    assert 0.05 < shear / wall_stiffness(radius, 0.5e5) < 0.2
+
+
+def test_fits_of_tubes_are_not_used_where_they_have_no_meaning():
+    check_fits(0.08, 0.15e5, "here")
+    for radius, pressure in ((0.02, 1e4), (0.12, 2e5)):
+        with pytest.raises(gx.InputError, match=r"here: the fits of inflated tubes do not hold"):
+            check_fits(radius, pressure, "here")
+
+
+def rotation(axis, angle):
+    """The matrix (3, 3) of a rotation about a coordinate axis."""
+    i, j = [k for k in range(3) if k != axis]
+    matrix = np.eye(3)
+    matrix[i, i] = matrix[j, j] = math.cos(angle)
+    matrix[j, i] = math.sin(angle)
+    matrix[i, j] = -math.sin(angle)
+    if axis == 1:
+        return matrix.T
+    return matrix
+
+
+def test_the_twist_of_a_tube_does_not_count_its_bending_nor_its_motion():
+    first = rotation(2, 0.4) @ rotation(1, 0.2)
+    # Strut of two parts at an angle, carried along by a large rotation.
+    before = [first, first @ rotation(2, 0.1)]
+    motion = rotation(0, 1.1) @ rotation(2, -0.7)
+    bent = [motion @ before[0], motion @ before[1] @ rotation(2, 0.3)]
+    assert twist_between(before, bent) == pytest.approx(0.0, abs=1e-12)
+    twisted = [motion @ before[0], motion @ before[1] @ rotation(0, 0.25)]
+    assert twist_between(before, twisted) == pytest.approx(0.25)
+
+
 def test_an_inflated_tube_bears_its_pressure():
-    tube = Cantilever(radius=0.08, length=1.0, pressure=5e4, stiffness=2.2e5, poisson=0.3)
+    tube = Cantilever(
+        radius=0.08,
+        length=1.0,
+        pressure=5e4,
+        stiffness=2.2e5,
+        poisson=0.3,
+    )
     λ_L, λ_H = tube.stretches()
     hoop_strain = tube.pressure * tube.radius / tube.stiffness * (1 - 0.3 / 2)
     assert λ_H - 1 == pytest.approx(hoop_strain, rel=0.1)

@@ -33,18 +33,41 @@ def recorded(
     **options: object,
 ) -> gx.Simulation:
     """A film and a cable that drift along z; the run is ready to start."""
-    film = gx.Membrane(sheet(WORLD, 3, 2), LAW, order=order, velocity=drifting, name="the film")
-    curve = line(WORLD, [(0, 0, 1), (1, 0, 1)], 3)
-    cable = gx.Cable(curve, gx.CableLaw(1e5, 0.1), velocity=drifting, name="cable")
+    film = gx.Membrane(
+        sheet(WORLD, 3, 2),
+        LAW,
+        order=order,
+        velocity=drifting,
+        name="the film",
+    )
+    curve = line(
+        WORLD,
+        [(0, 0, 1), (1, 0, 1)],
+        3,
+    )
+    cable = gx.Cable(
+        curve,
+        gx.CableLaw(1e5, 0.1),
+        velocity=drifting,
+        name="cable",
+    )
     fields = {"the film": ("stress1", "displacement", "state", "direction")}
     recording = gx.Recording(folder, fields, every=2, format=format)
-    return gx.Simulation(gx.Scene(film, cable), gx.Midpoint(dt=DT), outputs=[recording], **options)
+    return gx.Simulation(
+        gx.Scene(film, cable),
+        gx.Midpoint(dt=DT),
+        outputs=[recording],
+        **options,
+    )
 
 
 def test_a_grid_is_read_back_to_the_last_bit(tmp_path: Path) -> None:
     random = np.random.default_rng(1)
     points = random.normal(size=(5, 3))
-    arrays = {"stress1 [Pa]": random.normal(size=5), 'a "<&>" [m]': random.normal(size=(5, 3))}
+    arrays = {
+        "stress1 [Pa]": random.normal(size=5),
+        'a "<&>" [m]': random.normal(size=(5, 3)),
+    }
     for nodes_of_cell in (1, 2, 3):
         cells = random.integers(0, 5, size=(7, nodes_of_cell))
         write_vtu(tmp_path / "a.vtu", Grid(points, cells, arrays))
@@ -57,7 +80,11 @@ def test_a_grid_is_read_back_to_the_last_bit(tmp_path: Path) -> None:
 
 def test_a_grid_without_cells_is_read_back(tmp_path: Path) -> None:
     """As a rank without cells writes."""
-    nothing = Grid(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), {"u [m]": np.zeros((0, 3))})
+    nothing = Grid(
+        np.zeros((0, 3)),
+        np.zeros((0, 3), dtype=np.int64),
+        {"u [m]": np.zeros((0, 3))},
+    )
     write_vtu(tmp_path / "a.vtu", nothing)
     assert len(read_vtu(tmp_path / "a.vtu").points) == 0
 
@@ -155,11 +182,26 @@ def test_pyvista_reads_the_files(tmp_path: Path) -> None:
 def test_an_export_has_all_parts_of_the_scene(tmp_path: Path, format: str) -> None:
     if WORLD.size > 1:
         pytest.skip("one rank is enough")
-    film = gx.Membrane(sheet(WORLD, 3, 2), LAW, velocity=drifting, name="the/film")
-    ball = gx.PointMass(1.0, (0.0, 0.0, 1.0), comm=WORLD, velocity=(0.0, 0.0, SPEED))
+    film = gx.Membrane(
+        sheet(WORLD, 3, 2),
+        LAW,
+        velocity=drifting,
+        name="the/film",
+    )
+    ball = gx.PointMass(
+        1.0,
+        (0.0, 0.0, 1.0),
+        comm=WORLD,
+        velocity=(0.0, 0.0, SPEED),
+    )
     hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=WORLD)
     box = gx.contact.Box(centre=(0.0, 0.0, 3.0), sizes=(0.1, 0.2, 0.3))
-    scene = gx.Scene(film, ball, hub, gx.Contact(film, box, distance=1e-3, stiffness=1e3))
+    scene = gx.Scene(
+        film,
+        ball,
+        hub,
+        gx.Contact(film, box, distance=1e-3, stiffness=1e3),
+    )
     recording = gx.Recording(tmp_path / "run", every=2, format=format)
     gx.Simulation(scene, gx.Midpoint(dt=DT), outputs=[recording]).run(until=4 * DT)
     run = gx.plot.RunReader(tmp_path / "run")

@@ -40,7 +40,12 @@ def table(study: Study, results: list[Result]) -> str:
     for measure in study.measures:
         head += [measure.name, "error", "order"]
     head += study.columns
-    lines = [f"### {study.title}", "", "| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    lines = [
+        f"### {study.title}",
+        "",
+        "| " + " | ".join(head) + " |",
+        "|---" * len(head) + "|",
+    ]
     for curve in curves(study, results).values():
         for previous, result in zip([None, *curve], curve, strict=False):
             cells = [str(value) for value in result.case.values()]

@@ -99,7 +99,12 @@ class Result:
     failed: str
 
 
-def run(study: Study, folder: Path, comm: MPI.Intracomm, quick: bool = False) -> list[Result]:
+def run(
+    study: Study,
+    folder: Path,
+    comm: MPI.Intracomm,
+    quick: bool = False,
+) -> list[Result]:
     """Compute the cases that `folder/NAME.csv` lacks for this number of ranks; returns all, in order.
 
     Quick forms with other options have the file `NAME-quick.csv`, see `Study`.
@@ -151,7 +156,7 @@ def _key(case: Mapping[str, Any], ranks: int) -> tuple[str, ...]:
 
 
 def _read(study: Study, path: Path) -> dict[tuple[str, ...], Row]:
-    """Rows of a file that was written before, by their keys; none if there is no file."""
+    """Rows of a file that was written before, by their keys; empty if the file does not exist."""
     if not path.is_file():
         return {}
     with path.open(newline="") as file:

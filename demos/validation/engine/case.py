@@ -199,6 +199,23 @@ class Case:
         """The tests of the quick or the full form."""
         return [test for test in self.tests if not quick or test.name in self.quick_tests]
 
+    def with_only(self, only: str) -> Case:
+        """The case whose quick form has in addition the tests whose name contains a text.
+
+        Raises:
+            InputError: no test has such a name.
+        """
+        if not only:
+            return self
+        names = [test.name for test in self.tests]
+        wanted = [name for name in names if only in name]
+        check(
+            bool(wanted),
+            f"No test of '{self.name}' has '{only}' in its name; give a part of one of: "
+            f"{'; '.join(names)}.",
+        )
+        return replace(self, quick_tests=tuple(dict.fromkeys([*self.quick_tests, *wanted])))
+
 
 def read_case(path: Path, models: list[str]) -> Case:
     """Read a case file.
@@ -208,7 +225,7 @@ def read_case(path: Path, models: list[str]) -> Case:
         models: names of the models that a case may have.
 
     Raises:
-        InputError: there is no such file, it is not TOML, an entry is missing, unknown or of another kind.
+        InputError: the file does not exist, it is not TOML, an entry is missing, unknown or of another kind.
     """
     where = f"'{path}'"
     data = _parsed(path, where)
@@ -273,13 +290,23 @@ def with_inputs(case: Case, changes: Mapping[str, float]) -> Case:
             )
             values[name] = {**old, "value": number}
         inputs = Inputs(test.inputs.where, values)
-        tests.append(replace(test, inputs=inputs, digest=digest_of(case.model, values)))
+        tests.append(
+            replace(
+                test,
+                inputs=inputs,
+                digest=digest_of(case.model, values),
+            )
+        )
     return replace(case, tests=tuple(tests))
 
 
 def digest_of(model: str, values: Mapping[str, Any]) -> str:
     """A short text that differs if a model or its inputs differ."""
-    text = json.dumps([model, values], sort_keys=True, default=str)
+    text = json.dumps(
+        [model, values],
+        sort_keys=True,
+        default=str,
+    )
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
@@ -305,7 +332,11 @@ def _parsed(path: Path, where: str) -> dict[str, Any]:
 def _test(where: str, model: str, shared: Mapping[str, Any], data: Any) -> Test:
     """One entry of `tests`."""
     entry = _mapping(where, data, "each of tests")
-    _check_keys(f"{where}, tests", entry, {"name", "inputs", "measured"})
+    _check_keys(
+        f"{where}, tests",
+        entry,
+        {"name", "inputs", "measured"},
+    )
     name = _line(f"{where}, tests", entry, "name")
     check(
         TEST_NAME.fullmatch(name) is not None,
@@ -337,11 +368,14 @@ def _measured(where: str, data: Any) -> Measured:
     here = f"{where}, measured '{quantity}'"
     check("y" in entry, f"{here}: y is missing; add the measured values.")
     y_value, unit = _quantity(f"{here}: y", entry["y"])
-    y = np.atleast_1d(_finite(f"{here}: y", y_value, dimensions=int(isinstance(y_value, list))))
-    check(
-        len(y) > 0 and bool((y != 0).all()),
-        f"{here}: y has zeros or no values; relative errors need values that are not zero.",
+    y = np.atleast_1d(
+        _finite(
+            f"{here}: y",
+            y_value,
+            dimensions=int(isinstance(y_value, list)),
+        )
     )
+    compared = y
     x: Array | None = None
     x_unit = ""
     x_range = (-math.inf, math.inf)
@@ -350,11 +384,27 @@ def _measured(where: str, data: Any) -> Measured:
         x = _finite(f"{here}: x", x_value, dimensions=1)
         rises = x.shape == y.shape and len(x) > 1 and bool((np.diff(x) > 0).all())
         check(rises, f"{here}: x does not rise, or has another length than y; give rising values.")
-        x_range = _pair(here, entry, "range", default=(float(x[0]), float(x[-1])))
+        x_range = _pair(
+            here,
+            entry,
+            "range",
+            default=(float(x[0]), float(x[-1])),
+        )
         check(
             x[0] <= x_range[0] < x_range[1] <= x[-1],
             f"{here}: range is {list(x_range)}; let it be within x, from {x[0]:g} to {x[-1]:g}.",
         )
+        # A curve may begin at zero load, outside of the range.
+        inside = x[(x > x_range[0]) & (x < x_range[1])]
+        compared = np.interp(
+            [x_range[0], *inside, x_range[1]],
+            x,
+            y,
+        )
+    check(
+        len(compared) > 0 and bool((compared != 0).all()),
+        f"{here}: y has zeros or no values; relative errors need values that are not zero.",
+    )
     labels = entry.get("labels", [])
     check(
         isinstance(labels, list) and len(labels) in (0, len(y)),
@@ -368,7 +418,12 @@ def _measured(where: str, data: Any) -> Measured:
     if tolerance is not None:
         accepted = (0.0, _number(f"{here}: tolerance", tolerance))
     else:
-        accepted = _pair(here, entry, "accepted", default=(-math.inf, math.inf))
+        accepted = _pair(
+            here,
+            entry,
+            "accepted",
+            default=(-math.inf, math.inf),
+        )
     return Measured(
         quantity=quantity,
         y=y,
@@ -379,7 +434,11 @@ def _measured(where: str, data: Any) -> Measured:
         labels=tuple(_words(f"{here}: labels", label) for label in labels),
         accepted=accepted,
         is_mean_of_sizes="accepted" not in entry,
-        peer_error=_number(f"{here}: peer_error", entry.get("peer_error", math.nan), finite=False),
+        peer_error=_number(
+            f"{here}: peer_error",
+            entry.get("peer_error", math.nan),
+            finite=False,
+        ),
     )
 
 
@@ -457,7 +516,11 @@ def _pair(
     """Two rising numbers."""
     if name not in data:
         return default
-    found = _finite(f"{where}: {name}", data[name], dimensions=1)
+    found = _finite(
+        f"{where}: {name}",
+        data[name],
+        dimensions=1,
+    )
     check(
         found.shape == (2,) and found[0] < found[1],
         f"{where}: {name} is {_short(data[name])}; give two rising numbers.",

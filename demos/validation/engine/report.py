@@ -148,11 +148,19 @@ def figure(case: Case, stored: Stored, path: Path, quick: bool = False) -> None:
         axis.set_visible(False)
     for axis, ((quantity, test_name), entries) in zip(axes.ravel(), panels.items(), strict=False):
         if test_name:
-            _draw_curve(axis, entries[0][1], stored["tests"][test_name])
+            _draw_curve(
+                axis,
+                entries[0][1],
+                stored["tests"][test_name],
+            )
         else:
             _draw_values(axis, entries)
         # Words of a case file are text, not formulas.
-        axis.set_title(test_name or quantity, fontsize=9, parse_math=False)
+        axis.set_title(
+            test_name or quantity,
+            fontsize=9,
+            parse_math=False,
+        )
         axis.grid(alpha=0.25)
         axis.tick_params(labelsize=8)
     axes.ravel()[0].legend(fontsize=8)
@@ -166,17 +174,46 @@ def figure(case: Case, stored: Stored, path: Path, quick: bool = False) -> None:
 def _draw_curve(axis, comparison: Comparison, result: Stored) -> None:
     """Measured points, the predicted curve, and the range in which they are compared."""
     measured = comparison.measured
-    axis.plot(measured.x, measured.y, "o", markersize=3, color="0.45", label="measured")
+    axis.plot(
+        measured.x,
+        measured.y,
+        "o",
+        markersize=3,
+        color="0.45",
+        label="measured",
+    )
     predicted = result["predicted"].get(measured.quantity)
     if predicted is not None:
         x = np.array(predicted["x"]) / UNITS[measured.x_unit][1]
         y = np.array(predicted["y"]) / UNITS[measured.unit][1]
-        axis.plot(x, y, "-", color="tab:red", linewidth=1.6, label="predicted")
+        axis.plot(
+            x,
+            y,
+            "-",
+            color="tab:red",
+            linewidth=1.6,
+            label="predicted",
+        )
         words = f"mean error {_percent(comparison.mean_error)}"
-        axis.text(0.97, 0.05, words, transform=axis.transAxes, ha="right", fontsize=8)
+        axis.text(
+            0.97,
+            0.05,
+            words,
+            transform=axis.transAxes,
+            ha="right",
+            fontsize=8,
+        )
     axis.axvspan(*measured.x_range, color="0.95", zorder=0)
-    axis.set_xlabel(f"[{measured.x_unit}]", fontsize=8, parse_math=False)
-    axis.set_ylabel(f"{measured.quantity} [{measured.unit}]", fontsize=8, parse_math=False)
+    axis.set_xlabel(
+        f"[{measured.x_unit}]",
+        fontsize=8,
+        parse_math=False,
+    )
+    axis.set_ylabel(
+        f"{measured.quantity} [{measured.unit}]",
+        fontsize=8,
+        parse_math=False,
+    )
     axis.set_ylim(bottom=min(0.0, *axis.get_ylim()))
 
 
@@ -194,9 +231,40 @@ def _draw_values(axis, entries: list[tuple[Test, Comparison]]) -> None:
         y_measured += list(comparison.y_measured)
         y_predicted += list(comparison.y_predicted)
     places = np.arange(len(names))
-    axis.plot(places, y_measured, "o", color="0.45", label="measured")
-    axis.plot(places, y_predicted, "_", color="tab:red", markersize=14, markeredgewidth=2.5)
-    axis.plot([], [], "_", color="tab:red", markeredgewidth=2.5, label="predicted")
-    axis.set_xticks(places, names, rotation=60, ha="right", fontsize=6, parse_math=False)
+    axis.plot(
+        places,
+        y_measured,
+        "o",
+        color="0.45",
+        label="measured",
+    )
+    axis.plot(
+        places,
+        y_predicted,
+        "_",
+        color="tab:red",
+        markersize=14,
+        markeredgewidth=2.5,
+    )
+    axis.plot(
+        [],
+        [],
+        "_",
+        color="tab:red",
+        markeredgewidth=2.5,
+        label="predicted",
+    )
+    axis.set_xticks(
+        places,
+        names,
+        rotation=60,
+        ha="right",
+        fontsize=6,
+        parse_math=False,
+    )
     unit = entries[0][1].measured.unit
-    axis.set_ylabel("" if unit == "1" else f"[{unit}]", fontsize=8, parse_math=False)
+    axis.set_ylabel(
+        "" if unit == "1" else f"[{unit}]",
+        fontsize=8,
+        parse_math=False,
+    )

@@ -69,7 +69,12 @@ def run(
         is_known = known.get("digest") == test.digest and not known.get("failed")
         if is_known and not fresh:
             continue
-        stored["tests"][test.name] = _compute(model.predict, test, comm, quick)
+        stored["tests"][test.name] = _compute(
+            model.predict,
+            test,
+            comm,
+            quick,
+        )
         # After each test, so that a run that was ended goes on from there.
         on_rank_zero(comm, lambda: write(path, stored))
         if comm.rank == 0:
@@ -90,7 +95,11 @@ def _compute(predict: Any, test: Test, comm: MPI.Intracomm, quick: bool) -> Stor
     started = time.perf_counter()
     result: Stored = {"digest": test.digest, "failed": "", "predicted": {}, "details": {}}
     try:
-        prediction: Prediction = predict(test.inputs, comm, quick)
+        prediction: Prediction = predict(
+            test.inputs,
+            comm,
+            quick,
+        )
     except (NoEquilibrium, StepFailure) as failure:
         result["failed"] = str(failure)
     else:

@@ -69,7 +69,7 @@ def sensitivities(case: Case, comm: MPI.Intracomm, *, quick: bool, only: str = "
 
 
 def _biases(model: Any, test: Test, comm: MPI.Intracomm, quick: bool) -> dict[str, float]:
-    """Mean of predicted/measured - 1 of each quantity; none if there is no solution."""
+    """Mean of predicted/measured - 1 of each quantity; empty if the model has no solution."""
     try:
         prediction = model.predict(test.inputs, comm, quick)
     # Stiffnesses that are changed alone may not be positive definite.

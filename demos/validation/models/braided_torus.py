@@ -110,6 +110,10 @@ class Torus:
     def read(inputs: Inputs) -> Torus:
         """The torus of a case file."""
         β = inputs.number("braid_angle", "rad", above=0)
+        check(
+            β < math.pi / 2,
+            f"{inputs.where}: braid_angle is {math.degrees(β):g} degrees from the axis; give one below 90.",
+        )
         G = inputs.number("shear_stiffness", "N/m", above=0)
         E_L = inputs.number("axial_stiffness", "N/m", above=0)
         tangent_squared = math.tan(β) ** 2
@@ -129,6 +133,7 @@ class Torus:
             cord_compression=inputs.number("cord_compression", "N", above=0),
             deflection=0.0,
         )
+        tube.check_cords(inputs.where)
         shape = inputs.table("shape", "m", 2)
         count = len(shape)
         stations = inputs.numbers("station_angles", "rad")
@@ -142,6 +147,18 @@ class Torus:
             count >= 16 and len(forces) == 2 * len(stations),
             f"{inputs.where}: shape has {count} points and first_forces {len(forces)} numbers; give 16 points "
             f"at least, evenly spaced from the angle 0, and {2 * len(stations)} forces.",
+        )
+        pulleys = inputs.table("pulleys", "m", 2)
+        largest_load = inputs.number("largest_load", "N", above=0)
+        check(
+            len(pulleys) == 2,
+            f"{inputs.where}: pulleys has {len(pulleys)} rows; give radius and height of the lower and of the "
+            "upper ones.",
+        )
+        check(
+            largest_load > forces.sum(),
+            f"{inputs.where}: largest_load is {largest_load:g} N; give one above the sum of first_forces, "
+            f"{forces.sum():.4g} N.",
         )
         cells = None
         if "cells_along" in inputs or "cells_around" in inputs:
@@ -158,18 +175,28 @@ class Torus:
             shape_height=shape[:, 1],
             station_angles=stations,
             support_angles=inputs.numbers("support_angles", "rad"),
-            pulleys=inputs.table("pulleys", "m", 2),
+            pulleys=pulleys,
             first_forces=forces,
             cable_stiffness=inputs.number("cable_stiffness", "N/m", above=0),
-            largest_load=inputs.number("largest_load", "N", above=0),
+            largest_load=largest_load,
             cells=cells,
         )
 
     def measured_line(self, angle: Array) -> Array:
         """Radius and height (n, 2) [m] of the measured centre line at angles (n,)."""
         period = 2 * math.pi
-        radius = np.interp(angle, self.shape_angle, self.shape_radius, period=period)
-        height = np.interp(angle, self.shape_angle, self.shape_height, period=period)
+        radius = np.interp(
+            angle,
+            self.shape_angle,
+            self.shape_radius,
+            period=period,
+        )
+        height = np.interp(
+            angle,
+            self.shape_angle,
+            self.shape_height,
+            period=period,
+        )
         return np.column_stack([radius, height])
 
 
@@ -205,7 +232,12 @@ def torus_mesh(comm: MPI.Intracomm, points: Array, cord_columns: list[int]) -> g
 
     def build(model: Any) -> None:
         film = model.addDiscreteEntity(2)
-        model.mesh.addNodes(2, film, range(1, along * around + 1), points.ravel())
+        model.mesh.addNodes(
+            2,
+            film,
+            range(1, along * around + 1),
+            points.ravel(),
+        )
         triangles = []
         for i in range(0, along, 2):
             for k in range(0, around, 2):
@@ -215,7 +247,12 @@ def torus_mesh(comm: MPI.Intracomm, points: Array, cord_columns: list[int]) -> g
                 triangles += [node(i, k), node(i + 2, k + 2), node(i, k + 2)]
                 triangles += [node(i + 1, k + 1), node(i + 1, k + 2), node(i, k + 1)]
         six_node_triangle = 9
-        model.mesh.addElementsByType(film, six_node_triangle, [], triangles)
+        model.mesh.addElementsByType(
+            film,
+            six_node_triangle,
+            [],
+            triangles,
+        )
         model.addPhysicalGroup(2, [film], name="film")
         three_node_line = 8
         for j, k in enumerate(cord_columns):
@@ -223,7 +260,12 @@ def torus_mesh(comm: MPI.Intracomm, points: Array, cord_columns: list[int]) -> g
             edges = []
             for i in range(0, along, 2):
                 edges += [node(i, k), node(i + 2, k), node(i + 1, k)]
-            model.mesh.addElementsByType(cord, three_node_line, [], edges)
+            model.mesh.addElementsByType(
+                cord,
+                three_node_line,
+                [],
+                edges,
+            )
             model.addPhysicalGroup(1, [cord], name=f"cord {j}")
 
     return gx.gmsh_mesh(build, comm)
@@ -301,7 +343,11 @@ class Cables:
     def terms(self, start: State) -> Iterable[Term]:
         """A load for each cable."""
         for i, cable in enumerate(self._cables):
-            yield PointLoad(f"cable {i + 1}", (cable.end,), cable)
+            yield PointLoad(
+                f"cable {i + 1}",
+                (cable.end,),
+                cable,
+            )
 
 
 class Supports:
@@ -320,7 +366,12 @@ class Supports:
         up = np.eye(3)[[2]]
         for i, section in enumerate(self._sections):
             height = float(start.vector(section)[2])
-            measure = PointMeasure([(section,)], np.zeros((1, 3, 3)), up, np.array([-height]))
+            measure = PointMeasure(
+                [(section,)],
+                np.zeros((1, 3, 3)),
+                up,
+                np.array([-height]),
+            )
             yield PointConstraint(f"support {i + 1}", measure)
 
 
@@ -331,7 +382,11 @@ def combined(parts: list[tuple[float, Port]]) -> Port:
     for factor, port in parts:
         nodes += port.nodes
         weights += [factor * weight for weight in port.weights]
-    return Port(parts[0][1].body, tuple(nodes), weights=tuple(weights))
+    return Port(
+        parts[0][1].body,
+        tuple(nodes),
+        weights=tuple(weights),
+    )
 
 
 # ---- the model -------------------------------------------------------------------------------------
@@ -402,11 +457,21 @@ def build(
     def inflate(X: Array) -> Array:
         return displacements[numbering.of(X)].T
 
-    film = gx.Membrane(mesh, law, order=2, displacement=inflate, name="wall")
+    film = gx.Membrane(
+        mesh,
+        law,
+        order=2,
+        displacement=inflate,
+        name="wall",
+    )
     factor = λ_L / (1 + tube.cord_strain_after_inflation())
     strain = np.concatenate([[-LARGEST_STRAIN, 0.0], tube.cord_strain])
     force = np.concatenate([[-LARGEST_STRAIN * tube.cord_compression, 0.0], tube.cord_table])
-    cord_law = gx.TabulatedCable(strain, force, line_density=CORD_MASS)
+    cord_law = gx.TabulatedCable(
+        strain,
+        force,
+        line_density=CORD_MASS,
+    )
     cords = [
         gx.connectors.Tape.along_edges(
             film, cord_law, edges=f"cord {j}", length_factor=factor, name=f"cord {j}"
@@ -457,7 +522,11 @@ class Numbering:
 def _mean(film: gx.Membrane, nodes: Array, weights: Array) -> Port:
     """A weighted mean of nodes of global numbers."""
     normed = tuple(map(float, weights / weights.sum()))
-    return Port(film, tuple(int(node) for node in nodes), weights=normed)
+    return Port(
+        film,
+        tuple(int(node) for node in nodes),
+        weights=normed,
+    )
 
 
 def _row(angle: float, count: int) -> int:
@@ -491,7 +560,14 @@ def _cables(torus: Torus, film: gx.Membrane, nodes: Array, cosine: Array) -> lis
                     parts.append((float(share), _mean(film, ring, weights)))
             pulley = np.array([radius * math.cos(angle), radius * math.sin(angle), height])
             first_force = float(torus.first_forces[len(cables)])
-            cables.append(Cable(combined(parts), pulley, first_force, torus.cable_stiffness))
+            cables.append(
+                Cable(
+                    combined(parts),
+                    pulley,
+                    first_force,
+                    torus.cable_stiffness,
+                )
+            )
     return cables
 
 
@@ -509,7 +585,13 @@ def corrected(
     line = target.copy()
     remaining = math.inf
     for _ in range(corrections):
-        model = build(torus, comm, line, around, torus.tube.pressure)
+        model = build(
+            torus,
+            comm,
+            line,
+            around,
+            torus.tube.pressure,
+        )
         model.search.find(at=0.0)
         difference = (target - model.line())[:, 0]
         remaining = float(np.abs(difference).max())
@@ -539,10 +621,27 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         increment = QUICK_INCREMENT
     if torus.cells is not None:
         cells = torus.cells
-    line, remaining = corrected(torus, comm, cells, corrections)
+    line, remaining = corrected(
+        torus,
+        comm,
+        cells,
+        corrections,
+    )
     if "second_pressure" in inputs:
-        return _inflate_further(torus, inputs, comm, line, cells[1])
-    model = build(torus, comm, line, cells[1], torus.tube.pressure)
+        return _inflate_further(
+            torus,
+            inputs,
+            comm,
+            line,
+            cells[1],
+        )
+    model = build(
+        torus,
+        comm,
+        line,
+        cells[1],
+        torus.tube.pressure,
+    )
     search = model.search
     first = search.find(at=0.0)
     iterations = first.iterations
@@ -583,8 +682,18 @@ def _inflate_further(
 ) -> Prediction:
     """The growth of the mean radius from one pressure to another, under the first forces of the cables."""
     first = torus.tube.pressure
-    second = inputs.number("second_pressure", "Pa", above=first)
-    model = build(torus, comm, line, around, lambda t: first + t * (second - first))
+    second = inputs.number(
+        "second_pressure",
+        "Pa",
+        above=first,
+    )
+    model = build(
+        torus,
+        comm,
+        line,
+        around,
+        lambda t: first + t * (second - first),
+    )
     model.search.find(at=0.0)
     before = model.line()[:, 0].mean()
     for k in range(1, PRESSURE_INCREMENTS + 1):

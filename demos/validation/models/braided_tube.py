@@ -127,6 +127,7 @@ class Tube:
             deflection=inputs.number("deflection", "m", above=0),
         )
         tube.check_angles(inputs.where)
+        tube.check_cords(inputs.where)
         check(
             tube.deflection < tube.half_span,
             f"{inputs.where}: deflection is {tube.deflection:g} m; give one below half_span, "
@@ -145,11 +146,24 @@ class Tube:
         lines = self.cord_angles / CORD_SPACING
         degrees = np.rad2deg(self.cord_angles).round(6).tolist()
         mirrored = np.mod(-self.cord_angles, 2 * math.pi)
-        is_symmetric = np.allclose(np.sort(self.cord_angles), np.sort(mirrored), atol=1e-9)
+        is_symmetric = np.allclose(
+            np.sort(self.cord_angles),
+            np.sort(mirrored),
+            atol=1e-9,
+        )
         check(
             bool(np.allclose(lines, np.rint(lines), atol=1e-9)) and is_symmetric,
             f"{where}: cord_angles are {degrees} degrees from the top; give multiples of 30 that are "
             "symmetric about the vertical plane.",
+        )
+
+    def check_cords(self, where: str) -> None:
+        """Check that the wall bears a part of the pressure's axial force: film bears no compression."""
+        end_force = self.pressure * math.pi * self.radius**2
+        check(
+            len(self.cord_angles) * self.cord_force < end_force,
+            f"{where}: cord_force is {self.cord_force:g} N for each of {len(self.cord_angles)} cords; the pressure "
+            f"pulls with {end_force:.4g} N only, so give a smaller force.",
         )
 
     def stretches(self) -> tuple[float, float]:
@@ -175,7 +189,11 @@ class Tube:
         """The law of a share of a cord: one on the plane of symmetry counts half."""
         strain = np.concatenate([[-LARGEST_STRAIN, 0.0], self.cord_strain])
         force = np.concatenate([[-LARGEST_STRAIN * self.cord_compression, 0.0], self.cord_table])
-        return gx.TabulatedCable(strain, share * force, line_density=CORD_MASS)
+        return gx.TabulatedCable(
+            strain,
+            share * force,
+            line_density=CORD_MASS,
+        )
 
     def cord_strain_after_inflation(self) -> float:
         """The strain at which a cord has its force after inflation."""
@@ -256,16 +274,35 @@ def half_tube_mesh(
 
     def build(model: Any) -> None:
         surface = model.addDiscreteEntity(2)
-        model.mesh.addNodes(2, surface, range(1, len(coordinates) + 1), coordinates.ravel())
+        model.mesh.addNodes(
+            2,
+            surface,
+            range(1, len(coordinates) + 1),
+            coordinates.ravel(),
+        )
         wall = _wall_triangles(number, 0, band[0]) + _wall_triangles(number, band[1], rings - 1)
         _add_triangles(model, surface, wall, "wall")
-        _add_triangles(model, model.addDiscreteEntity(2), _wall_triangles(number, *band), "band")
+        _add_triangles(
+            model,
+            model.addDiscreteEntity(2),
+            _wall_triangles(number, *band),
+            "band",
+        )
         last = number[-1]
         cap = [(centre, last[k + 1], last[k]) for k in range(around)]
-        _add_triangles(model, model.addDiscreteEntity(2), cap, "cap")
+        _add_triangles(
+            model,
+            model.addDiscreteEntity(2),
+            cap,
+            "cap",
+        )
         _add_line(model, [number[0]], "middle")
         end_rim = [[last[0], centre], [centre, last[-1]]]
-        _add_line(model, [number[:, 0], number[:, -1], *end_rim], "plane")
+        _add_line(
+            model,
+            [number[:, 0], number[:, -1], *end_rim],
+            "plane",
+        )
         for k in range(per_ring):
             _add_line(model, [number[:, k]], f"line {k}")
 
@@ -344,16 +381,34 @@ class End:
             pairs.append((Port(film, (int(node),)), piece.port(float(height))))
         in_plane = np.eye(3)[[0, 2]]
         L = np.hstack([in_plane, -in_plane])
-        yield PointConstraint(self.name, PointMeasure(pairs, np.zeros((2, 6, 6)), L, np.zeros(2)))
+        yield PointConstraint(
+            self.name,
+            PointMeasure(
+                pairs,
+                np.zeros((2, 6, 6)),
+                L,
+                np.zeros(2),
+            ),
+        )
         across = np.eye(3)[[1]]
         for k, port in enumerate((piece.port(), *piece.directors)):
-            measure = PointMeasure([(port,)], np.zeros((1, 3, 3)), across, np.zeros(1))
+            measure = PointMeasure(
+                [(port,)],
+                np.zeros((1, 3, 3)),
+                across,
+                np.zeros(1),
+            )
             yield PointConstraint(f"{self.name} plane {k}", measure)
         if self._lever is None:
             return
         foot = piece.port(-self._lever)
         up = np.eye(3)[[2]]
-        rail = PointMeasure([(foot,)], np.zeros((1, 3, 3)), up, np.array([self._lever]))
+        rail = PointMeasure(
+            [(foot,)],
+            np.zeros((1, 3, 3)),
+            up,
+            np.array([self._lever]),
+        )
         yield PointConstraint(f"{self.name} foot", rail)
 
 
@@ -378,7 +433,11 @@ class Lowered:
         measure = PointMeasure(
             [(self._port,)], np.zeros((1, 3, 3)), up, np.array([1.0 - self._height])
         )
-        yield PointConstraint(self.name, measure, closing=Closing(lambda t: 1.0 - t))
+        yield PointConstraint(
+            self.name,
+            measure,
+            closing=Closing(lambda t: 1.0 - t),
+        )
 
 
 def mean_of(film: gx.Membrane, nodes: Array, weights: Array) -> Port:
@@ -439,7 +498,13 @@ def build(tube: Tube, comm: MPI.Intracomm, around: int) -> Model:
     """
     λ_L, λ_H = tube.stretches()
     x, band = stations(tube, CELL_ASPECT * math.pi * tube.radius / around)
-    mesh = half_tube_mesh(comm, x / λ_L, tube.radius / λ_H, around, band)
+    mesh = half_tube_mesh(
+        comm,
+        x / λ_L,
+        tube.radius / λ_H,
+        around,
+        band,
+    )
     inflate = inflation(tube.radius, λ_L, λ_H, around)
     A11, A12, A22, A66 = tube.stiffnesses
     axial = (1.0, 0.0, 0.0)
@@ -452,9 +517,19 @@ def build(tube: Tube, comm: MPI.Intracomm, around: int) -> Model:
         density=AREAL_MASS / THICKNESS,
         direction={"wall": axial, "band": axial, "cap": (0.0, 0.0, 1.0)},
     )
-    film = gx.Membrane(mesh, wall, order=2, displacement=inflate, name="wall")
+    film = gx.Membrane(
+        mesh,
+        wall,
+        order=2,
+        displacement=inflate,
+        name="wall",
+    )
     cords = list(_cords(tube, film, around, λ_L))
-    end = End(film, tube.lever, np.array([tube.half_span, 0.0, 0.0]))
+    end = End(
+        film,
+        tube.lever,
+        np.array([tube.half_span, 0.0, 0.0]),
+    )
     load_port = band_port(film)
     load = Lowered(load_port, float(load_port.initial()[2]))
     scene = gx.Scene(
@@ -469,7 +544,16 @@ def build(tube: Tube, comm: MPI.Intracomm, around: int) -> Model:
     )
     rim = film.nodes("middle")
     own = rim[rim < film.block.index_map.size_local]
-    return Model(scene, film, load, mean_of(film, own, np.ones(len(own))))
+    return Model(
+        scene,
+        film,
+        load,
+        mean_of(
+            film,
+            own,
+            np.ones(len(own)),
+        ),
+    )
 
 
 def _cords(tube: Tube, film: gx.Membrane, around: int, λ_L: float) -> Iterable[gx.connectors.Tape]:

@@ -97,7 +97,11 @@ def drawn_motion(direction: Array, start: float) -> Callable[[Array, float], Arr
     """Displacement of the drawn end."""
 
     def motion(X: Array, t: float) -> Array:
-        return np.repeat(travel(t, start) * direction[:, None], X.shape[1], axis=1)
+        return np.repeat(
+            travel(t, start) * direction[:, None],
+            X.shape[1],
+            axis=1,
+        )
 
     return motion
 
@@ -109,12 +113,20 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     friction = inputs.number("friction", "1", above=0)
     points = helix(wrap, QUICK_NODE_ANGLE if quick else NODE_ANGLE)
     cable = gx.Cable(
-        line(comm, [tuple(map(float, point)) for point in points], 1),
+        line(
+            comm,
+            [tuple(map(float, point)) for point in points],
+            1,
+        ),
         gx.CableLaw(EA=EA, line_density=LINE_DENSITY),
         name="cable",
     )
     width = RADIUS * (1 + PITCH * wrap / (2 * math.pi))
-    drum = gx.contact.Cylinder(start=(0.0, -width, 0.0), end=(0.0, width, 0.0), radius=RADIUS)
+    drum = gx.contact.Cylinder(
+        start=(0.0, -width, 0.0),
+        end=(0.0, width, 0.0),
+        radius=RADIUS,
+    )
     contact = gx.Contact(
         cable,
         drum,
@@ -132,7 +144,11 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     scene = gx.Scene(
         contact,
         gx.loads.Force(cable.port("start"), hold, name="hold"),
-        gx.Fixed(cable, "end", motion=drawn_motion(tangent(wrap, 1), RAMP)),
+        gx.Fixed(
+            cable,
+            "end",
+            motion=drawn_motion(tangent(wrap, 1), RAMP),
+        ),
         gx.Damping(cable, mass_factor=DAMPING),
     )
     run = gx.Simulation(scene, gx.Midpoint(dt=DT))

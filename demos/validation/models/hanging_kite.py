@@ -3,15 +3,24 @@
 The tubes are shear-deformable beams, the canopy is a film that bears no compression, and the lines of
 the bridle are ropes.  A line over a pulley has one tension: k (l_a + l_b - L) of both parts together.
 
-Stiffness of a tube of radius r under the pressure p.  The fits of inflated cantilevers of 1 m,
-F = A (1 - exp(-n v/A)) with A(r, p) and n(r, p), give the bending stiffness EI = n_s/3 with the secant n_s at the
-load p π r³/2 of the first wrinkle, which predicts these cantilevers (case `inflated_cantilever`).
-With E t = EI/(π r³): EA = 2π r E t, GA = π r E t/2.6, GJ = 2π r³ E t/2.6.  Beyond the first wrinkle, at the
-curvature κ_w = p/(2 E t), EI is the secant M(κ)/κ of Stein and Hedgepeth's solution,
+Stiffness of a tube of radius r under the pressure p.  Two series of tests on tubes of 1 m were fitted by
+J. Breukels (2011).  Tubes that are twisted by the angle φ' per length bear the torque
 
-    sin θ + (π - θ) cos θ = π κ_w/κ,    M = E t κ r³ (π - θ + ½ sin 2θ),
+    T = c₁ arctan(c₂ φ'),    c₁(r, p), c₂(r, p),                                                  (1)
 
-and found by iteration over equilibria.
+whose secant is the torsional stiffness GJ = T/φ'.  The shear stiffness of the wall G t = c₁ c₂/(2π r³) is that of
+the untwisted tube, and GA = π r G t.  Cantilevers of the deflection v bear the load F = A (1 - exp(-n v/A)) with
+A(r, p) and n(r, p).  The secant n_s at the load p π r³/2 of the first wrinkle predicts these cantilevers (case
+`inflated_cantilever`).  It contains the deflection by shear, so that the bending stiffness follows from
+
+    1/n_s = 1/(3 EI) + 1/GA.                                                                      (2)
+
+With E t = EI/(π r³): EA = 2π r E t.  Beyond the first wrinkle, at the curvature κ_w = p/(2 E t), EI is the
+secant M(κ)/κ of Stein and Hedgepeth's solution,
+
+    sin θ + (π - θ) cos θ = π κ_w/κ,    M = E t κ r³ (π - θ + ½ sin 2θ).                          (3)
+
+Both secants are found by iteration over equilibria.
 
 Weight: the canopy has a density per area; the remainder of the total is spread evenly over the surface of
 the tubes.
@@ -32,6 +41,7 @@ import gossamer_fx as gx
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
 from gossamer_fx.algebra.point_measures import PointMeasure
+from gossamer_fx.checks.errors import check
 from gossamer_fx.meshes.line import line
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
@@ -46,13 +56,16 @@ CHORD_CELLS = 6
 # Mass [kg] of a knot of the bridle: it only paces the pseudo-time.
 KNOT_MASS = 0.02
 
-# Constants of the fits by J. Breukels (2011), for r in m and p in bar.
+# Constants of the fits by J. Breukels (2011), for r in m and p in bar: A and n of the cantilevers, c₁ and c₂ of
+# the twisted tubes.
 FIT_LOAD = (6582.82, -272.43, 40852.38, 14.31)
 FIT_SLOPE = (271865251.42, 215.93, 14021.79, -589.05)
+FIT_TORQUE = (1467.0, 40.908, -191.8, 47.406)
+FIT_TWIST = (-17703.0, 358.05, 0.0918)
 BAR = 1e5
 
-# Share by which the secant stiffness of a tube is replaced in an iteration, their number, and the change
-# at which they end.
+# Share by which the secant stiffness of a tube is replaced in an iteration, their number, and the relative
+# change at which they end.
 RELAXATION = 0.7
 MAX_ITERATIONS = 4
 STIFFNESS_TOLERANCE = 0.03
@@ -63,8 +76,31 @@ SEARCH = gx.analysis.Continuation(
 )
 
 
+def torsion_law(radius: float, pressure: float) -> tuple[float, float]:
+    """c₁ [N m] and c₂ [m] of the fit (1) of twisted tubes."""
+    p = pressure / BAR
+    C13, C14, C15, C16 = FIT_TORQUE
+    C17, C18, C19 = FIT_TWIST
+    torque = (C13 * radius + C14) * p + C15 * radius + C16
+    per_twist = C17 * radius**4 * math.log(p) + C18 * radius**3 + C19
+    return torque, per_twist
+
+
+def torsional_stiffness(twist: float, radius: float, pressure: float) -> float:
+    """GJ [N m²] of a tube at a twist [rad/m]."""
+    torque, per_twist = torsion_law(radius, pressure)
+    # atan(x)/x tends to 1; below this x it differs from it by less than 1e-9.
+    x = max(abs(per_twist * twist), 1e-5)
+    return torque * per_twist * math.atan(x) / x
+
+
+def shear_stiffness(radius: float, pressure: float) -> float:
+    """GA [N] of a tube that is not twisted."""
+    return torsional_stiffness(0.0, radius, pressure) / (2 * radius**2)
+
+
 def wall_stiffness(radius: float, pressure: float) -> float:
-    """E t [N/m] of a tube, by the secant of the fit at the load of the first wrinkle."""
+    """E t [N/m] of a tube, by the secant of the fit at the load of the first wrinkle, equation (2)."""
     p = pressure / BAR
     C1, C2, C3, C4 = FIT_LOAD
     C5, C6, C7, C8 = FIT_SLOPE
@@ -72,7 +108,32 @@ def wall_stiffness(radius: float, pressure: float) -> float:
     slope = (C5 * radius**5 + C6) * p + C7 * radius + C8
     first_wrinkle = pressure * math.pi * radius**3 / 2
     deflection = -largest / slope * math.log(1 - first_wrinkle / largest)
-    return first_wrinkle / deflection / (3 * math.pi * radius**3)
+    in_bending = deflection - first_wrinkle / shear_stiffness(radius, pressure)
+    return first_wrinkle / in_bending / (3 * math.pi * radius**3)
+
+
+def check_fits(radius: float, pressure: float, where: str) -> None:
+    """Check that the fits, which are of tubes of 0.08 to 0.2 m, have a meaning for a tube.
+
+    Raises:
+        InputError: they have not.
+    """
+    p = pressure / BAR
+    C1, C2, C3, C4 = FIT_LOAD
+    C5, C6, C7, C8 = FIT_SLOPE
+    largest = (C1 * radius + C2) * p**2 + C3 * radius**3 + C4
+    slope = (C5 * radius**5 + C6) * p + C7 * radius + C8
+    torque, per_twist = torsion_law(radius, pressure)
+    is_within = slope > 0 and torque > 0 and per_twist > 0
+    is_within = is_within and largest > pressure * math.pi * radius**3 / 2
+    if is_within:
+        # Deflection by shear alone may not be more than the whole one.
+        is_within = 0 < wall_stiffness(radius, pressure) < math.inf
+    check(
+        is_within,
+        f"{where}: the fits of inflated tubes do not hold for a diameter of {2 * radius:g} m at "
+        f"{p:g} bar; give tubes of 0.09 to 0.2 m and 0.1 to 0.6 bar.",
+    )
 
 
 def bending_share(curvature: float, radius: float, pressure: float, stiffness: float) -> float:
@@ -81,7 +142,11 @@ def bending_share(curvature: float, radius: float, pressure: float, stiffness: f
     ratio = curvature / first
     if ratio <= 1:
         return 1.0
-    θ = brentq(lambda a: math.sin(a) + (math.pi - a) * math.cos(a) - math.pi / ratio, 0.0, math.pi)
+    θ = brentq(
+        lambda a: math.sin(a) + (math.pi - a) * math.cos(a) - math.pi / ratio,
+        0.0,
+        math.pi,
+    )
     return max((math.pi - θ + math.sin(2 * θ) / 2) / math.pi, SMALLEST_SHARE)
 
 
@@ -93,12 +158,14 @@ class Tube:
         nodes: of the geometry, in order.
         radius: [m].
         share: of the bending stiffness without wrinkles.
+        torsion: torsional stiffness over that of the untwisted tube.
         beam: of the scene that was built last.
     """
 
     nodes: tuple[int, ...]
     radius: float
     share: float = 1.0
+    torsion: float = 1.0
     beam: gx.Beam | None = None
 
 
@@ -120,22 +187,28 @@ class Kite:
     point_load: float
     loaded: tuple[int, int, int]
     bending_factor: float
+    torsion_factor: float
 
     @staticmethod
     def read(inputs: Inputs) -> Kite:
         """The kite of a case file."""
-        points = {int(row[0]): row[1:] for row in _mixed(inputs, "nodes", 4)}
-        leading = [
-            Tube((int(i), int(j)), float(d) / 2)
-            for i, j, d in _mixed(inputs, "leading_edge", 3).tolist()
-        ]
+        points = {}
+        for row in _mixed(inputs, "nodes", 4):
+            points[int(row[0])] = row[1:]
+        leading = []
+        for i, j, diameter in _mixed(inputs, "leading_edge", 3).tolist():
+            leading.append(Tube((int(i), int(j)), diameter / 2))
+        # A strut is one beam through all of its nodes, whose lines and canopy pull on it between its ends.
         segments: dict[int, list[list[float]]] = {}
         for row in _mixed(inputs, "struts", 5).tolist():
             segments.setdefault(int(row[0]), []).append(row)
         struts = []
         for rows in segments.values():
-            nodes = (int(rows[0][1]), *(int(row[2]) for row in rows))
-            struts.append(Tube(nodes, (rows[0][3] + rows[0][4]) / 4))
+            first = int(rows[0][1])
+            others = [int(row[2]) for row in rows]
+            # The mean of both ends: a strut tapers by a quarter at most.
+            mean_diameter = (rows[0][3] + rows[0][4]) / 2
+            struts.append(Tube((first, *others), mean_diameter / 2))
         modulus = inputs.number("line_modulus", "Pa", above=0)
         ropes = []
         for i, j, length, diameter in _mixed(inputs, "lines", 4).tolist():
@@ -146,25 +219,46 @@ class Kite:
             stiffness = modulus * math.pi * diameter**2 / 4
             pulley_lines.append((int(i), int(pulley), int(j), length, stiffness))
         loaded = inputs.numbers("loaded_nodes", "1")
-        # For a sensitivity: the bending stiffness of tubes over that of the fits.
-        bending_factor = 1.0
-        if "bending_factor" in inputs:
-            bending_factor = inputs.number("bending_factor", "1", above=0)
+        check(
+            len(loaded) == 3,
+            f"{inputs.where}: loaded_nodes has {len(loaded)} numbers; give those of both tips and of the middle.",
+        )
+        fixed = inputs.numbers("fixed_nodes", "1")
+        used = {
+            "loaded_nodes": loaded,
+            "fixed_nodes": fixed,
+            "distances": inputs.table("distances", "1", 4).ravel(),
+            "leading_edge": np.ravel([tube.nodes for tube in leading]),
+            "struts": np.concatenate([tube.nodes for tube in struts]),
+            "lines": np.ravel([rope[:2] for rope in ropes]),
+            "pulley_lines": np.ravel([over[:3] for over in pulley_lines]),
+        }
+        # A node with a typing error would otherwise end in an error of an index.
+        for name, nodes in used.items():
+            unknown = sorted({int(node) for node in nodes} - set(points))
+            check(
+                not unknown,
+                f"{inputs.where}: {name} has the nodes {unknown}, which nodes does not list; add them.",
+            )
+        pressure = inputs.number("pressure", "Pa", above=0)
+        for tube in (*leading, *struts):
+            check_fits(tube.radius, pressure, inputs.where)
         return Kite(
             points=points,
             leading=leading,
             struts=struts,
             ropes=ropes,
             pulley_lines=pulley_lines,
-            fixed=frozenset(int(node) for node in inputs.numbers("fixed_nodes", "1")),
-            pressure=inputs.number("pressure", "Pa", above=0),
+            fixed=frozenset(int(node) for node in fixed),
+            pressure=pressure,
             canopy_density=inputs.number("canopy_density", "kg/m2", above=0),
             canopy_stiffness=inputs.number("canopy_stiffness", "N/m", above=0),
             mass=inputs.number("mass", "kg", above=0),
             tip_load=inputs.number("tip_load", "kg"),
             point_load=inputs.number("point_load", "kg"),
             loaded=(int(loaded[0]), int(loaded[1]), int(loaded[2])),
-            bending_factor=bending_factor,
+            bending_factor=_factor(inputs, "bending_factor"),
+            torsion_factor=_factor(inputs, "torsion_factor"),
         )
 
     @property
@@ -185,6 +279,13 @@ class Kite:
 def _mixed(inputs: Inputs, name: str, columns: int) -> Array:
     """A table whose numbers are nodes and lengths [m]."""
     return inputs.table(name, "1", columns)
+
+
+def _factor(inputs: Inputs, name: str) -> float:
+    """For a sensitivity: a stiffness of the tubes over that of the fits; 1 unless it is given."""
+    if name in inputs:
+        return inputs.number(name, "1", above=0)
+    return 1.0
 
 
 # ---- lines over pulleys ----------------------------------------------------------------------------
@@ -237,8 +338,17 @@ class PulleyLine:
         for part in ([1.0, -1.0, 0.0], [0.0, -1.0, 1.0]):
             difference = np.kron([part], np.eye(3))
             blocks.append(difference.T @ difference)
-        measure = PointMeasure([self.ports], np.array(blocks), np.zeros((2, 9)), np.zeros(2))
-        yield PointStoredEnergy(self.name, measure, PulleyEnergy(self.stiffness, self.length))
+        measure = PointMeasure(
+            [self.ports],
+            np.array(blocks),
+            np.zeros((2, 9)),
+            np.zeros(2),
+        )
+        yield PointStoredEnergy(
+            self.name,
+            measure,
+            PulleyEnergy(self.stiffness, self.length),
+        )
 
 
 # ---- the scene -------------------------------------------------------------------------------------
@@ -253,7 +363,13 @@ class Hanging:
         self._ports: dict[int, Any] = {}
         self._items: list[Any] = []
         film, area = self._canopy()
-        areal_mass = (kite.mass - area * kite.canopy_density) / kite.tube_surface()
+        canopy_mass = area * kite.canopy_density
+        check(
+            kite.mass > canopy_mass,
+            f"mass is {kite.mass:g} kg, and the canopy has {canopy_mass:.3g} kg of it; give a larger mass or a "
+            "smaller canopy_density.",
+        )
+        areal_mass = (kite.mass - canopy_mass) / kite.tube_surface()
         for k, tube in enumerate(kite.tubes):
             self._add_tube(tube, areal_mass, f"tube {k}")
         self._join_tubes()
@@ -261,7 +377,11 @@ class Hanging:
         self._attach(film)
         for node, force in self._loads():
             self._items.append(
-                gx.loads.Force(self._ports[node], tuple(force), name=f"load at {node}")
+                gx.loads.Force(
+                    self._ports[node],
+                    tuple(force),
+                    name=f"load at {node}",
+                )
             )
         self._search = gx.Equilibrium(gx.Scene(*self._items), SEARCH)
         self.unknowns = self._search.system.numbering.size
@@ -289,20 +409,60 @@ class Hanging:
         before = _angle(first[0], first[1])
         return abs(_angle(ends[0], ends[1]) - before) / self.kite.length(tube)
 
+    def soften(self) -> float:
+        """Let stiffnesses approach the secants at the present deformation; returns the largest change."""
+        pressure = self.kite.pressure
+        change = 0.0
+        for tube in self.kite.tubes:
+            r = tube.radius
+            bending = bending_share(
+                self.curvature(tube),
+                r,
+                pressure,
+                wall_stiffness(r, pressure),
+            )
+            torsion = torsional_stiffness(
+                self.twist(tube),
+                r,
+                pressure,
+            )
+            torsion /= torsional_stiffness(0.0, r, pressure)
+            change = max(
+                change,
+                abs(bending - tube.share),
+                abs(torsion - tube.torsion),
+            )
+            tube.share += RELAXATION * (bending - tube.share)
+            tube.torsion += RELAXATION * (torsion - tube.torsion)
+        return change
+
+    def twist(self, tube: Tube) -> float:
+        """Mean twist [rad/m] of a tube."""
+        assert tube.beam is not None
+        before = []
+        after = []
+        for end in ("start", "end"):
+            directors = tube.beam.frame(end).directors[-2:]
+            before.append(_axes(*(director.initial() for director in directors)))
+            after.append(_axes(*self._search.system.state.vectors(directors)))
+        return twist_between(before, after) / self.kite.length(tube)
+
     # ---- parts -------------------------------------------------------------------------------------
 
     def _section(self, tube: Tube, areal_mass: float) -> gx.sections.Section:
         Et = wall_stiffness(tube.radius, self.kite.pressure)
         r = tube.radius
         EI = self.kite.bending_factor * tube.share * math.pi * r**3 * Et
+        GA = shear_stiffness(r, self.kite.pressure)
+        GJ = self.kite.torsion_factor * tube.torsion * 2 * r**2 * GA
         line_density = 2 * math.pi * r * areal_mass
         return gx.sections.Section(
             EA=2 * math.pi * r * Et,
-            GA2=math.pi * r * Et / 2.6,
-            GA3=math.pi * r * Et / 2.6,
+            GA2=GA,
+            GA3=GA,
             EI2=EI,
             EI3=EI,
-            GJ=2 * math.pi * r**3 * Et / 2.6,
+            GJ=GJ,
             line_density=line_density,
             rotary2=line_density * r**2 / 2,
             rotary3=line_density * r**2 / 2,
@@ -313,6 +473,7 @@ class Hanging:
         beam = gx.Beam(
             line(self._comm, points, 1),
             self._section(tube, areal_mass),
+            # Along none of the tubes; sections are round, so that any other will do.
             normal=(0.31, 0.17, 1.0),
             name=name,
         )
@@ -331,6 +492,7 @@ class Hanging:
 
     def _join_tubes(self) -> None:
         """Rigid joints where tubes meet: along the leading edge, and of struts with it."""
+        # Frames join rotations, too: the struts of a kite are sewn to its leading edge around the whole section.
         ends: dict[int, Any] = {}
         for tube in self.kite.tubes:
             assert tube.beam is not None
@@ -346,18 +508,27 @@ class Hanging:
 
     def _add_bridle(self) -> None:
         kite = self.kite
-        used = {node for rope in kite.ropes for node in rope[:2]}
-        used |= {node for over in kite.pulley_lines for node in over[:3]}
+        used: set[int] = set()
+        for rope in kite.ropes:
+            used.update(rope[:2])
+        for over in kite.pulley_lines:
+            used.update(over[:3])
         for node in sorted(used):
             point = tuple(map(float, kite.points[node]))
             if node in kite.fixed:
                 self._ports[node] = gx.Ground(point)
             elif node not in self._ports:
-                knot = gx.PointMass(KNOT_MASS, point, comm=self._comm, name=f"knot {node}")
+                knot = gx.PointMass(
+                    KNOT_MASS,
+                    point,
+                    comm=self._comm,
+                    name=f"knot {node}",
+                )
                 self._ports[node] = knot.port()
         for k, (i, j, length, stiffness) in enumerate(kite.ropes):
             if {i, j} <= kite.fixed:
                 continue
+            # The first end of a rope is of a body; the ground has no equations.
             pair = (self._ports[i], self._ports[j])
             if i in kite.fixed:
                 pair = (self._ports[j], self._ports[i])
@@ -372,7 +543,14 @@ class Hanging:
 
         for k, (i, pulley, j, length, stiffness) in enumerate(kite.pulley_lines):
             ports = (self._ports[i], self._ports[pulley], self._ports[j])
-            self._items.append(PulleyLine(ports, stiffness / length, length, f"pulley line {k}"))
+            self._items.append(
+                PulleyLine(
+                    ports,
+                    stiffness / length,
+                    length,
+                    f"pulley line {k}",
+                )
+            )
 
     def _ribs(self) -> list[tuple[Array, Tube | None]]:
         """Points of the canopy from the leading to the trailing edge, rib by rib, and the strut there."""
@@ -399,14 +577,30 @@ class Hanging:
         triangles = []
         for i in range(spans - 1):
             for k in range(rows - 1):
-                a, b = number[i, k], number[i + 1, k]
-                c, d = number[i + 1, k + 1], number[i, k + 1]
-                triangles += [a, b, c, a, c, d] if (i + k) % 2 else [a, b, d, b, c, d]
+                a = number[i, k]
+                b = number[i + 1, k]
+                c = number[i + 1, k + 1]
+                d = number[i, k + 1]
+                # Diagonals alternate: of one direction only, they would stiffen the film in that one.
+                if (i + k) % 2:
+                    triangles += [a, b, c, a, c, d]
+                else:
+                    triangles += [a, b, d, b, c, d]
 
         def build(model: Any) -> None:
             surface = model.addDiscreteEntity(2)
-            model.mesh.addNodes(2, surface, number.ravel(), grid.ravel())
-            model.mesh.addElementsByType(surface, 2, [], triangles)
+            model.mesh.addNodes(
+                2,
+                surface,
+                number.ravel(),
+                grid.ravel(),
+            )
+            model.mesh.addElementsByType(
+                surface,
+                2,
+                [],
+                triangles,
+            )
             model.addPhysicalGroup(2, [surface], name="canopy")
 
         Et = self.kite.canopy_stiffness
@@ -418,7 +612,11 @@ class Hanging:
             thickness=thickness,
             residual_stiffness=1e-5,
         )
-        film = gx.Membrane(gx.gmsh_mesh(build, self._comm), law, name="canopy")
+        film = gx.Membrane(
+            gx.gmsh_mesh(build, self._comm),
+            law,
+            name="canopy",
+        )
         self._items.append(gx.Gravity(film, (0.0, 0.0, GRAVITY)))
         corners = grid.reshape(-1, 3)[np.array(triangles).reshape(-1, 3) - 1]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -458,6 +656,24 @@ class Hanging:
         return [(node, force) for node, force in loads if np.abs(force).max() > 0]
 
 
+def _axes(d2: Array, d3: Array) -> Array:
+    """The axes (3, 3) of a section as columns, its normal first."""
+    return np.column_stack([np.cross(d2, d3), d2, d3])
+
+
+def twist_between(before: list[Array], after: list[Array]) -> float:
+    """Turn [rad] of the end of a tube against its start, about its axis, since the initial state.
+
+    Args:
+        before: axes (3, 3) of the sections at the start and the end, as columns, in the initial state.
+        after: in the present state.
+    """
+    turn = (before[0].T @ before[1]).T @ (after[0].T @ after[1])
+    # The axial vector of a rotation by φ has the length sin φ; tubes turn by less than a right angle.
+    sine = (turn[2, 1] - turn[1, 2]) / 2
+    return math.asin(float(np.clip(sine, -1.0, 1.0)))
+
+
 def _angle(a: Array, b: Array) -> float:
     """Angle [rad] between two vectors."""
     return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))
@@ -474,13 +690,7 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         found = hanging.find()
         iterations += found[0]
         seconds += found[1]
-        change = 0.0
-        for tube in kite.tubes:
-            Et = wall_stiffness(tube.radius, kite.pressure)
-            wanted = bending_share(hanging.curvature(tube), tube.radius, kite.pressure, Et)
-            change = max(change, abs(wanted - tube.share))
-            tube.share += RELAXATION * (wanted - tube.share)
-        if change < STIFFNESS_TOLERANCE:
+        if hanging.soften() < STIFFNESS_TOLERANCE:
             break
     lengths = []
     for i, j, k, m in inputs.table("distances", "1", 4):
@@ -491,7 +701,8 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         "unknowns": float(hanging.unknowns),
         "iterations": float(iterations),
         "seconds": seconds,
-        "smallest share of stiffness": min(tube.share for tube in kite.tubes),
+        "smallest share of bending stiffness": min(tube.share for tube in kite.tubes),
+        "smallest share of torsional stiffness": min(tube.torsion for tube in kite.tubes),
     }
     quantities = {
         "distance": Predicted(np.array(lengths)),

@@ -1,7 +1,8 @@
 """An inflated tube, clamped at one end, whose other end is closed and bears a transverse load.
 
-Half of the tube is modelled, on one side of the plane of bending: an isotropic film of order 2 that bears
-no compression, under constant pressure.  The section at the clamped end does not change; the other end is a rigid
+Half of the tube is modelled, on one side of the plane of bending: a film of order 2 that bears no
+compression, under constant pressure.  It is isotropic, unless the input "shear_stiffness" makes it a woven one
+whose threads run along and around the tube.  The section at the clamped end does not change; the other end is a rigid
 plate whose centre is lowered step by step, and the load is its reaction.
 
 The diameter of the input is that of the inflated tube.  The stretches of the stress-free tube follow from
@@ -27,6 +28,7 @@ import gossamer_fx as gx
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
 from demos.validation.models.braided_tube import End, Lowered, half_tube_mesh, inflation
+from gossamer_fx.checks.errors import check
 from gossamer_fx.fields.fields import STATES
 
 # Cells over half of the section.
@@ -67,6 +69,7 @@ class Cantilever:
         pressure: held.
         stiffness: E t [N/m].
         poisson: ν.
+        shear_stiffness: G t of a woven wall [N/m], or else that of an isotropic film.
     """
 
     radius: float
@@ -74,6 +77,7 @@ class Cantilever:
     pressure: float
     stiffness: float
     poisson: float
+    shear_stiffness: float | None = None
 
     def stretches(self) -> tuple[float, float]:
         """λ_L and λ_H of the inflated tube, equations (1) of the module."""
@@ -95,6 +99,27 @@ class Cantilever:
         λ_L, λ_H = fsolve(excess, [1.0, 1.0], xtol=1e-13)
         return float(λ_L), float(λ_H)
 
+    def wall(self) -> gx.TensionField | gx.Orthotropic:
+        """The film, which bears no compression."""
+        if self.shear_stiffness is None:
+            return gx.TensionField(
+                E=self.stiffness / THICKNESS,
+                nu=self.poisson,
+                density=AREAL_MASS / THICKNESS,
+                thickness=THICKNESS,
+            )
+        plane = self.stiffness / (1 - self.poisson**2)
+        axial = (1.0, 0.0, 0.0)
+        return gx.Orthotropic.from_stiffnesses(
+            plane,
+            self.poisson * plane,
+            plane,
+            self.shear_stiffness,
+            thickness=THICKNESS,
+            density=AREAL_MASS / THICKNESS,
+            direction={"wall": axial, "band": axial, "cap": (0.0, 0.0, 1.0)},
+        )
+
 
 class Bending:
     """The equilibria of a cantilever whose tip is lowered."""
@@ -106,13 +131,7 @@ class Bending:
         # The band of this mesh is not used: it is one ring of the wall.
         mesh = half_tube_mesh(comm, x / λ_L, tube.radius / λ_H, around, (cells - 1, cells))
         inflate = inflation(tube.radius, λ_L, λ_H, around)
-        wall = gx.TensionField(
-            E=tube.stiffness / THICKNESS,
-            nu=tube.poisson,
-            density=AREAL_MASS / THICKNESS,
-            thickness=THICKNESS,
-        )
-        film = gx.Membrane(mesh, wall, order=2, displacement=inflate, name="wall")
+        film = gx.Membrane(mesh, tube.wall(), order=2, displacement=inflate, name="wall")
         end = End(film, None, np.array([tube.length, 0.0, 0.0]))
         self._load = Lowered(end.centre, 0.0)
         scene = gx.Scene(
@@ -187,12 +206,30 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     slope = inputs.number("slope", "N/m", above=0)
     read_at = inputs.numbers("read_at", "m")
     last_deflection = inputs.number("deflection", "m", above=0)
+    poisson = inputs.number("poisson", "1")
+    check(
+        -1 < poisson <= 0.5,
+        f"{inputs.where}: poisson is {poisson:g}; give a number above -1 and not above 0.5.",
+    )
+    check(
+        radius < length / 2,
+        f"{inputs.where}: diameter is {2 * radius:g} m and length {length:g} m; give a tube that is longer.",
+    )
+    check(
+        last_deflection < length and bool(np.all(read_at <= last_deflection)),
+        f"{inputs.where}: deflection is {last_deflection:g} m; let it be below the length, {length:g} m, and "
+        "not below those of read_at.",
+    )
+    shear_stiffness = None
+    if "shear_stiffness" in inputs:
+        shear_stiffness = inputs.number("shear_stiffness", "N/m", above=0)
     tube = Cantilever(
         radius=radius,
         length=length,
         pressure=inputs.number("pressure", "Pa", above=0),
         stiffness=slope * length**3 / (3 * math.pi * radius**3),
-        poisson=inputs.number("poisson", "1"),
+        poisson=poisson,
+        shear_stiffness=shear_stiffness,
     )
     around = QUICK_CELLS_AROUND if quick else CELLS_AROUND
     tube = stiff_as_measured(tube, slope, comm, around)

@@ -140,7 +140,14 @@ def graded_sheet(comm: MPI.Intracomm, places: Array, rows: int, width: float) ->
     """
 
     def arrays() -> tuple[Array, Array, dict[str, Array]]:
-        x, y = np.meshgrid(places, np.linspace(0.0, width, rows + 1))
+        x, y = np.meshgrid(
+            places,
+            np.linspace(
+                0.0,
+                width,
+                rows + 1,
+            ),
+        )
         points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
         nodes = np.arange(x.size).reshape(x.shape)
         a, b, c, d = cell_corners(nodes)
@@ -174,7 +181,11 @@ class FirstGuess:
         tape = self._tape
         x, z, slope = self._axis(X[0])
         begin = tape.radius * abs(self._turn)
-        share = np.clip((X[0] - begin) / (TRANSITION * tape.radius), 0.0, 1.0)
+        share = np.clip(
+            (X[0] - begin) / (TRANSITION * tape.radius),
+            0.0,
+            1.0,
+        )
         curvature = share**2 * (3 - 2 * share) / tape.radius
         y, above = tape.section(X[1] - tape.width / 2, curvature)
         height = tape.mean_height + z - self._end_height
@@ -234,7 +245,11 @@ class Turning:
             ones = np.ones_like(X[0])
             return np.stack([math.cos(φ) * ones, 0 * ones, -math.sin(φ) * ones])
 
-        places = cells_along(tape, cell * R, float(np.abs(turns).max()))
+        places = cells_along(
+            tape,
+            cell * R,
+            float(np.abs(turns).max()),
+        )
         mesh = graded_sheet(comm, places, across, tape.width)
         self.plate = gx.Plate(
             mesh,
@@ -253,7 +268,14 @@ class Turning:
         self._end = gx.Fixed(
             self.plate, "right", rotation=True, direction=direction, motion=turned, name="end"
         )
-        self._search = gx.Equilibrium(gx.Scene(self.plate, middle, self._end), SEARCH)
+        self._search = gx.Equilibrium(
+            gx.Scene(
+                self.plate,
+                middle,
+                self._end,
+            ),
+            SEARCH,
+        )
         self._tape = tape
         self.unknowns = self._search.system.numbering.size
         self.iterations = 0
@@ -276,7 +298,13 @@ class Turning:
             if abs(force) < self._little:
                 break
             force_before = force
-            step = float(np.clip(-force / self._stiffness, -self._max_shift, self._max_shift))
+            step = float(
+                np.clip(
+                    -force / self._stiffness,
+                    -self._max_shift,
+                    self._max_shift,
+                )
+            )
             self._shift += step
         return 2 * float(sum(found.totals.stored.values()))
 
@@ -308,6 +336,11 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         radius=inputs.number("radius", "m", above=0),
         angle=inputs.number("angle", "rad", above=0),
         law=law,
+    )
+    check(
+        tape.angle < 2 * math.pi and law.thickness < tape.radius,
+        f"{inputs.where}: angle is {math.degrees(tape.angle):g} degrees and thickness {law.thickness:g} m at a radius "
+        f"of {tape.radius:g} m; give an angle below 360 degrees and a thickness far below the radius.",
     )
     sense = inputs.word("sense", tuple(SENSES))
     cell = QUICK_CELL_OF_FOLD if quick else CELL_OF_FOLD

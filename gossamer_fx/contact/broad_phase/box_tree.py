@@ -13,6 +13,10 @@ from gossamer_fx.forms.c_source import CStruct
 # neighbours a point, and a search with too little room is made once more with enough of it.
 EXPECTED_OVERLAPS = 8
 
+# Room over the number of overlaps that the search before has found: layers that are packed have many
+# more than a surface, and about as many in the next search.
+ROOM_FACTOR = 1.25
+
 # Bits of each axis in a Morton code of 63 bits, and the shifts and masks that spread them out so that
 # two zeros follow each bit.
 MORTON_BITS = 21
@@ -52,7 +56,11 @@ class BoxTree:
         c.lib.build_box_tree(self._tree.pointer, boxes)
 
     def overlaps(
-        self, others: FilteredPrimitives, which: Int32Array, in_tree: bool = False
+        self,
+        others: FilteredPrimitives,
+        which: Int32Array,
+        in_tree: bool = False,
+        expected: int = 0,
     ) -> Int32Array:
         """Return pairs (k, 2) of another primitive and one of the tree whose boxes overlap.
 
@@ -62,12 +70,13 @@ class BoxTree:
             others: primitives that are asked for.
             which: numbers (q,) of those that are asked for by this rank.
             in_tree: whether they are the primitives of the tree; pairs (i, j) then have i < j.
+            expected: number of pairs that are likely; zero: not known.
         """
         c = library()
         query = _query(others, which, in_tree)
         of_query = _filter(others)
         of_tree = _filter(self._primitives)
-        room = EXPECTED_OVERLAPS * len(which) + 64
+        room = max(EXPECTED_OVERLAPS * len(which) + 64, int(ROOM_FACTOR * expected))
         while True:
             pairs: Int32Array = np.empty((room, 2), dtype=np.int32)
             found = c.lib.find_overlaps(

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.contact.arrays import Array
+from gossamer_fx.contact.broad_phase.facet_exchange import import_facets
 from gossamer_fx.contact.broad_phase.overlaps import find_overlaps
 from gossamer_fx.contact.broad_phase.trajectory_bounds import RigidDrift, TrajectoryBounds
 from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.contact.pair_table import CandidatePairs, is_wall
+from gossamer_fx.contact.pair_table import CandidatePairs, PairKind, is_wall
 
 # Part of its expected way by which a point may miss its expected position.  A wider margin makes more
 # candidates, a smaller one more searches.
@@ -24,6 +28,20 @@ MAX_HORIZON = 32
 # A part of a step [1] by which a search lasts longer than its horizon, so that round-off in the time does
 # not end it one step early.
 SPARE_TIME = 1e-6
+
+
+@dataclass(frozen=True)
+class StepPoints:
+    """Points of a mesh in one step.
+
+    Attributes:
+        x, v: points [m] and their velocities [m/s] (m, 3) at the start.
+        end: points (m, 3) [m] at the end, which are within the bounds of a search, too.
+    """
+
+    x: Array
+    v: Array
+    end: Array
 
 
 class CandidateSearch:
@@ -48,41 +66,54 @@ class CandidateSearch:
         self._activation_distance = activation_distance
         self._horizon = FIRST_HORIZON
         self._age = 0
+        self._overlap_counts = (0, 0)  # of triangle pairs and edge pairs in the last search
         self.count = 0
 
     def begin_step(self) -> None:
         """Count a step for which the present candidates serve."""
         self._age += 1
 
-    def find_at_rest(self, x: Array, time: float) -> None:
-        """Search about points x (m, 3) [m] that do not move; collective."""
-        self._choose_horizon()
-        at_rest = np.zeros_like(x)
-        bounds = self._bounds(x, at_rest, time, duration=0.0)
-        self._find(bounds)
+    def find_at_rest(self, read: Callable[[], Array], time: float) -> None:
+        """Search about points that do not move; collective.
 
-    def find(
-        self,
-        x: Array,
-        v: Array,
-        time: float,
-        step: float,
-        end: Array,
-    ) -> None:
+        Args:
+            read: returns the points (m, 3) [m] of the mesh as it is when it is called: a search may
+                change which points this rank knows.
+            time: [s].
+        """
+
+        def at_rest() -> TrajectoryBounds:
+            x = read()
+            return self._bounds(x, np.zeros_like(x), time, duration=0.0)
+
+        self._choose_horizon()
+        self._find(at_rest)
+
+    def find(self, read: Callable[[], StepPoints], time: float, step: float) -> None:
         """Search for the next steps; collective.
 
         Args:
-            x, v: points [m] and their velocities [m/s] (m, 3) at a time [s].
+            read: returns the points of the mesh as it is when it is called.
+            time: at which the step begins [s].
             step: its length [s].
-            end: points (m, 3) [m] at the end of the step, which are within the bounds, too.
         """
+
+        def in_motion() -> TrajectoryBounds:
+            points = read()
+            duration = (self._horizon + SPARE_TIME) * step
+            bounds = self._bounds(points.x, points.v, time, duration)
+            end_time = time + step
+            expected = points.x + (end_time - time) * bounds.velocities
+            missed = bounds.drift.undone(points.end, end_time) - expected
+            bounds.margin[:] += np.linalg.norm(missed, axis=1)
+            return bounds
+
         self._choose_horizon()
-        bounds = self._bounds(x, v, time, duration=(self._horizon + SPARE_TIME) * step)
-        end_time = time + step
-        expected = x + (end_time - time) * bounds.velocities
-        missed = bounds.drift.undone(end, end_time) - expected
-        bounds.margin[:] += np.linalg.norm(missed, axis=1)
-        self._find(bounds)
+        self._find(in_motion)
+
+    def holds(self, x: Array, time: float) -> bool:
+        """Return whether the points (m, 3) of all ranks are within their bounds at a time [s]; collective."""
+        return bool(self._mesh.comm.allreduce(self.bounds.hold(x, time), op=MPI.LAND))
 
     def _choose_horizon(self) -> None:
         """Choose the number of steps for which the next search serves, from how long the last one
@@ -103,8 +134,10 @@ class CandidateSearch:
         duration: float,
     ) -> TrajectoryBounds:
         """Return bounds for a motion from points x (m, 3) with velocities v (m, 3)."""
-        vertices = self._mesh.surface.vertices
-        drift = RigidDrift.of(x[vertices], v[vertices], time)
+        mesh = self._mesh
+        vertices = mesh.surface.vertices
+        own = vertices[mesh.own_vertices]
+        drift = RigidDrift.of(x[own], v[own], time, mesh.comm)
         velocities = v - drift.velocities(x)
         # Points of walls do not belong to a primitive: their pairs are candidates wherever they are.
         margin = np.full(len(x), np.inf)
@@ -112,16 +145,36 @@ class CandidateSearch:
         margin[vertices] = self._activation_distance / 2 + WAY_MARGIN * way
         return TrajectoryBounds(drift, x, velocities, margin, duration)
 
-    def _find(self, bounds: TrajectoryBounds) -> None:
-        self.pairs = find_candidates(self._mesh, bounds, self._activation_distance)
+    def _find(self, bounds_of_mesh: Callable[[], TrajectoryBounds]) -> None:
+        """Search within bounds, which are asked for again when this rank knows other points."""
+        mesh = self._mesh
+        bounds = bounds_of_mesh()
+        if mesh.comm.size > 1:
+            import_facets(mesh, *searched_boxes(mesh, bounds, self._activation_distance))
+            bounds = bounds_of_mesh()
+        self.pairs, self._overlap_counts = find_candidates(
+            mesh, bounds, self._activation_distance, self._overlap_counts
+        )
         self.bounds = bounds
         self._age = 0
         self.count += 1
 
 
-def find_candidates(
+def searched_boxes(
     mesh: CollisionMesh, bounds: TrajectoryBounds, activation_distance: float
-) -> CandidatePairs:
+) -> tuple[Array, Array]:
+    """Return the least and greatest coordinates (m, 3) [m] of points, with half of a gap [m] around."""
+    reach = (activation_distance / 2 + mesh.radius)[:, None]
+    lower, upper = bounds.boxes()
+    return lower - reach, upper + reach
+
+
+def find_candidates(
+    mesh: CollisionMesh,
+    bounds: TrajectoryBounds,
+    activation_distance: float,
+    expected: tuple[int, int] = (0, 0),
+) -> tuple[CandidatePairs, tuple[int, int]]:
     """Return this rank's pairs whose gap can be below a distance [m] within the bounds.
 
     1. Boxes of primitives, with half of the distance and their radius around them, overlap.
@@ -129,13 +182,16 @@ def find_candidates(
     3. Pairs are sorted by their primitives: their order depends on no position, so that sums over pairs
        are the same after a restart.
     4. Each point of a body and each wall are a pair.
+
+    Returns:
+        the pairs, and how many triangle pairs and edge pairs step 1 has found, which the next search
+        may take as `expected`.
     """
-    reach = (activation_distance / 2 + mesh.radius)[:, None]
-    lower, upper = bounds.boxes()
-    found = find_overlaps(
-        mesh.surface, lower - reach, upper + reach, mesh.own_vertices, mesh.own_edges
-    )
+    lower, upper = searched_boxes(mesh, bounds, activation_distance)
+    found = find_overlaps(mesh.surface, lower, upper, mesh.own_vertices, mesh.own_edges, expected)
     found.check(len(bounds.x))
+    edge_pair_count = int((found.kind == PairKind.EDGE_EDGE).sum())
+    counts = (len(found) - edge_pair_count, edge_pair_count)
     radius = mesh.radius[found.points[:, 0]] + mesh.radius[found.second_point]
     squared_distance, _ = closest_points(found, bounds.x)
     gap = np.sqrt(squared_distance) - radius
@@ -148,7 +204,7 @@ def find_candidates(
     area = mesh.areas(pairs.kind, pairs.points, pairs.primitives)
     identifier = mesh.identifiers(pairs.kind, pairs.primitives)
     wall_point = wall_points[:, 0]
-    return CandidatePairs(
+    candidates = CandidatePairs(
         kind=np.concatenate([pairs.kind, wall_kind]),
         points=np.vstack([pairs.points, wall_points]),
         identifier=np.concatenate([identifier, wall_identifier]),
@@ -156,22 +212,18 @@ def find_candidates(
         radius=np.concatenate([radius[near], mesh.radius[wall_point]]),
         wall_radius=np.concatenate([np.zeros(len(pairs)), wall_radius]),
     )
+    return candidates, counts
 
 
-def nearest_gaps(
-    pairs: CandidatePairs,
-    gap: Array,
-    point_count: int,
-    comm: MPI.Intracomm,
-) -> Array:
-    """Return the gap (m,) [m] of each point to what is nearest, on every rank; collective.
+def nearest_gaps(pairs: CandidatePairs, gap: Array, mesh: CollisionMesh) -> Array:
+    """Return the gap (m,) [m] of each point of a mesh to what is nearest on any rank; collective.
 
     Args:
         pairs: the candidates of this rank.
         gap: of the candidates (n,) [m]; infinite ones are left out.
-        point_count: m.
+        mesh: with m points.
     """
-    nearest = np.full(point_count, np.inf)
+    nearest = np.full(mesh.points.count, np.inf)
     rows = np.isfinite(gap)
     points = pairs.points[rows]
     gap = gap[rows]
@@ -180,5 +232,5 @@ def nearest_gaps(
         np.minimum.at(nearest, points[~walls, k], gap[~walls])
     # Only the first point of a wall pair is a point that touches.
     np.minimum.at(nearest, points[walls, 0], gap[walls])
-    comm.Allreduce(MPI.IN_PLACE, nearest, op=MPI.MIN)
+    mesh.take_minimum(nearest)
     return nearest

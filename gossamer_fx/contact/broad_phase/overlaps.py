@@ -29,6 +29,7 @@ def find_overlaps(
     upper: Array,
     vertices: Int32Array,
     edges: Int32Array,
+    expected: tuple[int, int] = (0, 0),
 ) -> OverlappingPairs:
     """Return all pairs of primitives whose boxes overlap and that the collision filter lets through.
 
@@ -38,6 +39,7 @@ def find_overlaps(
             its points.
         vertices, edges: numbers of the surface's vertices and edges that this rank asks for; together
             the ranks ask for all.
+        expected: numbers of pairs of both kinds that are likely; zero: not known.
     """
     vertex_points = np.ascontiguousarray(surface.vertices[:, None])
     with_triangles: Int32Array = np.zeros((0, 2), dtype=np.int32)
@@ -45,9 +47,11 @@ def find_overlaps(
     if len(surface.triangles):
         # The tree is built over the triangles, which are asked by fewer points.
         tree = BoxTree(surface.filtered(surface.triangles, lower, upper))
-        with_triangles = tree.overlaps(surface.filtered(vertex_points, lower, upper), vertices)
+        with_triangles = tree.overlaps(
+            surface.filtered(vertex_points, lower, upper), vertices, expected=expected[0]
+        )
     all_edges = surface.filtered(surface.edges, lower, upper)
-    with_edges = BoxTree(all_edges).overlaps(all_edges, edges, in_tree=True)
+    with_edges = BoxTree(all_edges).overlaps(all_edges, edges, in_tree=True, expected=expected[1])
 
     triangle_pairs = np.hstack(
         [vertex_points[with_triangles[:, 0]], surface.triangles[with_triangles[:, 1]]]

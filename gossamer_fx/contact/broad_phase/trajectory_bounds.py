@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from mpi4py import MPI
 
 from gossamer_fx.algebra.rotations import rotations
 from gossamer_fx.contact.arrays import Array
@@ -42,14 +43,23 @@ class RigidDrift:
     spin: Array
 
     @classmethod
-    def of(cls, x: Array, v: Array, time: float) -> RigidDrift:
-        """Return the rigid motion that is nearest to velocities v (n, 3) of points x (n, 3)."""
-        centre = x.mean(axis=0)
-        velocity = v.mean(axis=0)
+    def of(cls, x: Array, v: Array, time: float, comm: MPI.Intracomm = MPI.COMM_SELF) -> RigidDrift:
+        """Return the rigid motion that is nearest to velocities v of points x; collective.
+
+        Args:
+            x, v: the points [m] and their velocities [m/s] (n, 3) that this rank brings.
+            time: [s].
+            comm: ranks that bring points; each point is brought by one of them.
+        """
+        sums = np.concatenate([x.sum(axis=0), v.sum(axis=0), [len(x)]])
+        sums = comm.allreduce(sums)
+        centre = sums[:3] / sums[6]
+        velocity = sums[3:6] / sums[6]
         r = x - centre
         # Least squares: the angular momentum of points of unit mass is that of the rigid motion.
-        inertia = np.sum(r**2) * np.eye(3) - r.T @ r
-        angular_momentum = np.cross(r, v).sum(axis=0)
+        own_inertia = np.sum(r**2) * np.eye(3) - r.T @ r
+        inertia = comm.allreduce(own_inertia)
+        angular_momentum = comm.allreduce(np.cross(r, v).sum(axis=0))
         spin = np.linalg.lstsq(inertia, angular_momentum, rcond=INERTIA_TOLERANCE)[0]
         return cls(time, centre, velocity, spin)
 
@@ -87,7 +97,7 @@ class TrajectoryBounds:
     duration: float
 
     def hold(self, x: Array, time: float) -> bool:
-        """Return whether points x (m, 3) at a time [s] are within their margins."""
+        """Return whether points x (m, 3) at a time [s] are within their margins, those of this rank."""
         elapsed = min(time - self.drift.time, self.duration)
         expected = self.x + elapsed * self.velocities
         missed = np.linalg.norm(self.drift.undone(x, time) - expected, axis=1)

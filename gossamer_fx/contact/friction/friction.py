@@ -42,15 +42,13 @@ class Friction:
         law: ContactLaw,
         system: ContactAssembly,
     ) -> None:
-        """List the coefficients of bodies and obstacles, and the block rows of all points."""
+        """List the coefficients of bodies and obstacles."""
         self._mesh = mesh
         self._points = mesh.points
         self._law = law
         self._system = system
         self._slip_velocity = slip_velocity
         self._coefficient = np.array([coefficient] * len(mesh.bodies) + list(of_obstacles))
-        self._block_row = self._block_row_of_points()
-        self._is_moved = (self._block_row >= 0).astype(float)
         self._groups: list[FrictionPairs] = []
 
     def _block_row_of_points(self) -> Int64Array:
@@ -80,6 +78,9 @@ class Friction:
         Returns:
             the block rows (n, k) that each group of pairs couples.
         """
+        # A search may have changed which points this rank knows.
+        self._block_row = self._block_row_of_points()
+        self._is_moved = (self._block_row >= 0).astype(float)
         pairs = pairs.rows(self._coefficient_of(pairs.points) > 0)
         with_obstacle = np.asarray((pairs.points >= self._points.body_count).any(axis=1))
         groups = (

@@ -12,13 +12,16 @@ joins bodies.  Every point therefore gets labels: two primitives with a label in
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 from scipy.sparse import csr_matrix, identity
 from scipy.sparse.csgraph import connected_components
 
 from gossamer_fx.algebra.point_measures import PointMeasure, evaluated_here
-from gossamer_fx.contact.arrays import Int32Array, Int64Array
+from gossamer_fx.contact.arrays import Int64Array
+from gossamer_fx.contact.geometry.surface_share import SurfacePoints
 from gossamer_fx.model.body import Attached, Body, Port
 from gossamer_fx.terms.assembly import Assembly
 from gossamer_fx.terms.point_constraints import PointConstraint
@@ -27,28 +30,50 @@ from gossamer_fx.terms.point_constraints import PointConstraint
 POINT_DIFFERENCE = np.hstack([np.eye(3), -np.eye(3)])
 
 
-def filter_labels(
-    system: Assembly,
-    bodies: Sequence[Body],
-    nodes: Sequence[Int64Array],
-    point_count: int,
-) -> Int32Array | None:
-    """Return labels (m, w) of points, the same on every rank; None if nothing is tied.  Collective.
+@dataclass(frozen=True)
+class TiedLabels:
+    """Labels of the t points that are tied; any other point has its own number as its only label.
+
+    Attributes:
+        numbers: of the tied points (t,), ascending.
+        labels: numbers (t, w) of points that stand for what each is connected to.
+    """
+
+    numbers: Int64Array
+    labels: Int64Array
+
+    def labels_of(self, numbers: Int64Array) -> Int64Array:
+        """Return the labels (m, w) of points with some numbers (m,)."""
+        row = np.minimum(np.searchsorted(self.numbers, numbers), len(self.numbers) - 1)
+        is_tied = self.numbers[row] == numbers
+        own = np.repeat(numbers[:, None], self.labels.shape[1], axis=1)
+        return np.where(is_tied[:, None], self.labels[row], own)
+
+
+def tied_labels(
+    system: Assembly, bodies: Sequence[Body], points: SurfacePoints
+) -> TiedLabels | None:
+    """Return the labels of all tied points, the same on every rank; None if nothing is tied.
+
+    Collective.  Ties are along lines: unlike facets, all ranks know them.
 
     Args:
         system: with the constraints of the scene.
         bodies: those of the contact.
-        nodes: of each body, the global numbers (k,) of its nodes that are points, in their order.
-        point_count: m; points of bodies are the first, and those of obstacles have a label each.
+        points: that this rank knows; together the ranks know all.
     """
-    ties = _ties(system, bodies, nodes)
+    ties = _ties(system, bodies, points)
     # Without ties, cells are filtered by the nodes that they share, which costs no labels.
     if not ties:
         return None
-    to_nodes = [(one[0], other[0]) for one, other in ties if len(other) == 1]
-    label_count, label = connected_components(_graph(to_nodes, point_count), directed=False)
+    tied = [point for sides in ties for side in sides for point in side]
+    numbers = np.unique(np.array(tied, dtype=np.int64))
+    index = {int(number): k for k, number in enumerate(numbers)}
+    count = len(numbers)
+    to_nodes = [(index[one[0]], index[other[0]]) for one, other in ties if len(other) == 1]
+    label_count, label = connected_components(_graph(to_nodes, count), directed=False)
     to_lines = [
-        (label[point], label[end])
+        (label[index[point]], label[index[end]])
         for one, other in ties
         if len(other) > 1
         for point in one
@@ -60,21 +85,18 @@ def filter_labels(
         if further.nnz == connected.nnz:
             break
         connected = further
-    return _padded(connected[label], label)
+    # The point with the lowest number stands for all that are one: no other point has this label.
+    _, first = np.unique(label, return_index=True)
+    return TiedLabels(numbers, numbers[first][_padded(connected[label], label)])
 
 
 def _ties(
-    system: Assembly, bodies: Sequence[Body], nodes: Sequence[Int64Array]
+    system: Assembly, bodies: Sequence[Body], points: SurfacePoints
 ) -> list[tuple[list[int], list[int]]]:
     """Return for each tie the points of both sides, the shorter list first; the same on every rank."""
-    starts = np.cumsum([0, *map(len, nodes)])
-    point_of = [
-        {int(node): int(start) + k for k, node in enumerate(of_body)}
-        for of_body, start in zip(nodes, starts[:-1], strict=True)
-    ]
 
-    def points(port: Attached) -> list[int]:
-        """The points on whose positions a port depends; none if it is of another body."""
+    def nodes(port: Attached) -> list[tuple[int, int]]:
+        """Bodies and nodes on whose positions a port depends; none if it is of another body."""
         # A tie to the ground or of directions connects no surfaces.
         if not isinstance(port, Port) or any(port.vectors):
             return []
@@ -82,26 +104,56 @@ def _ties(
         if number is None:
             return []
         pairs = zip(port.nodes, port.weights, strict=True)
-        found = [point_of[number].get(node) for node, weight in pairs if weight]
-        if None in found:
-            return []
-        return [point for point in found if point is not None]
+        return [(number, int(node)) for node, weight in pairs if weight]
 
-    mine: list[tuple[list[int], list[int]]] = []
+    mine: list[tuple[list[tuple[int, int]], list[tuple[int, int]]]] = []
     for term in system.terms:
         if isinstance(term, PointConstraint) and _is_coincidence(term.measure):
             for number in evaluated_here(term.measure.ports):
                 first, second = term.measure.ports[number]
-                mine.append((points(first), points(second)))
-    ties: list[tuple[list[int], list[int]]] = []
+                mine.append((nodes(first), nodes(second)))
     # A tie is known to the rank that evaluates it; labels are the same on all ranks.
-    for of_rank in system.comm.allgather(mine):
-        for one, other in of_rank:
-            if one and other:
-                # The shorter side is a node; the longer one may be the nodes of an edge.
-                shorter, longer = sorted((one, other), key=len)
-                ties.append((shorter, longer))
+    found = [tie for of_rank in system.comm.allgather(mine) for tie in of_rank]
+    found = [(one, other) for one, other in found if one and other]
+    wanted = sorted({node for sides in found for side in sides for node in side})
+    number_of = _numbers_of(wanted, points, system.comm)
+    ties: list[tuple[list[int], list[int]]] = []
+    for sides in found:
+        numbers = [[number_of[node] for node in side] for side in sides]
+        # A node that is not a point of the surface connects nothing.
+        if all(number >= 0 for side in numbers for number in side):
+            # The shorter side is a node; the longer one may be the nodes of an edge.
+            shorter, longer = sorted(numbers, key=len)
+            ties.append((shorter, longer))
     return ties
+
+
+def _numbers_of(
+    wanted: list[tuple[int, int]], points: SurfacePoints, comm: MPI.Intracomm
+) -> dict[tuple[int, int], int]:
+    """Return the numbers of points that are some nodes of bodies; -1: no point.  Collective.
+
+    Args:
+        wanted: body and node, the same list on every rank.
+        points: that this rank knows.
+        comm: the ranks.
+    """
+    if not wanted:
+        return {}
+    order = np.lexsort((points.node, points.body))
+    keys = np.stack([points.body[order], points.node[order]], axis=1)
+    of_bodies = np.searchsorted(keys[:, 0], np.arange(int(keys[:, 0].max(initial=0)) + 2))
+    numbers = np.full(len(wanted), -1, dtype=np.int64)
+    for k, (body, node) in enumerate(wanted):
+        if body + 1 >= len(of_bodies):
+            continue
+        start = of_bodies[body]
+        nodes = keys[start : of_bodies[body + 1], 1]
+        row = int(np.searchsorted(nodes, node))
+        if row < len(nodes) and nodes[row] == node:
+            numbers[k] = points.number[order[start + row]]
+    comm.Allreduce(MPI.IN_PLACE, numbers, op=MPI.MAX)
+    return dict(zip(wanted, map(int, numbers), strict=True))
 
 
 def _is_coincidence(measure: PointMeasure) -> bool:
@@ -116,10 +168,10 @@ def _graph(pairs: list[tuple[int, int]], count: int) -> csr_matrix:
     return csr_matrix((np.ones(len(ends), dtype=bool), ends.T), shape=(count, count))
 
 
-def _padded(rows: csr_matrix, own: Int64Array) -> Int32Array:
+def _padded(rows: csr_matrix, own: Int64Array) -> Int64Array:
     """Return the columns (m, w) of the rows of a matrix; shorter rows repeat their own label (m,)."""
     widths = np.diff(rows.indptr)
-    labels: Int32Array = np.repeat(own[:, None], widths.max(), axis=1).astype(np.int32)
+    labels: Int64Array = np.repeat(own[:, None], widths.max(), axis=1).astype(np.int64)
     is_used = np.arange(labels.shape[1]) < widths[:, None]
     labels[is_used] = rows.indices
     return labels

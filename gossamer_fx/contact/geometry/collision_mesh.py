@@ -1,24 +1,30 @@
-"""Everything that takes part in a contact: its points and primitives, with areas, radii and masses."""
+"""What takes part in a contact, as far as a rank knows it: points and primitives, areas, radii and masses."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 
 from gossamer_fx.contact.arrays import Array, ByteArray, Int32Array, Int64Array
-from gossamer_fx.contact.geometry.collision_filter import filter_labels
-from gossamer_fx.contact.geometry.collision_primitives import (
-    TRIANGLE_SIDES,
-    CollisionPrimitives,
-)
+from gossamer_fx.contact.geometry.collision_filter import tied_labels
+from gossamer_fx.contact.geometry.collision_primitives import CollisionPrimitives
 from gossamer_fx.contact.geometry.contact_points import ContactPoints, ObstaclePoints
-from gossamer_fx.contact.geometry.facets import Facets, facets_of
+from gossamer_fx.contact.geometry.shared_points import SharedPoints
+from gossamer_fx.contact.geometry.surface_share import (
+    SurfaceEdges,
+    SurfacePoints,
+    SurfacePrimitives,
+    SurfaceShare,
+    SurfaceTables,
+)
 from gossamer_fx.contact.obstacles import Obstacle, ObstacleSolid, ObstacleWall
 from gossamer_fx.contact.pair_table import PairKind, is_wall
 from gossamer_fx.contact.system_view import ContactAssembly
 from gossamer_fx.model.body import Attached, MeshBody
+from gossamer_fx.terms.assembly import Assembly
 
 # Identifiers of pairs are 4 k + type: triangle pairs, edge pairs and walls have the types 0, 1, 2.
 TYPE_COUNT = 4
@@ -37,18 +43,12 @@ class NumberedWall:
     obstacle: int
 
 
-@dataclass
-class _Primitives:
-    """Primitives of the parts that were added so far."""
-
-    vertices: list[Int32Array] = field(default_factory=list)
-    edges: list[Int32Array] = field(default_factory=list)
-    edge_area: list[Array] = field(default_factory=list)
-    triangles: list[Int32Array] = field(default_factory=list)
-
-
 class CollisionMesh:
-    """Bodies and obstacles of one contact as points and primitives, the same on every rank.
+    """Bodies and obstacles of one contact as points and primitives, as far as this rank knows them.
+
+    A rank owns a part of the bodies' primitives, for whose pairs it searches.  It knows these, those on
+    their boundary, and what other ranks have near them (`broad_phase.facet_exchange`); on one rank all.
+    `show` changes which ones are known, and with them the numbers of points.
 
     Bodies are numbered in their order, obstacles follow.  Points of bodies come first, in the order of
     the bodies; of an obstacle first the points of its walls, then those of its solids, then its frame.
@@ -61,9 +61,13 @@ class CollisionMesh:
         has_friction: of each obstacle whether it needs a frame; none: no obstacle does.
 
     Attributes:
+        comm: the ranks.
         bodies, obstacles, names: what touches, and the names of bodies and obstacles.
+        share: primitives of the cells that this rank owns.
+        known: all primitives of bodies that this rank knows.
         points: the m points.
-        surface: primitives between them.
+        shared: exchanges values of the n points of bodies with other ranks.
+        surface: primitives between the points.
         nodes: global numbers (n,) of the points of bodies among the nodes of their body.
         body: number (m,) of the body or obstacle of each point.
         area: area [m²] (m,) for which each point stands.
@@ -72,118 +76,164 @@ class CollisionMesh:
         walls: planes, and insides of obstacles.
         frames: the first point (k,) of each obstacle's frame; -1: it has none.
         own_vertices, own_edges: numbers of the vertices and edges for which this rank searches.
+        sent_edges, sent_triangles: numbers of those of bodies that this rank owns.
     """
+
+    points: ContactPoints
+    surface: CollisionPrimitives
+    frames: Int32Array
 
     def __init__(
         self,
         bodies: Sequence[MeshBody],
         obstacles: Sequence[Obstacle],
         radii: Sequence[float],
-        system: ContactAssembly,
+        system: Assembly,
         has_friction: Sequence[bool] = (),
     ) -> None:
-        """Number points and primitives of bodies, then of obstacles, alike on all ranks.
+        """Number the primitives of bodies, then of obstacles, alike on all ranks.
 
         Collective.
         """
+        self.comm = system.comm
         self.bodies = list(bodies)
         self.obstacles = list(obstacles)
         self.names = [body.name for body in bodies] + [obstacle.name for obstacle in obstacles]
-        # Every rank knows all facets, so that numbers need no exchange later.
-        facets = [facets_of(body) for body in bodies]
-        parts = [obstacle.parts() for obstacle in obstacles]
-        has_frame = list(has_friction) or [False] * len(obstacles)
+        self._radii = np.array(radii, dtype=float)
+        self.share = SurfaceShare.of(bodies, radii, self.comm)
+        self._tied = tied_labels(system, bodies, self.share.surface.points)
+        self._parts = [obstacle.parts() for obstacle in obstacles]
+        self._has_frame = list(has_friction) or [False] * len(obstacles)
         self.points = ContactPoints(
-            [(body, facet.nodes) for body, facet in zip(bodies, facets, strict=True)],
+            bodies,
             [
                 _obstacle_points(obstacle, *part, with_frame)
-                for obstacle, part, with_frame in zip(obstacles, parts, has_frame, strict=True)
+                for obstacle, part, with_frame in zip(
+                    obstacles, self._parts, self._has_frame, strict=True
+                )
             ],
             system,
         )
-        self.nodes = np.concatenate([facet.nodes for facet in facets])
+        own = self.share.surface
+        # An obstacle has no mesh; its points and edges stand for as much area as those of bodies.
+        self._mean_area = self._mean(own.points, self.share.point_count)
+        self._mean_edge_area = self._mean(own.edges, self.share.edge_count)
+        self.show(own)
+
+    def _mean(self, table: SurfacePoints | SurfaceEdges, count: int) -> float:
+        """Return the mean area [m²] of the points or edges of all ranks; collective."""
+        of_owned = float(table.area[table.owner == self.comm.rank].sum())
+        return float(self.comm.allreduce(of_owned)) / max(count, 1)
+
+    # ---- what this rank knows ----
+
+    def show(self, known: SurfaceTables) -> None:
+        """Make points and primitives of those of bodies that this rank knows, and of all obstacles.
+
+        Collective.
+        """
+        rank = self.comm.rank
+        self.known = known
+        points = known.points
+        self.shared = SharedPoints(self.comm, points)
+        self.points.set_nodes(points.body, points.node)
+        self.nodes = points.node
+        body_count = len(points)
         point_count = self.points.count
         self.radius = np.zeros(point_count)
-        self.area = np.zeros(point_count)
+        self.radius[:body_count] = self._radii[points.body]
+        self.area = np.full(point_count, self._mean_area)
+        self.area[:body_count] = points.area
         self.body = np.zeros(point_count, dtype=np.int32)
-        self.walls: list[NumberedWall] = []
-        self.frames = np.full(len(obstacles), -1, dtype=np.int32)
+        self.body[:body_count] = points.body
 
-        found = _Primitives([np.arange(self.points.body_count, dtype=np.int32)])
-        start = self._add_bodies(facets, radii, found)
-        # An obstacle has no mesh; its points and edges stand for as much area as those of bodies.
-        self.area[start:] = float(self.area[:start].mean())
-        edge_area = float(np.concatenate(found.edge_area).mean())
-        for k, (walls, solids) in enumerate(parts):
+        solids = self._add_obstacles(body_count)
+        edges = known.point_indices(known.edges.points)
+        self.edge_area = np.concatenate(
+            [known.edges.area, np.full(len(solids.edges), self._mean_edge_area)]
+        )
+        body_vertices: Int32Array = np.arange(body_count, dtype=np.int32)
+        # Two obstacles never form a pair.
+        is_fixed: ByteArray = (np.arange(point_count) >= body_count).astype(np.uint8)
+        labels = None
+        if self._tied is not None:
+            labels = self._tied.labels_of(self._point_numbers()).astype(np.int32)
+        self.surface = CollisionPrimitives(
+            vertices=np.concatenate([body_vertices, solids.vertices]),
+            edges=np.vstack([edges, solids.edges]).astype(np.int32),
+            triangles=np.vstack(
+                [known.point_indices(known.triangles.points), solids.triangles]
+            ).astype(np.int32),
+            is_fixed=is_fixed,
+            labels=labels,
+        )
+        self.sent_edges = np.flatnonzero(known.edges.owner == rank)
+        self.sent_triangles = np.flatnonzero(known.triangles.owner == rank)
+        # All ranks know the primitives of obstacles, which are dealt out in turn.
+        own_solid_vertices = _dealt(len(solids.vertices), self.comm)
+        own_solid_edges = _dealt(len(solids.edges), self.comm)
+        own_body_vertices = np.flatnonzero(self.shared.is_own)
+        self.own_vertices = np.concatenate(
+            [own_body_vertices, body_count + own_solid_vertices]
+        ).astype(np.int32)
+        self.own_edges = np.concatenate([self.sent_edges, len(edges) + own_solid_edges]).astype(
+            np.int32
+        )
+        self._wall_vertices = own_body_vertices.astype(np.int32)
+
+    def _add_obstacles(self, start: int) -> CollisionPrimitives:
+        """Number the points of obstacles from `start` on; return the primitives of their solids."""
+        self.walls: list[NumberedWall] = []
+        self.frames = np.full(len(self.obstacles), -1, dtype=np.int32)
+        vertices: list[Int32Array] = [np.zeros(0, dtype=np.int32)]
+        edges: list[Int32Array] = [np.zeros((0, 2), dtype=np.int32)]
+        triangles: list[Int32Array] = [np.zeros((0, 3), dtype=np.int32)]
+        for k, (walls, solids) in enumerate(self._parts):
+            number = len(self.bodies) + k
             first = start
-            start = self._add_walls(walls, len(bodies) + k, start)
+            for wall in walls:
+                self.walls.append(NumberedWall(wall, (start, start + 1, start + 2), number))
+                start += 3
             for solid in solids:
-                start = self._add_solid(solid, edge_area, start, found)
-            if has_frame[k]:
+                end = start + len(solid.corners)
+                vertices.append(np.arange(start, end, dtype=np.int32))
+                edges.append(np.array(solid.edges, dtype=np.int32).reshape(-1, 2) + start)
+                triangles.append(np.array(solid.triangles, dtype=np.int32).reshape(-1, 3) + start)
+                self.radius[start:end] = solid.radius
+                start = end
+            if self._has_frame[k]:
                 self.frames[k] = start
                 start += FRAME_SIZE
-            self.body[first:start] = len(bodies) + k
-
-        self.edge_area = np.concatenate(found.edge_area)
-        # Two obstacles never form a pair.
-        is_fixed: ByteArray = (np.arange(point_count) >= self.points.body_count).astype(np.uint8)
-        self.surface = CollisionPrimitives(
-            vertices=np.concatenate(found.vertices),
-            edges=_stacked(found.edges, 2),
-            triangles=_stacked(found.triangles, 3),
-            is_fixed=is_fixed,
-            labels=filter_labels(system, bodies, [facet.nodes for facet in facets], point_count),
+            self.body[first:start] = number
+        return CollisionPrimitives(
+            vertices=np.concatenate(vertices),
+            edges=np.vstack(edges),
+            triangles=np.vstack(triangles),
+            is_fixed=np.zeros(0, dtype=np.uint8),
         )
-        self.own_vertices = self._owned(self.surface.vertices)
-        # An edge belongs to the rank of its first point.
-        self.own_edges = self._owned(self.surface.edges[:, 0])
-        self._wall_vertices = self.own_vertices[self.own_vertices < self.points.body_count]
 
-    def _add_bodies(
-        self, facets: Sequence[Facets], radii: Sequence[float], found: _Primitives
-    ) -> int:
-        """Add the surfaces of all bodies; return the number of their points."""
-        start = 0
-        for k, (facet, radius) in enumerate(zip(facets, radii, strict=True)):
-            end = start + len(facet.nodes)
-            edges, edge_area, point_area = _edges_and_areas(facet, radius)
-            self.radius[start:end] = radius
-            self.body[start:end] = k
-            self.area[start:end] = point_area
-            found.edges.append(edges + start)
-            found.edge_area.append(edge_area)
-            found.triangles.append(facet.triangles + start)
-            start = end
-        return start
+    def _point_numbers(self) -> Int64Array:
+        """Return the numbers (m,) of the points that are the same on all ranks."""
+        of_obstacles = self.share.point_count + np.arange(self.points.obstacle_count)
+        return np.concatenate([self.known.points.number, of_obstacles])
 
-    def _add_walls(self, walls: Sequence[ObstacleWall], obstacle: int, start: int) -> int:
-        """Add walls whose points begin at `start`; return where they end."""
-        for wall in walls:
-            self.walls.append(NumberedWall(wall, (start, start + 1, start + 2), obstacle))
-            start += 3
-        return start
+    def own_points(self) -> tuple[Int64Array, Int64Array]:
+        """Return for which points this rank keeps history variables: those that it owns, and obstacles'.
 
-    def _add_solid(
-        self,
-        solid: ObstacleSolid,
-        edge_area: float,
-        start: int,
-        found: _Primitives,
-    ) -> int:
-        """Add a solid whose points begin at `start`; return where they end."""
-        end = start + len(solid.corners)
-        edges = np.array(solid.edges, dtype=np.int32).reshape(-1, 2)
-        triangles = np.array(solid.triangles, dtype=np.int32).reshape(-1, 3)
-        found.vertices.append(np.arange(start, end, dtype=np.int32))
-        found.edges.append(edges + start)
-        found.edge_area.append(np.full(len(edges), edge_area))
-        found.triangles.append(triangles + start)
-        self.radius[start:end] = solid.radius
-        return end
+        Returns:
+            their indices (k,) among the points that are known, and their numbers (k,) on all ranks.
+        """
+        is_own = np.ones(self.points.count, dtype=bool)
+        is_own[: self.points.body_count] = self.shared.is_own
+        own = np.flatnonzero(is_own)
+        return own, self._point_numbers()[own]
 
-    def _owned(self, points: Int32Array) -> Int32Array:
-        """Return which of the points (k,) this rank searches for, as indices."""
-        return np.flatnonzero(self.points.owned(points)).astype(np.int32)
+    def take_minimum(self, values: Array) -> None:
+        """Replace values (m,) of points by the least that any rank has for the same point; collective."""
+        count = self.points.body_count
+        self.shared.take_minimum(values[:count])
+        if self.comm.size > 1 and self.points.obstacle_count:
+            self.comm.Allreduce(MPI.IN_PLACE, values[count:], op=MPI.MIN)
 
     def name_of(self, point: int) -> str:
         """Return the name of the body or obstacle of a point."""
@@ -196,38 +246,36 @@ class CollisionMesh:
 
         Args:
             kind: of the pairs (n,).
-            primitives: numbers (n, 2): vertex and triangle, two edges, or wall and point.
+            primitives: indices (n, 2): vertex and triangle, two edges, or wall and point.
         """
         # A pair (i, j) has the number i n + j, n being the count of the second kind of primitive.
         second_count = np.full(len(kind), self._triangle_count, dtype=np.int64)
         second_count[kind == PairKind.EDGE_EDGE] = self._edge_count
-        second_count[is_wall(kind)] = self.points.count
+        walls = is_wall(kind)
+        second_count[walls] = self.share.point_count + self.points.obstacle_count
         pair_type = np.minimum(kind.astype(np.int64), WALL_TYPE)
-        return (primitives[:, 0] * second_count + primitives[:, 1]) * TYPE_COUNT + pair_type
-
-    def first_points(self, identifier: Int64Array) -> Int32Array:
-        """Return the first point (n,) of the pairs with these identifiers (n,)."""
-        pair_type = identifier % TYPE_COUNT
-        number = identifier // TYPE_COUNT
-        points: Int32Array = np.zeros(len(identifier), dtype=np.int32)
-        triangles = pair_type == PairKind.POINT_TRIANGLE
-        vertex = number[triangles] // self._triangle_count
-        points[triangles] = self.surface.vertices[vertex]
-        edges = pair_type == PairKind.EDGE_EDGE
-        first_edge = number[edges] // self._edge_count
-        points[edges] = self.surface.edges[first_edge, 0]
-        walls = pair_type == WALL_TYPE
-        points[walls] = number[walls] % self.points.count
-        return points
+        first = primitives[:, 0].copy()
+        second = primitives[:, 1].copy()
+        # Indices of what this rank knows become numbers that are the same on all ranks.
+        known = self.known
+        triangles = kind == PairKind.POINT_TRIANGLE
+        edges = kind == PairKind.EDGE_EDGE
+        first[triangles] = _numbers(first[triangles], known.points, self.share.point_count)
+        second[triangles] = _numbers(second[triangles], known.triangles, self.share.triangle_count)
+        first[edges] = _numbers(first[edges], known.edges, self.share.edge_count)
+        second[edges] = _numbers(second[edges], known.edges, self.share.edge_count)
+        second[walls] = _numbers(second[walls], known.points, self.share.point_count)
+        return (first * second_count + second) * TYPE_COUNT + pair_type
 
     @property
     def _triangle_count(self) -> int:
-        # At least one: numbers are divided by it.
-        return len(self.surface.triangles) or 1
+        solid_count = len(self.surface.triangles) - len(self.known.triangles)
+        return self.share.triangle_count + solid_count
 
     @property
     def _edge_count(self) -> int:
-        return len(self.surface.edges) or 1
+        solid_count = len(self.surface.edges) - len(self.known.edges)
+        return self.share.edge_count + solid_count
 
     # ---- pairs with walls, which need no search ----
 
@@ -274,15 +322,16 @@ class CollisionMesh:
         area[edges] = self.edge_area[primitives[edges]].sum(axis=1) / 4
         return area
 
-    def surface_densities(self, system: ContactAssembly) -> Array:
-        """Return the mass per area [kg/m²] (m,) of the body of each point; infinite for obstacles.
+    def body_densities(self, system: ContactAssembly) -> Array:
+        """Return the mass per area [kg/m²] (k,) of each body and obstacle; infinite for obstacles.
 
         A body has the same density everywhere: its mass over its area.  Collective.
         """
         numbering = system.numbering
         direction = numbering.vector()
         momentum = numbering.vector()
-        density = np.full(self.points.count, np.inf)
+        density = np.full(len(self.names), np.inf)
+        own = self.shared.is_own
         for k, body in enumerate(self.bodies):
             owned = system.block(body).owned
             size = body.block.size
@@ -292,8 +341,8 @@ class CollisionMesh:
                 values[owned].reshape(-1, size)[:, 0] = 1.0
             system.M.mult(direction, momentum)
             own_mass = float(momentum.array_r[owned].reshape(-1, size)[:, 0].sum())
-            of_body = self.body == k
-            density[of_body] = system.comm.allreduce(own_mass) / self.area[of_body].sum()
+            own_area = float(self.known.points.area[own & (self.known.points.body == k)].sum())
+            density[k] = system.comm.allreduce(own_mass) / system.comm.allreduce(own_area)
         return density
 
 
@@ -318,34 +367,16 @@ def _obstacle_points(
     return ObstaclePoints(vectors, is_point, obstacle.motion, obstacle.name)
 
 
-def _stacked(parts: list[Int32Array], width: int) -> Int32Array:
-    """Return arrays (., width) as one, also if there is none."""
-    none: Int32Array = np.zeros((0, width), dtype=np.int32)
-    return np.ascontiguousarray(np.vstack([none, *parts]), dtype=np.int32)
+def _dealt(count: int, comm: MPI.Intracomm) -> Int64Array:
+    """Return which of `count` primitives of obstacles this rank searches for."""
+    return np.arange(comm.rank, count, comm.size)
 
 
-def _edges_and_areas(facets: Facets, radius: float) -> tuple[Int32Array, Array, Array]:
-    """Return the edges (e, 2) of a body, and the areas [m²] of edges (e,) and points (n,).
-
-    A triangle gives each of its sides and corners a third of its area.  A line stands for the area of its
-    shadow, length times diameter, and gives each end a half.
-    """
-    count = len(facets.nodes)
-    if len(facets.lines):
-        ends = facets.X[facets.lines]
-        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-        area: Array = length * 2 * radius
-        halves = np.repeat(area / 2, 2)
-        return facets.lines, area, _summed(facets.lines, halves, count)
-    corners = facets.X[facets.triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    thirds = np.repeat(np.linalg.norm(normals, axis=1) / 6, 3)
-    sides = np.sort(facets.triangles[:, TRIANGLE_SIDES].reshape(-1, 2), axis=1)
-    edges, edge = np.unique(sides, axis=0, return_inverse=True)
-    edge_area = _summed(edge, thirds, len(edges))
-    return edges.astype(np.int32), edge_area, _summed(facets.triangles, thirds, count)
-
-
-def _summed(numbers: np.ndarray, values: Array, count: int) -> Array:
-    """Return the sums (count,) of values that belong to numbers."""
-    return np.bincount(numbers.ravel(), values, count).astype(float)
+def _numbers(indices: Int64Array, of_bodies: SurfacePrimitives, count: int) -> Int64Array:
+    """Return the numbers of primitives with some indices; `count` are of bodies, obstacles' follow."""
+    known_count = len(of_bodies)
+    # Obstacles' primitives are the last ones, on every rank.
+    if not known_count:
+        return indices + count
+    number = of_bodies.number[np.minimum(indices, known_count - 1)]
+    return np.where(indices < known_count, number, indices - known_count + count)

@@ -65,9 +65,3 @@ class CollisionPrimitives:
             return np.ascontiguousarray(primitives)
         count = primitives.shape[1] * self.labels.shape[1]
         return np.ascontiguousarray(self.labels[primitives].reshape(len(primitives), count))
-
-
-def edges_of(triangles: Int32Array) -> Int32Array:
-    """Return the edges (e, 2) of triangles (t, 3), each once, in the order of their points."""
-    sides = np.sort(triangles[:, TRIANGLE_SIDES].reshape(-1, 2), axis=1)
-    return np.unique(sides, axis=0).astype(np.int32)

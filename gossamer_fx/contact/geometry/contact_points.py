@@ -20,7 +20,7 @@ from scipy.sparse import csr_matrix
 
 from gossamer_fx.algebra.point_measures import Gather
 from gossamer_fx.checks.failures import Inadmissible
-from gossamer_fx.contact.arrays import Array, Int32Array, Int64Array, MaskArray
+from gossamer_fx.contact.arrays import Array, Int32Array, Int64Array
 from gossamer_fx.contact.geometry.obstacle_motion import ObstacleMotion, PrescribedMotion
 from gossamer_fx.model.body import Attached, Body, Ground, Port
 from gossamer_fx.terms.assembly import Assembly
@@ -46,10 +46,9 @@ class ObstaclePoints:
 class _Map:
     """The rows of W and c for the points of obstacles, as they are added one by one."""
 
-    def __init__(self, system: Assembly, body_count: int) -> None:
-        """Start with the block rows of `body_count` nodes, which the points of obstacles follow."""
+    def __init__(self, system: Assembly) -> None:
+        """Start without points and block rows."""
         self._system = system
-        self._body_count = body_count
         self._block_row_of: dict[int, int] = {}
         self.first_dofs: list[int] = []
         self.rows: list[int] = []
@@ -58,8 +57,8 @@ class _Map:
         self.constants: list[Array] = []
 
     def add(self, vector: Attached) -> int:
-        """Add a point or direction; return its number among all points."""
-        number = self._body_count + len(self.constants)
+        """Add a point or direction; return its number among those of obstacles."""
+        number = len(self.constants)
         if isinstance(vector, Ground):
             self.constants.append(np.array(vector.vector, dtype=float))
             return number
@@ -79,80 +78,90 @@ class _Map:
     def _block_row(self, first_dof: int) -> int:
         """Return the block row that begins with an unknown; obstacles on one body share them."""
         if first_dof not in self._block_row_of:
-            self._block_row_of[first_dof] = self._body_count + len(self.first_dofs)
+            self._block_row_of[first_dof] = len(self.first_dofs)
             self.first_dofs.append(first_dof)
         return self._block_row_of[first_dof]
 
 
 class ContactPoints:
-    """The m points of a contact, of which the first n are nodes of bodies.
+    """The m points of a contact that this rank knows, of which the first n are nodes of bodies.
 
     Args:
-        nodes: bodies and the global numbers of their nodes that take part.
+        bodies: films, cables and beams.
         obstacles: points and directions of obstacles.
         system: whose unknowns move them.
 
     Attributes:
         body_count: n.
+        obstacle_count: number of points of obstacles, which every rank knows.
         count: m.
         first_dof: number (v,) of the first of the three unknowns of each block row in the system.
         weights: W (m, v).
         prescribed: points (k,) with a prescribed motion.
     """
 
+    body_count: int
+    count: int
+    first_dof: Int64Array
+    weights: csr_matrix
+    prescribed: Int64Array
+
     def __init__(
         self,
-        nodes: Sequence[tuple[Body, Int64Array]],
+        bodies: Sequence[Body],
         obstacles: Sequence[ObstaclePoints],
         system: Assembly,
     ) -> None:
-        """Number the points, and find the unknowns that move them.  Collective."""
+        """Find the unknowns that move obstacles; `set_nodes` names the points of bodies."""
         self.comm = system.comm
         self._numbering = system.numbering
-        of_bodies = [system.block(body).to_global(of_body)[:, 0] for body, of_body in nodes]
-        self.body_count = sum(len(first_dofs) for first_dofs in of_bodies)
-        added = _Map(system, self.body_count)
-        self._moved: list[tuple[Int64Array, ObstacleMotion]] = []
+        self._blocks = [system.block(body) for body in bodies]
+        self._of_obstacles = _Map(system)
+        self._motions: list[tuple[Int64Array, ObstacleMotion]] = []
         for obstacle in obstacles:
-            numbers = [added.add(vector) for vector in obstacle.at]
+            numbers = [self._of_obstacles.add(vector) for vector in obstacle.at]
             if obstacle.motion is not None:
                 moved = [
                     n for n, is_point in zip(numbers, obstacle.is_point, strict=True) if is_point
                 ]
                 motion = ObstacleMotion(obstacle.name, obstacle.motion, system.comm)
-                self._moved.append((np.array(moved, dtype=np.int64), motion))
+                self._motions.append((np.array(moved, dtype=np.int64), motion))
+        # Every rank knows all obstacles: they have few points.
+        self.obstacle_count = len(self._of_obstacles.constants)
+        # Without obstacles on rigid bodies W is the identity, and products with it are left out.
+        self._are_block_rows = not self._of_obstacles.rows
 
-        self.count = self.body_count + len(added.constants)
-        of_obstacles = np.array(added.first_dofs, dtype=np.int64)
-        self.first_dof = np.concatenate([*of_bodies, of_obstacles]).astype(np.int64)
-        self.weights = self._matrix(added)
+    def set_nodes(self, body: Int64Array, node: Int64Array) -> None:
+        """Let the first n points be some nodes of bodies; collective.
+
+        Args:
+            body: number (n,) of the body of each, ascending.
+            node: global number (n,) among the nodes of the body.
+        """
+        of_obstacles = self._of_obstacles
+        self.body_count = len(node)
+        self.count = self.body_count + self.obstacle_count
+        of_bodies = [block.to_global(node[body == k])[:, 0] for k, block in enumerate(self._blocks)]
+        first_dofs = np.array(of_obstacles.first_dofs, dtype=np.int64)
+        self.first_dof = np.concatenate([*of_bodies, first_dofs]).astype(np.int64)
+        self.weights = self._matrix(of_obstacles)
+        self._moved = [(self.body_count + numbers, motion) for numbers, motion in self._motions]
         self.prescribed = np.concatenate(
             [np.zeros(0, dtype=np.int64), *(points for points, _ in self._moved)]
         )
-        self._constants = np.vstack([np.zeros((self.body_count, 3)), *added.constants])
-        # Without obstacles on rigid bodies W is the identity, and products with it are left out.
-        self._are_block_rows = not added.rows
+        # Nodes of bodies have no prescribed part.
+        self._constants = np.vstack([np.zeros((self.body_count, 3)), *of_obstacles.constants])
         self._dofs = self.first_dof[:, None] + np.arange(3)
         self._gather = Gather(self._numbering, [self._dofs])
 
-    def _matrix(self, added: _Map) -> csr_matrix:
+    def _matrix(self, of_obstacles: _Map) -> csr_matrix:
         """W (m, v): the identity for nodes of bodies, then the rows of obstacles."""
-        own = np.arange(self.body_count)
-        rows = np.concatenate([own, np.array(added.rows, dtype=int)])
-        columns = np.concatenate([own, np.array(added.columns, dtype=int)])
-        values = np.concatenate([np.ones(self.body_count), np.array(added.weights, dtype=float)])
+        count = self.body_count
+        own = np.arange(count)
+        rows = np.concatenate([own, count + np.array(of_obstacles.rows, dtype=int)])
+        columns = np.concatenate([own, count + np.array(of_obstacles.columns, dtype=int)])
+        values = np.concatenate([np.ones(count), np.array(of_obstacles.weights, dtype=float)])
         return csr_matrix((values, (rows, columns)), shape=(self.count, len(self.first_dof)))
-
-    def owned(self, points: np.ndarray) -> MaskArray:
-        """Return which points (k,) this rank searches for: nodes where they live, others in turn."""
-        numbering = self._numbering
-        # Points of obstacles have no owner, and are dealt out in turn.
-        is_own = points % self.comm.size == self.comm.rank
-        is_node = points < self.body_count
-        first_dof = self.first_dof[points[is_node]]
-        end = numbering.start + numbering.size_local
-        is_own[is_node] = (first_dof >= numbering.start) & (first_dof < end)
-        return is_own
 
     def at(self, q: PETSc.Vec, time: float) -> Array:
         """Return the points (m, 3) [m] for coordinates q of the system at a time [s]; collective."""
@@ -210,11 +219,8 @@ class ContactPoints:
             with r as values:
                 values[self._dofs.ravel()] += on_block_rows.ravel()
             return
-        # Only rows with forces are sent: few nodes of a film touch at a time.
-        touched = np.flatnonzero(on_block_rows.any(axis=1))
-        indices = self._dofs[touched].ravel().astype(PETSc.IntType)
-        r.setValues(indices, on_block_rows[touched].ravel(), addv=PETSc.InsertMode.ADD_VALUES)
-        r.assemble()
+        # The messages of the scatter are known beforehand, unlike those of single entries of a vector.
+        self._gather.add(on_block_rows, r)
 
     def block_rows_of(self, points: Int32Array) -> tuple[Int64Array, Array]:
         """Return the block rows that move the points (n, 4) of pairs, and how.

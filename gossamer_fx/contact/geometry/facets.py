@@ -1,12 +1,14 @@
-"""The surface of a body as points and plane triangles, or straight lines, the same on every rank."""
+"""The surface of a body as points and plane triangles, or straight lines: the share of each rank."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 
 from gossamer_fx.contact.arrays import Array, Int32Array, Int64Array
+from gossamer_fx.contact.geometry.distributed_rows import DistributedRows
 from gossamer_fx.model.body import MeshBody
 
 # Linear pieces of one cell by its dofs, for cells of a dimension with a number of dofs: lines and
@@ -29,26 +31,29 @@ EDGES_OF_CELLS = {
 
 @dataclass(frozen=True)
 class Facets:
-    """The n points of one body that can touch, and the flat pieces between them.
+    """This rank's points of one body that can touch, and the flat pieces between them.
 
-    Cells of order 2 are cut into linear pieces.  Points are numbered by the vertices of the mesh file,
-    so that their numbers do not depend on the number of ranks.
+    A rank has the pieces of the cells that it owns and their n points; points on the boundary between two
+    ranks are on both.  Cells of order 2 are cut into linear pieces.  Points are numbered by the vertices
+    of the mesh file, so that their numbers do not depend on the number of ranks.
 
     Attributes:
         nodes: global numbers (n,) of the points among the nodes of the body.
         X: positions (n, 3) in the stress-free shape [m].
-        triangles: (t, 3) numbers of points; none for cables and beams.
-        lines: (l, 2) numbers of points; none for films.
+        rows: numbers, owners and sums of the points over all ranks.
+        triangles: (t, 3) points, as indices of the arrays above; none for cables and beams.
+        lines: (l, 2) points, as indices; none for films.
     """
 
     nodes: Int64Array
     X: Array
+    rows: DistributedRows
     triangles: Int32Array
     lines: Int32Array
 
 
 def facets_of(body: MeshBody) -> Facets:
-    """Return the facets of a film, cable or beam; collective."""
+    """Return this rank's facets of a film, cable or beam; collective."""
     space = body.space
     mesh = space.mesh
     dimension = mesh.topology.dim
@@ -60,27 +65,25 @@ def facets_of(body: MeshBody) -> Facets:
 
     corners = mesh.geometry.dofmap[:own_count, : dimension + 1]
     vertices = mesh.geometry.input_global_indices[corners].astype(np.int64)
-    names = _names_of_dofs(vertices, dof_count, EDGES_OF_CELLS[kind_of_cell])
-    nodes = body.block.index_map.local_to_global(dofs.ravel().astype(np.int32))
-    table = np.concatenate([nodes.reshape(*dofs.shape, 1), names], axis=2)
-    positions = space.tabulate_dof_coordinates()[dofs]
-    all_dofs = np.concatenate(body.comm.allgather(table)).reshape(-1, 3)
-    all_positions = np.concatenate(body.comm.allgather(positions)).reshape(-1, 3)
-
+    names = _names_of_dofs(vertices, dof_count, EDGES_OF_CELLS[kind_of_cell]).reshape(-1, 2)
     # Sorting by name makes one point of the dofs that cells share.
-    _, first, point = np.unique(all_dofs[:, 1:], axis=0, return_index=True, return_inverse=True)
+    points, first, point = np.unique(names, axis=0, return_index=True, return_inverse=True)
+    dof_of_point = dofs.ravel()[first].astype(np.int32)
+    last_vertex = body.comm.allreduce(int(names.max(initial=0)), op=MPI.MAX)
+
     pieces = np.array(PIECES_OF_CELLS[kind_of_cell])
     facets = point.reshape(-1, dof_count)[:, pieces].reshape(-1, pieces.shape[1])
-    facets = np.sort(facets, axis=1).astype(np.int32)
-    facets = np.ascontiguousarray(facets[np.lexsort(facets.T[::-1])])
+    sorted_facets = np.sort(facets, axis=1)
+    ordered: Int32Array = sorted_facets[np.lexsort(sorted_facets.T[::-1])].astype(np.int32)
     is_film = dimension == 2
     no_triangles: Int32Array = np.zeros((0, 3), dtype=np.int32)
     no_lines: Int32Array = np.zeros((0, 2), dtype=np.int32)
     return Facets(
-        nodes=all_dofs[first, 0],
-        X=all_positions[first],
-        triangles=facets if is_film else no_triangles,
-        lines=no_lines if is_film else facets,
+        nodes=body.block.index_map.local_to_global(dof_of_point),
+        X=space.tabulate_dof_coordinates()[dof_of_point],
+        rows=DistributedRows(body.comm, points, last_vertex + 1),
+        triangles=ordered if is_film else no_triangles,
+        lines=no_lines if is_film else ordered,
     )
 
 

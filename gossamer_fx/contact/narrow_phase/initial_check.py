@@ -6,7 +6,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import InputError
-from gossamer_fx.contact.arrays import Array
+from gossamer_fx.contact.arrays import Array, MaskArray
 from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.contact.narrow_phase.intersections import find_intersections
 
@@ -41,26 +41,28 @@ def refuse_intersections(mesh: CollisionMesh, x: Array, comm: MPI.Intracomm) -> 
 def refuse_coincident(
     mesh: CollisionMesh, x: Array, nearest: Array, activation_distance: float
 ) -> None:
-    """Raise `InputError` where body points touch something at the start, or are within it.
+    """Raise `InputError` where body points touch something at the start, or are within it; collective.
 
     Args:
+        mesh: with m points.
         x: points (m, 3) [m].
-        nearest: gap (m,) [m] of each point to what is nearest, the same on every rank.
+        nearest: gap (m,) [m] of each point to what is nearest on any rank.
         activation_distance: [m].
     """
-    is_of_body = np.arange(mesh.points.count) < mesh.points.body_count
-    close = np.flatnonzero(is_of_body & (nearest < COINCIDENT * activation_distance))
-    if not len(close):
+    of_bodies = nearest[: mesh.points.body_count]
+    is_close = of_bodies < COINCIDENT * activation_distance
+    count, first = _count_and_first(mesh, x, is_close)
+    if not count:
         return
-    first = close[0]
+    name, point = first
     raise InputError(
-        f"Contact: {len(close)} points of '{mesh.name_of(first)}' and others touch something at the start, or are "
-        f"within it, the first at {_point(x[first])} m; open the layers by a little, or tie them there."
+        f"Contact: {count} points of '{name}' and others touch something at the start, or are "
+        f"within it, the first at {_point(point)} m; open the layers by a little, or tie them there."
     )
 
 
 def refuse_points_inside(mesh: CollisionMesh, x: Array) -> None:
-    """Raise `InputError` where points (m, 3) [m] of bodies are inside a box at the start.
+    """Raise `InputError` where points (m, 3) [m] of bodies are inside a box at the start; collective.
 
     The surface of a box keeps points apart on both sides, so that a body within it would be taken for one that
     is kept there.  Spheres and cylinders are a radius round a point or an axis: `refuse_coincident` finds their
@@ -78,14 +80,42 @@ def refuse_points_inside(mesh: CollisionMesh, x: Array) -> None:
         # The height of the middle over each face tells which side is inside.
         middle = corners.reshape(-1, 3).mean(axis=0)
         inside_sign = np.sign(((middle - corners[:, 0]) * normals).sum(axis=1))
-        inside = np.flatnonzero((heights * inside_sign > 0).all(axis=1))
-        if len(inside):
-            first = inside[0]
+        is_inside = (heights * inside_sign > 0).all(axis=1)
+        count, first_inside = _count_and_first(mesh, x, is_inside)
+        if count:
+            name, point = first_inside
             raise InputError(
-                f"Contact: {len(inside)} points of '{mesh.name_of(first)}' and others are inside the box "
-                f"'{mesh.names[box]}' at the start, the first at {_point(x[first])} m; move one of them, or give the "
+                f"Contact: {count} points of '{name}' and others are inside the box "
+                f"'{mesh.names[box]}' at the start, the first at {_point(point)} m; move one of them, or give the "
                 "box inside=True to keep bodies within it."
             )
+
+
+def _count_and_first(
+    mesh: CollisionMesh, x: Array, is_wrong: MaskArray
+) -> tuple[int, tuple[str, Array]]:
+    """Return how many points of bodies are wrong on all ranks, and the first one; collective.
+
+    Args:
+        mesh: with the points.
+        x: points (m, 3) [m].
+        is_wrong: which of the points of bodies (n,).
+
+    Returns:
+        their number, and name of the body and position (3,) [m] of the one with the lowest number.
+    """
+    wrong = np.flatnonzero(is_wrong & mesh.shared.is_own)
+    first: list[tuple[int, str, Array]] = []
+    if len(wrong):
+        point = wrong[0]
+        number = int(mesh.known.points.number[point])
+        first = [(number, mesh.name_of(point), x[point])]
+    of_ranks = mesh.comm.allgather((len(wrong), first))
+    firsts = [example for _, examples in of_ranks for example in examples]
+    if not firsts:
+        return 0, ("", np.zeros(3))
+    _, name, position = min(firsts, key=lambda example: example[0])
+    return sum(count for count, _ in of_ranks), (name, position)
 
 
 def _point(x: Array) -> str:

@@ -13,6 +13,7 @@ from itertools import permutations
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.algebra.rank_exchange import maximum_over_ranks
 from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.contact.arrays import Array
 from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
@@ -69,14 +70,15 @@ class LargeTurns:
         self._mesh = mesh
         self._system = system
         self._activation_distance = activation_distance
-        self._points = [np.flatnonzero(mesh.body == k) for k in range(len(mesh.names))]
         self._rigid_bodies: list[RigidBody | None] = [None] * len(mesh.bodies)
         self._rigid_bodies += [obstacle.body for obstacle in mesh.obstacles]
         self._has_walls = [False] * len(mesh.names)
         for numbered in mesh.walls:
             self._has_walls[numbered.obstacle] = True
+        of_solids = mesh.surface.vertices[mesh.points.body_count :]
         self._has_corners = [
-            np.isin(points, mesh.surface.vertices).any() for points in self._points
+            k < len(mesh.bodies) or bool((mesh.body[of_solids] == k).any())
+            for k in range(len(mesh.names))
         ]
 
     def find(self, distances: PairDistances, x1: Array) -> str:
@@ -91,6 +93,10 @@ class LargeTurns:
         # Without a second body or an obstacle there is nothing to turn past.
         if count < 2:
             return ""
+        # Each point of a body counts on one rank; all ranks have those of obstacles.
+        own, _ = self._mesh.own_points()
+        body = self._mesh.body[own]
+        self._points = [own[body == k] for k in range(count)]
         turns = [self._turn(k, distances.x, x1) for k in range(count)]
         for one, other in permutations(range(count), 2):
             angle = turns[one].angle_to(turns[other])
@@ -110,7 +116,7 @@ class LargeTurns:
         """Return how a body or obstacle turns in a step."""
         if k < len(self._mesh.bodies):
             points = self._points[k]
-            return _best_turn(x0[points], x1[points])
+            return _best_turn(x0[points], x1[points], self._mesh.comm)
         body = self._rigid_bodies[k]
         if body is None:
             return STAYS
@@ -133,11 +139,17 @@ class LargeTurns:
         if not (self._has_corners[one] and self._has_corners[other]):
             return False
         reach = self._radius(one, turn, distances.x, x1) + self._activation_distance
-        reach += self._mesh.radius[mine].max() + self._mesh.radius[others].max()
+        thickness = [self._mesh.radius[points].max(initial=0.0) for points in (mine, others)]
+        reach += float(maximum_over_ranks(self._mesh.comm, np.array(thickness)).sum())
         ends = np.vstack([distances.x[others], x1[others]])
+        # The box round the other one, of all ranks together.
+        corners = np.concatenate(
+            [ends.max(axis=0, initial=-np.inf), -ends.min(axis=0, initial=np.inf)]
+        )
+        corners = maximum_over_ranks(self._mesh.comm, corners)
         lower = turn.centre.min(axis=0) - reach
         upper = turn.centre.max(axis=0) + reach
-        is_apart = (ends.min(axis=0) > upper) | (ends.max(axis=0) < lower)
+        is_apart = (-corners[3:] > upper) | (corners[:3] < lower)
         return not is_apart.any()
 
     def _radius(self, k: int, turn: _Turn, x0: Array, x1: Array) -> float:
@@ -145,7 +157,8 @@ class LargeTurns:
         points = self._points[k]
         start = np.linalg.norm(x0[points] - turn.centre[0], axis=1)
         end = np.linalg.norm(x1[points] - turn.centre[1], axis=1)
-        return float(max(start.max(), end.max()))
+        own = float(max(start.max(initial=0.0), end.max(initial=0.0)))
+        return float(self._mesh.comm.allreduce(own, op=MPI.MAX))
 
     def _gap_to_walls(self, body: int, obstacle: int, distances: PairDistances) -> float:
         """Return the least gap [m] of a body to the walls of an obstacle at the start; collective."""
@@ -158,13 +171,14 @@ class LargeTurns:
         return self._system.comm.allreduce(nearest, op=MPI.MIN)
 
 
-def _best_turn(start: Array, end: Array) -> _Turn:
-    """Return the rotation that brings points (n, 3) [m] nearest to their end (n, 3) [m].
+def _best_turn(start: Array, end: Array, comm: MPI.Intracomm) -> _Turn:
+    """Return the rotation that brings points (n, 3) [m] of all ranks nearest to their end (n, 3) [m].
 
-    W. Kabsch, Acta Cryst. A 32 (1976) 922, doi:10.1107/S0567739476001873.
+    Collective.  W. Kabsch, Acta Cryst. A 32 (1976) 922, doi:10.1107/S0567739476001873.
     """
-    centre = np.array([start.mean(axis=0), end.mean(axis=0)])
-    moments = (end - centre[1]).T @ (start - centre[0])
+    sums = comm.allreduce(np.concatenate([start.sum(axis=0), end.sum(axis=0), [len(start)]]))
+    centre = sums[:6].reshape(2, 3) / sums[6]
+    moments = comm.allreduce((end - centre[1]).T @ (start - centre[0]))
     scale = np.linalg.norm(moments)
     u, _, vt = np.linalg.svd(moments + LINE_REGULARISATION * scale * np.eye(3))
     handedness = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])

@@ -61,6 +61,7 @@ class PointLaw:
     def __init__(
         self, functions: LawFunctions, values: PointValues, cells: Indices, *, may_choose: bool
     ) -> None:
+        """Prepare the constants and values that the C kernel reads; no law is evaluated yet."""
         self._functions = functions
         self._values = values
         self._cells = cells

@@ -57,16 +57,18 @@ def test_no_pair_is_missed_while_points_are_within_their_bounds() -> None:
         margin,
         duration=0.2,
     )
-    found = find_candidates(mesh_of(surface), bounds, DISTANCE)  # type: ignore[arg-type]
+    found, _ = find_candidates(mesh_of(surface), bounds, DISTANCE)  # type: ignore[arg-type]
     known = set(found.identifier.tolist())
 
     pairs = sorted(all_pairs(surface))
     table = table_of_primitives(surface, pairs)
     identifiers = np.array([identifier_of(*pair) for pair in pairs])
+    # Fewer than half of all pairs, or the search selects nothing.
     assert len(known) < 0.5 * len(pairs)
     near_count = 0
     for time in (0.5, 0.6, 0.7):
         off = rng.normal(size=x.shape)
+        # Close to the bound on most points: rng ** 0.1 is near 1.
         share = 0.999 * rng.uniform(size=len(x)) ** 0.1
         off *= (share * margin / np.linalg.norm(off, axis=1))[:, None]
         without_drift = np.ascontiguousarray(x + (time - 0.5) * velocities + off)
@@ -76,6 +78,7 @@ def test_no_pair_is_missed_while_points_are_within_their_bounds() -> None:
         near = identifiers[gap < DISTANCE]
         near_count += len(near)
         assert set(near.tolist()) <= known
+    # Enough near pairs that missing one would show.
     assert near_count > 40
 
 
@@ -108,4 +111,5 @@ def test_a_stack_that_spins_has_no_more_candidates(spin: float) -> None:
     run.run(until=1e-3)
     contact_set = run.system.active_sets[0].contact_sets[contact]
     assert contact_set.search.count <= 4
+    # 3 films of 98 nodes have some 1e5 pairs; those within reach are a few.
     assert len(contact_set.candidates) <= 100

@@ -38,18 +38,31 @@ def test_no_near_pair_is_missed_and_none_is_found_twice() -> None:
     assert len(set(keys)) == len(keys)
     missing = sorted(all_pairs(surface) - set(keys))
     squared_distance, _ = closest_points(table_of_primitives(surface, missing), x)
+    # Pairs that were left out are farther apart than the reach.
     assert squared_distance.min() > 0.05**2
     measured = closest_points(found, x)[0].min()
+    # And some that were found are nearer.
     assert measured < 0.05**2
 
 
 def test_ranks_find_together_what_one_finds() -> None:
     surface, x = triangle_soup(200, seed=1)
+    # A reach small enough that most boxes do not overlap.
     whole = keys_of(overlaps(surface, x, 0.02))
     parts = []
     for rank in range(3):
-        vertices = np.arange(rank, len(surface.vertices), 3, dtype=np.int32)
-        edges = np.arange(rank, len(surface.edges), 3, dtype=np.int32)
+        vertices = np.arange(
+            rank,
+            len(surface.vertices),
+            3,
+            dtype=np.int32,
+        )
+        edges = np.arange(
+            rank,
+            len(surface.edges),
+            3,
+            dtype=np.int32,
+        )
         parts += keys_of(
             find_overlaps(
                 surface,
@@ -84,6 +97,7 @@ def test_connected_and_fixed_primitives_are_no_pairs() -> None:
     first = of_triangle[:, 0]
     second = found.second_point // 3
     measured = {tuple(sorted(pair)) for pair in zip(first, second, strict=True)}
+    # Only the pair of the first and the last triangle is neither connected nor fixed.
     assert measured == {(0, 2)}
 
 
@@ -102,5 +116,6 @@ def test_candidates_are_those_of_ipctk() -> None:
         first, second = sorted((candidate.edge0_id, candidate.edge1_id))
         expected.add((int(PairKind.EDGE_EDGE), first, second))
     ours = set(keys_of(overlaps(surface, x, 0.01)))
+    # Many pairs, so that equality is not accidental.
     assert len(ours) > 10_000
     assert ours == expected

@@ -11,6 +11,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
 
+# Units: m, rad, N, m, kg/m and 1/s.
 RADIUS = 0.05
 WRAP = math.radians(120)
 TAIL = 0.03
@@ -30,6 +31,7 @@ def wrapped_cable(pull):
     s = np.linspace(-arc / 2 - TAIL, arc / 2 + TAIL, 17)
     angle = np.clip(s, -arc / 2, arc / 2) / RADIUS
     beyond = s - RADIUS * angle
+    # Just inside the activation distance, so that contact begins gently.
     height = RADIUS + CABLE_RADIUS + 0.9 * DISTANCE
     x = height * np.sin(angle) + beyond * np.cos(angle)
     z = height * np.cos(angle) - np.abs(beyond) * np.sin(np.abs(angle))
@@ -79,16 +81,18 @@ def test_sliding_follows_the_capstan_equation():
     run.run(until=0.02)
     velocity = run.system.state[cable].velocities()
     speed = np.linalg.norm(velocity, axis=1)
+    # All of the cable slides at one speed, up to the waves that damping leaves.
     assert speed.min() == pytest.approx(speed.max(), rel=0.05)
     drag = DAMPING * LINE_DENSITY * float(speed.mean())
     start = HOLDING + drag * TAIL
     share = drag * RADIUS / FRICTION
     end = (start + share) * math.exp(FRICTION * WRAP) - share + drag * TAIL
+    # 2 %: the friction law is smoothed near zero slip.
     assert end == pytest.approx(2.2, rel=0.02)
 
 
 def test_what_rests_under_load_takes_no_shorter_steps():
-    """The residual is compared with the load that contact carries, as there is no motion to stop."""
+    """The residual is compared with the load that contact carries, because nothing moves."""
     run, cable = wrapped_cable(pull=1.5)
     start = run.system.state[cable].positions().copy()
     run.run(until=0.022)

@@ -26,6 +26,7 @@ OTHERS = ("plane", "ball", "cylinder", "box", "in ball", "in box")
 FLOOR = {"point": (0.0, 0.0, 0.0), "normal": (0.0, 0.0, 1.0)}
 
 
+# Two triangles, which stay flat and slide as one piece.
 def patch(velocity: float, height: float = 2e-5):
     return film(
         MPI.COMM_SELF,
@@ -82,12 +83,17 @@ def test_a_film_that_slides_is_stopped() -> None:
         friction=μ,
     )
     v, run = speeds(body, [contact, pressed(body, p)], 0.03)
+    # Until the pressure is full it acts with its mean, half of it, for 0.01 s: as much as 5 ms
+    # later in full.
     until = 0.005 + v0 / (μ * p / SIGMA)  # the pressure begins in 0.01 s
     t = 5e-4 * np.arange(len(v))
     at_full = (t > 0.012) & (t < until - 1e-3)
+    # 2 mm/s: the law is smoothed near zero slip, and the patch still vibrates.
     assert np.allclose(v[at_full], (until - t[at_full]) * μ * p / SIGMA, atol=2e-3)
+    # Stopped, except for the creep that the law states.
     error = abs(v[t > until + 5e-3]).max()
     assert error < 1e-5
+    # All kinetic energy of the patch, ½ σ A v0², is lost by friction.
     expected = {"contact": pytest.approx(0.5 * SIGMA * 0.01 * v0**2, rel=1e-6)}
     assert run.totals.losses == expected
 
@@ -109,7 +115,9 @@ def test_below_the_friction_angle_it_creeps_as_slowly_as_stated() -> None:
     v, _ = speeds(body, [contact, pressed(body, p), gx.Gravity(body, (a, 0.0, 0.0))], 0.04)
     share = a * SIGMA / (μ * p)
     v = (v[1:] + v[:-1])[-30:] / 2  # of steps: their ends swing about it for a while
+    # The law is 1 - (1 - v/v_s)², solved for the speed v at which it carries the share.
     expected = 1e-4 * (1 - math.sqrt(1 - share))
+    # 5 %: mean of the last thirty steps.
     assert v.mean() == pytest.approx(expected, rel=0.05)
 
 
@@ -125,6 +133,7 @@ def test_films_that_rub_keep_momentum_and_angular_momentum(comm) -> None:
         at=(0.01, 0.005),
     )
     run = simulate([gx.Contact(lower, upper, distance=1e-3, friction=0.3)], 1.6e-3)
+    # It must have rubbed.
     assert run.totals.dissipated > 1e-5
     measured = gx.probes.Velocity(lower.port_at((0.05, 0.05, 0.0)), "x")(run)
     assert measured > 0.02  # taken along
@@ -192,6 +201,7 @@ def test_a_ball_on_a_film_turns_by_friction_alone(comm, μ) -> None:
     solid = gx.contact.Sphere(
         centre=(0.003, 0.002, r + 3e-4),
         radius=r,
+        # The rotation of the ball is in its directors, whose constraint adds round-off.
         body=ball,
         friction=μ,
     )
@@ -205,6 +215,7 @@ def test_a_ball_on_a_film_turns_by_friction_alone(comm, μ) -> None:
         lost = m * (0.3 - gx.probes.Velocity(ball.port(), "x")(run))
         assert lost > 1e-6
         measured = spin * 0.4 * m * r * r
+        # 10 %: the film, too, turns a little under the ball.
         assert measured == pytest.approx(lost * r, rel=0.1)
         assert run.totals.dissipated > 0
 
@@ -237,6 +248,7 @@ def test_a_restart_in_the_middle_of_rubbing(tmp_path) -> None:
     )
     again = simulate(scene(), 8e-4, restart=tmp_path / "saved")
     assert through.totals.dissipated > 0
+    # Friction depends on the history of slip, which the checkpoint holds in full precision.
     assert again.totals.dissipated == pytest.approx(through.totals.dissipated, rel=1e-9)
     error = np.abs(again.system.q0.array_r - through.system.q0.array_r).max()
     assert error < 1e-12
@@ -270,6 +282,7 @@ def test_a_film_between_a_rough_floor_and_a_rough_film() -> None:
         ],
         1e-3,
     )
+    # A few rejected steps are allowed where three surfaces rub at once.
     assert run.substeps < 10
     assert abs(run.energy_error) < 1e-9
 
@@ -356,5 +369,6 @@ def test_a_ball_rolls_in_a_bag_if_there_is_friction(μ) -> None:
     else:
         assert run.totals.dissipated > 1e-4
         error = np.linalg.norm(slip)
+        # The ball rolls: its slip is below a fifth of its speed.
         limit = 0.2 * np.linalg.norm(v[:2])
         assert error < limit

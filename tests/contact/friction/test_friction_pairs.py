@@ -12,6 +12,7 @@ from gossamer_fx.contact.pair_table import PairKind
 from gossamer_fx.contact.potential import ContactLaw, pair_starts
 from tests.contact.random_pairs import near_pairs
 
+# Pairs of each kind; of them some ten rub.
 COUNT = 40
 COEFFICIENT = 0.4
 CREEP = 0.01
@@ -26,6 +27,7 @@ def rubbing_pairs(kind: int) -> tuple[FrictionPairs, np.ndarray, np.ndarray]:
     is_triangle = kind == PairKind.POINT_TRIANGLE
     block_index = np.arange(16 * COUNT, dtype=np.int32).reshape(COUNT, 16)
     rub = FrictionPairs(
+        # Weights of the points of one side of the pair: one point, or two of an edge.
         pairs=pairs,
         law=ContactLaw.BARRIER,
         side_weights=np.tile([1.0, 0, 0, 0] if is_triangle else [1.0, 1, 0, 0], (COUNT, 1)),
@@ -53,12 +55,15 @@ def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_states(kind: in
     F = forces(x1)
     size = np.abs(F).max(axis=(1, 2))
     rubs = size > 0
+    # Enough pairs with a friction force.
     assert rubs.sum() > 10
     middle = ((x0 + x1) / 2).reshape(COUNT, 4, 3)
     displacement = (x1 - x0).reshape(COUNT, 4, 3)
+    # Internal forces: round-off of sums of four.
     assert (np.abs(F.sum(axis=1)).max(axis=1) <= 1e-13 * size).all()
     assert (np.abs(np.cross(middle, F).sum(axis=1)).max(axis=1) <= 1e-12 * size).all()
     work = np.einsum("nkc,nkc->n", F, displacement)
+    # The work of the resistance, with the sign that the residual takes it.
     assert (work[rubs] > 0).all()
     step = FrictionStep(x0, x1, CREEP, alpha=0.5)
     assert work.sum() == pytest.approx(rub.loss(step), rel=1e-12)
@@ -82,6 +87,7 @@ def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_states(kind: in
         )
         .reshape(COUNT, 12, 12)
     )
+    # Balances truncation and round-off for positions of unit size.
     difference = 1e-7
     numeric = np.zeros_like(K)
     for j in range(12):

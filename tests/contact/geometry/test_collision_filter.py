@@ -46,6 +46,7 @@ def test_leaves_clap_together_about_the_line_on_which_they_are_tied(comm, n, ord
     )
     upper = leaf(
         comm,
+        # The films turn towards each other by 0.03 rad and meet near their free edges first.
         n,
         angle=0.03,
         spin=-20.0,
@@ -66,6 +67,7 @@ def test_leaves_clap_together_about_the_line_on_which_they_are_tied(comm, n, ord
     )
     assert run.first.stored["contact"] == 0
     measured = contact_set_of(run).history.activation_distance.min()
+    # Cells at the tied line are near by construction, and must not shrink the activation distance.
     assert measured > 1e-4  # no joined cells are taken for near ones
     assert contact_set_of(run).closest < 1e-3
     assert max(seen["penetrations"]) == max(seen["crossings"]) == count_intersections(run) == 0
@@ -98,6 +100,7 @@ def test_leaves_that_are_nearer_than_the_distance_open_freely(comm):
         4e-3,
         outputs=[seen],
     )
+    # Films that part may not gain energy, though they start within the activation distance.
     assert max(seen["energy"]) == 0
     assert contact_set_of(run).history.activation_distance.min() == 2e-3  # it has grown
     assert_conserved(run, energy=1e-10, momentum=1e-12)

@@ -54,6 +54,7 @@ def test_each_file_compiles_by_itself_without_a_warning(path: Path, tmp_path: Pa
     alone.write_text(f'#include "{path}"\n')
     for definitions in ([], ["-DKERNELS_TAKE_DATA"]):
         command = [compiler, "-std=c11", "-O1", "-Wall", "-Wextra", "-Wshadow", "-Werror"]
+        # The warnings of -Wall, -Wextra and -Wshadow are errors here.
         command += [*definitions, "-I", str(path.parent), "-c", str(alone), "-o", "/dev/null"]
         result = subprocess.run(command, capture_output=True, text=True, check=False)
         assert result.returncode == 0, result.stderr

@@ -13,7 +13,12 @@ from tests.contact.random_pairs import make_degenerate, table_of
 KINDS = (PairKind.POINT_TRIANGLE, PairKind.EDGE_EDGE)
 
 
-def stopped(pairs: PairTable, x0: np.ndarray, x1: np.ndarray, radius: np.ndarray) -> set[int]:
+def stopped(
+    pairs: PairTable,
+    x0: np.ndarray,
+    x1: np.ndarray,
+    radius: np.ndarray,
+) -> set[int]:
     """Return the pairs that do not keep a tenth of their gap."""
     gap = np.sqrt(closest_points(pairs, x0)[0]) - radius
     return set(
@@ -24,6 +29,7 @@ def stopped(pairs: PairTable, x0: np.ndarray, x1: np.ndarray, radius: np.ndarray
             radius,
             gap,
             0.1 * gap,
+            # A tenth of the gap is the minimal separation that the stepper asks for.
         ).tolist()
     )
 
@@ -36,12 +42,17 @@ def test_pairs_that_pass_through_are_found() -> None:
         x0, x1 = rng.normal(size=(2, 4 * n, 3))
         pairs = table_of(kind, n)
         found = stopped(pairs, x0, x1, np.zeros(n))
+        # 400 samples of the path stand in for an exact search.
         positions = [np.ascontiguousarray(x0 + τ * (x1 - x0)) for τ in np.linspace(0, 1, 400)]
         distances = np.sqrt(np.array([closest_points(pairs, x)[0] for x in positions]))
+        # Least distance over the initial one, of each pair.
         least = distances.min(axis=0) / distances[0]
+        # A pair that comes below 2 % has collided; with the limit at 10 %, sampling cannot misjudge
+        # it.
         hits = set(np.flatnonzero(least < 0.02).tolist())
         passed += len(hits)
         assert hits <= found
+        # Above 15 % it surely has not, though detection may be conservative between 10 and 15 %.
         clear = set(np.flatnonzero(least > 0.15).tolist())
         assert not clear & found
     assert passed > 50
@@ -49,11 +60,14 @@ def test_pairs_that_pass_through_are_found() -> None:
 
 def test_a_radius_is_kept_clear_of() -> None:
     x0 = np.array([[0.3, 0.3, 1.0], [0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    # The point falls from 1 to 0.4 above the triangle.
     x1 = x0 - [[0, 0, 0.6], [0, 0, 0], [0, 0, 0], [0, 0, 0]]
     pairs = table_of(PairKind.POINT_TRIANGLE, 1)
+    # 0.4 is more than the radius of 0.2 and a tenth of the gap.
     measured = len(stopped(pairs, x0, x1, np.array([0.2])))
     assert measured == 0
     measured = len(stopped(pairs, x0, x1, np.array([0.5])))
+    # And less than the radius of 0.5.
     assert measured == 1
 
 
@@ -89,6 +103,7 @@ def test_distances_and_collisions_are_those_of_ipctk(degenerate: bool) -> None:
             # Of an edge without a length ipctk 1.6 takes the whole line of the other edge.
             points = slice(n // 3, 2 * n // 3)
             theirs[points] = [ipctk.point_edge_distance(x[2], x[0], x[1]) for x in x0[points]]
+        # Relative, but distances below 1e-3 count absolutely.
         worst = max(worst, float((abs(ours - theirs) / np.maximum(theirs, 1e-3)).max()))
         missed += sum(collides(*x0[i], *x1[i])[0] for i in np.flatnonzero(is_free))
     assert worst < 1e-12

@@ -18,6 +18,7 @@ EDGES = PairKind.EDGE_EDGE
 TRIANGLE = PairKind.POINT_TRIANGLE
 
 
+# Kind, four points, and the squared distance that one sees in a sketch.
 DEGENERATE = {
     "parallel edges": (EDGES, [[0, 0, 0], [1, 0, 0], [0, 0, 1], [1, 0, 1]], 1.0),
     "edges on one line": (EDGES, [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]], 1.0),
@@ -34,14 +35,20 @@ DEGENERATE = {
     DEGENERATE.values(),
     ids=DEGENERATE,
 )
-def test_degenerate_pairs(kind: int, x: list[list[float]], squared_distance: float) -> None:
+def test_degenerate_pairs(
+    kind: int,
+    x: list[list[float]],
+    squared_distance: float,
+) -> None:
     found, _ = closest_points(table_of(kind, 1), np.array(x, float))
+    # Round-off of one square.
     assert found[0] == pytest.approx(squared_distance, rel=1e-14)
 
 
 @pytest.mark.parametrize("kind", list(PairKind))
 def test_no_pair_comes_closer_than_its_bound(kind: int) -> None:
     pairs, x0, x1 = near_pairs(kind, 300, seed=9)
+    # Five times the step, so that some pairs pass through each other.
     x1 = x0 + 5 * (x1 - x0)
     bound = approach_bounds(pairs, x0, x1)
     if kind > PairKind.EDGE_EDGE:
@@ -50,8 +57,10 @@ def test_no_pair_comes_closer_than_its_bound(kind: int) -> None:
     start = np.sqrt(closest_points(pairs, x0)[0])
     for t in np.linspace(0, 1, 50):
         distance = np.sqrt(closest_points(pairs, np.ascontiguousarray(x0 + t * (x1 - x0)))[0])
+        # 1e-12: round-off of the square roots.
         assert (start - distance <= bound + 1e-12).all()
     margin = np.full(len(x0), 0.1)
+    # Each of the two sides may come nearer by its margin of 0.1.
     assert np.allclose(approach_bounds(pairs, x0, x1, margin), bound + 0.2)
 
 
@@ -81,6 +90,7 @@ def test_closest_points_of_a_state_are_computed_once(monkeypatch: pytest.MonkeyP
     wanted[5:15] = True
     squared_distance, parameters = distances.closest_points(wanted)
     distances.closest_points(wanted)
+    # First ten rows, then only the five that were not known.
     assert computed == [10, 5]
     expected = closest_points(pairs.rows(wanted), x)
     assert (squared_distance == expected[0]).all() and (parameters == expected[1]).all()

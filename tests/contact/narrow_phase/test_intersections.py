@@ -37,9 +37,11 @@ def test_intersections_are_those_of_all_pairs() -> None:
         p, q = x[surface.edges[i]]
         a, b, c = x[surface.triangles[j]]
         matrix = np.column_stack([q - p, a - b, a - c])
+        # Solve p + t (q - p) = a + u (b - a) + v (c - a).
         t, u, v = np.linalg.solve(matrix, a - p)
         if 0 < t < 1 and u > 0 and v > 0 and u + v < 1:
             expected.add((i, j))
+    # The soup must contain intersections.
     assert len(expected) > 20
     assert found_pairs(surface, x) == expected
 
@@ -57,17 +59,22 @@ def test_intersections_of_what_touches_are_exact() -> None:
             if intersects_exactly(points[surface.edges[i]], points[surface.triangles[j]])
         }
         assert found_pairs(surface, points) == expected
+        # Touching pairs and real intersections both occur.
         assert len(expected) > 10
 
 
 def test_signs_of_volumes_near_zero() -> None:
     """Points on a plane, and one moved by the last bit; the coordinates are not round numbers."""
     corners = np.array([[0.1, 0.2, 0.3], [1.1, 0.3, 0.7], [0.4, 1.3, 0.9], [0.0, 0.0, 0.0]])
-    corners[3] = corners[0] + 0.25 * (corners[1] - corners[0]) + 0.5 * (corners[2] - corners[0])
-    signs = [
-        sign_of_volume(np.vstack([corners[:3], corners[3] + [0, 0, bits * 2.0**-53]]))
-        for bits in (-4, 4)
-    ]
+    # A point of the plane of the other three, up to the last bits.
+    one_side = corners[1] - corners[0]
+    other_side = corners[2] - corners[0]
+    corners[3] = corners[0] + 0.25 * one_side + 0.5 * other_side
+    signs = []
+    for bits in (-4, 4):
+        moved = corners[3] + [0, 0, bits * 2.0**-53]
+        signs.append(sign_of_volume(np.vstack([corners[:3], moved])))
+    # Four units in the last place lie on either side of the plane.
     assert signs in ([-1, 1], [1, -1])
     measured = sign_of_volume(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]))
     assert measured == 0
@@ -87,12 +94,17 @@ def test_the_answer_follows_the_exact_sign_near_zero() -> None:
     for _ in range(50):
         corners = rng.integers(1, 2**20, (3, 3)) / 2**20
         end = np.array([0.25, 0.25, 0.5]) @ corners  # without round-off
-        up = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+        one_side = corners[1] - corners[0]
+        other_side = corners[2] - corners[0]
+        up = np.cross(one_side, other_side)
         for bits in range(-4, 5):
+            # Moved along the normal by up to four units in the last place.
             moved = end + bits * 2.0**-53 * np.sign(up)
-            sides = [sign_of_volume(np.vstack([corners, point])) for point in (end + up, moved)]
+            start_side = sign_of_volume(np.vstack([corners, end + up]))
+            end_side = sign_of_volume(np.vstack([corners, moved]))
             found = find_intersections(surface, np.vstack([corners, end + up, moved]))
-            exact = sides[0] * sides[1] < 0
-            assert len(found) == (exact)
-            seen.add(sides[0] * sides[1])
+            product = start_side * end_side
+            assert len(found) == (product < 0)
+            seen.add(product)
+    # The loop has seen ends below, above and exactly on the triangle.
     assert seen == {-1, 0, 1}
