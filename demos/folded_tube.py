@@ -14,6 +14,7 @@ Where the values come from:
     tank                 chosen: 1 ml of nitrogen at 1.5 MPa and 293 K, which fills the tube to about 9 kPa
     crease               0.02 N m/m/rad for creases with memory: B/L* with L* = 29 thicknesses, as of the crease of Gori
                          & Bosi (2022), doi:10.1016/j.eml.2022.101849
+    manufacturing        `SCATTER`, chosen; a `seed` draws the errors of one specimen, see demos/common/manufacturing.py
 
 The picture has 2022 unknowns (`cells=8`, four minutes of CPU time); the demo has 582 and takes a minute.  The rings
 between the compartments open at the same times, 4.5 and 5.7 ms.
@@ -33,7 +34,25 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import print_run_figures, run_case, run_figures, square_millimetres
+from demos.common.deployment import (
+    crease_figures,
+    dissipation,
+    first_time,
+    fold_angles,
+    print_run_figures,
+    run_case,
+    run_figures,
+    square_millimetres,
+)
+from demos.common.manufacturing import (
+    Scatter,
+    Specimen,
+    UnevenZigzag,
+    draw_specimen,
+    move_rows,
+    stations,
+)
+from gossamer_fx.fold.fold_map import FoldMap
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe
@@ -46,6 +65,11 @@ VIEW = gx.plot.View(
     elevation=math.radians(15),
     zoom=True,
 )
+# Manufacturing errors of a specimen: 1 mm and 2 degrees are those of folding by hand along a drawn line, 1 % of the
+# diameter is 0.5 mm at the seams; makers of film state 5 to 10 % of the thickness as the tolerance.
+SCATTER = Scatter(fold_position=1e-3, fold_angle=math.radians(2.0), diameter=0.01, thickness=0.04)
+# The tip has arrived at this part of the length from the clamp.  The flat ends shorten a tube that is full by some 7 %.
+ARRIVED = 0.9
 OPEN = 0.5  # a ring counts as open at this part of the area of the round tube
 
 
@@ -72,6 +96,9 @@ def build(
     bore: float = 0.4e-3,
     rise: float = 5e-3,
     crease: float = 0.0,
+    set_angle_ratio: float = 0.5,
+    yield_angle: float = 0.0,
+    seed: int = 0,
     damping: float = 0.0,
     contact: float = 5e-4,
     contact_stiffness: float | None = None,
@@ -94,6 +121,10 @@ def build(
         bore: diameter of the valve [m], which opens gradually.
         rise: time in which it opens [s]; 0: it is open at the start.
         crease: stiffness of creases with a rest angle [N m/m/rad]; 0: none.
+        set_angle_ratio: rest angle of the creases over the angle of their folds, 0 to 1.
+        yield_angle: of the creases [rad], see `gx.connectors.Crease`; 0: elastic.
+        seed: of the manufacturing errors `SCATTER` of a specimen; 0: none.  A roll has those of diameter and
+            thickness only.
         damping: viscosity of the film over its stiffness [s]; 0: none.
         contact: activation distance [m]; 0: no contact.
         contact_stiffness: [N/m³]; None: from closing speeds.  Gradients need a number.
@@ -106,17 +137,25 @@ def build(
         iterations: Newton iterations that the step control aims at; 0: 12 for the zigzag, and 10 for the
             roll, which longer steps would press shut.
     """
+    specimen = draw_specimen(seed, panels, SCATTER)
+    diameter *= specimen.diameter_ratio
     width = math.pi * diameter / 2
     half = length / panels
+    mesh = flat_tube(comm, length, diameter, cells, compartments=panels)
+    folds: FoldMap
     if start == "zigzag":
-        folds = gx.fold.Zigzag(
+        folds = UnevenZigzag(
             length=length,
             panels=panels,
             angle=math.radians(angle_degrees),
             width=width,
             opening=1e-3,
             lift=lift,
+            shifts=specimen.fold_shifts,
+            angle_errors=specimen.angle_errors,
         )
+        # Folds are rows of edges, and compartments end at them.
+        mesh = move_rows(mesh, length, stations(length, panels, specimen.fold_shifts))
     else:
         bends = rows_of(length, diameter, cells, panels)
         folds = gx.fold.Roll(
@@ -129,15 +168,18 @@ def build(
         )
     outside = gx.gas.Ambient(air) if air else None
     tube = gx.assemblies.InflatableTube(
-        flat_tube(comm, length, diameter, cells, compartments=panels),
+        mesh,
         KAPTON_HN.law(thickness, residual_stiffness=1e-6),
+        properties=thickness_of(specimen, thickness),
         gas=NITROGEN,
         pressure=residual + air,
         dead_volume=dead_volume,
         outside=outside,
         folds=folds,
         crease_stiffness=crease,
-        set_angle_ratio=0.5,
+        set_angle_ratio=set_angle_ratio,
+        # Zero stands for creases that are elastic: arguments of the command line are numbers.
+        yield_angle=yield_angle or None,
         contact_distance=contact,
         contact_stiffness=contact_stiffness,
     )
@@ -176,7 +218,7 @@ def build(
     probes["tip speed [m/s]"] = _speed([gx.probes.Velocity(tip, axis) for axis in "xyz"])
     if tube.contact is not None:
         probes["penetrations"] = gx.probes.Penetrations(tube.contact)
-    probes |= {f"{line.name} [rad]": gx.probes.FoldAngle(line) for line in tube.creases}
+    probes |= fold_angles(tube.creases)
     control = gx.StepControl(
         target_iterations=iterations or (12 if start == "zigzag" else 10), max_step=2 * dt
     )
@@ -193,6 +235,16 @@ def build(
     )
 
 
+def thickness_of(specimen: Specimen, thickness: float) -> dict[str, dict[str, float]] | None:
+    """Thickness [m] of each panel as the `properties` of a film; None if all are as thick as drawn."""
+    ratios = specimen.thickness_ratios
+    # A film without properties has one thickness in its compiled forms.
+    if all(ratio == 1 for ratio in ratios):
+        return None
+    panels = {f"compartment {i}": thickness * ratio for i, ratio in enumerate(ratios, start=1)}
+    return {"thickness": panels}
+
+
 def _speed(components: list[gx.probes.Velocity]) -> Probe:
     return lambda run: math.hypot(*(v(run) for v in components))
 
@@ -200,8 +252,7 @@ def _speed(components: list[gx.probes.Velocity]) -> Probe:
 def opening_times(time: Array, rings: list[Array], diameter: float) -> list[float]:
     """When each ring [mm²] first is half as wide as the round tube [s]; infinite for one that does not open."""
     circle = 1e6 * math.pi * diameter**2 / 4
-    wide = [np.flatnonzero(area >= OPEN * circle) for area in rings]
-    return [float(time[found[0]]) if len(found) else math.inf for found in wide]
+    return [first_time(time, area, OPEN * circle) for area in rings]
 
 
 def main(
@@ -212,8 +263,10 @@ def main(
 ) -> dict[str, float]:
     """Deploy the tube; `given` are arguments of `build`.  With `output`, a folder: a recording and a picture.
 
-    Returns the figures of `run_figures`, mass_error (of the gas, relative), opening times of the rings
-    [ms], pressures at the end [Pa], and speed [m/s] and distance [m] of the tip.
+    Returns the figures of `run_figures` and `dissipation`, mass_error (of the gas, relative), opening times of
+    the rings [ms], pressures at the end [Pa], the largest speed [m/s] of the tip, its distance from the clamp at
+    the end [m], the time [s] at which that first is `ARRIVED` of the length, and with creases the figures of
+    `crease_figures`.
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.08, 0.2, 0.35, 0.6, 1.0)
@@ -227,15 +280,20 @@ def main(
         for name in names
         if name.startswith("p") and "[Pa]" in name
     }
-    found = {
+    # The tube lies in the plane of x and z; its inlet is at the origin.
+    distance = np.hypot(series["tip x [m]"], series["tip z [m]"])
+    length = float(given.get("length", 0.25))  # type: ignore[arg-type]
+    return {
         **run_figures(run, series),
         "mass_error": abs(run.mass_error),
         "tip_speed": float(series["tip speed [m/s]"].max()),
-        "tip_distance": float(math.hypot(*(series[f"tip {axis} [m]"][-1] for axis in "xz"))),
+        "tip_distance": float(distance[-1]),
+        "arrived": first_time(series.time, distance, ARRIVED * length),
         **{f"opening_{i + 1}_ms": 1e3 * t for i, t in enumerate(opened)},
         **{f"pressure_{name[1:]}": p for name, p in ends.items()},
+        **crease_figures(run, series, case),
+        **dissipation(run),
     }
-    return found
 
 
 def say(found: dict[str, float]) -> None:

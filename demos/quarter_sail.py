@@ -14,7 +14,7 @@ the cords at its corners only, slack film between them, and further slow modes t
 Where the values come from:
     film              Kapton HN of 7.5 µm, the thickness of the film of IKAROS
     stress            chosen: 50 kPa
-    booms             chosen: tubes of carbon fibre, 60 mm across, walls of 0.5 mm, 100 GPa
+    booms             chosen: carbon tubes, 60 mm across, 0.5 mm thick, 100 GPa
     cords, cables     chosen: 50 kN per unit strain; 200 N/m
 
     ./gossamer demo quarter_sail

@@ -4,7 +4,7 @@ The film is pleated and wound round a polygonal hub (skew fold), its inner edge 
 sit at its tips. Hub and roll spin together; at t = 0 the roll is released.  Free particles would
 move along tangents.  Layers collide with each other and with the hub, waves run through the film,
 and angular momentum passes from the hub to the sail, unless a motor keeps the rate constant.
-Layers and hub are in contact; with `crease` the folds have a rest angle.
+Layers and hub are in contact; with `crease` the folds have a rest angle, and with `yield_angle` they are plastic.
 
 Where the values come from:
     diameter 1, 2 m      the spinning films with rigid parts of Miyazaki, KAKENHI 19360384 final report (2009), §4(4);
@@ -16,11 +16,13 @@ Where the values come from:
     ./gossamer demo spin_deployment
     ./gossamer run demos/spin_deployment.py diameter=2.0 rev=4.0 until=0.5 --output out/spin; ./gossamer report out/spin
     ./gossamer run demos/spin_deployment.py held=True crease=5e-4
+    ./gossamer run demos/spin_deployment.py crease=3e-3 set_angle_ratio=1.0 yield_angle=0.35
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -28,8 +30,11 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import (
+    crease_figures,
     dissipation,
     dissipation_by_part,
+    first_time,
+    fold_angles,
     print_run_figures,
     run_case,
     run_figures,
@@ -46,6 +51,7 @@ TITLE = "A disc of film, deployed by its spin"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(35), zoom=True)
 HUB = 0.1  # diameter of the hub over that of the disc
 HOLD = 1e3  # stiffness of what holds a tip that sticks [N/m]
+OPEN = 0.75  # mean radius of the tips of a disc that counts as open, over its own
 CLEAR = 2.0  # distance of the hub from the film on it, over the activation distance
 
 
@@ -81,6 +87,8 @@ def build(
     gap: float = 5e-4,
     friction: float = 0.0,
     crease: float = 0.0,
+    set_angle_ratio: float = 0.5,
+    yield_angle: float = 0.0,
     damping: float = 1e-4,
     gravity: float = 0.0,
     air: float = 0.0,
@@ -108,6 +116,8 @@ def build(
         gap: between the layers [m].
         friction: coefficient of the film on itself and the hub.
         crease: stiffness of creases with a rest angle [N m/m/rad]; 0: none.
+        set_angle_ratio: rest angle of the creases over the angle of their folds, 0 to 1.
+        yield_angle: of the creases [rad], see `gx.connectors.Crease`; 0: elastic.
         damping: viscosity of the film over its stiffness [s]; 0: none.
         gravity: along -z [m/s²].
         air: density of residual air [kg/m³], which drags on the film; p/(287 T) at the pressure p. 0: vacuum.
@@ -163,8 +173,16 @@ def build(
         items.append(gx.constraints.Driven(hub, (0.0, 0.0, 1.0), angle=lambda t: spin * t))
     if damping:
         items.append(gx.Damping(film, stiffness_factor=damping))
+    creases: Sequence[gx.connectors.Crease] = ()
     if crease:
-        items += folds.creases(film, stiffness=crease, set_angle_ratio=0.5)
+        creases = folds.creases(
+            film,
+            stiffness=crease,
+            set_angle_ratio=set_angle_ratio,
+            # Zero stands for creases that are elastic: arguments of the command line are numbers.
+            yield_angle=yield_angle or None,
+        )
+        items += creases
     if gravity:
         items.append(gx.Gravity(film, (0.0, 0.0, -gravity)))
     if air:
@@ -180,6 +198,7 @@ def build(
         "twist [rad]": gx.probes.PolarPosition(tips[0], axis, quantity="angle"),
         "penetrations": gx.probes.Penetrations(touching),
         **attitude_probes(hub, tips),
+        **fold_angles(creases),
     }
     control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
     # The first guess of a step may press layers together: its residual is not a measure of the forces.
@@ -207,7 +226,8 @@ def main(
     Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative, of a free
     hub), the largest mean radius of the tips [m] and its time [s], the smallest radius of a tip at the end [m], the
     nutation at the start and the end [deg], the imbalance of the tips at the end, the spins at the end [rad/s],
-    and the energy at the start [J].
+    the energy at the start [J], the time [s] at which the mean radius of the tips is `OPEN` of that of the open disc,
+    and with creases the figures of `crease_figures`.
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.75, 0.85, 1.0)
@@ -218,6 +238,7 @@ def main(
     first = run.first.angular_momentum
     now = run.totals.angular_momentum
     widest = int(radius.argmax())
+    diameter = float(given.get("diameter", 1.0))  # type: ignore[arg-type]
     return {
         **run_figures(run, series),
         "angular_momentum_drift": relative_drift(now, first),
@@ -232,6 +253,8 @@ def main(
         "spin_of_hub": float(series["spin of the hub [rad/s]"][-1]),
         "spin_of_sail": float(series["spin of the sail [rad/s]"][-1]),
         "energy": run.first.energy,
+        "opened": first_time(series.time, radius, OPEN * diameter / 2),
+        **crease_figures(run, series, case),
         **dissipation(run),
     }
 

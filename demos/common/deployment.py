@@ -7,7 +7,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 import gossamer_fx as gx
+from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Output, Probe
 
 if TYPE_CHECKING:
@@ -86,6 +89,58 @@ def dissipation_by_part(figures: Mapping[str, float]) -> str:
     if not parts:
         return ""
     return f" ({', '.join(parts)})"
+
+
+def fold_angles(creases: Sequence[gx.connectors.Crease]) -> dict[str, Probe]:
+    """Probes of the mean angle of each crease [rad]."""
+    return {f"{crease.name} [rad]": gx.probes.FoldAngle(crease) for crease in creases}
+
+
+def crease_figures(run: gx.Simulation, series: gx.Series, case: gx.Case) -> dict[str, float]:
+    """Energies and angles of the creases of a case that has the probes of `fold_angles`.
+
+    Returns:
+        fold_energy: Σ ½ k θ² L [J] over the creases, with their angles θ at the start.  It is the
+            energy at the start of creases that are flat at rest, and the work that flattens
+            creases at rest in their folds.
+        crease_start, crease_end: stored energy of the creases [J].
+        crease_loss: energy [J] that creases have dissipated by yielding.
+        crease_angle: mean of |θ| at the end over that at the start, weighted by length.
+        None of them if the case has no crease.
+    """
+    creases = [item for item in case.scene.items if isinstance(item, gx.connectors.Crease)]
+    if not creases:
+        return {}
+    fold_energy = 0.0
+    weights = []
+    before = []
+    after = []
+    for crease in creases:
+        # k L [N m/rad] of the whole line, of which each rank has a part.
+        stiffness = crease.body.comm.allreduce(float(crease.energy.stiffness.sum()))
+        # Valleys are positive and mountains negative, so that their mean would vanish.
+        angles = series[f"{crease.name} [rad]"]
+        fold_energy += stiffness * float(angles[0]) ** 2 / 2
+        weights.append(stiffness)
+        before.append(abs(float(angles[0])))
+        after.append(abs(float(angles[-1])))
+    # Creases that are elastic have no entry.
+    losses = run.totals.losses
+    return {
+        "fold_energy": fold_energy,
+        "crease_start": sum(run.first.stored[crease.name] for crease in creases),
+        "crease_end": sum(run.totals.stored[crease.name] for crease in creases),
+        "crease_loss": sum(losses.get(crease.name, 0.0) for crease in creases),
+        "crease_angle": float(np.dot(weights, after) / np.dot(weights, before)),
+    }
+
+
+def first_time(time: Array, values: Array, limit: float) -> float:
+    """First time [s] at which values are at a limit or beyond; infinite if they never are."""
+    reached = np.flatnonzero(np.asarray(values) >= limit)
+    if not len(reached):
+        return math.inf
+    return float(time[reached[0]])
 
 
 def print_run_figures(

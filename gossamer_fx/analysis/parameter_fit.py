@@ -225,6 +225,7 @@ class _Series(RunSource):
 
     def gradient(self, objective: _Number | None) -> Gradient:
         first = super().gradient(None)
+        # Without a number the problem asks for shapes of derivatives only.
         if objective is None:
             return first
         return self._series[objective.value]
@@ -268,7 +269,9 @@ def _solve(
         xtol=tolerance,
         gtol=None,
     )
+    # The last trial step may have been refused.
     problem.move_to(found.x)
+    # With as many numbers as results no degree of freedom is left for a scatter.
     scatter = 0.0
     spare = len(y) - len(found.x)
     if spare:
@@ -280,6 +283,7 @@ def _solve(
         raise InputError(
             f"{who}: the results do not determine {names}; fit fewer parameters, or measure more."
         ) from None
+    # Of the scaled numbers, so far.
     deviations = np.sqrt(np.diag(covariance))
     errors: dict[str, Array] = {}
     scales = []

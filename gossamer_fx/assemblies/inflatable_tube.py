@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.bodies.meshed import Property
 from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
@@ -42,6 +43,7 @@ class InflatableTube:
         mesh: of the film, with the groups of `gossamer_fx.meshes.tube.flat_tube`: if there are several
             compartments, "compartment 1" and so on and "ring 1" and so on.
         law: of the film.
+        properties: numbers of the law that differ along the tube, see `Membrane`.
         gas: in it.
         pressure: of the gas at the start [Pa].
         temperature: of the gas at the start [K].
@@ -58,6 +60,7 @@ class InflatableTube:
         turn: its rotation vector [rad].
         crease_stiffness: of creases at the fold lines [N m/m/rad]; zero: none.
         set_angle_ratio: rest angle of creases over the angle of their folds, 0 to 1.
+        yield_angle: of creases [rad], see `Crease`; None: elastic.
         contact_distance: activation distance of contact of the film with itself [m]; zero: no contact.
         contact_stiffness: its stiffness [N/m³]; None: from closing speeds, see `Contact`.  Gradients of
             runs need a number.
@@ -93,6 +96,7 @@ class InflatableTube:
         law: FilmLaw,
         *,
         gas: IdealGas,
+        properties: Mapping[str, Property] | None = None,
         pressure: float = 1.0,
         temperature: float = 293.0,
         dead_volume: float = 1e-6,
@@ -107,6 +111,7 @@ class InflatableTube:
         turn: Vector = (0.0, 0.0, 0.0),
         crease_stiffness: float = 0.0,
         set_angle_ratio: float = 1.0,
+        yield_angle: float | None = None,
         contact_distance: float = 0.0,
         contact_stiffness: float | None = None,
         obstacles: tuple[Obstacle, ...] = (),
@@ -144,7 +149,7 @@ class InflatableTube:
         # Creases are groups of edges, so that the mesh is marked before the film is made.
         if folds is not None and crease_stiffness:
             mesh = folds.mark(mesh)
-        self.film = Membrane(mesh, law, name=f"{name} film")
+        self.film = Membrane(mesh, law, properties=properties, name=f"{name} film")
         # A mesh without such groups is one chamber.
         count = sum(1 for group in mesh.groups if group.startswith("compartment ")) or 1
         self.rings = [Ring(self.film, f"ring {i}") for i in range(1, count)]
@@ -190,7 +195,10 @@ class InflatableTube:
         self.creases: list[Crease] = (
             list(
                 folds.creases(
-                    self.film, stiffness=crease_stiffness, set_angle_ratio=set_angle_ratio
+                    self.film,
+                    stiffness=crease_stiffness,
+                    set_angle_ratio=set_angle_ratio,
+                    yield_angle=yield_angle,
                 )
             )
             if folds and crease_stiffness

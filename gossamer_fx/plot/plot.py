@@ -51,6 +51,9 @@ _MAX_ANIMATION_DPI = 120
 _MIN_ANIMATION_WIDTH = 5.0
 _ANIMATION_HEIGHT = 5.0
 
+# Least width of the page of a single picture [inches]: a page of full width would be half empty.
+_MIN_PICTURE_WIDTH = 7.0
+
 # Height of the letters of the time, and their distance above the image [inches].
 _TIME_SIZE = 0.13
 _TIME_ABOVE = 0.24
@@ -105,7 +108,11 @@ def field(
     )
     frames = [run.frame(time) for time in times]
     views = field_views(run, field, colouring(run, field), frames, view or View())
-    write_page(file_to_write(path), _title(run, field), views)
+    width = WIDTH
+    if len(frames) == 1:
+        aspect = views.size[0] / views.size[1]
+        width = min(max(_ANIMATION_HEIGHT * aspect, _MIN_PICTURE_WIDTH), WIDTH)
+    write_page(file_to_write(path), _title(run, field), views, width=width)
 
 
 @check_arguments

@@ -157,3 +157,19 @@ def test_a_flat_root_is_a_hinge() -> None:
     assert gx.analysis.modes(flat.statics, 1)[0].frequency < 0.01 * exact
     with pytest.raises(gx.InputError, match="needs tubes with round ends"):
         sprout_deployed.build(MPI.COMM_WORLD, round_ends=False)
+
+
+def test_a_run_ends_when_its_motion_has_settled() -> None:
+    """A damped oscillator: the largest kinetic energy of the window has the envelope exp(-2 δ t), δ = c/(2 m)."""
+    mass = gx.PointMass(1.0, position=(1.1, 0.0, 0.0), comm=MPI.COMM_WORLD, name="mass")
+    ground = gx.Ground((0.0, 0.0, 0.0))
+    spring = gx.connectors.Spring(mass.port(), ground, stiffness=1e5, length=1.0)
+    damper = gx.connectors.Damper(mass.port(), ground, damping=40.0)
+    settling = sprout.Settling()
+    end = gx.When(settling, 0.01, falling=True, stop=True, name="settled")
+    run = gx.Simulation(gx.Scene(mass, spring, damper), gx.Midpoint(dt=2e-4), events=[end])
+    run.run(until=5.0)
+    assert settling(run) <= 0.01
+    # At the start of the window the envelope has fallen to a hundredth.
+    expected = math.log(100.0) / 40.0 + sprout.SETTLING_WINDOW
+    assert run.time == pytest.approx(expected, rel=0.1)

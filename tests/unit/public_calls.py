@@ -306,6 +306,8 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "rod_width": 2e-3,
             "crease_stiffness": 1e-3,
             "set_angle_ratio": 0.5,
+            "yield_angle": 0.5,
+            "properties": {"thickness": {"compartment 1": 2e-5}},
             "contact_distance": 5e-4,
         },
         "probes.JointForce": {"joint": gx.constraints.BallJoint(P, Q), "axis": "x"},

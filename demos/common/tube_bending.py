@@ -1,0 +1,158 @@
+"""Bending stiffness of a deployed tube: an equilibrium under pressure, and one with a small force at the tip.
+
+A straight tube of inflated radius r and film of thickness t, taut on its whole circumference, has the bending
+stiffness
+
+    EI = E t π r³,    r = r0 (1 + (1 - ν/2) p r0/(E t)),
+
+with Young's modulus, since the hoop stress is that of the pressure p.  The tube is clamped at its flat end, and the
+force F acts in the plane of that end, where the film cannot turn.  The moment at a section is F times its distance from
+the tip, whatever the pressure: the force of the pressure on the tip balances that of the wall.  So
+
+    EI y''(x) = F (L - x)
+
+holds away from the flat ends, also if shear makes y' larger by a constant; EI follows from a least-squares fit of the
+deflection of the sections in between.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos.common.manufacturing import Specimen, UnevenZigzag, move_rows, stations
+from gossamer_fx.materials.film import IsotropicFilm
+from gossamer_fx.meshes.tube import flat_tube
+from gossamer_fx.model.body import Array
+
+# Tip force over that at which the film begins to wrinkle, p π r³/2 over the length (Stein & Hedgepeth, NASA TN D-813).
+FORCE_RATIO = 0.1
+# Distance [diameters] from both flat ends of the sections that are fitted.
+END_DIAMETERS = 2.0
+# Decimals [m] to which the nodes of a section have one coordinate.
+DECIMALS = 9
+
+
+def straight_stiffness(law: IsotropicFilm, diameter: float, pressure: float) -> float:
+    """EI [N m²] of a straight tube of a diameter [m] without pressure, under a pressure [Pa]."""
+    radius = diameter / 2
+    film = law.E * law.thickness
+    inflated = radius * (1 + (1 - law.nu / 2) * pressure * radius / film)
+    return film * math.pi * inflated**3
+
+
+def bending_stiffness(
+    comm: MPI.Comm,
+    law: IsotropicFilm,
+    length: float,
+    diameter: float,
+    pressure: float,
+    specimen: Specimen,
+    cells: int = 8,
+    creases: dict[str, float] | None = None,
+    angle: float = 1.4,
+) -> float:
+    """EI [N m²] of a deployed tube.
+
+    Args:
+        law: of the film, as drawn.
+        length, diameter: of the tube, as drawn [m].
+        pressure: of the gas in it [Pa].
+        specimen: its manufacturing errors.
+        cells: edges of triangles across the flat tube.
+        creases: "stiffness" [N m/m/rad] and other arguments of creases at its folds; None: no creases.
+        angle: of the panels when the tube was folded [rad], from which the rest angle of the creases follows.
+
+    Raises:
+        NoEquilibrium: the tube has none, as with a pressure that does not fill it.
+    """
+    panels = len(specimen.thickness_ratios)
+    diameter *= specimen.diameter_ratio
+    ends = stations(length, panels, specimen.fold_shifts)
+    mesh = flat_tube(comm, length, diameter, cells, compartments=panels)
+    mesh = move_rows(mesh, length, ends)
+    folds = UnevenZigzag(
+        length=length,
+        panels=panels,
+        angle=angle,
+        shifts=specimen.fold_shifts,
+        angle_errors=specimen.angle_errors,
+    )
+    if creases is not None:
+        mesh = folds.mark(mesh)
+    thickness = {
+        f"compartment {i}": law.thickness * ratio
+        for i, ratio in enumerate(specimen.thickness_ratios, start=1)
+    }
+
+    def opened(X: Array, side: float) -> Array:
+        """Displacement (3, n) [m] of one strip to a round tube with flat ends."""
+        radius = diameter / 2
+        from_end = np.minimum(X[0], length - X[0])
+        share = np.clip(from_end / diameter, 0.0, 1.0)
+        around = X[1] / radius
+        y = share * (radius * np.sin(around) - X[1])
+        z = side * share * radius * np.cos(around)
+        return np.stack([0 * X[0], y, z])
+
+    film = gx.Membrane(
+        mesh,
+        law,
+        properties={"thickness": thickness},
+        # Strips that coincide have no volume, so that the pressure would do no work at first.
+        displacement={
+            "top": lambda X: opened(X, 1.0),
+            "bottom": lambda X: opened(X, -1.0),
+        },
+    )
+    limit = pressure * math.pi * (diameter / 2) ** 3 / 2
+    force = FORCE_RATIO * limit / length
+    width = math.pi * diameter / 2
+    items: list[object] = [
+        film,
+        gx.Fixed(film, "inlet"),
+        # The flat end is a hinge across the force: nothing else keeps the tube from turning about it.
+        gx.Fixed(film, "tip", components=(2,)),
+        gx.Pressure(film, pressure),
+        gx.loads.EdgeLoad(film, "tip", force=lambda t: (0.0, t * force / width, 0.0)),
+    ]
+    if creases is not None:
+        items += folds.creases(film, **creases)  # type: ignore[arg-type]
+    equilibrium = gx.Equilibrium(gx.Scene(*items))
+    sections = []
+    # Time is the share of the force.
+    for share in (0.0, 1.0):
+        equilibrium.find(at=share)
+        sections.append(_axis(film, equilibrium))
+    x, straight = sections[0]
+    _, bent = sections[1]
+    margin = END_DIAMETERS * diameter
+    middle = (x > margin) & (x < x[-1] - margin)
+    return _fitted_stiffness(x[middle], (bent - straight)[middle], force, float(x[-1]))
+
+
+def _axis(film: gx.Membrane, equilibrium: gx.Equilibrium) -> tuple[Array, Array]:
+    """Means of x and of y (n,) [m] of the nodes of each section, from the inlet to the tip."""
+    positions = equilibrium.system.state[film].local_positions()
+    owned = film.block.index_map.size_local
+    flat = film.space.tabulate_dof_coordinates()[:owned]
+    parts = film.comm.allgather((flat[:, 0], positions[:owned]))
+    flat_x = np.concatenate([part[0] for part in parts])
+    where = np.concatenate([part[1] for part in parts])
+    _, row = np.unique(flat_x.round(DECIMALS), return_inverse=True)
+    count = np.bincount(row)
+    x: Array = np.bincount(row, where[:, 0]) / count
+    y: Array = np.bincount(row, where[:, 1]) / count
+    return x, y
+
+
+def _fitted_stiffness(x: Array, y: Array, force: float, length: float) -> float:
+    """EI [N m²] of the deflections y (n,) [m] of sections at x (n,) [m] by a force [N] at the length [m]."""
+    # y = a + b x + F/EI (L x²/2 - x³/6): a and b are the deflection and slope of the rest of the tube.
+    shape = length * x**2 / 2 - x**3 / 6
+    columns = np.stack([np.ones_like(x), x / length, shape / length**3], axis=1)
+    found = np.linalg.lstsq(columns, y, rcond=None)[0]
+    return force * length**3 / float(found[2])
