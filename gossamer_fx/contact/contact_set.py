@@ -141,6 +141,8 @@ class ContactSet:
         self._end_time = 0.0
         self._push_back = PUSH_BACK
         self._accepted_pairs: ActivePairs | None = None
+        # Whether the pairs of the step are those of a tape, which are complete.
+        self._is_recorded = False
         # What both tables of pairs do at the last residual; None before the first one.
         self._last_states: tuple[ByteArray, ByteArray] | None = None
         # Distances at both ends of the last step: its end is the start of the next one.
@@ -215,9 +217,11 @@ class ContactSet:
         """Return those pairs of the last accepted step that have energy at one of its ends.
 
         The others have neither force nor tangent.  Starts are left out: they follow from the points.
+        None: there was no step, or the pairs are to be searched again.
         """
         pairs = self._accepted_pairs
-        if pairs is None:
+        # On several ranks a search changes which points a rank knows, and with them the rows of pairs.
+        if pairs is None or self._comm.size > 1:
             return None
         assert pairs.start is not None, "a step has the starts of its pairs"
         # Starts have squared distances with rounded edges; `x0` is the end of the accepted step.
@@ -227,8 +231,11 @@ class ContactSet:
         return replace(pairs.rows(is_near), start=None)
 
     def load_active_set(self, pairs: ActivePairs | None) -> None:
-        """Start a step from the accepted state with pairs of `save_active_set`, without a search."""
-        assert pairs is not None, "only steps are recorded"
+        """Start a step from the accepted state with pairs of `save_active_set`; search them if None."""
+        if pairs is None:
+            self.begin_step()
+            return
+        self._is_recorded = True
         self._end_time = self._system.time + self._system.h
         # The step was accepted: whatever separates fast in it does not count as passed.
         self._push_back = 0.0
@@ -293,6 +300,7 @@ class ContactSet:
         Raises:
             Inadmissible: the motion of an obstacle jumps in the step.
         """
+        self._is_recorded = False
         self._push_back = PUSH_BACK
         system = self._system
         self.stored_energy()
@@ -475,6 +483,8 @@ class ContactSet:
         Returns:
             whether any rank has added one: the step is then solved again from where it ended.
         """
+        if self._is_recorded:
+            return False
         x1 = self._end_points()
         if not self.search.holds(x1, self._end_time):
             identifier = self.candidates.identifier[self._active]

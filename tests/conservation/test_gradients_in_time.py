@@ -276,6 +276,31 @@ def _random(vector: PETSc.Vec, seed: int) -> PETSc.Vec:
 # ---- parameters ------------------------------------------------------------------------------------------
 
 
+def steered(comm):
+    """A rigid body that torques turn to an attitude; a spring pulls at a point next to its centre."""
+    hub = gx.RigidBody(1.0, (0.6, 1.1, 1.5), name="a", spin=(0.3, -0.5, 1.0), comm=comm)
+    control = gx.control.AttitudeControl(
+        hub.frame(),
+        (0.4, -0.3, 0.5),
+        stiffness=(20.0, 25.0, 30.0),
+        damping=(0.5, 0.7, 1.0),
+    )
+    arm = hub.port((0.5, 0.2, 0.1))
+    spring = gx.connectors.Spring(arm, gx.Ground((1.0, 1.0, 1.0)), stiffness=50.0, length=0.4)
+    return gx.Scene(control, spring), 1e-2, 20
+
+
+def held_patch(comm):
+    """A film, of which torques hold the attitude of a patch."""
+    sail = film(gx.Linear(**FILM), comm, displacement=stretched)
+    corners = [sail.port_at((0.75, 0.5, 0.0)), sail.port_at((0.5, 0.75, 0.0))]
+    frame = gx.control.patch(sail.port_at((0.5, 0.5, 0.0)), corners)
+    control = gx.control.AttitudeControl(
+        frame, (0.1, 0.0, 0.05), stiffness=0.5, damping=1e-3, name="hold"
+    )
+    return gx.Scene(control), 5e-4, 20
+
+
 def film_corner(body: gx.Membrane):
     return body.port_at((1.0, 1.0, 0.0))
 
@@ -383,6 +408,8 @@ PARAMETERS = {
         "a.velocity",
         "a.spin",
     ],
+    steered: ["attitude control.stiffness", "attitude control.damping", "a.spin"],
+    held_patch: ["hold.stiffness", "hold.damping"],
     prestressed: ["film.initial_stress", "cable.initial_tension", "strip.initial_strain"],
     creased: ["crease.stiffness", "crease.rest_angle", "plate.thickness", "plate.E"],
     wrinkling: ["film.E", "film.residual_stiffness"],
@@ -404,6 +431,26 @@ CASES = [
     )
     for make, name in CASES
 ]
+
+
+@pytest.mark.mpi
+def test_steps_of_controlled_length_are_frozen(comm):
+    """The gradient is that of the steps that were made, whatever their lengths: E(T) is still E(0)."""
+    scene, h, steps = taut(comm)
+    control = gx.StepControl(target_iterations=3, error=1e-7, max_factor=1.5)
+    run = gx.Simulation(scene, gx.Midpoint(dt=h, tolerances=SOLVED), control=control)
+    tape = gx.analysis.RunTape(run)
+    run.run(until=steps * h)
+    lengths = {node.h for node in tape.nodes[1:]}
+    assert len(lengths) > 3
+    found = gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["film.initial_velocity"])
+    velocity = run.system.numbering.vector()
+    velocity.array[:] = tape.nodes[0].v
+    momenta = velocity.duplicate()
+    run.system.M.mult(velocity, momenta)
+    largest = comm.allreduce(np.abs(momenta.array_r).max(initial=0.0), op=MPI.MAX)
+    error = np.abs(found["film.initial_velocity"].values - momenta.array_r).max(initial=0.0)
+    assert error < CONSERVING[taut] * largest
 
 
 @contextmanager
@@ -601,3 +648,13 @@ def test_steps_that_an_event_undid_leave_the_tape(comm):
     )
     # x(T) = x0 + v T, so dx/dv = T = 1 s.
     assert found["mass.initial_velocity"].values == pytest.approx([1.0, 0.0, 0.0])
+
+
+def test_sampled_control_is_refused(comm):
+    hub = gx.RigidBody(1.0, (0.6, 1.1, 1.5), name="a", comm=comm)
+    control = gx.control.AttitudeControl(
+        hub.frame(), (0.4, 0.0, 0.0), stiffness=2.0, damping=0.5, period=0.05
+    )
+    _, tape = recorded(gx.Scene(control), 1e-2, 2)
+    with pytest.raises(gx.InputError, match="'attitude control' depends on more than positions"):
+        gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["a.spin"])
