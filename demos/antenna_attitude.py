@@ -1,13 +1,16 @@
-"""A membrane antenna is turned by 8° about an axis through its centre, by a torque that follows its attitude.
+"""A membrane antenna is turned by 8° about an axis through its centre, by a torque that follows its
+attitude.
 
-The antenna (Yu, Qi, Liu & Tian, China Mechanical Engineering 36 (2025) 2284, § 3): a film of 2.1 m × 2.1 m × 20 µm
-(1400 kg/m³, 2.3 GPa, residual stiffness 1/35·1e-8) and two crossed tubes on its diagonals, outer radius R = 0.02 m,
-wall 0.5 mm (1560 kg/m³, 100 GPa), ν = 0.3; tied at the four corners and at four points around the centre, the film's
-centre on a ball joint.  (Letter and word of the paper's "outer diameter R" disagree: the radius is taken.)
+The antenna (Yu, Qi, Liu & Tian, China Mechanical Engineering 36 (2025) 2284, § 3): a film of 2.1 m
+× 2.1 m × 20 µm (1400 kg/m³, 2.3 GPa, residual stiffness 1/35·1e-8) and two crossed tubes on its
+diagonals, outer radius R = 0.02 m, wall 0.5 mm (1560 kg/m³, 100 GPa), ν = 0.3; tied at the four
+corners and at four points around the centre, the film's centre on a ball joint.  (Letter and word
+of the paper's "outer diameter R" disagree: the radius is taken.)
 
-The attitude is the rotation R of the polar decomposition F = R U of the position gradient at the centre, R = R_w(γ)
-R_v(β) R_u(θ).  F is its mean over the square of the four inner points, whatever the mesh; with 3 × 3 cells that is the
-mean over the triangles around the centre node.  On that square acts, about the axis of each angle,
+The attitude is the rotation R of the polar decomposition F = R U of the position gradient at the
+centre, R = R_w(γ) R_v(β) R_u(θ).  F is its mean over the square of the four inner points, whatever
+the mesh; with 3 × 3 cells that is the mean over the triangles around the centre node.  On that
+square acts, about the axis of each angle,
 
     T = K_p (target - angle) - K_d d(angle)/dt,   K_p = I Ω²,   K_d = 2 ζ I Ω
 
@@ -102,7 +105,8 @@ def antenna(
 
 
 def inertia() -> np.ndarray:
-    """Moments of inertia about u, v, w [kg m²] of the undeformed antenna; those of the tubes' sections left out."""
+    """Moments of inertia about u, v, w [kg m²] of the undeformed antenna; those of the tubes'
+    sections left out."""
     # m a²/12 about an axis in the plane; twice as much about the normal.
     film = FILM.density * FILM.thickness * SIDE**4 / 12
     length = SIDE * 2**0.5
@@ -144,7 +148,8 @@ def build(
     dt: float = 0.02,
     order: int = 1,
 ) -> gx.Case:
-    """The antenna with cells × cells squares of film and `elements` of each boom, and its control in `case` 1 or 2.
+    """The antenna with cells × cells squares of film and `elements` of each boom, and its control
+    in `case` 1 or 2.
 
     It tells angles, torques and the displacement of the corner A.
     """
@@ -183,10 +188,11 @@ def build(
 def main(
     case: int = 1, output: str | Path | None = None, comm: MPI.Comm = MPI.COMM_WORLD, **given: float
 ) -> dict:
-    """Control `case` of what `build` makes of the numbers given; angles in degrees, torques in N m, over the time.
+    """Control `case` of what `build` makes of the numbers given; angles in degrees, torques in N m,
+    over the time.
 
-    With `output`, a folder: the recording of the run, and pictures.  "film" are the corners of the triangles of
-    this rank at the end [m], "booms" the nodes of the booms.
+    With `output`, a folder: the recording of the run, and pictures.  "film" are the corners of the
+    triangles of this rank at the end [m], "booms" the nodes of the booms.
     """
     turn = build(comm, case, **given)
     series = gx.Series(turn.probes)
@@ -255,7 +261,8 @@ def settling_time(time: Array, angle: Array, target: float, part: float) -> floa
 
 
 def draw_both(results: dict[int, dict], path: Path) -> None:
-    """The turned antenna, and angles, torques and displacements of A of both cases over the time."""
+    """The turned antenna, and angles, torques and displacements of A of both cases over the
+    time."""
     figure = new_figure(width=12.0, height=7.0)
     left, right = figure.subfigures(1, 2, width_ratios=(1.0, 2.0))
     axes = right.subplots(3, 2, sharex=True)

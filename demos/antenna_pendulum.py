@@ -1,7 +1,7 @@
 """The membrane antenna swings from one corner under g = 1 m/s² for two seconds.
 
-The antenna of `demos/antenna_attitude.py`, horizontal and at rest, corner C on a ball joint.  In the rigid limit, for
-any masses of film and booms,
+The antenna of `demos/antenna_attitude.py`, horizontal and at rest, corner C on a ball joint.  In
+the rigid limit, for any masses of film and booms,
 
     θ'' = (12 g/(7 d)) cos θ,    d = √2 · 2.1 m,    tip A at depth d sin θ
 
@@ -10,8 +10,8 @@ the deviation from it depends on the discretisation: the two booms cross without
 them, so that the antenna slowly becomes a saddle, with the film alone as resistance; and the film
 sags between the booms.  The figures of the paper agree with a commercial code within 0.02 m.
 
-`./gossamer demo antenna_pendulum` runs the resolutions of the paper and finer ones, with linear and quadratic films,
-and draws errors against unknowns and run time.  One of them, to look at:
+`./gossamer demo antenna_pendulum` runs the resolutions of the paper and finer ones, with linear and
+quadratic films, and draws errors against unknowns and run time.  One of them, to look at:
 
     ./gossamer run demos/antenna_pendulum.py cells=4 elements=8 --output out/swing; ./gossamer report out/swing
 """
@@ -38,7 +38,8 @@ RESOLUTIONS = (
 
 
 def rigid_angle(t: np.ndarray, substeps: int = 200) -> np.ndarray:
-    """θ(t) [rad] of the rigid limit from rest at θ = 0, by the classical Runge-Kutta rule between the given times."""
+    """θ(t) [rad] of the rigid limit from rest at θ = 0, by the classical Runge-Kutta rule between
+    the given times."""
     rate = 12 * G / (7 * SIDE * 2**0.5)
 
     def slope(y: np.ndarray) -> np.ndarray:
@@ -62,7 +63,8 @@ def rigid_angle(t: np.ndarray, substeps: int = 200) -> np.ndarray:
 class FilmDeflection:
     """A probe: deflection of a film [m] from the bilinear surface that its corners A, B, C, D span.
 
-    It is the root mean square, over the mass of the film, of the distance along the normal to the plane of B, C and D.
+    It is the root mean square, over the mass of the film, of the distance along the normal to the
+    plane of B, C and D.
     """
 
     def __init__(self, film: gx.Membrane, corners: Sequence[gx.Port]) -> None:
@@ -105,7 +107,8 @@ def build(
     dt: float = 5e-3,
     order: int = 1,
 ) -> gx.Case:
-    """The antenna with cells × cells squares of film and `elements` a boom, hinged at C; probes of both."""
+    """The antenna with cells × cells squares of film and `elements` a boom, hinged at C; probes of
+    both."""
     model = antenna(comm, cells, elements, order)
     corners = [model.film.port_at(point) for point in model.points[:4]]
     hinge = gx.constraints.BallJoint(
@@ -132,7 +135,8 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: float,
 ) -> dict:
-    """Run the pendulum; `given` are arguments of `build`.  Returns heights and deflections [m] over the time.
+    """Run the pendulum; `given` are arguments of `build`.  Returns heights and deflections [m] over
+    the time.
 
     With `output`, a folder: the recording of the run.
     """
@@ -235,7 +239,8 @@ if __name__ == "__main__":
         plot(results, folder / "convergence.png")
         found = errors(results)
         print(
-            "film  mesh     unknowns  tip - rigid  tip error  film deflection  film error [mm]  Newton/step  run [s]"
+            "film  mesh     unknowns  tip - rigid  tip error  film deflection  film error [mm]  "
+            "Newton/step  run [s]"
         )
         for (p, n, m), r in results.items():
             tip, film = (f"{1e3 * e:9.2f}" for e in found.get((p, n, m), (np.nan, np.nan)))

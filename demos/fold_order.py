@@ -4,22 +4,24 @@ A start needs no history of folding: the position of every point of the flat fil
 of `gx.fold` or by `displacement`.  The order is in the result, as the order of the layers, and in
 what can move at the same time.
 
-Folds that cross at right angles go one after the other.  Only when the first is shut, and all layers
-lie on each other, can the second turn without stretching the film.  Halving a square along x and then
-along y stacks its quarters as 10, 00, 01, 11 from top to bottom; along y first as 01, 00, 10, 11.
-The first fold made is the last to open.
+Folds that cross at right angles go one after the other.  Only when the first is shut, and all
+layers lie on each other, can the second turn without stretching the film.  Halving a square along x
+and then along y stacks its quarters as 10, 00, 01, 11 from top to bottom; along y first as 01, 00,
+10, 11. The first fold made is the last to open.
 
-Folds of a Miura sheet, whose lines are not at right angles, turn all at once.  `gx.fold.Miura` has one
-angle θ, and the film is not stretched at any: its energy is round-off.
+Folds of a Miura sheet, whose lines are not at right angles, turn all at once.  `gx.fold.Miura` has
+one angle θ, and the film is not stretched at any: its energy is round-off.
 
-Layers must start apart.  `Contact` refuses a start in which they intersect or coincide, and the probe
-`ContactGap` is the smallest gap.  A gap between shut layers costs strain where the outer layer goes
-round the inner one.  The energies printed say so: with a second fold by a right angle the film has
-12 kJ while the first one is open by 90° (it would tear), and 0.3 J at 1°; a Miura sheet has 1e-27 J.
-The gap of the quarters that are opened by 1° and 3° is 3 µm, next to the corner where the folds cross.
+Layers must start apart.  `Contact` refuses a start in which they intersect or coincide, and the
+probe `ContactGap` is the smallest gap.  A gap between shut layers costs strain where the outer
+layer goes round the inner one.  The energies printed say so: with a second fold by a right angle
+the film has 12 kJ while the first one is open by 90° (it would tear), and 0.3 J at 1°; a Miura
+sheet has 1e-27 J. The gap of the quarters that are opened by 1° and 3° is 3 µm, next to the corner
+where the folds cross.
 
 Where the values come from:
-    crossing folds     Gauss: a sheet that does not stretch is straight in one direction wherever it bends
+    crossing folds     Gauss: a sheet that does not stretch is straight in one direction wherever it
+                       bends
     Miura              Schenk & Guest (2013), doi:10.1073/pnas.1217998110
     film, size         polyimide of 25 µm, 0.2 m × 0.2 m
 
@@ -76,7 +78,8 @@ def halved(s: Array, height: Array, opening: float) -> tuple[Array, Array]:
 
 
 def folded_twice(first: str, openings: tuple[float, float]) -> Callable[[Array], Array]:
-    """Displacement of a square that is halved along `first`, "x" or "y", then along the other direction.
+    """Displacement of a square that is halved along `first`, "x" or "y", then along the other
+    direction.
 
     Args:
         first: direction of the line that is folded first.
@@ -157,7 +160,8 @@ def layers(film: gx.Membrane, run: gx.Simulation) -> list[str]:
 
 
 def main(output: str | Path | None = None) -> dict[str, object]:
-    """Orders of layers, smallest gaps [m] and energies [J] of starts; a picture in the folder `output`."""
+    """Orders of layers, smallest gaps [m] and energies [J] of starts; a picture in the folder
+    `output`."""
     comm = MPI.COMM_SELF
     # Open by different angles, so that all four layers are apart.
     nearly_shut = (math.radians(1.0), math.radians(3.0))

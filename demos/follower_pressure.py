@@ -3,21 +3,23 @@
 `Pressure` acts along the normal of the deformed film, and so does the gas of a `Chamber`.  When the
 film turns, the force turns with it: the linearised load is a stiffness, which the package always
 includes.  A dead load keeps the direction that it had.
-A ring (a slice of a long cylinder) of radius R and mass per area μ, without bending stiffness, under
-the pressure p inside vibrates without stretching, n waves around, at
+A ring (a slice of a long cylinder) of radius R and mass per area μ, without bending stiffness,
+under the pressure p inside vibrates without stretching, n waves around, at
 
     ω² = p/(μ R) n² (n² - 1)/(n² + 1)        pressure follows: potential -p × enclosed volume
     ω² = p/(μ R) (n² - 1)²/(n² + 1)          dead load of the same size
 
 n = 1 is a translation of the ring: ω = 0 in both.  The ratio n²/(n² - 1) of the stiffnesses, 4/3
 for n = 2, is also that of the pressures outside at which a stiff ring buckles: 4 EI/R³ for a dead
-load, 3 EI/R³ for a follower (M. Lévy, 1884).  A programme without pressure stiffness is wrong by it.
+load, 3 EI/R³ for a follower (M. Lévy, 1884).  A programme without pressure stiffness is wrong by
+it.
 
 The table printed compares natural frequencies of a film of triangles with both.  A gas of constant
 mass in a `Chamber` adds its own stiffness for motions that change the volume; these do not.
 
 Where the values come from:
-    frequencies        second variation of hoop tension and enclosed area for w = cos nθ, v = -sin nθ/n
+    frequencies        second variation of hoop tension and enclosed area for w = cos nθ, v = -sin
+                       nθ/n
     film, sizes        chosen: 25 µm of polyimide, R = 0.1 m, 1 kPa: hoop strain 1.6e-3
 
     ./gossamer demo follower_pressure
@@ -53,7 +55,8 @@ WAVES = (2, 3, 4, 5)
 
 @dataclass(frozen=True, eq=False)
 class DeadPressure:
-    """A pressure [Pa] along the normals of the mesh: it keeps size and direction as the film moves."""
+    """A pressure [Pa] along the normals of the mesh: it keeps size and direction as the film
+    moves."""
 
     body: gx.Membrane
     pressure: float
@@ -106,7 +109,8 @@ def frequencies(comm: MPI.Intracomm, dead: bool, around: int) -> Array:
 
 
 def draw(found: dict[str, Array], path: Path) -> None:
-    """The mode of two waves with the forces of both loads, and frequencies against the number of waves."""
+    """The mode of two waves with the forces of both loads, and frequencies against the number of
+    waves."""
     figure = new_figure()
     ring, plot = figure.subplots(1, 2)
     # The mode of two waves, with an amplitude that can be seen.
@@ -166,7 +170,8 @@ def draw(found: dict[str, Array], path: Path) -> None:
 def main(
     output: str | Path | None = None, around: int = 48, comm: MPI.Intracomm = MPI.COMM_SELF
 ) -> dict[str, float]:
-    """Frequencies over their closed form, and stiffness with over without pressure stiffness for n = 2."""
+    """Frequencies over their closed form, and stiffness with over without pressure stiffness for n
+    = 2."""
     found = {
         "follower": frequencies(comm, False, around),
         "dead": frequencies(comm, True, around),

@@ -1,16 +1,18 @@
 """The hub of IKAROS swings in its open sail: how fast, and how its swing dies away.
 
-The open sail spins steadily at 2.5 rpm; the hub is given a little more spin than that.  Tethers that pull with the
-centrifugal force of the sail turn it back: as of a sail that is rigid in its plane the swing has
+The open sail spins steadily at 2.5 rpm; the hub is given a little more spin than that.  Tethers
+that pull with the centrifugal force of the sail turn it back: as of a sail that is rigid in its
+plane the swing has
 
     ω² = k (1/I + 1/J),    k = Σ T R r/l
 
-(`ikaros.steady`).  That is for small swings: turned by θ, a tether of the length l gets longer by R r θ²/(2 l), from
-some 0.003 rad on by more than the 10 µm by which its tension stretches it; tethers and film then pull harder, and the
-swing gets faster.  The swing s = ω_hub - ω_sail is fitted by exp(-δ t) (a cos ωt + b sin ωt) + c.
+(`ikaros.steady`).  That is for small swings: turned by θ, a tether of the length l gets longer by R
+r θ²/(2 l), from some 0.003 rad on by more than the 10 µm by which its tension stretches it; tethers
+and film then pull harder, and the swing gets faster.  The swing s = ω_hub - ω_sail is fitted by
+exp(-δ t) (a cos ωt + b sin ωt) + c.
 
-Sail and tethers are those of stage 2 (`ikaros.py`): viscosity of the film 1e-4 s, dampers of 0 or 100 N s/m in the
-tethers.  Of the flight neither frequency nor decay were published.
+Sail and tethers are those of stage 2 (`ikaros.py`): viscosity of the film 1e-4 s, dampers of 0 or
+100 N s/m in the tethers.  Of the flight neither frequency nor decay were published.
 
     ./gossamer demo ikaros_swing
 """
@@ -43,11 +45,13 @@ def main(
     pitch: float = 0.64,
     rpm: float = 2.5,
 ) -> dict[str, Any]:
-    """Let the hub swing, with `extra` [rpm] more spin than the sail at first; see `ikaros.build` for the rest.
+    """Let the hub swing, with `extra` [rpm] more spin than the sail at first; see `ikaros.build`
+    for the rest.
 
-    Returns the frequency [Hz] and that of the closed form, the decay δ [1/s], what the fit leaves of the swing, the
-    energy of the swing at the start [J], energy_error, what was dissipated, by each cause [J], steps, iterations (a
-    step), seconds, and the times [s] and the swing at them [rad/s].
+    Returns the frequency [Hz] and that of the closed form, the decay δ [1/s], what the fit leaves
+    of the swing, the energy of the swing at the start [J], energy_error, what was dissipated, by
+    each cause [J], steps, iterations (a step), seconds, and the times [s] and the swing at them
+    [rad/s].
     """
     search, stiffness, J = ikaros.steady(comm, pitch, rpm, held=False)
     inertia = ikaros.HUB_INERTIA[2]
@@ -146,7 +150,8 @@ def draw(results: dict[float, dict[str, Any]], path: Path) -> None:
 
 
 def fit(t: Array, s: Array) -> tuple[float, float, float]:
-    """Fit of exp(-δ t) (a cos ωt + b sin ωt) + c to s: δ [1/s], ω [rad/s], and the residual, rms over rms."""
+    """Fit of exp(-δ t) (a cos ωt + b sin ωt) + c to s: δ [1/s], ω [rad/s], and the residual, rms
+    over rms."""
 
     def damped(t: Array, δ: float, ω: float, a: float, b: float, c: float) -> Array:
         swing: Array = np.exp(-δ * t) * (a * np.cos(ω * t) + b * np.sin(ω * t)) + c
@@ -167,14 +172,18 @@ def fit(t: Array, s: Array) -> tuple[float, float, float]:
 def say(found: dict[str, float]) -> None:
     """Print the results."""
     print(
-        f"The hub swings with {1e3 * found['frequency']:.2f} mHz (closed form {1e3 * found['closed_form']:.2f} mHz); "
-        f"its swing dies away with {found['decay']:.1e}/s. The fit leaves {100 * found['misfit']:.1f} % of the motion."
+        f"The hub swings with {1e3 * found['frequency']:.2f} mHz (closed form "
+        f"{1e3 * found['closed_form']:.2f} mHz); "
+        f"its swing dies away with {found['decay']:.1e}/s. The fit leaves "
+        f"{100 * found['misfit']:.1f} % of the motion."
     )
     print(
-        f"Of {1e3 * found['swing']:.3g} mJ {1e3 * found['dissipated']:.3g} mJ are lost{dissipation_by_part(found)}."
+        f"Of {1e3 * found['swing']:.3g} mJ {1e3 * found['dissipated']:.3g} mJ are "
+        f"lost{dissipation_by_part(found)}."
     )
     print(
-        f"Energy closes to {found['energy_error']:.0e}; {found['steps']:.0f} steps, {found['iterations']:.1f} "
+        f"Energy closes to {found['energy_error']:.0e}; {found['steps']:.0f} steps, "
+        f"{found['iterations']:.1f} "
         f"iterations each, {found['seconds']:.0f} s."
     )
 

@@ -1,6 +1,8 @@
-"""Pages that are made from the code: the reference from docstrings, the gallery from demos, the options from parsers.
+"""Pages that are made from the code: the reference from docstrings, the gallery from demos, the
+options from parsers.
 
-A docstring is plain text: paragraphs, equations as indented lines, Args, Raises and Returns with one entry a name.
+A docstring is plain text: paragraphs, equations as indented lines, Args, Raises and Returns with
+one entry a name.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ SECTIONS = {
     "Yields": "Yields",
     "Attributes": "Attributes",
 }
-# what parts, outputs and steppers of every kind have; "Your own part" and `model/terms.py` explain it
+# what parts, outputs and steppers of every kind have; "Your own part" and `model/terms.py` explain
+# it
 CONTRACT = {"terms", "requires", "describe", "initial_state", "initialise", "start"}
 CONTRACT |= {"open", "record", "close", "cursor", "resume", "times", "writes", "coordinates"}
 ROOMS = {
@@ -63,7 +66,7 @@ ROOMS = {
 }
 
 
-# ---- docstrings ------------------------------------------------------------------------------------------------------
+# ---- docstrings ----------------------------------------------------------------------------------
 
 
 # Names as docstrings write them, with or without their namespace, by the name they stand for.
@@ -146,11 +149,12 @@ def _linked(code: str) -> str:
     return f"{{py:obj}}`{name} <gossamer_fx.{name}>`"
 
 
-# ---- reference -------------------------------------------------------------------------------------------------------
+# ---- reference -----------------------------------------------------------------------------------
 
 
 def thing(name: str) -> Any:
-    """The object of a public name, e.g. "Chamber" or "gas.Ring", without the check of its arguments."""
+    """The object of a public name, e.g. "Chamber" or "gas.Ring", without the check of its
+    arguments."""
     found = attrgetter(name)(gossamer_fx)
     if inspect.isfunction(found):
         return inspect.unwrap(found)
@@ -165,7 +169,8 @@ def room_of(name: str) -> str:
 
 
 def members(cls: type) -> list[tuple[str, str, Any]]:
-    """Public methods and properties of a class that are its own or its parents' of this package, with their kind."""
+    """Public methods and properties of a class that are its own or its parents' of this package,
+    with their kind."""
     found: dict[str, tuple[str, str, Any]] = {}
     for parent in reversed([c for c in cls.__mro__ if c.__module__.startswith("gossamer_fx")]):
         for name, value in vars(parent).items():
@@ -249,7 +254,8 @@ def _directive(kind: str, head: str, body: str, fence: str = "::::") -> str:
 
 
 def undocumented() -> list[str]:
-    """Public names that say nothing about themselves, methods and properties of public classes included."""
+    """Public names that say nothing about themselves, methods and properties of public classes
+    included."""
     missing = []
     for name in public_names():
         it = thing(name)
@@ -292,7 +298,7 @@ def reference() -> dict[str, str]:
     return pages
 
 
-# ---- gallery, options, presets ---------------------------------------------------------------------------------------
+# ---- gallery, options, presets -------------------------------------------------------------------
 
 
 def demos() -> list[tuple[str, str, str]]:
@@ -324,10 +330,12 @@ def subjects() -> list[dict[str, Any]]:
 
 
 def gallery() -> dict[str, str]:
-    """A page of cards by subject, and one page a demo: what it shows, its picture, commands, notebook."""
+    """A page of cards by subject, and one page a demo: what it shows, its picture, commands,
+    notebook."""
     texts = {name: (title, text) for name, title, text in demos()}
     parts = [
-        "# Gallery\n\nEach card opens the page of a demo, with its commands, its sources and a notebook. "
+        "# Gallery\n\nEach card opens the page of a demo, with its commands, its sources and a "
+        "notebook. "
         "The times are of one core.\n"
     ]
     pages = {}
@@ -402,7 +410,8 @@ def _thumbnail(name: str, crop: Sequence[float]) -> str:
 def notebook(name: str, heading: str) -> None:
     """A demo as a notebook: its text, its code, and a cell that runs it.
 
-    The code of a demo runs when its file is the main program; in a notebook the last cell does the same.
+    The code of a demo runs when its file is the main program; in a notebook the last cell does the
+    same.
     """
     import nbformat
     from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
@@ -436,7 +445,8 @@ def code_of(name: str) -> tuple[str, str]:
 
 
 def plain_text(text: str) -> str:
-    """A docstring for a notebook, whose Markdown has no roles of Sphinx: indented lines stay as they are."""
+    """A docstring for a notebook, whose Markdown has no roles of Sphinx: indented lines stay as
+    they are."""
     out = []
     for line in text.splitlines():
         if not line.startswith("    "):
@@ -478,7 +488,8 @@ def presets() -> str:
     for name, film in vars(films).items():
         if isinstance(film, films.FilmMaterial):
             parts.append(
-                f"| `films.{name}` | {film.E / 1e9:g} | {film.nu:g} | {film.density:g} | {prose(film.source)} |"
+                f"| `films.{name}` | {film.E / 1e9:g} | {film.nu:g} | {film.density:g} | "
+                f"{prose(film.source)} |"
             )
     parts.append("\n## Fibres\n\n" + markdown(inspect.getdoc(fibres) or ""))
     parts.append("\n| name | E [GPa] | density [kg/m³] | source |\n|---|---|---|---|")
@@ -488,7 +499,8 @@ def presets() -> str:
             parts.append(f"| `fibres.{name}` | {figures} | {prose(fibre.source)} |")
     parts.append("\n## Layers of composites\n\n" + markdown(inspect.getdoc(laminae) or ""))
     parts.append(
-        "\n| name | E1 [GPa] | E2 [GPa] | ν12 | G12 [GPa] | density [kg/m³] | source |\n|---|---|---|---|---|---|---|"
+        "\n| name | E1 [GPa] | E2 [GPa] | ν12 | G12 [GPa] | density [kg/m³] | source "
+        "|\n|---|---|---|---|---|---|---|"
     )
     for name, layer in vars(laminae).items():
         if isinstance(layer, laminae.Lamina):
@@ -511,10 +523,14 @@ def presets() -> str:
     for name, sheet in vars(optics).items():
         if isinstance(sheet, optics.Optics):
             for side, it in zip(("front", "back"), sheet.sides, strict=True):
-                figures = f"{it.reflectivity:g} | {it.specular:g} | {it.emissivity:g} | {it.lambertian:.4g}"
+                figures = (
+                    f"{it.reflectivity:g} | {it.specular:g} | {it.emissivity:g} | "
+                    f"{it.lambertian:.4g}"
+                )
                 parts.append(f"| `optics.{name}`, {side} | {figures} |")
     parts.append(
-        "\nThe sail's coefficients go back to measurements of 2.5 µm Kapton with 100 nm aluminium in front and "
+        "\nThe sail's coefficients go back to measurements of 2.5 µm Kapton with 100 nm aluminium "
+        "in front and "
         "chromium behind; Heaton & Artusio-Glimpse (NASA NTRS 20150021404) revise them.\n"
     )
     return "\n".join(parts)
@@ -555,7 +571,8 @@ def _with_links(text: str) -> str:
 def _doi_link(found: re.Match[str]) -> str:
     doi = found[1]
     tail = ""
-    # a closing bracket belongs to the sentence unless the DOI opened it, as in 10.1016/S0020-7683(98)00123-4
+    # a closing bracket belongs to the sentence unless the DOI opened it, as in
+    # 10.1016/S0020-7683(98)00123-4
     while doi.endswith(")") and doi.count(")") > doi.count("("):
         doi = doi[:-1]
         tail = ")" + tail

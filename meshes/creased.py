@@ -1,4 +1,5 @@
-"""Plane films of any outline whose nodes lie on given lines, of one sheet or of two that make a tube pressed flat."""
+"""Plane films of any outline whose nodes lie on given lines, of one sheet or of two that make a
+tube pressed flat."""
 
 from __future__ import annotations
 
@@ -30,8 +31,8 @@ def creased_film(
         lines: ends of straight lines [m], which may pass over its rim.
         size: of the cells at each corner [m].
 
-    Groups: "film"; its sides "side 1" and so on, from the first corner to the second and so on, and the points
-    "corner 1" and so on.
+    Groups: "film"; its sides "side 1" and so on, from the first corner to the second and so on, and
+    the points "corner 1" and so on.
     """
 
     def build(model: Any) -> None:
@@ -53,13 +54,15 @@ def creased_tube(
     rows: Callable[[Points], Points],
     walls: Sequence[float],
 ) -> Mesh:
-    """A closed tube pressed flat to a convex polygon in z = 0, with edges along `lines` in both sheets.
+    """A closed tube pressed flat to a convex polygon in z = 0, with edges along `lines` in both
+    sheets.
 
-    Compartments end where `rows`, a function of points (n, 3), has the values `walls`; lines of edges are there.  No
-    triangle has all its nodes on the rim, where the sheets are joined: it could not open.
+    Compartments end where `rows`, a function of points (n, 3), has the values `walls`; lines of
+    edges are there.  No triangle has all its nodes on the rim, where the sheets are joined: it
+    could not open.
 
-    Groups: "top", "bottom"; "compartment 1" and so on, "ring 1" and so on between them; "side 1" and so on, "corner 1"
-    and so on, as of `creased_film`.
+    Groups: "top", "bottom"; "compartment 1" and so on, "ring 1" and so on between them; "side 1"
+    and so on, "corner 1" and so on, as of `creased_film`.
     """
 
     def build(model: Any) -> None:
@@ -83,7 +86,8 @@ def creased_tube(
         everything = np.vstack([points, points[~on_rim]])
         names: dict[str, list[int]] = {}
         first = True
-        # The lower sheet is seen from below: its triangles turn round, so that normals point outwards.
+        # The lower sheet is seen from below: its triangles turn round, so that normals point
+        # outwards.
         below = twin[triangles][:, ::-1]
         for sheet, cells in (("top", triangles), ("bottom", below)):
             for i in range(len(walls) + 1):
@@ -180,7 +184,8 @@ def _opened(
     on_rim: Any,
     lines: Segments,
 ) -> Numbers:
-    """The triangles, none with all its nodes on the rim: such a one gives its inner edge to the node beyond it."""
+    """The triangles, none with all its nodes on the rim: such a one gives its inner edge to the
+    node beyond it."""
     triangles = triangles.copy()
     for t in np.flatnonzero(on_rim[triangles].all(axis=1)):
         for k in range(3):
@@ -259,13 +264,15 @@ def _name_rim(
     edges: Numbers,
     corners: Corners,
 ) -> None:
-    """Add the groups "side 1", "corner 1" and so on of a polygon, from its edges (n, 2) at the rim."""
+    """Add the groups "side 1", "corner 1" and so on of a polygon, from its edges (n, 2) at the
+    rim."""
     for k, a in enumerate(corners):
         b = corners[(k + 1) % len(corners)]
         # Edges of the rim that lie on this side of the polygon.
         on = np.array([_on_a_line(points[edge], [(a, b)]) for edge in edges])
         _add_lines(model, f"side {k + 1}", edges[on])
-        # The node of the corner may have been numbered again by gmsh: it is found by its coordinates.
+        # The node of the corner may have been numbered again by gmsh: it is found by its
+        # coordinates.
         entity = model.addDiscreteEntity(0)
         nearest = np.linalg.norm(points[:, :2] - a, axis=1).argmin()
         model.mesh.addElementsByType(entity, 15, [], [nearest + 1])

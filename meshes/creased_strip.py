@@ -25,7 +25,8 @@ def creased_strip(
     length: float,
     width: float,
 ) -> Mesh:
-    """Two panels [-length, 0] and [0, length] by [0, width], each of nx × ny cells of two triangles.
+    """Two panels [-length, 0] and [0, length] by [0, width], each of nx × ny cells of two
+    triangles.
 
     Groups: "film"; the edges "left", "right"; "crease", at x = 0.
     """

@@ -25,9 +25,11 @@ def irregular_sheet(
     height: float,
     seed: int = 1,
 ) -> Mesh:
-    """[0, width] × [0, height] in about nx × ny cells of two triangles, with displaced nodes and random diagonals.
+    """[0, width] × [0, height] in about nx × ny cells of two triangles, with displaced nodes and
+    random diagonals.
 
-    Groups: "film"; the edges "bottom", "right", "top", "left"; "middle", a line of interior edges if nx is even.
+    Groups: "film"; the edges "bottom", "right", "top", "left"; "middle", a line of interior edges
+    if nx is even.
     """
     random = np.random.default_rng(seed)
     u, v = _displaced(nx, ny, random)
@@ -53,7 +55,8 @@ def leaning_sheet(
     height: float,
     ramp: float,
 ) -> Mesh:
-    """[0, width] × [0, height] in nx × ny cells whose long sides lie at 45°, along the wrinkles of a sheared film.
+    """[0, width] × [0, height] in nx × ny cells whose long sides lie at 45°, along the wrinkles of
+    a sheared film.
 
     Towards both ends, within `ramp` [m] (more than half of the height), they turn upright.
     Groups: "film"; the edges "bottom", "right", "top", "left".
@@ -77,7 +80,8 @@ def slit_ring(
     inner: float,
     outer: float,
 ) -> Mesh:
-    """A flat ring about the origin, cut along the positive x axis, in radial × around cells of two triangles.
+    """A flat ring about the origin, cut along the positive x axis, in radial × around cells of two
+    triangles.
 
     Groups: "film"; "start" and "end", the two sides of the slit, at 0 and 2π.
     """
@@ -172,7 +176,8 @@ def _displaced(
     m: int,
     random: np.random.Generator | None,
 ) -> tuple[Floats, Floats]:
-    """Nodes (n + 1, m + 1) of the unit square, moved by up to a quarter of a cell; those of its edges along them."""
+    """Nodes (n + 1, m + 1) of the unit square, moved by up to a quarter of a cell; those of its
+    edges along them."""
     along_u = np.linspace(0, 1, n + 1)
     along_v = np.linspace(0, 1, m + 1)
     u, v = np.meshgrid(along_u, along_v, indexing="ij")
@@ -184,7 +189,8 @@ def _displaced(
 
 
 def _edges(ids: Integers) -> dict[str, Integers]:
-    """The nodes of the four edges of a grid by name; its first index runs from the left to the right."""
+    """The nodes of the four edges of a grid by name; its first index runs from the left to the
+    right."""
     return {
         "bottom": ids[:, 0],
         "right": ids[-1],

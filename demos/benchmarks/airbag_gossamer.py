@@ -1,4 +1,5 @@
-"""Quarter of one sheet of the square airbag at rest, by static equilibrium; see `demos/studies/airbag.py`."""
+"""Quarter of one sheet of the square airbag at rest, by static equilibrium; see
+`demos/studies/airbag.py`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
-"""Quarter of one sheet of the square airbag in Kratos: wrinkling law, central differences, damped to rest.
+"""Quarter of one sheet of the square airbag in Kratos: wrinkling law, central differences, damped
+to rest.
 
-The wrinkling law takes the direction of the wrinkles from the principal stresses of the taut film.  For an isotropic
-film this is the relaxed energy; for a fabric (`law=fabric`) it is an approximation.
+The wrinkling law takes the direction of the wrinkles from the principal stresses of the taut film.
+For an isotropic film this is the relaxed energy; for a fabric (`law=fabric`) it is an
+approximation.
 """
 
 from __future__ import annotations

@@ -14,7 +14,8 @@ Row = dict[str, object]
 
 
 def compare(name: str, problem: Problem, cases: Cases, runs: int, folder: Path) -> dict[str, float]:
-    """Solve the cases `runs` times, print and write medians to FOLDER/NAME.csv; ratio of each peer that succeeded."""
+    """Solve the cases `runs` times, print and write medians to FOLDER/NAME.csv; ratio of each peer
+    that succeeded."""
     print(f"{problem.title}; {problem.unit}, median of {runs}")
     ratios: dict[str, float] = {}
     rows: list[Row] = []

@@ -1,7 +1,7 @@
 """What a gradient costs: the pass backwards through a run, over the run itself.
 
-`scene` is "sheet", the free sheet that wrinkles, of which the thickness of every cell is a parameter, or
-"contact", two films that collide, or "gas", an airbag that a tank blows up.
+`scene` is "sheet", the free sheet that wrinkles, of which the thickness of every cell is a
+parameter, or "contact", two films that collide, or "gas", an airbag that a tank blows up.
 """
 
 from __future__ import annotations

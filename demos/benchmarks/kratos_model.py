@@ -74,7 +74,8 @@ def add_fabric(
         moduli: E1, E2, nu12 and G12.
         angle: of the first axis from x [rad].
     """
-    # Moduli and Poisson's ratios of three axes; the law of plane stress reads the first two and nu12.
+    # Moduli and Poisson's ratios of three axes; the law of plane stress reads the first two and
+    # nu12.
     nu = moduli["nu12"]
     elastic_constants = K.Vector(6, nu)
     for i, name in enumerate(("E1", "E2", "E2")):

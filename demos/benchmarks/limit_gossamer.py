@@ -1,9 +1,10 @@
 """A Newton iteration of the free sheet, and what it cannot do without.
 
-The limit is the time of one tangent, one set-up of the preconditioner and, for each Krylov iteration, one application
-of it and one product with the matrix; each is timed apart, again and again on the last system of the run.  The tangent
-is then compared with the memory traffic that its matrix alone causes: the time of writing it once, at the speed at
-which the same process copies large arrays.
+The limit is the time of one tangent, one set-up of the preconditioner and, for each Krylov
+iteration, one application of it and one product with the matrix; each is timed apart, again and
+again on the last system of the run.  The tangent is then compared with the memory traffic that its
+matrix alone causes: the time of writing it once, at the speed at which the same process copies
+large arrays.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""The antenna pendulum in Exudyn: thin plates and cables of absolute nodal coordinates, generalised-alpha method."""
+"""The antenna pendulum in Exudyn: thin plates and cables of absolute nodal coordinates,
+generalised-alpha method."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The cantilever and the slit ring of Sze, Liu & Lo under their whole load at once; see `demos/studies/plate.py`."""
+"""The cantilever and the slit ring of Sze, Liu & Lo under their whole load at once; see
+`demos/studies/plate.py`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The plates in Kratos: thin corotational triangles with discrete Kirchhoff bending; the load in increments."""
+"""The plates in Kratos: thin corotational triangles with discrete Kirchhoff bending; the load in
+increments."""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
-"""The plates in NGSolve: a nonlinear Koiter shell by the Hellan-Herrmann-Johnson method and Regge interpolation.
+"""The plates in NGSolve: a nonlinear Koiter shell by the Hellan-Herrmann-Johnson method and Regge
+interpolation.
 
-Neunteufel & Schöberl, Comput. Struct. 225 (2019) 106109 and Comput. Methods Appl. Mech. Eng. 373 (2021) 113524:
-positions of order k, moments σ of order k - 1, rotations α of the edges as multipliers; the energy is stationary.
+Neunteufel & Schöberl, Comput. Struct. 225 (2019) 106109 and Comput. Methods Appl. Mech. Eng. 373
+(2021) 113524: positions of order k, moments σ of order k - 1, rotations α of the edges as
+multipliers; the energy is stationary.
 """
 
 from __future__ import annotations
@@ -66,7 +68,8 @@ Fτ = F * τ
 tangent = 1 / ng.Norm(Fτ) * Fτ
 conormal = ng.Cross(normal, tangent)
 
-# normals of the edges, means of both sides at the last increment; the normal of the mesh at the clamp
+# normals of the edges, means of both sides at the last increment; the normal of the mesh at the
+# clamp
 solution = ng.GridFunction(space)
 edge_space = ng.VectorFacetSurface(mesh, order=k)
 edge_normal = ng.GridFunction(edge_space)

@@ -21,9 +21,10 @@ DIRECT: Words = {
 class Problem:
     """What is solved, by whom, and what it costs.
 
-    `cases` and `quick` name each size and give the words for each contestant; `cost` is what the ratio to the `peers`
-    compares.  `equal` names results in which all must agree.  A `chart` shows this program's cost and memory over the
-    unknowns, with their exponents.  `script` names the problem whose scripts are run, if it is another one.
+    `cases` and `quick` name each size and give the words for each contestant; `cost` is what the
+    ratio to the `peers` compares.  `equal` names results in which all must agree.  A `chart` shows
+    this program's cost and memory over the unknowns, with their exponents.  `script` names the
+    problem whose scripts are run, if it is another one.
     """
 
     title: str
@@ -39,7 +40,8 @@ class Problem:
 
 
 def sheets(sizes: dict[int, tuple[int, int, str]]) -> Cases:
-    """Cells of a side: steps of each program, Kratos' linear solver; both stop at 1e-6 of a step's first residual."""
+    """Cells of a side: steps of each program, Kratos' linear solver; both stop at 1e-6 of a step's
+    first residual."""
     return {
         # Without wrinkling the law is linear elastic, and both programs have the same problem.
         f"n = {n}, {'wrinkling' if wrinkling else 'linear'}": {
@@ -69,9 +71,11 @@ def ranks(pairs: dict[str, tuple[int, int]], steps: int) -> Cases:
 
 
 def fabric_airbags(dampings: dict[tuple[int, int], float]) -> Cases:
-    """Cells along half an edge, and the angle of the yarns from the edges, with the damping [1/s] of Kratos.
+    """Cells along half an edge, and the angle of the yarns from the edges, with the damping [1/s]
+    of Kratos.
 
-    With that of the isotropic airbag (60/s), and of 16 cells at 45 degrees with 1000/s, it loses its shape.
+    With that of the isotropic airbag (60/s), and of 16 cells at 45 degrees with 1000/s, it loses
+    its shape.
     """
     return {
         f"{n} cells, {angle} degrees": {
@@ -123,7 +127,9 @@ PROBLEMS = {
         peers=("kratos",),
     ),
     "airbag_fabric": Problem(
-        title="Square airbag of fabric at rest, w_M = 0.2220 m (0 degrees) and 0.2196 m (45 degrees)",
+        title=(
+            "Square airbag of fabric at rest, w_M = 0.2220 m (0 degrees) and 0.2196 m (45 degrees)"
+        ),
         cost=lambda r: r["cpu"],
         unit="s CPU",
         cases=fabric_airbags({(8, 0): 1000, (8, 45): 1000, (16, 0): 1000, (16, 45): 2000}),
@@ -132,7 +138,10 @@ PROBLEMS = {
         script="airbag",
     ),
     "orthotropic": Problem(
-        title="Free sheet, law time of a Newton iteration of orthotropic film over that of isotropic film",
+        title=(
+            "Free sheet, law time of a Newton iteration of orthotropic film over that of isotropic "
+            "film"
+        ),
         cost=lambda r: r["ratio"],
         unit="times",
         # On order 2 half as many cells, hence as many unknowns.
@@ -200,7 +209,9 @@ PROBLEMS = {
         chart=True,
     ),
     "antenna": Problem(
-        title="Antenna of demos/antenna_pendulum.py, tied by multipliers, its first 3 steps of 5e-3 s",
+        title=(
+            "Antenna of demos/antenna_pendulum.py, tied by multipliers, its first 3 steps of 5e-3 s"
+        ),
         cost=lambda r: r["cpu"] / r["steps"],
         unit="s CPU per step",
         cases=alone("cells", (40, 80, 160, 280), steps=3),
@@ -225,7 +236,10 @@ PROBLEMS = {
         peers=("newton",),
     ),
     "contact_cost": Problem(
-        title="A stack of films, a Newton iteration with contact over one without; all of them packed, and a tenth",
+        title=(
+            "A stack of films, a Newton iteration with contact over one without; all of them "
+            "packed, and a tenth"
+        ),
         cost=lambda r: r["ratio"],
         unit="times",
         cases={
@@ -281,7 +295,10 @@ PROBLEMS = {
         script="sheet",
     ),
     "limit": Problem(
-        title="Free spinning sheet, a Newton iteration over one tangent, one set-up, and the Krylov iterations' cycles",
+        title=(
+            "Free spinning sheet, a Newton iteration over one tangent, one set-up, and the Krylov "
+            "iterations' cycles"
+        ),
         cost=lambda r: r["over limit"],
         unit="times the limit",
         cases=alone("n", (80, 160), steps=3),

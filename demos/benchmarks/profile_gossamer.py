@@ -1,9 +1,9 @@
 """Where the time of a Newton iteration of the free sheet goes, in seven parts.
 
-Newton's own clocks tell law, residual and tangent; PETSc's log the set-up and the applications of the preconditioner,
-of which the coarse space's set-up is timed here.  The rest is the Krylov method itself, Newton's vectors, and what a
-step does once.  All clocks are of wall time; as the machine may be shared, each part is given as its share of the run
-times the CPU time of an iteration.
+Newton's own clocks tell law, residual and tangent; PETSc's log the set-up and the applications of
+the preconditioner, of which the coarse space's set-up is timed here.  The rest is the Krylov method
+itself, Newton's vectors, and what a step does once.  All clocks are of wall time; as the machine
+may be shared, each part is given as its share of the run times the CPU time of an iteration.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from gossamer_fx.solvers.coarse_space import CoarseSpace
 
 
 class TimedCoarseSpace:
-    """Sums the time that the set-up of coarse spaces takes, which PETSc's log does not tell from the rest."""
+    """Sums the time that the set-up of coarse spaces takes, which PETSc's log does not tell from
+    the rest."""
 
     def __init__(self) -> None:
         self.seconds = 0.0

@@ -1,4 +1,5 @@
-"""The free sheet of `demos/spinning_sheet.py` in Kratos: membrane triangles, Bossak's scheme, full Newton."""
+"""The free sheet of `demos/spinning_sheet.py` in Kratos: membrane triangles, Bossak's scheme, full
+Newton."""
 
 from __future__ import annotations
 

@@ -17,14 +17,16 @@ COMM = MPI.COMM_WORLD
 class Stopwatch:
     """Runs a simulation and measures it.
 
-    Made before the scene is, so that what the interpreter and its libraries occupy does not count as its memory.
+    Made before the scene is, so that what the interpreter and its libraries occupy does not count
+    as its memory.
     """
 
     def __init__(self) -> None:
         self._before = megabytes()
 
     def measure(self, run: gx.Simulation, until: float) -> dict[str, float]:
-        """Figures of going on to the time `until` [s]: cpu of all ranks; times of a Newton iteration and its parts."""
+        """Figures of going on to the time `until` [s]: cpu of all ranks; times of a Newton
+        iteration and its parts."""
         newton = run.solver.newton
         first = run.step
         iterations = newton.all_iterations

@@ -1,9 +1,10 @@
 """The square airbag at rest: laws and residual stiffnesses side by side.
 
-Two flat square sheets of diagonal 1.2 m, 0.6 mm thick, E = 588 MPa, ν = 0.4, joined along the edges, which stay in
-z = 0; overpressure 5 kPa.  M is the centre, A a corner.  The references were computed with several meshes of the
-quarter of one sheet; but for V they scatter without an order.  For the problem and results of others see
-Jarasjarungkiat, Wüchner & Bletzinger, CMAME 198 (2009) 1097.
+Two flat square sheets of diagonal 1.2 m, 0.6 mm thick, E = 588 MPa, ν = 0.4, joined along the
+edges, which stay in z = 0; overpressure 5 kPa.  M is the centre, A a corner.  The references were
+computed with several meshes of the quarter of one sheet; but for V they scatter without an order.
+For the problem and results of others see Jarasjarungkiat, Wüchner & Bletzinger, CMAME 198 (2009)
+1097.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ QUARTERS = 4
 def airbag(
     comm: MPI.Comm, law: FilmLaw, order: int, cells: int
 ) -> tuple[gx.Membrane, gx.Equilibrium]:
-    """A quarter of one sheet with `cells` along half an edge, each of four triangles, in its planes of symmetry."""
+    """A quarter of one sheet with `cells` along half an edge, each of four triangles, in its planes
+    of symmetry."""
     film = gx.Membrane(
         crossed_sheet(comm, cells, cells, HALF_EDGE, HALF_EDGE),
         law,

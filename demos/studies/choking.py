@@ -1,9 +1,10 @@
 """Choking of folded tubes: how much the folds hold gas back, and what decides it.
 
-The tube of `demos/folded_tube.py` (0.25 m, three compartments, two folds) is filled from its tank; one thing is changed
-at a time:
+The tube of `demos/folded_tube.py` (0.25 m, three compartments, two folds) is filled from its tank;
+one thing is changed at a time:
 
-    sharp         zigzag of 80°, layers 0.2 mm apart at the folds, 25 µm, no crease memory: the usual one
+    sharp         zigzag of 80°, layers 0.2 mm apart at the folds, 25 µm, no crease memory: the
+                  usual one
     lift 0.3      layers 0.6 mm apart at the folds
     open 60       panels that rise by 60°
     roll          rolled up: bends with a radius instead of sharp folds
@@ -12,9 +13,9 @@ at a time:
     no contact    layers pass through each other: what a computation without contact says
     long          0.8 m, five compartments, four folds
 
-For every fold: ratio of the pressures after and before it at 2, 3 and 5 ms, least and mean area of the ring over that
-of the round tube until 3 ms, and the time at which it is half open [ms].  Compartments between which nothing passes
-have a ratio that falls from 1 as the first one fills.
+For every fold: ratio of the pressures after and before it at 2, 3 and 5 ms, least and mean area of
+the ring over that of the round tube until 3 ms, and the time at which it is half open [ms].
+Compartments between which nothing passes have a ratio that falls from 1 as the first one fills.
 """
 
 from __future__ import annotations

@@ -1,21 +1,27 @@
-"""Contact: iterations and errors of conservation over step and law, exact answers, and extreme numbers.
+"""Contact: iterations and errors of conservation over step and law, exact answers, and extreme
+numbers.
 
-films     a square film of 0.2 m is thrown at 2 m/s, turned and turning, onto another one; d̂ 1 mm, K 2e6 N/m³, 10 ms
-zigzag    a strip folded into 6 layers 2 mm apart, thrown at each other at random 1 m/s; d̂ 0.5 mm, K 8e6 N/m³, 10 ms
-bars      two strips head-on, edge to edge: one-dimensional waves (Saint-Venant): contact for 2L/c, stress ρcΔv/2,
-          velocities exchanged
+films     a square film of 0.2 m is thrown at 2 m/s, turned and turning, onto another one; d̂ 1 mm,
+          K 2e6 N/m³, 10 ms
+zigzag    a strip folded into 6 layers 2 mm apart, thrown at each other at random 1 m/s; d̂ 0.5 mm,
+          K 8e6 N/m³, 10 ms
+bars      two strips head-on, edge to edge: one-dimensional waves (Saint-Venant): contact for 2L/c,
+          stress ρcΔv/2, velocities exchanged
 wall      such a strip on a fixed plane: contact for 2L/c, it comes back as it came
-block     a film flat on a plane that is the face of a rigid body, by a linear penalty: contact for π√(m/k), m the
-          reduced mass, and the velocities of two bodies on a spring
-cable     a cable falls on a film;  edges: film edge on film edge;  corner: a film over the corner of a box
-tube      0.8 m, 58 mm, five compartments folded to a zigzag, filled from a tank for 40 ms, steps of 2.5e-5 s; and
-          alone, without contact, when layers pass through each other: the ratio of the times is what contact costs; and
-          controlled, with steps of at most 5e-5 s that aim at nine iterations
-map       films of 0.1 m, 4 x 4 cells, at 2 m/s, d̂ 1 mm, h 1e-4 s, 3 ms; one number goes from ordinary to extreme
+block     a film flat on a plane that is the face of a rigid body, by a linear penalty: contact for
+          π√(m/k), m the reduced mass, and the velocities of two bodies on a spring
+cable     a cable falls on a film;  edges: film edge on film edge;  corner: a film over the corner
+          of a box
+tube      0.8 m, 58 mm, five compartments folded to a zigzag, filled from a tank for 40 ms, steps of
+          2.5e-5 s; and alone, without contact, when layers pass through each other: the ratio of
+          the times is what contact costs; and controlled, with steps of at most 5e-5 s that aim at
+          nine iterations
+map       films of 0.1 m, 4 x 4 cells, at 2 m/s, d̂ 1 mm, h 1e-4 s, 3 ms; one number goes from
+          ordinary to extreme
 
-`deviation` is the largest relative error of contact time, velocities and mean stress, zero where no exact answer
-exists.  Every case must keep energy and momenta, and have no edge that intersects a triangle at its end; anything else
-is an error.  The picture is the map.
+`deviation` is the largest relative error of contact time, velocities and mean stress, zero where no
+exact answer exists.  Every case must keep energy and momenta, and have no edge that intersects a
+triangle at its end; anything else is an error.  The picture is the map.
 """
 
 from __future__ import annotations
@@ -64,7 +70,8 @@ ORDINARY = {
 def film(
     comm: MPI.Comm, n: int = 4, size: float = 0.1, name: str = "film", **given: Any
 ) -> gx.Membrane:
-    """A square film about `at` [m], turned about z by `turn` and about x by `tilt`, at a velocity and spin about z."""
+    """A square film about `at` [m], turned about z by `turn` and about x by `tilt`, at a velocity
+    and spin about z."""
     # What a film has if it is not given.
     motion = {
         "at": (0.0, 0.0, 0.0),
@@ -105,7 +112,8 @@ def zigzag(
     cell: float = 0.01,
     ridge: float = 2e-3,
 ) -> gx.Membrane:
-    """A strip folded along z, with random speeds of 1 m/s of its layers, and 0.3 m/s of its nodes."""
+    """A strip folded along z, with random speeds of 1 m/s of its layers, and 0.3 m/s of its
+    nodes."""
     # Stations along the flat strip [m]: the cells of each layer, then the ridge to the next one.
     x = np.concatenate([[0], np.cumsum(([cell] * cells + [ridge]) * layers)[:-1]])
     layer = np.repeat(np.arange(layers), cells + 1)
@@ -507,7 +515,8 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
     sound = abs(run.energy_error) < ENERGY and (change < MOMENTUM or not free) and penetrations == 0
     check(
         sound,
-        f"Case '{case}' has a wrong result without an error: energy {run.energy_error:.1e}, momenta {change:.1e}, "
+        f"Case '{case}' has a wrong result without an error: energy {run.energy_error:.1e}, "
+        f"momenta {change:.1e}, "
         f"{penetrations:.0f} penetrations.",
     )
     return {

@@ -1,8 +1,9 @@
-"""A strip folded along a crease in its middle and pulled at both ends: plates of order 2 against elastica and hinge.
+"""A strip folded along a crease in its middle and pulled at both ends: plates of order 2 against
+elastica and hinge.
 
-The exact solution is that of inextensible panels (an elastica each) and a linear rotational spring with a rest angle:
-the strip of `gossamer_fx.analysis.crease_identification` without own weight.  Wanted: 1 % of the distance and 0.7° of
-the angle with 8 cells a panel; with 16, a quarter of it.
+The exact solution is that of inextensible panels (an elastica each) and a linear rotational spring
+with a rest angle: the strip of `gossamer_fx.analysis.crease_identification` without own weight.
+Wanted: 1 % of the distance and 0.7° of the angle with 8 cells a panel; with 16, a quarter of it.
 """
 
 from __future__ import annotations

@@ -1,11 +1,13 @@
 """A closed tube under pressure: stretches of the wall away from the caps.
 
-StVK cylinder of radius r0 and wall t under the follower pressure p, q = p r0/(Et).  Its flat caps bulge and wrinkle;
-the wall away from them has
+StVK cylinder of radius r0 and wall t under the follower pressure p, q = p r0/(Et).  Its flat caps
+bulge and wrinkle; the wall away from them has
 
-    2 S_x λ_x = (p r0/t) λ_t²,   S_t = (p r0/t) λ_x,   E (λ_x² - 1)/2 = S_x - ν S_t,   E (λ_t² - 1)/2 = S_t - ν S_x.
+    2 S_x λ_x = (p r0/t) λ_t²,   S_t = (p r0/t) λ_x,   E (λ_x² - 1)/2 = S_x - ν S_t,   E (λ_t² -
+                                 1)/2 = S_t - ν S_x.
 
-The film starts unstressed and whole: nothing holds it, the equilibrium is unique but for rigid motions.
+The film starts unstressed and whole: nothing holds it, the equilibrium is unique but for rigid
+motions.
 """
 
 from __future__ import annotations
@@ -44,7 +46,8 @@ def exact(q: float) -> tuple[float, float]:
 
 
 def stretches(film: gx.Membrane, search: gx.Equilibrium) -> tuple[float, float]:
-    """(λ_x, λ_t) of the middle quarter of the wall: mean distance from its axis, and slope of x over X."""
+    """(λ_x, λ_t) of the middle quarter of the wall: mean distance from its axis, and slope of x
+    over X."""
     x = search.system.q0.array_r.reshape(-1, 3)
     X = film.space.tabulate_dof_coordinates()[: len(x)]
     # Away from the caps, which disturb the wall over a few radii.

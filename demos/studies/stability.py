@@ -1,7 +1,8 @@
-"""How far numbers can be from ordinary before a run fails, and whether it says so: a map of an inflating tube.
+"""How far numbers can be from ordinary before a run fails, and whether it says so: a map of an
+inflating tube.
 
-A flat tube with a payload on its tip is filled from a tank, 30 steps of h = 1e-4 s.  Each axis goes from ordinary to
-extreme, alone and with another one:
+A flat tube with a payload on its tip is filled from a tank, 30 steps of h = 1e-4 s.  Each axis goes
+from ordinary to extreme, alone and with another one:
 
     u           ratio of compressive to tensile stiffness of the film
     thickness   of the film [m]
@@ -11,9 +12,10 @@ extreme, alone and with another one:
     aspect      length of the triangles over their width
     dead        volume that the flat tube encloses at the start [m³]
 
-A cell of the map is completed; completed with rejected steps; or failed, and then its row holds the reason.  One that
-completed must have closed its balances: energy to 1e-9, gas to 1e-12, with positive volumes and pressures and finite
-coordinates.  A cell that completed without this has a wrong result, and the study ends with an error.
+A cell of the map is completed; completed with rejected steps; or failed, and then its row holds the
+reason.  One that completed must have closed its balances: energy to 1e-9, gas to 1e-12, with
+positive volumes and pressures and finite coordinates.  A cell that completed without this has a
+wrong result, and the study ends with an error.
 """
 
 from __future__ import annotations
@@ -132,7 +134,8 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
     )
     check(
         sound,
-        f"Cell '{case}' has a wrong result without an error: energy off by {errors[0]:.1e}, gas by {errors[1]:.1e}.",
+        f"Cell '{case}' has a wrong result without an error: energy off by {errors[0]:.1e}, gas by "
+        f"{errors[1]:.1e}.",
     )
     return {
         "iterations": run.iterations / run.step,
@@ -146,7 +149,8 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
 
 
 def draw(results: list[Result], path: Path) -> None:
-    """Draw the map: a row for each axis and pair, a square for each cell, with iterations and sub-steps."""
+    """Draw the map: a row for each axis and pair, a square for each cell, with iterations and
+    sub-steps."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -1,7 +1,7 @@
 """Which stress makes a film that wrinkles easy to move: rules of averaging on the spinning sheet.
 
-All of these conserve energy, momentum and angular momentum.  S(e) = ψ'(e), Δe = e1 - e0, and [·] the correction
-along Δe that makes S_mean·Δe = ψ(e1) - ψ(e0) exact:
+All of these conserve energy, momentum and angular momentum.  S(e) = ψ'(e), Δe = e1 - e0, and [·]
+the correction along Δe that makes S_mean·Δe = ψ(e1) - ψ(e0) exact:
 
     Gonzalez        S_mean = ψ'((e0 + e1)/2) + [·]            (J. Nonlinear Sci. 6 (1996) 449)
     points n        S_mean = n Gauss points of ∫₀¹ ψ'(e0 + s Δe) ds + [·]

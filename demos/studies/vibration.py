@@ -1,9 +1,12 @@
 """Small vibrations of tensioned and spinning films about the equilibria that are found first.
 
     square      N0 = 10 N/m, ρt = 0.028 kg/m², a = 2.1 m:   f = ½√(N0/ρt) √((m/a)² + (n/a)²)
-    circle      the same film, a = 1 m; a quarter, which has even numbers of nodal diameters:   f = j_mn/(2πa) √(N0/ρt)
-    hub         a disc that spins about a hub of a fifth of its radius, ρΩ²a²/E = 5e-5 (Eversman & Dodson, 1969)
-    free disc   the same without a hub (Lamb & Southwell, 1921):   (ω/Ω)² = [(n+2s)(n+2s+2)(3+ν) - n²(1+3ν)]/8
+    circle      the same film, a = 1 m; a quarter, which has even numbers of nodal diameters:   f =
+                j_mn/(2πa) √(N0/ρt)
+    hub         a disc that spins about a hub of a fifth of its radius, ρΩ²a²/E = 5e-5 (Eversman &
+                Dodson, 1969)
+    free disc   the same without a hub (Lamb & Southwell, 1921):   (ω/Ω)² = [(n+2s)(n+2s+2)(3+ν) -
+                n²(1+3ν)]/8
 
 Frequencies of spinning discs are those in their own frame.
 """

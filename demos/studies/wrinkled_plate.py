@@ -1,20 +1,23 @@
-"""A sheared film that wrinkles: as a plate, whose wrinkles are resolved, and as a tension field, for comparison.
+"""A sheared film that wrinkles: as a plate, whose wrinkles are resolved, and as a tension field,
+for comparison.
 
-Kapton, L × H = 380 × 128 mm, t = 25 µm; both long edges are clamped, and one is moved by δ = 3 mm along itself (Wong &
-Pellegrino, J. Mech. Mater. Struct. 1 (2006) 3, 27, 63).  With γ = δ/H their theory has
-wrinkles at 45° of length √2 H, and
+Kapton, L × H = 380 × 128 mm, t = 25 µm; both long edges are clamped, and one is moved by δ = 3 mm
+along itself (Wong & Pellegrino, J. Mech. Mater. Struct. 1 (2006) 3, 27, 63).  With γ = δ/H their
+theory has wrinkles at 45° of length √2 H, and
 
     half wavelength  λ = (πHt)^½ (3(1-ν²)γ)^(-¼) = 6.31 mm
     amplitude        a = (λ/π) (2(1-ν)γ)^½ = 0.361 mm
     number           L/(2√2 λ) = 21.3;  about 19 were counted
     force            E t L γ/4 (1 - c H/L), c near 1: the corners at the free ends are slack
 
-λ and a are measured on the middle line in the middle 40 % of the length, away from the fans at the ends; "counted" are
-the wrinkles of the whole line, fans included.  The cells of the plate are long along the wrinkles and short across:
-four across half a wrinkle.  With two the wrinkles come out 1.7 times as long, with three 1.5 times: cells that cannot
-follow a wrinkle without stretching resist it.  The plate starts from small wrinkles of the theory's length ("theory"),
-of 1.3 times that ("long"), or from waves of 0.02 mm in all directions ("noise").  From "long" it comes to 1.09 times
-the theory's length: 19.5 wrinkles, 1.22 times its amplitude, and an energy that is less by 3e-5 of itself.
+λ and a are measured on the middle line in the middle 40 % of the length, away from the fans at the
+ends; "counted" are the wrinkles of the whole line, fans included.  The cells of the plate are long
+along the wrinkles and short across: four across half a wrinkle.  With two the wrinkles come out 1.7
+times as long, with three 1.5 times: cells that cannot follow a wrinkle without stretching resist
+it.  The plate starts from small wrinkles of the theory's length ("theory"), of 1.3 times that
+("long"), or from waves of 0.02 mm in all directions ("noise").  From "long" it comes to 1.09 times
+the theory's length: 19.5 wrinkles, 1.22 times its amplitude, and an energy that is less by 3e-5 of
+itself.
 """
 
 from __future__ import annotations
@@ -91,7 +94,8 @@ def wrinkled(X: np.ndarray, scale: float) -> np.ndarray:
 
 
 def problem(comm: MPI.Comm, start: str, cells: int) -> dict[str, float]:
-    """A plate with `cells` to a centimetre along the sheet, as long as they lie along the wrinkles; and a film."""
+    """A plate with `cells` to a centimetre along the sheet, as long as they lie along the wrinkles;
+    and a film."""
     scale = STARTS[start]
     shape = noisy if scale is None else lambda X: wrinkled(X, scale)
     # The cells lean with the wrinkles, and are long along them.

@@ -48,22 +48,23 @@ class Beam(Curve):
 
         ε = ½(x'·x' - 1)   γ_i = x'·d_i   κ_i = x'·d_i'   τ = ½(d2'·d3 - d3'·d2)
 
-    less those of the mesh, to which an initial axial strain may be added; W = ½(EA ε² + GA_i γ_i² + EI_i κ_i² + GJ τ²)
-    per length; kinetic energy
-    ½∫(μ|ẋ|² + ρI_i |ḋ_i|²) dS.  The directors stay orthonormal at the nodes, by multipliers: imposed between nodes it
-    would lock.  See Simo, CMAME 49 (1985) 55, and Betsch & Steinmann, IJNME 54 (2002) 1775, for
-    beams in directors.
+    less those of the mesh, to which an initial axial strain may be added; W = ½(EA ε² + GA_i γ_i² +
+    EI_i κ_i² + GJ τ²) per length; kinetic energy ½∫(μ|ẋ|² + ρI_i |ḋ_i|²) dS.  The directors stay
+    orthonormal at the nodes, by multipliers: imposed between nodes it would lock.  See Simo, CMAME
+    49 (1985) 55, and Betsch & Steinmann, IJNME 54 (2002) 1775, for beams in directors.
 
     Args:
         mesh: line elements in space, straight or curved: the stress-free shape.
         section: stiffness and inertia, e.g. `tube(...)`.
         normal: direction of d2, made normal to the beam; it must not be along the beam.
         thermal: thermal expansion along the beam, with its temperature; default none.
-        initial_tension: axial force N0 [N] of the beam in the shape of its mesh, negative for compression: a number;
-            {group: number} of curves of the mesh, elsewhere none; or a function of points (3, n) that returns (n,).
+        initial_tension: axial force N0 [N] of the beam in the shape of its mesh, negative for
+            compression: a number; {group: number} of curves of the mesh, elsewhere none; or a
+            function of points (3, n) that returns (n,).
         initial_strain: axial strain in place of a force, given in the same way.
-        velocity: initial velocity [m/s], a function of the points (3, n) that returns (3, n); directors move with
-            the difference that it makes over their length, which is exact for rigid motions.  Default: at rest.
+        velocity: initial velocity [m/s], a function of the points (3, n) that returns (3, n);
+            directors move with the difference that it makes over their length, which is exact for
+            rigid motions.  Default: at rest.
         name: name in messages and output.
 
     Example:
@@ -117,7 +118,8 @@ class Beam(Curve):
         check_on_all(
             self.comm,
             bool((length > PARALLEL * np.linalg.norm(normal)).all()),
-            f"Beam '{self.name}': its normal {normal.tolist()} is along the beam somewhere; choose another direction.",
+            f"Beam '{self.name}': its normal {normal.tolist()} is along the beam somewhere; choose "
+            "another direction.",
         )
         d2 = d2 / length
         q = fem.Function(self.space)

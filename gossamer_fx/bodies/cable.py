@@ -67,7 +67,8 @@ class BarLaw:
 @check_arguments
 @dataclass(frozen=True)
 class CableLaw(BarLaw):
-    """St. Venant-Kirchhoff bar: W = ½ EA ε² per reference length, ε = ½(λ² - 1); its tension is N = EA ε λ.
+    """St. Venant-Kirchhoff bar: W = ½ EA ε² per reference length, ε = ½(λ² - 1); its tension is N =
+    EA ε λ.
 
     Args:
         EA: axial stiffness [N], positive.
@@ -127,26 +128,29 @@ class TensionOnly(CableLaw):
 class Cable(Curve):
     """A cable whose stress-free shape is the mesh, unless it is prestressed or shortened.
 
-    Kinetic energy ½∫μ|v|² dS, stored energy ∫W(ε + ε0) dS with the Green-Lagrange strain ε = ½(x'·x' - 1) and the
-    initial strain ε0; dS is the natural length and x' the derivative with respect to it.
+    Kinetic energy ½∫μ|v|² dS, stored energy ∫W(ε + ε0) dS with the Green-Lagrange strain ε =
+    ½(x'·x' - 1) and the initial strain ε0; dS is the natural length and x' the derivative with
+    respect to it.
 
     Args:
         mesh: line elements in space.
         law: `CableLaw`, `TensionOnly` or `TabulatedCable`.
         order: 1 (constant strain) or 2.
         thermal: thermal expansion, with the temperature of the cable; default none.
-        length_factor: natural length over that of the mesh; below 1 for a cable that is cut shorter than the line on
-            which it is mounted, e.g. a foreshortened tendon.
-        initial_tension: tension N0 [N] of the cable at its natural length, of a `CableLaw` or `TensionOnly`: a number;
-            {group: number} of curves of the mesh, elsewhere none; or a function of points (3, n) that returns (n,).
+        length_factor: natural length over that of the mesh; below 1 for a cable that is cut shorter
+            than the line on which it is mounted, e.g. a foreshortened tendon.
+        initial_tension: tension N0 [N] of the cable at its natural length, of a `CableLaw` or
+            `TensionOnly`: a number; {group: number} of curves of the mesh, elsewhere none; or a
+            function of points (3, n) that returns (n,).
         initial_strain: ε0 in place of a tension, given in the same way.
-        displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
+        displacement: initial displacement [m], a function of the points (3, n) that returns (3, n);
+            default none.
         velocity: initial velocity [m/s], given in the same way.
         name: name in messages and output.
 
     Raises:
-        InputError: a mesh, order or length_factor out of range, both initial tension and strain, an initial tension
-            with a law that does not say which strain has it.
+        InputError: a mesh, order or length_factor out of range, both initial tension and strain, an
+            initial tension with a law that does not say which strain has it.
 
     Example:
         >>> law = gx.CableLaw(1e4, 0.01)
@@ -187,7 +191,8 @@ class Cable(Curve):
             self._length_ratio = constant(self.mesh.domain, length_factor)
         check(
             initial_tension is None or isinstance(law, CableLaw),
-            f"'{name}': its initial_tension is given, but {type(law).__name__} does not say which strain has it; give "
+            f"'{name}': its initial_tension is given, but {type(law).__name__} does not say which "
+            "strain has it; give "
             "initial_strain.",
         )
         self._take_prestress(initial_tension, initial_strain)
@@ -195,7 +200,8 @@ class Cable(Curve):
         self._velocity = checked(velocity, f"Cable '{name}': its velocity", mesh.comm)
 
     def measure(self, x: Expr) -> Expr:
-        """Strain (ε,) of the law at the positions x: from the natural length, and the initial one."""
+        """Strain (ε,) of the law at the positions x: from the natural length, and the initial
+        one."""
         strain = bar_strain(x)[0]
         if self._length_ratio is not None:
             # x' with respect to the natural length is that of the mesh over the ratio of both.

@@ -57,8 +57,9 @@ def orthonormality(count: int) -> tuple[Array, Array, Array]:
 class RigidBody:
     """A rigid body: position x of its centre of mass and three directors, its axes d1, d2, d3.
 
-    Kinetic energy ½ m |ẋ|² + ½ Σ_ij E_ij ḋ_i·ḋ_j with Euler's tensor E = ½ tr(I) 1 - I (∫X Xᵀ dm in body axes); the
-    directors stay orthonormal by six multipliers (Betsch & Steinmann, IJNME 50 (2001) 1931).
+    Kinetic energy ½ m |ẋ|² + ½ Σ_ij E_ij ḋ_i·ḋ_j with Euler's tensor E = ½ tr(I) 1 - I (∫X Xᵀ dm in
+    body axes); the directors stay orthonormal by six multipliers (Betsch & Steinmann, IJNME 50
+    (2001) 1931).
 
     Args:
         mass: [kg].
@@ -69,8 +70,9 @@ class RigidBody:
         spin: angular velocity in *space* axes [rad/s].
 
     Raises:
-        InputError: mass or inertia not positive definite, an inertia that no body has, or an attitude that is no
-            rotation.  (A plate without thickness has a director without mass, which the constraints determine.)
+        InputError: mass or inertia not positive definite, an inertia that no body has, or an
+            attitude that is no rotation.  (A plate without thickness has a director without mass,
+            which the constraints determine.)
 
     Example:
         >>> top = gx.RigidBody(2.0, (0.1, 0.1, 0.2), spin=(0.0, 0.0, 3.0), comm=comm)
@@ -108,13 +110,15 @@ class RigidBody:
         )
         check(
             is_symmetric,
-            f"RigidBody '{name}': inertia is {tensor.tolist()} kg m²; give three numbers or a symmetric (3, 3).",
+            f"RigidBody '{name}': inertia is {tensor.tolist()} kg m²; give three numbers or a "
+            "symmetric (3, 3).",
         )
         self.euler_tensor = np.trace(tensor) / 2 * np.eye(3) - tensor
         principal = np.linalg.eigvalsh(tensor)
         check(
             bool(principal[0] > SINGULAR_INERTIA * principal[2]),
-            f"RigidBody '{name}': the inertia is singular, its principal values are {principal.tolist()} kg m²; give a "
+            f"RigidBody '{name}': the inertia is singular, its principal values are "
+            f"{principal.tolist()} kg m²; give a "
             "rod its thickness.",
         )
         # Euler's tensor has the eigenvalue (I1 + I2 - I3)/2 along the axis of the largest inertia
@@ -122,7 +126,8 @@ class RigidBody:
         excess = principal[0] + principal[1] - principal[2]
         check(
             bool(excess >= -INERTIA_TOLERANCE * principal[2]),
-            f"RigidBody '{name}': no body has the principal inertias {principal.tolist()} kg m²; the largest is at "
+            f"RigidBody '{name}': no body has the principal inertias {principal.tolist()} kg m²; "
+            "the largest is at "
             "most the sum of the two others.",
         )
         R = np.asarray(attitude, dtype=float)
@@ -133,7 +138,8 @@ class RigidBody:
         )
         check(
             is_rotation,
-            f"RigidBody '{name}': the attitude is not a rotation matrix; give orthonormal columns of determinant 1.",
+            f"RigidBody '{name}': the attitude is not a rotation matrix; give orthonormal columns "
+            "of determinant 1.",
         )
         self.mass = mass
         self.name = name

@@ -67,7 +67,8 @@ def patch(centre: Port, points: Sequence[Port]) -> Frame:
 
 
 class _SampledTorque(Couple):
-    """The torque of an `AttitudeControl` that is computed once a period and held constant in between.
+    """The torque of an `AttitudeControl` that is computed once a period and held constant in
+    between.
 
     Args:
         control: which computes the torque.
@@ -120,8 +121,9 @@ class _SampledTorque(Couple):
 class _ContinuousTorque(Couple):
     """The torque of an `AttitudeControl` that follows the motion within the step.
 
-    Angles are those at the middle of the step, rates are differences over it.  The damping then does the
-    work -K_d (Δα)²/h on each angle α: it dissipates at every frequency and for every step length h.
+    Angles are those at the middle of the step, rates are differences over it.  The damping then
+    does the work -K_d (Δα)²/h on each angle α: it dissipates at every frequency and for every step
+    length h.
 
     Args:
         control: which computes the torque.
@@ -144,7 +146,8 @@ class _ContinuousTorque(Couple):
         X: Array,
         V: Array,
     ) -> None:
-        """Start a step from the vectors X (3k,) and their rates V; its middle is `lag` seconds later."""
+        """Start a step from the vectors X (3k,) and their rates V; its middle is `lag` seconds
+        later."""
         self._h = 2 * lag
         self._X0 = X
         self._has_begun = True
@@ -159,7 +162,8 @@ class _ContinuousTorque(Couple):
         return super().force(X)
 
     def tangent(self, X: Array) -> Array:
-        """Derivatives (3k, 3k) of the forces with respect to X; gradients of runs need all of them."""
+        """Derivatives (3k, 3k) of the forces with respect to X; gradients of runs need all of
+        them."""
         # The pattern of the tangent is made before the first step, without vectors.
         if not self._has_begun:
             return np.zeros((X.size, X.size))
@@ -182,7 +186,8 @@ class _ContinuousTorque(Couple):
         return super().tangent(X) + self._forces_of_torque(X) @ change_of_torque
 
     def _torques(self, X: Array) -> tuple[Array, Array]:
-        """Torques (3,) [N m] about the axes of the angles, and the rates (3,) [rad/s] of the angles."""
+        """Torques (3,) [N m] about the axes of the angles, and the rates (3,) [rad/s] of the
+        angles."""
         control = self._control
         middle = control.angles_of(X, self._reference)
         before = control.angles_of(self._X0, self._reference)
@@ -239,13 +244,13 @@ def _three_by_three(axes: object) -> Array:
 class AttitudeControl:
     """Proportional-derivative torque on a body whose attitude is that of its position gradient.
 
-    The position gradient F at the frame is decomposed, F = R U, and R into Euler angles relative to the
-    start, R = R_w(γ) R_v(β) R_u(θ).  About the axis of each angle α acts the torque
+    The position gradient F at the frame is decomposed, F = R U, and R into Euler angles relative to
+    the start, R = R_w(γ) R_v(β) R_u(θ).  About the axis of each angle α acts the torque
 
         T = K_p (target - α) - K_d dα/dt,                                                     (1)
 
-    with target - α between -π and π (the shorter way).  It acts on the frame's vectors, and its work
-    counts as supplied.
+    with target - α between -π and π (the shorter way).  It acts on the frame's vectors, and its
+    work counts as supplied.
 
     Args:
         frame: of a rigid body, a beam's section, or a `patch` of a film.
@@ -253,8 +258,8 @@ class AttitudeControl:
         stiffness: K_p [N m/rad], one number or three.
         damping: K_d [N m s/rad], one number or three.
         axes: rotation matrix whose columns are u, v, w in space at the start.
-        period: time for which a sampled torque is held [s]; 0 lets it follow the motion also within a
-            step.
+        period: time for which a sampled torque is held [s]; 0 lets it follow the motion also within
+            a step.
         name: for messages.
 
     Attributes:
@@ -289,7 +294,8 @@ class AttitudeControl:
         """Check the arguments, which the class describes; one gain stands for all three angles."""
         check(
             len(frame.directors) >= 2,
-            f"'{name}' acts on something without position gradient; give the frame of a rigid body or beam, or a patch "
+            f"'{name}' acts on something without position gradient; give the frame of a rigid body "
+            "or beam, or a patch "
             "of a film.",
         )
         check(
@@ -304,14 +310,16 @@ class AttitudeControl:
         self.damping = np.broadcast_to(np.asarray(damping, dtype=float), 3)
         check(
             bool((self.stiffness >= 0).all() and (self.damping >= 0).all()),
-            f"'{name}': gains {self.stiffness.tolist()} N m/rad and {self.damping.tolist()} N m s/rad; none may be "
+            f"'{name}': gains {self.stiffness.tolist()} N m/rad and {self.damping.tolist()} N m "
+            "s/rad; none may be "
             "negative.",
         )
         self.axes = _three_by_three(axes)
         is_orthonormal = np.allclose(self.axes.T @ self.axes, np.eye(3), atol=ORTHONORMALITY)
         check(
             bool(is_orthonormal and np.linalg.det(self.axes) > 0),
-            f"'{name}': its axes are not right-handed and orthonormal; give a rotation matrix with columns u, v, w.",
+            f"'{name}': its axes are not right-handed and orthonormal; give a rotation matrix with "
+            "columns u, v, w.",
         )
         self.angles: Array = np.zeros(3)
         self.torques: Array = np.zeros(3)
@@ -343,12 +351,14 @@ class AttitudeControl:
         singular_values = np.linalg.svd(vectors)[1]
         check(
             bool(singular_values[1] > PARALLEL),
-            f"'{self.name}': the vectors of its frame are parallel, which leaves a rotation open; give others.",
+            f"'{self.name}': the vectors of its frame are parallel, which leaves a rotation open; "
+            "give others.",
         )
         return vectors
 
     def angles_of(self, X: Array, reference: Array) -> Array:
-        """(θ, β, γ) [rad] of the frame's stacked vectors X (3k,), relative to the reference (k, 3)."""
+        """(θ, β, γ) [rad] of the frame's stacked vectors X (3k,), relative to the reference (k,
+        3)."""
         R = rotation(position_gradient(X.reshape(-1, 3), reference))
         return euler_angles(self.axes.T @ R @ self.axes)
 
@@ -382,7 +392,8 @@ class AttitudeControl:
         return self.in_space(self.angles, self.torques)
 
     def law(self, angles: Array, rates: Array) -> Array:
-        """Torques (1) about the axes of the three angles [N m], for angles [rad] and rates [rad/s]."""
+        """Torques (1) about the axes of the three angles [N m], for angles [rad] and rates
+        [rad/s]."""
         torques: Array = self.stiffness * wrapped(self.target - angles) - self.damping * rates
         return torques
 

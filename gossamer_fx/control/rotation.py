@@ -14,8 +14,8 @@ FLATNESS = 1e-9
 def position_gradient(vectors: Array, reference: Array) -> Array:
     """F (3, 3) such that F maps the reference vectors to the present ones, in least squares.
 
-    Vectors that lie in a plane determine F in that plane only; F then maps the normal of the reference
-    plane to the unit normal of the present one.
+    Vectors that lie in a plane determine F in that plane only; F then maps the normal of the
+    reference plane to the unit normal of the present one.
 
     Args:
         vectors: attached vectors now, (k, 3).
@@ -41,7 +41,8 @@ def position_gradient(vectors: Array, reference: Array) -> Array:
 
 
 def position_gradient_derivative(vectors: Array, reference: Array) -> Array:
-    """Derivatives (3, 3, 3k) of `position_gradient` with respect to the present vectors (k, 3), flattened."""
+    """Derivatives (3, 3, 3k) of `position_gradient` with respect to the present vectors (k, 3),
+    flattened."""
     moments = reference.T @ reference
     decomposition = np.linalg.eigh(moments)
     eigenvalues = decomposition.eigenvalues
@@ -69,7 +70,8 @@ def position_gradient_derivative(vectors: Array, reference: Array) -> Array:
 
 
 def _derivative_of_product(weights: Array) -> Array:
-    """Derivatives (3, b, 3k) of vectorsᵀ weights, weights (k, b), with respect to the vectors (k, 3), flattened."""
+    """Derivatives (3, b, 3k) of vectorsᵀ weights, weights (k, b), with respect to the vectors (k,
+    3), flattened."""
     k, columns = weights.shape
     blocks = np.einsum("ic,kb->ibkc", np.eye(3), weights)
     return np.asarray(blocks.reshape(3, columns, 3 * k))
@@ -90,7 +92,8 @@ def rotation_derivative(F: Array, of_F: Array) -> Array:
 
 
 def rotation(F: Array) -> Array:
-    """R (3, 3) of the polar decomposition F = R U, U symmetric and positive definite, for det F > 0."""
+    """R (3, 3) of the polar decomposition F = R U, U symmetric and positive definite, for det F >
+    0."""
     U, _, Vt = np.linalg.svd(F)
     R: Array = U @ Vt
     return R

@@ -79,7 +79,8 @@ class ForceInTime:
         X: Array,
         V: Array,
     ) -> None:
-        """Ask the user's function for the force of a step from t [s], which acts `lag` [s] later."""
+        """Ask the user's function for the force of a step from t [s], which acts `lag` [s]
+        later."""
         # Once a step: the user's function is asked on rank 0 only, which costs a broadcast.
         self._now = at_time(self._comm, self._name, self._value, t + lag)
 
@@ -113,13 +114,14 @@ def at_time(
 
 
 class Couple:
-    """A torque T on attached vectors r_i (directors, or arms between points): forces f_i = F × r_i with
+    """A torque T on attached vectors r_i (directors, or arms between points): forces f_i = F × r_i
+    with
 
         (tr S 1 - S) F = T,    S = Σ r_i r_iᵀ
 
-    Then Σ r_i × f_i = T whatever the lengths and angles of the vectors, so the angular momentum grows by exactly hT
-    also at the middle of a step, where directors are shorter than 1.  One vector alone takes the torque across it,
-    f = T × r/|r|².
+    Then Σ r_i × f_i = T whatever the lengths and angles of the vectors, so the angular momentum
+    grows by exactly hT also at the middle of a step, where directors are shorter than 1.  One
+    vector alone takes the torque across it, f = T × r/|r|².
     """
 
     depends_on_position_only = True
@@ -177,7 +179,8 @@ class ConstantTorque(Couple):
 
 
 class TorqueInTime(Couple):
-    """Torque (3,) in space axes as a function of time, taken where forces act, e.g. at the middle of the step."""
+    """Torque (3,) in space axes as a function of time, taken where forces act, e.g. at the middle
+    of the step."""
 
     def __init__(self, comm: MPI.Intracomm, name: str, value: History) -> None:
         super().__init__()
@@ -192,7 +195,8 @@ class TorqueInTime(Couple):
         X: Array,
         V: Array,
     ) -> None:
-        """Ask the user's function for the torque of a step from t [s], which acts `lag` [s] later."""
+        """Ask the user's function for the torque of a step from t [s], which acts `lag` [s]
+        later."""
         self.torque = at_time(self._comm, self._name, self._value, t + lag)
 
 
@@ -244,8 +248,8 @@ class Torque:
     """A torque on a rigid body, a beam's section or a `RigidRegion`; its work counts as supplied.
 
     Args:
-        frame: what it turns, e.g. `body.frame()`, or the line of a straight region, on which the torque
-            across it acts.
+        frame: what it turns, e.g. `body.frame()`, or the line of a straight region, on which the
+            torque across it acts.
         torque: [N m] in space axes, three numbers or a function of time [s] that returns them.
         name: name in messages and output.
 

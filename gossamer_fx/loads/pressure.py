@@ -39,7 +39,8 @@ class Pressure:
         'pressure'
     """
 
-    # Suction is a negative pressure.  1e9 Pa tears any film: a value beyond it is one in a wrong unit.
+    # Suction is a negative pressure.  1e9 Pa tears any film: a value beyond it is one in a wrong
+    # unit.
     USUAL: ClassVar = {"pressure": (-1e9, 1e9, "Pa")}
 
     body: Membrane
@@ -51,7 +52,8 @@ class Pressure:
         """Check the arguments."""
         check(
             callable(self.pressure) or math.isfinite(self.pressure),
-            f"Pressure '{self.name}': pressure is {self.pressure!r} Pa; give a finite number or a function of time.",
+            f"Pressure '{self.name}': pressure is {self.pressure!r} Pa; give a finite number or a "
+            "function of time.",
         )
 
     def requires(self) -> Iterable[Any]:

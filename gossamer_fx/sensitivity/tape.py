@@ -1,14 +1,15 @@
 """The tape of a run: states between its steps, from which each step can be made again.
 
-A tape with room for all states keeps them all.  When they need more than the memory that it may take,
-every second one is dropped, again and again, so that the states that stay are evenly spaced:
-checkpoints.  The number of steps of a run is not known before its end, for which optimal schedules such
-as Revolve ask.  The backward pass makes the dropped states again, by steps from the checkpoint before:
+A tape with room for all states keeps them all.  When they need more than the memory that it may
+take, every second one is dropped, again and again, so that the states that stay are evenly spaced:
+checkpoints.  The number of steps of a run is not known before its end, for which optimal schedules
+such as Revolve ask.  The backward pass makes the dropped states again, by steps from the checkpoint
+before:
 
     with room for m states, one further pass forwards serves m²/4 steps, two serve some m³/27 steps.
 
-Steps that are made again agree with those of the run to the tolerance of Newton's method.  Source of
-the levels: A. Griewank & A. Walther, Evaluating Derivatives, 2nd ed., SIAM 2008, chapter 12.
+Steps that are made again agree with those of the run to the tolerance of Newton's method.  Source
+of the levels: A. Griewank & A. Walther, Evaluating Derivatives, 2nd ed., SIAM 2008, chapter 12.
 """
 
 from __future__ import annotations
@@ -89,11 +90,11 @@ class Node:
 class RunTape:
     """Records the steps of a run from now on, for `gx.analysis.gradient`.
 
-    It keeps coordinates and velocities of every accepted step, 16 bytes for each unknown and step, and
-    what history variables and pairs of contact need.  Factors are not kept: the
-    backward pass computes them again.  When the states need more than `memory`, only evenly spaced ones
-    stay, and the backward pass makes the others again.  Steps that were undone, because of an event or
-    a step control, leave the tape.
+    It keeps coordinates and velocities of every accepted step, 16 bytes for each unknown and step,
+    and what history variables and pairs of contact need.  Factors are not kept: the backward pass
+    computes them again.  When the states need more than `memory`, only evenly spaced ones stay, and
+    the backward pass makes the others again.  Steps that were undone, because of an event or a step
+    control, leave the tape.
 
     Args:
         run: a `Simulation` with `Midpoint` steps.
@@ -119,7 +120,8 @@ class RunTape:
         stepper = run.stepper
         check(
             isinstance(stepper, Midpoint) and isinstance(stepper.rule, PathAverage),
-            f"RunTape: the run makes steps of {stepper!r}, which are not the same backwards; use Midpoint(dt=...).",
+            f"RunTape: the run makes steps of {stepper!r}, which are not the same backwards; use "
+            "Midpoint(dt=...).",
         )
         check(memory > 0, f"RunTape: memory is {memory!r} bytes; give a positive number.")
         self.system = run.system
@@ -132,7 +134,8 @@ class RunTape:
         check_on_all(
             self.system.comm,
             FEWEST_STATES * first.bytes <= memory,
-            f"RunTape: memory is {memory:.3g} bytes; four states need {FEWEST_STATES * first.bytes} bytes on a rank.",
+            f"RunTape: memory is {memory:.3g} bytes; four states need "
+            f"{FEWEST_STATES * first.bytes} bytes on a rank.",
         )
         self.nodes: list[Node] = [first]
         # Lengths and ends [s] of all steps, of which the first entries stand for the first node.
@@ -155,7 +158,7 @@ class RunTape:
         """Number of recorded steps, whether their states are kept or not."""
         return len(self._lengths) - 1
 
-    # ---- states ------------------------------------------------------------------------------------
+    # ---- states ----------------------------------------------------------------------------------
 
     def restore(self, node: Node) -> None:
         """Make a recorded state that of the system.  Collective."""
@@ -210,14 +213,15 @@ class RunTape:
         return bool(self.system.comm.allreduce(self.bytes > memory, op=MPI.LOR))
 
     def _thin_out(self, memory: float) -> None:
-        """Drop every second state until the rest needs no more memory [bytes]; both ends stay.  Collective."""
+        """Drop every second state until the rest needs no more memory [bytes]; both ends stay.
+        Collective."""
         last = self.nodes[-1]
         while len(self.nodes) > 2 and self._is_over(memory):
             self.stride *= 2
             self.nodes = [node for node in self.nodes[:-1] if node.index % self.stride == 0]
             self.nodes.append(last)
 
-    # ---- steps that are made again -----------------------------------------------------------------
+    # ---- steps that are made again ---------------------------------------------------------------
 
     def forwards(self) -> Iterator[Node]:
         """All states in the order of time.  The system may be changed in between.  Collective."""
@@ -251,7 +255,8 @@ class RunTape:
         return max(fewest, 1)
 
     def _between(self, first: Node, end: Node, last: int, free: int) -> Iterator[tuple[Node, Node]]:
-        """Steps from `first` to `end`, last step first, as far as they are among the first `last` ones.
+        """Steps from `first` to `end`, last step first, as far as they are among the first `last`
+        ones.
 
         Args:
             first, end: states that are known.
@@ -277,7 +282,8 @@ class RunTape:
             known.pop()
 
     def _advance(self, node: Node, index: int) -> Node:
-        """Make the recorded steps from a state to the one with a number; returns that one.  Collective.
+        """Make the recorded steps from a state to the one with a number; returns that one.
+        Collective.
 
         Raises:
             StepFailure: a step of the run cannot be made again.
@@ -297,7 +303,8 @@ class RunTape:
                     self._solver.step(self._lengths[k])
                 except NotConverged as problem:
                     raise StepFailure(
-                        f"gradient: the step to t = {self._times[k]:.9g} s cannot be made again, {problem}; give the "
+                        f"gradient: the step to t = {self._times[k]:.9g} s cannot be made again, "
+                        f"{problem}; give the "
                         "tape more memory."
                     ) from problem
                 system.time = self._times[k]

@@ -7,8 +7,9 @@ from petsc4py import PETSc
 from gossamer_fx.checks.errors import InputError
 from gossamer_fx.solvers import factorisation
 
-# Relative residual above which a solution is refined, once.  That brings the solution of an ill-conditioned
-# tangent, as a stiff film has, from 1e-9 to the round-off of its residual; it costs a tenth of a step.
+# Relative residual above which a solution is refined, once.  That brings the solution of an
+# ill-conditioned tangent, as a stiff film has, from 1e-9 to the round-off of its residual; it costs
+# a tenth of a step.
 MAX_RESIDUAL = 1e-13
 
 
@@ -20,7 +21,8 @@ class TransposedSolver:
     """
 
     def __init__(self, A: PETSc.Mat) -> None:
-        # A scene of gas between rigid walls has no coordinates, and MUMPS factorises no empty matrix.
+        # A scene of gas between rigid walls has no coordinates, and MUMPS factorises no empty
+        # matrix.
         self._is_empty = A.getSize()[0] == 0
         self._pc = PETSc.PC().create(A.comm)
         self._pc.setOperators(A)
@@ -41,7 +43,8 @@ class TransposedSolver:
         problem = factorisation.set_up(self._pc)
         if problem:
             raise InputError(
-                f"gradient: the tangent cannot be factorised, {problem}; hold the rigid motions of the scene, or give "
+                f"gradient: the tangent cannot be factorised, {problem}; hold the rigid motions of "
+                "the scene, or give "
                 "slack film a residual stiffness."
             )
 

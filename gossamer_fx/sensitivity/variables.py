@@ -1,4 +1,5 @@
-"""The variables of a gradient: parameters of a compiled scene, found by name, read, changed and derived by.
+"""The variables of a gradient: parameters of a compiled scene, found by name, read, changed and
+derived by.
 
 With the adjoint vector μ the derivative of a result J by a parameter θ is
 
@@ -41,7 +42,8 @@ VELOCITY = "velocity"
 
 
 class AdjointFields:
-    """An adjoint vector μ as functions on the meshes of bodies, which the derivatives of forms read.
+    """An adjoint vector μ as functions on the meshes of bodies, which the derivatives of forms
+    read.
 
     Attributes:
         of: the function of each body on a mesh.
@@ -155,7 +157,8 @@ class FormVariable(Variable):
         self._inertia: list[FormDerivative] | None = None
 
     def get(self) -> Array:
-        """Present values (k,) of the constant, of the function on this rank, or of the nodes of the mesh."""
+        """Present values (k,) of the constant, of the function on this rank, or of the nodes of the
+        mesh."""
         first = self.coefficients[0]
         if isinstance(first, MeshNodes):
             return first.get()
@@ -182,7 +185,8 @@ class FormVariable(Variable):
             self.sum -= self.inertia_derivative()
 
     def inertia_derivative(self) -> Array:
-        """∂(μ·M z)/∂θ (k,) of the vectors that the adjoint fields have; compiled at the first use."""
+        """∂(μ·M z)/∂θ (k,) of the vectors that the adjoint fields have; compiled at the first
+        use."""
         if self._inertia is None:
             masses = self._adjoint.inertia_forms()
             self._inertia = [FormDerivative(masses, one) for one in self.coefficients]
@@ -335,7 +339,7 @@ def _function(space: fem.FunctionSpace, values: Array) -> fem.Function:
     return function
 
 
-# ---- by name -------------------------------------------------------------------------------------------
+# ---- by name -------------------------------------------------------------------------------------
 
 
 def find_variables(
@@ -349,8 +353,8 @@ def find_variables(
     """The variables of a scene with these names; `scalars` are the adjoints of its scalar unknowns.
 
     Raises:
-        InputError: a name that the scene has not, with those that it has; a part of the scene without a
-            gradient.
+        InputError: a name that the scene has not, with those that it has; a part of the scene
+            without a gradient.
     """
     check(
         bool(names) and not isinstance(names, str),
@@ -374,7 +378,8 @@ def refuse_unknown_kinds(system: System) -> None:
         words = ""
         if not is_known:
             words = (
-                f"'{_brought_by(system, kind)}' has no gradient, as the derivatives of its forces are not known; "
+                f"'{_brought_by(system, kind)}' has no gradient, as the derivatives of its forces "
+                "are not known; "
                 "leave it out of the scene"
             )
         elif isinstance(kind, roles.GradientLimits):
@@ -398,7 +403,8 @@ def _find(
     in_time: bool,
     scalars: Sequence[ScalarsAdjoint],
 ) -> Variable:
-    """The variable of a parameter that is named 'item.parameter'; refuses unknown items and parameters."""
+    """The variable of a parameter that is named 'item.parameter'; refuses unknown items and
+    parameters."""
     check(
         isinstance(name, str) and "." in name,
         f"gradient: by has {name!r}; give 'item.parameter', e.g. 'film.thickness'.",
@@ -409,7 +415,8 @@ def _find(
     check(bool(items), f"gradient: the scene has no item '{item_name}'; its items are: {known}.")
     check(
         len(items) == 1,
-        f"gradient: {len(items)} items of the scene are called '{item_name}'; give them different names.",
+        f"gradient: {len(items)} items of the scene are called '{item_name}'; give them different "
+        "names.",
     )
     item: Any = items[0]
     if what == SHAPE and _has_shape(item):
@@ -429,7 +436,8 @@ def _find(
     ]
     check(
         bool(found),
-        f"gradient: '{item_name}' has no parameter '{what}' that results can be derived by; it has: "
+        f"gradient: '{item_name}' has no parameter '{what}' that results can be derived by; it "
+        "has: "
         f"{', '.join(_names_of(system, item, in_time, scalars)) or 'none'}.",
     )
     unit = found[0][1].unit
@@ -485,7 +493,8 @@ def _shape(system: System, name: str, body: MeshBody, adjoint: AdjointFields) ->
         is_form = isinstance(kind, roles.ResidualForms)
         if not (is_form or isinstance(kind, roles.Mass | roles.IndependentOfShape)):
             raise InputError(
-                f"gradient: '{_brought_by(system, kind)}' is measured on the mesh when the scene is made, so that "
+                f"gradient: '{_brought_by(system, kind)}' is measured on the mesh when the scene "
+                "is made, so that "
                 f"there is no derivative by '{name}'; leave it out of the scene."
             )
     return FormVariable(name, "m", [MeshNodes(body.space.mesh)], adjoint)

@@ -29,8 +29,8 @@ BETTER = {"smaller": "smaller", "larger": "larger", "nominal": "alike"}
 def run_design(design: RobustDesign, comm: MPI.Intracomm, folder: Path) -> str:
     """Make the runs of a design that its folder lacks, then those that confirm it.
 
-    Writes runs.csv, sweep.md and main_effects.png.  Processes that run the same design in the same folder
-    share the runs.
+    Writes runs.csv, sweep.md and main_effects.png.  Processes that run the same design in the same
+    folder share the runs.
 
     Args:
         design: what to run.

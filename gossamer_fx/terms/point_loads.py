@@ -1,4 +1,5 @@
-"""Loads on points and directors of bodies: known on every rank, entered by the one that owns the first port."""
+"""Loads on points and directors of bodies: known on every rank, entered by the one that owns the
+first port."""
 
 from __future__ import annotations
 
@@ -37,7 +38,8 @@ class PointForce(Protocol):
         X: Array,
         V: Array,
     ) -> None:
-        """Start a step at time t from the vectors X (3k,) and their rates V; forces act `lag` seconds later."""
+        """Start a step at time t from the vectors X (3k,) and their rates V; forces act `lag`
+        seconds later."""
         ...
 
     def force(self, X: Array) -> Array:
@@ -90,7 +92,8 @@ class PointLoads(
     IndependentOfShape,
     CompiledTerms["PointLoad"],
 ):
-    """All `PointLoad` terms of a scene: force f(X_mid) on attached vectors X = P q + o, work f·(X1 - X0)."""
+    """All `PointLoad` terms of a scene: force f(X_mid) on attached vectors X = P q + o, work f·(X1
+    - X0)."""
 
     def __init__(self, terms: Sequence[PointLoad], system: Assembly) -> None:
         """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
@@ -143,7 +146,7 @@ class PointLoads(
                 indices = self._indices[k]
                 A.setValues(indices, indices, K, addv=PETSc.InsertMode.ADD_VALUES)
 
-    # ---- sensitivities ---------------------------------------------------------------------------------
+    # ---- sensitivities ---------------------------------------------------------------------------
 
     def get_number(self, term: PointLoad, key: str) -> Array:
         return np.array(self._with_numbers(term).get_number(key), dtype=float)
@@ -177,7 +180,10 @@ class PointLoads(
         """
         for term in self._terms:
             if not _is_of_position(term.law):
-                return f"'{term.name}' depends on more than positions and time; leave it out of the scene"
+                return (
+                    f"'{term.name}' depends on more than positions and time; leave it out of the "
+                    "scene"
+                )
         return ""
 
     def supplied(self) -> float:

@@ -10,8 +10,8 @@ import gossamer_fx as gx
 from gossamer_fx.presets.gases import NITROGEN
 from tests.conservation.test_gradients_in_time import SOLVED, colliding, roped, taut
 
-# Relative difference of gradients: steps that are made again agree to the tolerance of Newton's method,
-# which films amplify a little.
+# Relative difference of gradients: steps that are made again agree to the tolerance of Newton's
+# method, which films amplify a little.
 AGREEMENT = 1e-9
 
 
@@ -36,8 +36,8 @@ def recorded(
 @pytest.mark.parametrize(
     ("make", "name", "room"),
     [
-        # Room for as many states as one further pass forwards needs, and for so few that states are made
-        # again in several levels.
+        # Room for as many states as one further pass forwards needs, and for so few that states are
+        # made again in several levels.
         (taut, "film.initial_velocity", 12),
         (taut, "film.initial_velocity", 4),
         (roped, "a.initial_velocity", 5),

@@ -1,4 +1,5 @@
-"""Gradients through conserving steps: energy taken back to the start, remainders, products of both modes."""
+"""Gradients through conserving steps: energy taken back to the start, remainders, products of both
+modes."""
 
 from __future__ import annotations
 
@@ -174,10 +175,11 @@ def recorded(scene: gx.Scene, h: float, steps: int) -> tuple[gx.Simulation, gx.a
     ids=lambda make: make.__name__,
 )
 def test_the_gradient_of_the_last_energy_is_that_of_the_first(comm, make):
-    """Energy is conserved from every start, so E(T) and E(0) are one function of the start: dE/dv0 = M v0.
+    """Energy is conserved from every start, so E(T) and E(0) are one function of the start: dE/dv0
+    = M v0.
 
-    Directors and points of joints move on a manifold only; there the gradient is compared along motions
-    that the constraints allow, of which the start is one.
+    Directors and points of joints move on a manifold only; there the gradient is compared along
+    motions that the constraints allow, of which the start is one.
     """
     run, tape = recorded(*make(comm))
     system = run.system
@@ -215,7 +217,8 @@ def test_the_gradient_of_the_last_energy_is_that_of_the_first(comm, make):
     ids=lambda make: make.__name__,
 )
 def test_products_of_adjoint_and_tangent_linear_step(comm, make):
-    """μ-products of one step: (a, b)·T(δq0, δv0) = Tᵀ(a, b)·(δq0, δv0) to round-off, T by forward solves."""
+    """μ-products of one step: (a, b)·T(δq0, δv0) = Tᵀ(a, b)·(δq0, δv0) to round-off, T by forward
+    solves."""
     run, tape = recorded(*make(comm))
     system = run.system
     steps = TransientGradients(tape, [f"{system.bodies[0].name}.initial_velocity"]).steps
@@ -273,11 +276,12 @@ def _random(vector: PETSc.Vec, seed: int) -> PETSc.Vec:
     return vector
 
 
-# ---- parameters ------------------------------------------------------------------------------------------
+# ---- parameters ----------------------------------------------------------------------------------
 
 
 def steered(comm):
-    """A rigid body that torques turn to an attitude; a spring pulls at a point next to its centre."""
+    """A rigid body that torques turn to an attitude; a spring pulls at a point next to its
+    centre."""
     hub = gx.RigidBody(1.0, (0.6, 1.1, 1.5), name="a", spin=(0.3, -0.5, 1.0), comm=comm)
     control = gx.control.AttitudeControl(
         hub.frame(),
@@ -416,7 +420,8 @@ PARAMETERS = {
     colliding: ["film.E", "film.thickness", "film.initial_velocity"],
 }
 CASES = [(make, name) for make, names in PARAMETERS.items() for name in names]
-# On several ranks, one of each kind: a field, the shape, a number of points, a start, with contact and joints.
+# On several ranks, one of each kind: a field, the shape, a number of points, a start, with contact
+# and joints.
 CASES_ON_RANKS = [
     (damped, "film.shape"),
     (roped, "rope.length"),
@@ -435,7 +440,8 @@ CASES = [
 
 @pytest.mark.mpi
 def test_steps_of_controlled_length_are_frozen(comm):
-    """The gradient is that of the steps that were made, whatever their lengths: E(T) is still E(0)."""
+    """The gradient is that of the steps that were made, whatever their lengths: E(T) is still
+    E(0)."""
     scene, h, steps = taut(comm)
     control = gx.StepControl(target_iterations=3, error=1e-7, max_factor=1.5)
     run = gx.Simulation(scene, gx.Midpoint(dt=h, tolerances=SOLVED), control=control)
@@ -498,7 +504,8 @@ def change_of(variable: Variable, run: gx.Simulation) -> np.ndarray:
     return size * np.column_stack(components).ravel()
 
 
-# Relative changes of the remainders: of the shape, whose strains are large, and of what touches, smaller ones.
+# Relative changes of the remainders: of the shape, whose strains are large, and of what touches,
+# smaller ones.
 SIZES = {
     "film.shape": 1e-5,
     "film.initial_position": 2e-6,
@@ -562,7 +569,8 @@ def test_remainders_are_of_second_order(comm, make, name):
     # A result that is linear in the parameter leaves round-off only.
     if max(map(abs, remainders)) < 1e-11 * max(linear, abs(found.value)):
         return
-    # Where film changes its state the second derivative jumps, which makes the order a little uneven.
+    # Where film changes its state the second derivative jumps, which makes the order a little
+    # uneven.
     assert 1.9 < observed_order(sizes, remainders) < 2.6, (slope, remainders)
 
 
@@ -572,7 +580,7 @@ def _scattered(system, body, values: np.ndarray) -> np.ndarray:
     return found
 
 
-# ---- what a tape refuses, and what it drops --------------------------------------------------------------
+# ---- what a tape refuses, and what it drops ------------------------------------------------------
 
 
 def test_friction_and_derived_stiffness_are_refused(comm):

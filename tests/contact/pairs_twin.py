@@ -44,7 +44,8 @@ def weights(u: float, v: float) -> np.ndarray:
 
 
 def closest_parameters(e: np.ndarray, is_edges: bool) -> np.ndarray:
-    """Return the (u, v) of the least φ·e over the triangle or square: interior, sides and corners."""
+    """Return the (u, v) of the least φ·e over the triangle or square: interior, sides and
+    corners."""
     _, ra, rb, aa, ab, bb = e
     F = np.array([[aa, ab], [ab, bb]])
     g = np.array([ra, rb])
@@ -75,7 +76,8 @@ def closest_parameters(e: np.ndarray, is_edges: bool) -> np.ndarray:
 
 
 class PairTwin:
-    """One pair in one step: its distance as a function of e, r moved to the closest points of x0."""
+    """One pair in one step: its distance as a function of e, r moved to the closest points of
+    x0."""
 
     def __init__(
         self,

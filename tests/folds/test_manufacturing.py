@@ -1,4 +1,5 @@
-"""Manufacturing errors of a folded tube move its folds, turn its panels and change its sizes as they say."""
+"""Manufacturing errors of a folded tube move its folds, turn its panels and change its sizes as
+they say."""
 
 from __future__ import annotations
 
@@ -54,7 +55,8 @@ def test_folds_are_shifted_and_panels_are_turned_by_the_errors_so_far() -> None:
     lengths = np.linalg.norm(panels, axis=1)
     assert lengths == pytest.approx(np.diff(ends), rel=1e-12)
     slopes = np.arctan2(panels[:, 2], panels[:, 0])
-    # The first fold turns the second panel down by 2 ANGLE and its error; the second one turns the third panel up.
+    # The first fold turns the second panel down by 2 ANGLE and its error; the second one turns the
+    # third panel up.
     expected = [ANGLE, -ANGLE - ERRORS[0], ANGLE - ERRORS[0] + ERRORS[1]]
     assert slopes == pytest.approx(expected, abs=1e-12)
 
@@ -123,7 +125,8 @@ def test_errors_that_cannot_be_are_refused() -> None:
 @pytest.mark.mpi
 @pytest.mark.parametrize(("pressure", "tolerance"), [(7e3, 0.04), (7e4, 0.015)])
 def test_a_tube_bends_as_a_straight_one(comm, pressure: float, tolerance: float) -> None:
-    """The flat ends leave a tube of low pressure slightly oval; at ten times the pressure the closed form is met."""
+    """The flat ends leave a tube of low pressure slightly oval; at ten times the pressure the
+    closed form is met."""
     measured = bending_stiffness(comm, LAW, LENGTH, DIAMETER, pressure, PERFECT)
     expected = straight_stiffness(LAW, DIAMETER, pressure)
     assert measured == pytest.approx(expected, rel=tolerance)
@@ -131,7 +134,8 @@ def test_a_tube_bends_as_a_straight_one(comm, pressure: float, tolerance: float)
 
 @pytest.mark.mpi
 def test_stiffness_follows_thickness_and_the_third_power_of_the_diameter(comm) -> None:
-    """Thickness of the middle panel counts, where the deflection is fitted; relative to one on the same mesh."""
+    """Thickness of the middle panel counts, where the deflection is fitted; relative to one on the
+    same mesh."""
     plain = bending_stiffness(comm, LAW, LENGTH, DIAMETER, 7e4, PERFECT)
     wide = Specimen((0.0, 0.0), (0.0, 0.0), 1.05, (1.0, 1.0, 1.0))
     thick = Specimen((0.0, 0.0), (0.0, 0.0), 1.0, (1.1, 1.1, 1.1))

@@ -1,4 +1,5 @@
-"""Gravity and magnetic field of the Earth: tables, independent evaluations, derivatives, zero trace."""
+"""Gravity and magnetic field of the Earth: tables, independent evaluations, derivatives, zero
+trace."""
 
 from __future__ import annotations
 
@@ -113,8 +114,8 @@ def spherical_axes(θ: float, λ: float) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 def spherical(harmonics: SolidHarmonics, r: np.ndarray) -> np.ndarray:
-    """The gradient by another route: spherical components, Legendre functions in closed form by differentiation of
-    (x² - 1)^n, derivative by colatitude from their own recursion."""
+    """The gradient by another route: spherical components, Legendre functions in closed form by
+    differentiation of (x² - 1)^n, derivative by colatitude from their own recursion."""
     N = len(harmonics.coefficients)
     a = harmonics.radius
     distance = np.linalg.norm(r)

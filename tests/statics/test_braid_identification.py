@@ -17,7 +17,8 @@ def case_test(name: str):
 
 @pytest.mark.mpi
 def test_derivatives_of_a_load_agree_with_tubes_that_are_made_again(comm, monkeypatch):
-    """Of load and deflection, by both factors, through the stress-free shape of the tube as well."""
+    """Of load and deflection, by both factors, through the stress-free shape of the tube as
+    well."""
     monkeypatch.setattr(demo, "DEPTHS", (0.012, 0.06))
     test = case_test(FITTED)
     step = 1e-4
@@ -51,7 +52,8 @@ def test_the_fitted_tube_predicts_another_pressure_better(comm, monkeypatch):
     result = demo.main(predicted=("1 up, 103 kPa",), comm=comm)
     assert result[f"{FITTED}: error"] < 0.5 * result[f"{FITTED}: error of the source"]
     assert result["1 up, 103 kPa: error"] < 0.6 * result["1 up, 103 kPa: error of the source"]
-    # Stiffnesses of stretching hardly count in bending: they are known less well than those of shear.
+    # Stiffnesses of stretching hardly count in bending: they are known less well than those of
+    # shear.
     assert result["shear, standard deviation"] < 0.1
     assert 0.05 < result["stretching, standard deviation"] < 0.5
     assert np.isfinite(result["scatter"])

@@ -86,7 +86,8 @@ def test_the_torus_grows_with_the_pressure_as_its_cords_do(comm):
     tube = torus.tube
     later = replace(tube, cord_force=tube.cord_force * 137.9 / 34.5)
     strain = later.cord_strain_after_inflation() - tube.cord_strain_after_inflation()
-    # The cords are on a circle that is half a minor radius smaller; the wall and the section count, too.
+    # The cords are on a circle that is half a minor radius smaller; the wall and the section count,
+    # too.
     assert growth == pytest.approx(strain * torus.shape_radius.mean(), rel=0.2)
 
 

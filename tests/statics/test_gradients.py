@@ -345,7 +345,8 @@ def test_energy_of_a_loaded_spring(comm):
 
 
 def test_energy_of_a_film_by_its_thickness_and_shape(comm):
-    """A taut square held at its edges: W = E t ε²/(1-ν) A with ε of the stress-free size; exact derivatives."""
+    """A taut square held at its edges: W = E t ε²/(1-ν) A with ε of the stress-free size; exact
+    derivatives."""
     E = 2.5e9
     nu = 0.3
     t = 25e-6
@@ -367,9 +368,9 @@ def test_energy_of_a_film_by_its_thickness_and_shape(comm):
     energy = E * t / (1 - nu) * green**2
     assert found.value == pytest.approx(energy)
     assert found["film.thickness"].values == pytest.approx([energy / t])
-    # The stress-free square grows to the size 1 + s, and the held rim stays: the stretch is (1 + ε)/(1 + s).
-    # W = C A ((1 + ε)²/(1 + s)² - 1)²/4, A = (1 + s)²; dW/ds at s = 0 follows.
-    # Biaxial stiffness per stretch, E t/(1 - ν).
+    # The stress-free square grows to the size 1 + s, and the held rim stays: the stretch is (1 +
+    # ε)/(1 + s). W = C A ((1 + ε)²/(1 + s)² - 1)²/4, A = (1 + s)²; dW/ds at s = 0 follows. Biaxial
+    # stiffness per stretch, E t/(1 - ν).
     C = E * t / (1 - nu)
     exact = 2 * energy - 2 * C * green * (1 + stretch) ** 2
     shape = found["film.shape"]
@@ -491,7 +492,8 @@ def hanging(comm: MPI.Intracomm) -> tuple[gx.Equilibrium, gx.analysis.Functional
 
 
 def test_a_minimisation_finds_the_lengths_of_ropes(comm):
-    """Three lengths place a mass: the least distance is zero, and the ropes then balance its weight."""
+    """Three lengths place a mass: the least distance is zero, and the ropes then balance its
+    weight."""
     equilibrium, distance = hanging(comm)
     found = gx.analysis.minimise(
         equilibrium,
@@ -647,7 +649,8 @@ def test_a_film_on_a_floor_sinks_with_its_weight(comm, law):
 
 @pytest.mark.mpi
 def test_a_pressed_tube_has_the_gradients_of_differences(comm):
-    """A tube between two planes, whose contact grows with the load: by its thickness and its pressure."""
+    """A tube between two planes, whose contact grows with the load: by its thickness and its
+    pressure."""
     thickness = 1e-4
     pressure = 1000.0
 

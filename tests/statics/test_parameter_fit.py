@@ -1,4 +1,5 @@
-"""`gx.analysis.fit` and `fit_runs`: closed forms, uncertainty against repeated measurements, refusals."""
+"""`gx.analysis.fit` and `fit_runs`: closed forms, uncertainty against repeated measurements,
+refusals."""
 
 from __future__ import annotations
 
@@ -39,7 +40,8 @@ def test_lengths_are_found_again_from_what_they_give(comm):
 
 
 def test_the_standard_deviation_is_that_of_repeated_measurements(comm):
-    """Of 60 measurements with random errors; the estimate of a standard deviation is known to 9 %."""
+    """Of 60 measurements with random errors; the estimate of a standard deviation is known to 9
+    %."""
     exact, results = hanging((1.3, 1.3, 1.3))
     exact.find()
     values = np.array([result(exact) for result in results])
@@ -67,7 +69,8 @@ def test_the_standard_deviation_is_that_of_repeated_measurements(comm):
 
 @pytest.mark.mpi
 def test_a_pressure_and_a_thickness_of_a_film_are_told_apart(comm):
-    """A spring pulls the middle, so that the two heights depend on pressure and thickness in different ways."""
+    """A spring pulls the middle, so that the two heights depend on pressure and thickness in
+    different ways."""
 
     def build(pressure: float, thickness: float):
         film = gx.Membrane(
@@ -120,7 +123,8 @@ def line(values: dict[str, np.ndarray]) -> list[gx.analysis.Gradient]:
 
 
 def test_a_straight_line_has_the_covariance_of_the_textbook(comm):
-    """Through (0, 0), (1, 1), (2, 3): a = -1/6, b = 3/2, C = σ² [[5, -3], [-3, 3]]/6, s² = 1/(6 σ²)."""
+    """Through (0, 0), (1, 1), (2, 3): a = -1/6, b = 3/2, C = σ² [[5, -3], [-3, 3]]/6, s² = 1/(6
+    σ²)."""
     found = gx.analysis.fit_runs(
         line, {"line.a": 1.0, "line.b": 2.0}, measured=[0.0, 1.0, 3.0], uncertainty=2.0
     )

@@ -1,4 +1,5 @@
-"""Supports of any body in any direction, loads along edges, weights of attached masses, damping of lines."""
+"""Supports of any body in any direction, loads along edges, weights of attached masses, damping of
+lines."""
 
 from __future__ import annotations
 
@@ -90,7 +91,8 @@ def test_a_strip_slides_in_planes_of_any_direction(comm, angle):
     ids=["dead", "following"],
 )
 def test_a_normal_load_pulls_along_the_film_or_as_the_mesh_was(comm, following):
-    """The strip starts turned by a right angle: the load that follows pulls it along, the dead one turns it back."""
+    """The strip starts turned by a right angle: the load that follows pulls it along, the dead one
+    turns it back."""
     quarter = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     film = gx.Membrane(
         sheet(comm, 4, 2, 2.0, 1.0),

@@ -1,4 +1,5 @@
-"""Invalid input is refused in one sentence that names it, before anything is computed, on any number of ranks."""
+"""Invalid input is refused in one sentence that names it, before anything is computed, on any
+number of ranks."""
 
 from __future__ import annotations
 
@@ -507,7 +508,7 @@ def test_unwritable_folder(folder: Path) -> None:
         )
 
 
-# ---- generated: every public name ------------------------------------------------------------------------------------
+# ---- generated: every public name ----------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -596,12 +597,13 @@ def test_unknown_and_missing_arguments_are_one_sentence() -> None:
         gx.Midpoint(dt=0.1, step=2)
 
 
-# ---- what was written before is kept ---------------------------------------------------------------------------------
+# ---- what was written before is kept -------------------------------------------------------------
 
 
 @pytest.mark.mpi
 def test_a_refused_run_destroys_nothing(folder: Path) -> None:
-    """Outputs that are asked for before the one that is refused leave the files of an earlier run alone."""
+    """Outputs that are asked for before the one that is refused leave the files of an earlier run
+    alone."""
     names = ["ledger.csv", "probes.csv"]
     if WORLD.rank == 0:
         for name in names:
@@ -649,7 +651,7 @@ def test_pictures_and_reports_do_not_fall_on_folders(tmp_path: Path) -> None:
             draw(tmp_path / "folder.gif")
 
 
-# ---- the command line ------------------------------------------------------------------------------------------------
+# ---- the command line ----------------------------------------------------------------------------
 
 GOOD = """
 import gossamer_fx as gx

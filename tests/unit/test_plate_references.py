@@ -14,7 +14,8 @@ from demos.studies.plate import CIRCLE, DISC, LEISSA, NU, SQUARE
 
 
 def disc_frequency(n: int, s: int, free: bool) -> float:
-    """The s-th λ² = ω a² √(ρt/D) of a plate J_n(λr) + c I_n(λr), n nodal diameters (Leissa, NASA SP-160, ch. 2)."""
+    """The s-th λ² = ω a² √(ρt/D) of a plate J_n(λr) + c I_n(λr), n nodal diameters (Leissa, NASA
+    SP-160, ch. 2)."""
 
     def edge(λ: float) -> float:
         """Determinant of both conditions at the edge, zero at an eigenvalue."""
@@ -90,7 +91,8 @@ def clamped_disc(load: float, thickness: float, degree: int = 16) -> float:
 
     ∫ (A/2 (E_r² + 2ν E_r E_t + E_t²) + D/2 (κ_r² + 2ν κ_r κ_t + κ_t²)) 2πs ds - p V
 
-    with Green strains E and curvatures κ_r = θ', κ_t = sin θ/s of the meridian r(s), z(s), z' = tan θ r'.
+    with Green strains E and curvatures κ_r = θ', κ_t = sin θ/s of the meridian r(s), z(s), z' = tan
+    θ r'.
     """
     s, weight = legendre.leggauss(40)
     s = (s + 1) / 2

@@ -1,18 +1,20 @@
 """An inflated tube, clamped at one end, whose other end is closed and bears a transverse load.
 
 Half of the tube is modelled, on one side of the plane of bending: a film of order 2 that bears no
-compression, under constant pressure.  It is isotropic, unless the input "shear_stiffness" makes it a woven one
-whose threads run along and around the tube.  The section at the clamped end does not change; the other end is a rigid
-plate whose centre is lowered step by step, and the load is its reaction.
+compression, under constant pressure.  It is isotropic, unless the input "shear_stiffness" makes it
+a woven one whose threads run along and around the tube.  The section at the clamped end does not
+change; the other end is a rigid plate whose centre is lowered step by step, and the load is its
+reaction.
 
-The diameter of the input is that of the inflated tube.  The stretches of the stress-free tube follow from
+The diameter of the input is that of the inflated tube.  The stretches of the stress-free tube
+follow from
 
-    λ_L/λ_H S_L = p r/2,    λ_H/λ_L S_H = p r,    S = E t/(1-ν²) (strains of Green)               (1)
+    λ_L/λ_H S_L = p r/2,    λ_H/λ_L S_H = p r,    S = E t/(1-ν²) (strains of Green)              (1)
 
-The stiffness E t of the wall is not an input: it is such that the model has the measured slope n of load
-against deflection at zero load, by the secant method from n L³/(3 π r³), which neglects shear.  All else
-is predicted: the load at larger deflections, the load at which the first cell wrinkles, and the largest
-load, at which the tube collapses.
+The stiffness E t of the wall is not an input: it is such that the model has the measured slope n of
+load against deflection at zero load, by the secant method from n L³/(3 π r³), which neglects shear.
+All else is predicted: the load at larger deflections, the load at which the first cell wrinkles,
+and the largest load, at which the tube collapses.
 """
 
 from __future__ import annotations
@@ -43,15 +45,16 @@ QUICK_STEP = 0.025
 # Deflection over the length at which the slope is taken.
 SLOPE_STEP = 1e-3
 
-# Relative error of the slope at which the stiffness is found, and the largest number of corrections.
+# Relative error of the slope at which the stiffness is found, and the largest number of
+# corrections.
 SLOPE_TOLERANCE = 1e-4
 MAX_CORRECTIONS = 4
 
 # Parts of a step of the deflection, one of which the first wrinkle is assigned to.
 PARTS_OF_A_STEP = 8
 
-# Distance from the ends, over the radius, up to which wrinkles do not count: the rigid plate and the
-# clamp disturb the stress there.
+# Distance from the ends, over the radius, up to which wrinkles do not count: the rigid plate and
+# the clamp disturb the stress there.
 END_ZONE = 1.0
 
 # Mass per area [kg/m²]: it only paces the pseudo-time of the equilibria.
@@ -160,7 +163,8 @@ class Bending:
         return -2 * float(self._search.reaction(self._load)[0][2])
 
     def wrinkled_points(self) -> int:
-        """Number of points of the wall, away from the ends, without tension in some direction.  Collective."""
+        """Number of points of the wall, away from the ends, without tension in some direction.
+        Collective."""
         points, state = gx.fields.field_values(self._search, self._film, field="state")
         begin, end = self._counted
         is_counted = (points[:, 0] > begin) & (points[:, 0] < end)
@@ -173,8 +177,8 @@ def stiff_as_measured(
 ) -> Cantilever:
     """The tube with the E t whose slope at zero load is the measured one [N/m].
 
-    The slope of the model is nearly proportional to E t, so that each correction is by the ratio of the
-    slopes.
+    The slope of the model is nearly proportional to E t, so that each correction is by the ratio of
+    the slopes.
     """
     step = SLOPE_STEP * tube.length
     for _ in range(MAX_CORRECTIONS):
@@ -189,14 +193,16 @@ def stiff_as_measured(
 def first_wrinkle(bending: Bending, deflections: Array) -> float:
     """The load [N] at which the first cell wrinkles, from the inflated straight tube.
 
-    Deflections only grow: a wrinkled film finds its taut state again from nearby only, so that a search
-    backwards would find too small a load.
+    Deflections only grow: a wrinkled film finds its taut state again from nearby only, so that a
+    search backwards would find too small a load.
 
     Args:
         bending: the straight tube.
-        deflections: of the test [m], rising, as far as the one at which wrinkles were seen, or one more.
+        deflections: of the test [m], rising, as far as the one at which wrinkles were seen, or one
+            more.
     """
-    # The inflated tube first: a search for the bent one from the stress-free shape would leave wrinkles.
+    # The inflated tube first: a search for the bent one from the stress-free shape would leave
+    # wrinkles.
     taut_load = bending.load(float(deflections[0]))
     # Some coarse meshes have points that are not taut in the straight tube: those are of the mesh.
     in_straight_tube = bending.wrinkled_points()
@@ -224,11 +230,13 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     )
     check(
         radius < length / 2,
-        f"{inputs.where}: diameter is {2 * radius:g} m and length {length:g} m; give a tube that is longer.",
+        f"{inputs.where}: diameter is {2 * radius:g} m and length {length:g} m; give a tube that "
+        "is longer.",
     )
     check(
         last_deflection < length and bool(np.all(read_at <= last_deflection)),
-        f"{inputs.where}: deflection is {last_deflection:g} m; let it be below the length, {length:g} m, and "
+        f"{inputs.where}: deflection is {last_deflection:g} m; let it be below the length, "
+        f"{length:g} m, and "
         "not below those of read_at.",
     )
     shear_stiffness = None

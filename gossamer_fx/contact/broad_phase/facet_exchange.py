@@ -1,7 +1,9 @@
-"""Which facets a rank sends to others: those whose boxes overlap a region where another rank searches.
+"""Which facets a rank sends to others: those whose boxes overlap a region where another rank
+searches.
 
-A rank describes where it searches by a few boxes round groups of neighbouring primitives.  Every rank
-gets these boxes, not the facets, and finds in a tree over them to whom its own primitives may be near.
+A rank describes where it searches by a few boxes round groups of neighbouring primitives.  Every
+rank gets these boxes, not the facets, and finds in a tree over them to whom its own primitives may
+be near.
 """
 
 from __future__ import annotations
@@ -16,13 +18,14 @@ from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.contact.geometry.collision_primitives import FilteredPrimitives
 from gossamer_fx.contact.geometry.surface_share import SurfaceTables
 
-# Boxes by which a rank describes where it searches.  In a folded sail the one box round all primitives of
-# a rank overlaps everything; with this many, boxes are about as flat as the folds.
+# Boxes by which a rank describes where it searches.  In a folded sail the one box round all
+# primitives of a rank overlaps everything; with this many, boxes are about as flat as the folds.
 GROUP_COUNT = 64
 
 
 def group_boxes(boxes: Array) -> Array:
-    """Return at most `GROUP_COUNT` boxes (g, 6) that hold n boxes (n, 6), each of which some neighbours."""
+    """Return at most `GROUP_COUNT` boxes (g, 6) that hold n boxes (n, 6), each of which some
+    neighbours."""
     if not len(boxes):
         return np.zeros((0, 6))
     ordered = boxes[morton_order(boxes)]
@@ -81,8 +84,8 @@ def import_facets(mesh: CollisionMesh, lower: Array, upper: Array) -> None:
 
     Args:
         mesh: of which this rank knows at least its own facets.
-        lower, upper: least and greatest coordinates (m, 3) [m] of its points, within which pairs shall be
-            found.
+        lower, upper: least and greatest coordinates (m, 3) [m] of its points, within which pairs
+            shall be found.
     """
     comm = mesh.comm
     # The only rank has all facets.

@@ -1,11 +1,12 @@
 """The collision filter: parts that constraints keep together do not form pairs.
 
-Cells of one film that share a node cannot be kept apart.  The same holds where a `Tie` or a `BallJoint`
-joins bodies.  Every point therefore gets labels: two primitives with a label in common are connected.
+Cells of one film that share a node cannot be kept apart.  The same holds where a `Tie` or a
+`BallJoint` joins bodies.  Every point therefore gets labels: two primitives with a label in common
+are connected.
 
     1. The nodes of all bodies that are tied node to node form groups; a group is one label.
-    2. A node that is tied to a point between other nodes, on an edge of another mesh, has the labels of
-       these nodes in addition to its own.
+    2. A node that is tied to a point between other nodes, on an edge of another mesh, has the
+       labels of these nodes in addition to its own.
     3. Lines may be tied to lines that are tied: step 2 is repeated until no label is added.
 """
 
@@ -93,7 +94,8 @@ def tied_labels(
 def _ties(
     system: Assembly, bodies: Sequence[Body], points: SurfacePoints
 ) -> list[tuple[list[int], list[int]]]:
-    """Return for each tie the points of both sides, the shorter list first; the same on every rank."""
+    """Return for each tie the points of both sides, the shorter list first; the same on every
+    rank."""
 
     def nodes(port: Attached) -> list[tuple[int, int]]:
         """Bodies and nodes on whose positions a port depends; none if it is of another body."""
@@ -169,7 +171,8 @@ def _graph(pairs: list[tuple[int, int]], count: int) -> csr_matrix:
 
 
 def _padded(rows: csr_matrix, own: Int64Array) -> Int64Array:
-    """Return the columns (m, w) of the rows of a matrix; shorter rows repeat their own label (m,)."""
+    """Return the columns (m, w) of the rows of a matrix; shorter rows repeat their own label
+    (m,)."""
     widths = np.diff(rows.indptr)
     labels: Int64Array = np.repeat(own[:, None], widths.max(), axis=1).astype(np.int64)
     is_used = np.arange(labels.shape[1]) < widths[:, None]

@@ -1,4 +1,5 @@
-"""Rows of integers that name points, edges or triangles, numbered over all ranks without gathering them."""
+"""Rows of integers that name points, edges or triangles, numbered over all ranks without gathering
+them."""
 
 from __future__ import annotations
 
@@ -44,7 +45,8 @@ class DistributedRows:
         self.owners: Int64Array = self._exchange.answer(owner[self._row_of])
 
     def sums(self, values: Array) -> Array:
-        """Return for each row (n,) the sum of the values (n,) that all ranks have for it; collective."""
+        """Return for each row (n,) the sum of the values (n,) that all ranks have for it;
+        collective."""
         met = self._exchange.send(values)
         total = np.bincount(self._row_of, met, self._met_count).astype(float)
         return self._exchange.answer(total[self._row_of])

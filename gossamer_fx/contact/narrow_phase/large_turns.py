@@ -1,8 +1,9 @@
 """Bodies that turn so far in a step that straight lines do not approximate their motion.
 
-Collision detection lets points move on straight lines from the start to the end of a step.  A film that
-turns by θ about its middle is shorter by the factor cos(θ/2) on the way, so that with a large angle it
-shrinks past what it would hit.  Such a step is refused where something else is within reach.
+Collision detection lets points move on straight lines from the start to the end of a step.  A film
+that turns by θ about its middle is shorter by the factor cos(θ/2) on the way, so that with a large
+angle it shrinks past what it would hit.  Such a step is refused where something else is within
+reach.
 """
 
 from __future__ import annotations
@@ -21,12 +22,12 @@ from gossamer_fx.contact.narrow_phase.closest_points import PairDistances
 from gossamer_fx.contact.pair_table import is_wall
 from gossamer_fx.contact.system_view import ContactAssembly
 
-# Angle [rad] between two bodies in one step up to which straight lines are accepted: they are shorter
-# than the arcs by an eighth of the radius.  Deployments turn by a tenth of it in a step.
+# Angle [rad] between two bodies in one step up to which straight lines are accepted: they are
+# shorter than the arcs by an eighth of the radius.  Deployments turn by a tenth of it in a step.
 MAX_TURN = 1.0
 
-# Part of the moments of a body that is added to all directions, so that points on a line, which have no
-# turn about it, are not given one.
+# Part of the moments of a body that is added to all directions, so that points on a line, which
+# have no turn about it, are not given one.
 LINE_REGULARISATION = 1e-6
 
 
@@ -100,7 +101,8 @@ class LargeTurns:
         turns = [self._turn(k, distances.x, x1) for k in range(count)]
         for one, other in permutations(range(count), 2):
             angle = turns[one].angle_to(turns[other])
-            # Of two bodies the one that turns in space is named.  Obstacles do not touch each other.
+            # Of two bodies the one that turns in space is named.  Obstacles do not touch each
+            # other.
             turns_itself = turns[one].angle_to(STAYS) > MAX_TURN / 2
             can_touch = min(one, other) < body_count
             if not (angle > MAX_TURN and turns_itself and can_touch):
@@ -161,7 +163,8 @@ class LargeTurns:
         return float(self._mesh.comm.allreduce(own, op=MPI.MAX))
 
     def _gap_to_walls(self, body: int, obstacle: int, distances: PairDistances) -> float:
-        """Return the least gap [m] of a body to the walls of an obstacle at the start; collective."""
+        """Return the least gap [m] of a body to the walls of an obstacle at the start;
+        collective."""
         if not self._has_walls[obstacle]:
             return np.inf
         pairs = distances.candidates
@@ -172,7 +175,8 @@ class LargeTurns:
 
 
 def _best_turn(start: Array, end: Array, comm: MPI.Intracomm) -> _Turn:
-    """Return the rotation that brings points (n, 3) [m] of all ranks nearest to their end (n, 3) [m].
+    """Return the rotation that brings points (n, 3) [m] of all ranks nearest to their end (n, 3)
+    [m].
 
     Collective.  W. Kabsch, Acta Cryst. A 32 (1976) 922, doi:10.1107/S0567739476001873.
     """
