@@ -13,7 +13,8 @@ sags between the booms.  The figures of the paper agree with a commercial code w
 `./gossamer demo antenna_pendulum` runs the resolutions of the paper and finer ones, with linear and
 quadratic films, and draws errors against unknowns and run time.  One of them, to look at:
 
-    ./gossamer run demos/antenna_pendulum.py cells=4 elements=8 --output out/swing; ./gossamer report out/swing
+    ./gossamer run demos/antenna_pendulum.py cells=4 elements=8 --output out/swing
+    ./gossamer report out/swing
 """
 
 from __future__ import annotations
@@ -246,5 +247,6 @@ if __name__ == "__main__":
             tip, film = (f"{1e3 * e:9.2f}" for e in found.get((p, n, m), (np.nan, np.nan)))
             print(
                 f"P{p}    {f'{n}×{n}-{m}':8}{r['dofs']:9}{1e3 * r['deviation']:13.2f}{tip:>11}"
-                f"{1e3 * r['film_deflection']:17.2f}{film:>17}{r['newton_per_step']:13.1f}{r['seconds']:9.1f}"
+                f"{1e3 * r['film_deflection']:17.2f}{film:>17}"
+                f"{r['newton_per_step']:13.1f}{r['seconds']:9.1f}"
             )

@@ -23,7 +23,8 @@ Where the values come from:
     rods, brake          chosen: the flight took days, here the arms are out after six seconds
 
     ./gossamer demo ikaros_arms
-    ./gossamer run demos/ikaros_arms.py brake=30.0 until=8.0 --output out/arms; ./gossamer report out/arms
+    ./gossamer run demos/ikaros_arms.py brake=30.0 until=8.0 --output out/arms
+    ./gossamer report out/arms
 """
 
 from __future__ import annotations

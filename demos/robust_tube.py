@@ -12,7 +12,9 @@ the same specimen, deployed: an equilibrium under the pressure that it has when 
 and the gas is warm again, see demos/common/tube_bending.py.
 
     ./gossamer sweep demos/robust_tube.py --jobs 2
-    ./gossamer run demos/robust_tube.py start=roll specimen=stored_a --output out/stored     one of the runs
+    ./gossamer run demos/robust_tube.py start=roll specimen=stored_a --output out/stored
+
+The last one is one of the runs.
 
 The picture is of the stored roll on a finer mesh (`cells=6`), until 11 ms.
 

@@ -130,8 +130,9 @@ def linear_solver(name: str):
     # Algebraic multigrid with GMRES, since contact of states makes the matrix ill-conditioned.
     settings = {
         "sparse_lu": '{"solver_type": "LinearSolversApplication.sparse_lu"}',
-        "amgcl": """{"solver_type": "amgcl", "krylov_type": "gmres", "smoother_type": "ilu0", "tolerance": 1e-6,
-                     "coarsening_type": "smoothed_aggregation", "max_iteration": 500, "verbosity": 0,
+        "amgcl": """{"solver_type": "amgcl", "krylov_type": "gmres", "smoother_type": "ilu0",
+                     "tolerance": 1e-6, "coarsening_type": "smoothed_aggregation",
+                     "max_iteration": 500, "verbosity": 0,
                      "use_block_matrices_if_possible": true}""",
     }
     return python_linear_solver_factory.ConstructSolver(K.Parameters(settings[name]))

@@ -5,7 +5,7 @@ At some times t of a run the exact derivative g(t) = dJ/dθ of a result J is tak
 again with the parameter changed by a relative change δ.  The gradient predicts the change up to the
 first time at which
 
-    |J(t; θ (1 + δ)) - J(t; θ) - δ θ g(t)| > `TOLERATED` max over s ≤ t of |δ θ g(s)|                 (1)
+    |J(t; θ (1 + δ)) - J(t; θ) - δ θ g(t)| > `TOLERATED` max over s ≤ t of |δ θ g(s)|      (1)
 
 The maximum is there since a result may pass through a time at which its derivative vanishes.
 

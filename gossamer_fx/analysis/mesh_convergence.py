@@ -218,7 +218,8 @@ def convergence(
         InputError: fewer than two meshes, no sizes, or a quantity that is not a finite number.
 
     Example:
-        The tip of a bar of length 1 that hangs by its weight, with a uniform displacement in each cell:
+        The tip of a bar of length 1 that hangs by its weight, with a uniform displacement in each
+        cell:
 
         >>> def lowest(mesh):
         ...     rope = gx.Cable(mesh, gx.CableLaw(1e3, 0.1), name="rope")

@@ -219,7 +219,9 @@ def minimise_runs(
         ...     height = gx.probes.Position(ball.port(), "z")
         ...     return gx.analysis.gradient(tape, of=height, by=["spring.stiffness"])
         >>> found = gx.analysis.minimise_runs(
-        ...     height_after_a_second, {"spring.stiffness": 30.0}, bounds={"spring.stiffness": (20.0, 60.0)}
+        ...     height_after_a_second,
+        ...     {"spring.stiffness": 30.0},
+        ...     bounds={"spring.stiffness": (20.0, 60.0)},
         ... )
         >>> round(found.value, 2), found.parameters["spring.stiffness"].round()
         (-1.0, array([40.]))

@@ -182,7 +182,9 @@ def fit_runs(
         ...     side = values["square.side"]
         ...     slope = gx.analysis.Derivative("square.side", "m", 2 * side, None)
         ...     return [gx.analysis.Gradient(float(side[0] ** 2), "m²", (slope,))] * 2
-        >>> found = gx.analysis.fit_runs(areas, {"square.side": 1.0}, measured=[3.9, 4.1], uncertainty=0.1)
+        >>> found = gx.analysis.fit_runs(
+        ...     areas, {"square.side": 1.0}, measured=[3.9, 4.1], uncertainty=0.1
+        ... )
         >>> found.parameters["square.side"].round(6), round(found.scatter, 3)
         (array([2.]), 1.414)
     """

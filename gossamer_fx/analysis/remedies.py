@@ -120,7 +120,8 @@ def _gas_that_cooled(chambers: Mapping[str, Any]) -> Iterator[str]:
                 f"The gas of '{name}' expands adiabatically and has cooled from {before:.0f} K to "
                 f"{state.temperature:.0f} K, its pressure is {state.pressure:.4g} Pa: it does not "
                 "fill the film.  "
-                'Give Equilibrium(..., gas="isothermal") if it has time to warm up, gas="held pressure" if a blower '
+                'Give Equilibrium(..., gas="isothermal") if it has time to warm up, '
+                'gas="held pressure" if a blower '
                 "holds its pressure, or more gas."
             )
 

@@ -45,7 +45,9 @@ class TravellingWaves:
             around with the speed ω/n [rad/s].
 
     Example:
-        >>> waves = gx.analysis.TravellingWaves(0.02, 0.0, forward_frequency=12.0, backward_frequency=0.0)
+        >>> waves = gx.analysis.TravellingWaves(
+        ...     0.02, 0.0, forward_frequency=12.0, backward_frequency=0.0
+        ... )
         >>> waves.forward_frequency / 2
         6.0
     """

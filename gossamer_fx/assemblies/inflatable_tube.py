@@ -85,7 +85,8 @@ class InflatableTube:
     Example:
         >>> from gossamer_fx.meshes.tube import flat_tube
         >>> law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6)
-        >>> tube = gx.assemblies.InflatableTube(flat_tube(comm, 0.25, 0.03, 6, compartments=3), law, gas=air)
+        >>> mesh = flat_tube(comm, 0.25, 0.03, 6, compartments=3)
+        >>> tube = gx.assemblies.InflatableTube(mesh, law, gas=air)
         >>> supply = gx.Tank(2e-6, gas=air, pressure=1.5e6, temperature=293.0, name="supply")
         >>> scene = gx.Scene(tube, tube.inlet(supply, area=1e-7))
         >>> len(tube.chambers)

@@ -37,10 +37,10 @@ class Ikaros(FoldMap):
 
     C has corners at columns of the mesh: 2 `bends` chords on the hub, then a radial arm, which two
     trapezoids share (n = 4 is the cross of IKAROS), or an arm that is `wound` on, round the hub.
-    Layers are η = gap (y/pitch -
-    |s|/column) from the seam, on the hub with `hub_gap` for `gap`.  Their corners there are in line, and the outermost
-    layer has its length: those within, nearer to the hub, are slack.  Edges of the mesh of
-    `gossamer_fx.meshes.sails.trapezoids` are on all fold lines.
+    Layers are η = gap (y/pitch - |s|/column) from the seam, on the hub with `hub_gap` for `gap`.
+    Their corners there are in line, and the outermost layer has its length: those within, nearer to
+    the hub, are slack.  Edges of the mesh of `gossamer_fx.meshes.sails.trapezoids` are on all fold
+    lines.
 
     Args:
         n: trapezoids, at least 3.

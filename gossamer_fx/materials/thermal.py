@@ -57,7 +57,9 @@ class ThermalExpansion:
         InputError: coefficients that are too large, temperatures below 0 K.
 
     Example:
-        >>> warming = gx.materials.ThermalExpansion(20e-6, temperature=lambda X, t: 293.15 + 0.5 * t)
+        >>> warming = gx.materials.ThermalExpansion(
+        ...     20e-6, temperature=lambda X, t: 293.15 + 0.5 * t
+        ... )
         >>> film = gx.Membrane(mesh, law, thermal=warming)
         >>> film.thermal.alpha
         2e-05

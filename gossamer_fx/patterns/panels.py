@@ -9,7 +9,7 @@ Idea.  With s the arc length of the meridian (r(s), z(s)), the gore of width
 has everywhere the circumference of the body.  Bent along its length only, it fits the body as a
 developable surface: the point (s, y) of gore k goes to
 
-    x = r(s) e_k + y t_k + z(s) e_z,    e_k = (cos φ_k, sin φ_k, 0),  t_k = (-sin φ_k, cos φ_k, 0)  (2)
+    x = r(s) e_k + y t_k + z(s) e_z, e_k = (cos φ_k, sin φ_k, 0), t_k = (-sin φ_k, cos φ_k, 0)  (2)
 
 without any strain.  The edges of neighbours are then close to each other, r (π/n)³/3 apart, so that
 seams have little to close.

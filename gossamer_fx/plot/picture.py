@@ -137,7 +137,9 @@ class Picture(DrawnRun):
             made: a folder that cannot be written.
 
     Example:
-        >>> picture = gx.plot.Picture(folder / "tube.png", times=[0.0, 0.1], title="A tube is inflated")
+        >>> picture = gx.plot.Picture(
+        ...     folder / "tube.png", times=[0.0, 0.1], title="A tube is inflated"
+        ... )
         >>> picture.writes[0].name
         'tube.png'
     """

@@ -45,7 +45,8 @@ class Waves:
             quantity, or a frame with two directors only.
 
     Example:
-        >>> tips = [film.port(corner) for corner in ("bottom left", "bottom right", "top right", "top left")]
+        >>> corners = ("bottom left", "bottom right", "top right", "top left")
+        >>> tips = [film.port(corner) for corner in corners]
         >>> saddle = gx.probes.Waves(tips, gx.ground_frame(), number=2)
     """
 

@@ -68,7 +68,8 @@ def tables(design: RobustDesign, results: Sequence[Result], confirmed: Sequence[
     failed = [result for result in results if result.failed]
     seconds = sum(result.seconds for result in (*results, *confirmed))
     lines = [
-        f"{design.array}: {len(results)} runs and {len(confirmed)} to confirm, {seconds:.0f} s; {len(failed)} failed."
+        f"{design.array}: {len(results)} runs and {len(confirmed)} to confirm, "
+        f"{seconds:.0f} s; {len(failed)} failed."
     ]
     for result in failed:
         lines.append(f"- {values_text(result.values)}: {result.failed}")

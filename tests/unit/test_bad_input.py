@@ -658,7 +658,8 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
 def build(comm, cells=2, until=2e-3):
     law = gx.Linear(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
-    return gx.Case(gx.Scene(gx.Membrane(sheet(comm, cells, cells), law)), gx.Midpoint(dt=1e-3), until=until)
+    film = gx.Membrane(sheet(comm, cells, cells), law)
+    return gx.Case(gx.Scene(film), gx.Midpoint(dt=1e-3), until=until)
 """
 SCENES = {
     "no file": (None, [], "no.py"),
