@@ -96,7 +96,9 @@ class _Nodes:
         # Fixed nodes have the part -1; any centre does for them, as their motion is not used.
         part = np.maximum(self.part, 0)
         arms = self.vectors.copy()
-        arms[:, 0] -= centre[part]
+        # Where everything is fixed there is no part, and no centre to index.
+        if len(centre):
+            arms[:, 0] -= centre[part]
         return arms
 
 

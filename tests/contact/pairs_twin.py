@@ -33,7 +33,11 @@ ROUNDING_MEASURES = np.array([0.5, -0.5, -0.5, 1, 0, 1])
 def measures_of(vectors: np.ndarray) -> np.ndarray:
     """Return e (6,) of r, a, b (3, 3)."""
     products = []
-    for i, j in zip(FIRST, SECOND, strict=True):
+    for i, j in zip(
+        FIRST,
+        SECOND,
+        strict=True,
+    ):
         products.append(vectors[i] @ vectors[j])
     return np.array(products)
 
@@ -62,7 +66,11 @@ def closest_parameters(e: np.ndarray, is_edges: bool) -> np.ndarray:
         corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
     following = corners[1:] + corners[:1]
     candidates = []
-    for start, end in zip(corners, following, strict=True):
+    for start, end in zip(
+        corners,
+        following,
+        strict=True,
+    ):
         corner = np.array(start, float)
         side = np.subtract(end, start)
         slope = side @ (g + F @ corner)
@@ -70,7 +78,11 @@ def closest_parameters(e: np.ndarray, is_edges: bool) -> np.ndarray:
         # A side without length is one point.
         t = 0.0
         if curvature > 0:
-            t = np.clip(-slope / curvature, 0, 1)
+            t = np.clip(
+                -slope / curvature,
+                0,
+                1,
+            )
         candidates.append(corner + t * side)
     return min(candidates, key=lambda z: weights(*z) @ e)
 
