@@ -96,9 +96,7 @@ class _Nodes:
         # Fixed nodes have the part -1; any centre does for them, as their motion is not used.
         part = np.maximum(self.part, 0)
         arms = self.vectors.copy()
-        # Where everything is fixed there is no part, and no centre to index.
-        if len(centre):
-            arms[:, 0] -= centre[part]
+        arms[:, 0] -= centre[part]
         return arms
 
 
@@ -260,6 +258,9 @@ def _motions(
         Names of the bodies, centre (3,) [m], and k free motions (6, k): velocity of the centre and
         angular velocity.
     """
+    # Where all unknowns are fixed there is no part, and nothing can move.
+    if count == 0:
+        return
     comm = system.comm
     nodes = [_nodes_of(system, k, part) for k in range(len(system.bodies))]
     names = _names(system, nodes, count)

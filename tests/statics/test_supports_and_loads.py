@@ -275,3 +275,16 @@ def test_supports_that_share_corners_balance_the_load_together(comm) -> None:
     assert forces.sum(axis=0) == pytest.approx([0.0, 10.0, 0.0], rel=1e-6, abs=1e-6)
     # The pattern of triangles is not symmetric, the sheet nearly.
     assert forces[1, 1] == pytest.approx(forces[3, 1], rel=0.1)
+
+
+def test_a_scene_that_is_fixed_everywhere_is_at_rest(comm):
+    """Nothing can move: the supports carry the whole weight, and no equation is left to solve."""
+    # One cell of 1 m: all four nodes are on the edges that are fixed.
+    film = gx.Membrane(sheet(comm, 1, 1), LAW)
+    supports = [gx.Fixed(film, group, name=group) for group in ("left", "right")]
+    equilibrium = gx.Equilibrium(gx.Scene(*supports, gx.Gravity(film)))
+    found = equilibrium.find()
+    assert found.iterations == 0
+    weight = 9.80665 * 1000.0 * THICKNESS
+    carried = sum(equilibrium.reaction(support)[0] for support in supports)
+    assert carried == pytest.approx([0.0, 0.0, weight], rel=1e-3)
