@@ -134,7 +134,8 @@ def draw(histories: dict[str, gx.Series], shapes: list[Array], path: Path) -> No
 def main(
     output: str | Path | None = None, cells: int = 14, comm: MPI.Intracomm = MPI.COMM_SELF
 ) -> dict[str, float]:
-    """Exponents of p V^n = constant for each wall, and energy errors; a picture in the folder `output`."""
+    """Exponents of p V^n = constant for each wall, and energy errors; a picture in the folder
+    `output`."""
     histories = {}
     shapes: list[Array] = []
     results = {}

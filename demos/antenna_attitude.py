@@ -1,13 +1,16 @@
-"""A membrane antenna is turned by 8° about an axis through its centre, by a torque that follows its attitude.
+"""A membrane antenna is turned by 8° about an axis through its centre, by a torque that follows its
+attitude.
 
-The antenna (Yu, Qi, Liu & Tian, China Mechanical Engineering 36 (2025) 2284, § 3): a film of 2.1 m × 2.1 m × 20 µm
-(1400 kg/m³, 2.3 GPa, residual stiffness 1/35·1e-8) and two crossed tubes on its diagonals, outer radius R = 0.02 m,
-wall 0.5 mm (1560 kg/m³, 100 GPa), ν = 0.3; tied at the four corners and at four points around the centre, the film's
-centre on a ball joint.  (Letter and word of the paper's "outer diameter R" disagree: the radius is taken.)
+The antenna (Yu, Qi, Liu & Tian, China Mechanical Engineering 36 (2025) 2284, § 3): a film of 2.1 m
+× 2.1 m × 20 µm (1400 kg/m³, 2.3 GPa, residual stiffness 1/35·1e-8) and two crossed tubes on its
+diagonals, outer radius R = 0.02 m, wall 0.5 mm (1560 kg/m³, 100 GPa), ν = 0.3; tied at the four
+corners and at four points around the centre, the film's centre on a ball joint.  (Letter and word
+of the paper's "outer diameter R" disagree: the radius is taken.)
 
-The attitude is the rotation R of the polar decomposition F = R U of the position gradient at the centre, R = R_w(γ)
-R_v(β) R_u(θ).  F is its mean over the square of the four inner points, whatever the mesh; with 3 × 3 cells that is the
-mean over the triangles around the centre node.  On that square acts, about the axis of each angle,
+The attitude is the rotation R of the polar decomposition F = R U of the position gradient at the
+centre, R = R_w(γ) R_v(β) R_u(θ).  F is its mean over the square of the four inner points, whatever
+the mesh; with 3 × 3 cells that is the mean over the triangles around the centre node.  On that
+square acts, about the axis of each angle,
 
     T = K_p (target - angle) - K_d d(angle)/dt,   K_p = I Ω²,   K_d = 2 ζ I Ω
 
@@ -16,7 +19,8 @@ with the moment of inertia I of the antenna about that axis, Ω = 0.6 rad/s and 
     case 1: (0°, 0°, 8°) about w, in the plane of the film;  case 2: (8°, 0°, 0°) about u, out of it
 
     ./gossamer demo antenna_attitude
-    ./gossamer run demos/antenna_attitude.py case=2 dt=0.04 --output out/turn; ./gossamer report out/turn
+    ./gossamer run demos/antenna_attitude.py case=2 dt=0.04 --output out/turn
+    ./gossamer report out/turn
 """
 
 from __future__ import annotations
@@ -33,6 +37,7 @@ from gossamer_fx.meshes import antenna as meshes
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Output, Probe
 
+# Edge of the film; from the paper, as all numbers here.
 SIDE = 2.1  # m
 FILM = gx.Miyazaki(
     E=2.3e9,
@@ -48,6 +53,7 @@ BOOM = gx.sections.tube(
     nu=0.3,
     density=1560.0,
 )
+# By the number of the case.
 TARGETS = {
     1: (0.0, 0.0, 8.0),
     2: (8.0, 0.0, 0.0),
@@ -87,7 +93,9 @@ def antenna(
         gx.Beam(meshes.boom(comm, boom_elements, SIDE, diagonal), BOOM, name=f"boom {k + 1}")
         for k, diagonal in enumerate(meshes.DIAGONALS)
     ]
+    # A to D, then E to H.
     points = meshes.tie_points(SIDE)
+    # Point k lies on diagonal k mod 2.
     ties = [
         gx.constraints.BallJoint(
             film.port_at(point), booms[k % 2].port_at(point), name=f"tie {'ABCDEFGH'[k]}"
@@ -98,7 +106,9 @@ def antenna(
 
 
 def inertia() -> np.ndarray:
-    """Moments of inertia about u, v, w [kg m²] of the undeformed antenna; those of the tubes' sections left out."""
+    """Moments of inertia about u, v, w [kg m²] of the undeformed antenna; those of the tubes'
+    sections left out."""
+    # m a²/12 about an axis in the plane; twice as much about the normal.
     film = FILM.density * FILM.thickness * SIDE**4 / 12
     length = SIDE * 2**0.5
     boom = BOOM.line_density * length**3 / 12
@@ -113,6 +123,7 @@ class Attitude:
         self._axis = axis
 
     def __call__(self, run: gx.Simulation) -> float:
+        # Directors of the patch give R, and R the three angles.
         vectors = run.system.state.vectors(self._control.frame.directors)
         angles = self._control.angles_of(vectors.ravel(), self._control.reference())
         return float(np.degrees(angles[self._axis]))
@@ -138,13 +149,15 @@ def build(
     dt: float = 0.02,
     order: int = 1,
 ) -> gx.Case:
-    """The antenna with cells × cells squares of film and `elements` of each boom, and its control in `case` 1 or 2.
+    """The antenna with cells × cells squares of film and `elements` of each boom, and its control
+    in `case` 1 or 2.
 
     It tells angles, torques and the displacement of the corner A.
     """
     model = antenna(comm, cells, elements, order)
     centre = model.film.port_at((0, 0, 0))
     corner = model.film.port_at(model.points[0])
+    # The patch measures the mean position gradient over the inner square.
     ring = gx.control.patch(centre, [model.film.port_at(point) for point in model.points[4:]])
     I = inertia()  # noqa: E741 (as in the formula)
     control = gx.control.AttitudeControl(
@@ -161,6 +174,8 @@ def build(
     }
     probes |= {f"torque {axis} [N m]": ControlTorque(control, k) for k, axis in enumerate("uvw")}
     probes |= {f"A {axis} [m]": gx.probes.Displacement(corner, axis) for axis in "xyz"}
+    # The torque begins at zero, so that the first residuals are small: `floor` ends their
+    # iteration.
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-12, floor=1.0))
     return gx.Case(
         scene,
@@ -174,16 +189,18 @@ def build(
 def main(
     case: int = 1, output: str | Path | None = None, comm: MPI.Comm = MPI.COMM_WORLD, **given: float
 ) -> dict:
-    """Control `case` of what `build` makes of the numbers given; angles in degrees, torques in N m, over the time.
+    """Control `case` of what `build` makes of the numbers given; angles in degrees, torques in N m,
+    over the time.
 
-    With `output`, a folder: the recording of the run, and pictures.  "film" are the corners of the triangles of
-    this rank at the end [m], "booms" the nodes of the booms.
+    With `output`, a folder: the recording of the run, and pictures.  "film" are the corners of the
+    triangles of this rank at the end [m], "booms" the nodes of the booms.
     """
     turn = build(comm, case, **given)
     series = gx.Series(turn.probes)
     outputs: list[Output] = [gx.outputs.Progress(), series]
     if output is not None:
         out = Path(output)
+        # Times of the picture, scaled with a shorter run.
         looks = (np.array([2.0, 4.0, 8.0, 16.0, 40.0]) * turn.until / 40).tolist()
         outputs += [
             turn.recording(out, overwrite=True),
@@ -238,22 +255,26 @@ def booms_at_end(run: gx.Simulation) -> list[Array]:
 
 def settling_time(time: Array, angle: Array, target: float, part: float) -> float:
     """The time [s] from which on an angle stays within a part of its target."""
+    # The last time outside; inside from the next one on.
     outside = np.flatnonzero(np.abs(angle - target) > part * abs(target))
     last = outside[-1] if len(outside) else 0
     return float(time[last])
 
 
 def draw_both(results: dict[int, dict], path: Path) -> None:
-    """The turned antenna, and angles, torques and displacements of A of both cases over the time."""
+    """The turned antenna, and angles, torques and displacements of A of both cases over the
+    time."""
     figure = new_figure(width=12.0, height=7.0)
     left, right = figure.subfigures(1, 2, width_ratios=(1.0, 2.0))
     axes = right.subplots(3, 2, sharex=True)
+    # One column of curves for each case, and the antenna at its end.
     for k, (case, result) in enumerate(results.items()):
         film = left.add_subplot(2, 1, k + 1, projection="3d", computed_zorder=False)
         draw_film(film, result["film"], view=(35.0, -60.0), zoom=0.85)
         for boom in result["booms"]:
             film.plot(*boom.T, color="black", lw=2.0, zorder=10)
         film.set_title(f"case {case}: at {result['time'][-1]:g} s")
+        # The angle that the case turns.
         axis = int(np.argmax(np.abs(TARGETS[case])))
         target = TARGETS[case][axis]
         settled = [
@@ -311,6 +332,7 @@ if __name__ == "__main__":
     }
     if MPI.COMM_WORLD.size == 1:
         draw_both(results, Path("out/antenna_attitude/antenna_attitude.png"))
+    # Of one rank only: the mesh of a picture is that of rank 0.
     for case, result in results.items():
         if MPI.COMM_WORLD.rank == 0:
             for key in (

@@ -1,7 +1,9 @@
-"""The membrane antenna free in space, spun up and let go: nothing may be lost while its film switches states.
+"""The membrane antenna free in space, spun up and let go: nothing may be lost while its film
+switches states.
 
-The antenna of `demos/antenna_attitude.py` without joint and control, thrown into a spin about an axis between the
-film's normal and its plane; then the energy, the momentum and the angular momentum stay as they are.
+The antenna of `demos/antenna_attitude.py` without joint and control, thrown into a spin about an
+axis between the film's normal and its plane; then the energy, the momentum and the angular momentum
+stay as they are.
 
     ./gossamer demo antenna_free
     ./gossamer run demos/antenna_free.py until=5 --output out/antenna; ./gossamer report out/antenna
@@ -31,7 +33,8 @@ def build(
     dt: float = 5e-3,
     order: int = 1,
 ) -> gx.Case:
-    """The antenna with cells × cells squares of film, booms of `elements`, until a time [s] in steps of `dt` [s]."""
+    """The antenna with cells × cells squares of film, booms of `elements`, until a time [s] in
+    steps of `dt` [s]."""
     motion = gx.RigidMotion(spin=SPIN, velocity=DRIFT)
     scene = gx.Scene(*antenna(comm, cells, elements, order).items, motion)
     return gx.Case(
@@ -47,7 +50,8 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: int,
 ) -> dict[str, float]:
-    """Run `steps` steps of `dt` [s] of what `build` makes of the numbers given; drifts are relative to the start.
+    """Run `steps` steps of `dt` [s] of what `build` makes of the numbers given; drifts are relative
+    to the start.
 
     With `output`, a folder: the recording, and a picture.
     """

@@ -1,7 +1,7 @@
 """The membrane antenna swings from one corner under g = 1 m/s² for two seconds.
 
-The antenna of `demos/antenna_attitude.py`, horizontal and at rest, corner C on a ball joint.  In the rigid limit, for
-any masses of film and booms,
+The antenna of `demos/antenna_attitude.py`, horizontal and at rest, corner C on a ball joint.  In
+the rigid limit, for any masses of film and booms,
 
     θ'' = (12 g/(7 d)) cos θ,    d = √2 · 2.1 m,    tip A at depth d sin θ
 
@@ -10,10 +10,11 @@ the deviation from it depends on the discretisation: the two booms cross without
 them, so that the antenna slowly becomes a saddle, with the film alone as resistance; and the film
 sags between the booms.  The figures of the paper agree with a commercial code within 0.02 m.
 
-`./gossamer demo antenna_pendulum` runs the resolutions of the paper and finer ones, with linear and quadratic films,
-and draws errors against unknowns and run time.  One of them, to look at:
+`./gossamer demo antenna_pendulum` runs the resolutions of the paper and finer ones, with linear and
+quadratic films, and draws errors against unknowns and run time.  One of them, to look at:
 
-    ./gossamer run demos/antenna_pendulum.py cells=4 elements=8 --output out/swing; ./gossamer report out/swing
+    ./gossamer run demos/antenna_pendulum.py cells=4 elements=8 --output out/swing
+    ./gossamer report out/swing
 """
 
 from __future__ import annotations
@@ -38,15 +39,18 @@ RESOLUTIONS = (
 
 
 def rigid_angle(t: np.ndarray, substeps: int = 200) -> np.ndarray:
-    """θ(t) [rad] of the rigid limit from rest at θ = 0, by the classical Runge-Kutta rule between the given times."""
+    """θ(t) [rad] of the rigid limit from rest at θ = 0, by the classical Runge-Kutta rule between
+    the given times."""
     rate = 12 * G / (7 * SIDE * 2**0.5)
 
     def slope(y: np.ndarray) -> np.ndarray:
         return np.array([y[1], rate * np.cos(y[0])])
 
+    # The state is the angle and its rate.
     y = np.zeros(2)
     angles = [0.0]
     for h in np.repeat(np.diff(t) / substeps, substeps).reshape(-1, substeps):
+        # Slopes at the start, twice in the middle, and at the end of a step.
         for k in h:
             k1 = slope(y)
             k2 = slope(y + k / 2 * k1)
@@ -60,7 +64,8 @@ def rigid_angle(t: np.ndarray, substeps: int = 200) -> np.ndarray:
 class FilmDeflection:
     """A probe: deflection of a film [m] from the bilinear surface that its corners A, B, C, D span.
 
-    It is the root mean square, over the mass of the film, of the distance along the normal to the plane of B, C and D.
+    It is the root mean square, over the mass of the film, of the distance along the normal to the
+    plane of B, C and D.
     """
 
     def __init__(self, film: gx.Membrane, corners: Sequence[gx.Port]) -> None:
@@ -87,7 +92,9 @@ class FilmDeflection:
         normal /= np.linalg.norm(normal)
         positions = system.q0.array_r[owned].reshape(-1, 3)
         with distance as values:
+            # Distance of each node from the bilinear surface, along the normal.
             heights = (positions - self._bilinear @ corners) @ normal
+            # As a vector at each node, so that the mass matrix can weigh it.
             values[owned] = np.outer(heights, normal).ravel()
         mass = FILM.density * FILM.thickness * SIDE**2
         return float(distance.dot(system.M * distance) / mass) ** 0.5
@@ -101,7 +108,8 @@ def build(
     dt: float = 5e-3,
     order: int = 1,
 ) -> gx.Case:
-    """The antenna with cells × cells squares of film and `elements` a boom, hinged at C; probes of both."""
+    """The antenna with cells × cells squares of film and `elements` a boom, hinged at C; probes of
+    both."""
     model = antenna(comm, cells, elements, order)
     corners = [model.film.port_at(point) for point in model.points[:4]]
     hinge = gx.constraints.BallJoint(
@@ -128,7 +136,8 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: float,
 ) -> dict:
-    """Run the pendulum; `given` are arguments of `build`.  Returns heights and deflections [m] over the time.
+    """Run the pendulum; `given` are arguments of `build`.  Returns heights and deflections [m] over
+    the time.
 
     With `output`, a folder: the recording of the run.
     """
@@ -143,6 +152,7 @@ def main(
     time = series.time
     tip = series["tip [m]"]
     film = series["film [m]"]
+    # The corner opposite the hinge is a diagonal of the square away from it.
     rigid = -SIDE * 2**0.5 * np.sin(rigid_angle(time))
     return {
         "time": time,
@@ -181,6 +191,7 @@ def plot(results: dict[tuple[int, int, int], dict], path: Path) -> None:
         2, 2, figsize=(11, 8), layout="constrained"
     )
     for (order, cells, elements), r in results.items():
+        # Colours follow the order of plotting; the line tells the order of the film.
         style = {
             "label": f"{cells}×{cells}-{elements}, P{order}",
             "ls": "--" if order == 1 else "-",
@@ -229,11 +240,13 @@ if __name__ == "__main__":
         plot(results, folder / "convergence.png")
         found = errors(results)
         print(
-            "film  mesh     unknowns  tip - rigid  tip error  film deflection  film error [mm]  Newton/step  run [s]"
+            "film  mesh     unknowns  tip - rigid  tip error  film deflection  film error [mm]  "
+            "Newton/step  run [s]"
         )
         for (p, n, m), r in results.items():
             tip, film = (f"{1e3 * e:9.2f}" for e in found.get((p, n, m), (np.nan, np.nan)))
             print(
                 f"P{p}    {f'{n}×{n}-{m}':8}{r['dofs']:9}{1e3 * r['deviation']:13.2f}{tip:>11}"
-                f"{1e3 * r['film_deflection']:17.2f}{film:>17}{r['newton_per_step']:13.1f}{r['seconds']:9.1f}"
+                f"{1e3 * r['film_deflection']:17.2f}{film:>17}"
+                f"{r['newton_per_step']:13.1f}{r['seconds']:9.1f}"
             )

@@ -1,25 +1,29 @@
-"""Moduli of a braided inflatable tube from one measured curve, and the curves that they predict at other pressures.
+"""Moduli of a braided inflatable tube from one measured curve, and the curves that they predict at
+other pressures.
 
-A tube of braided fabric with axial cords is bent by two loads (`demos/validation/models/braided_tube.py`,
-tests of NASA and the University of Maine).  The source gives membrane stiffnesses of the braid at each
-pressure.  Fitted are two factors, the same for all pressures,
+A tube of braided fabric with axial cords is bent by two loads
+(`demos/validation/models/braided_tube.py`, tests of NASA and the University of Maine).  The source
+gives membrane stiffnesses of the braid at each pressure.  Fitted are two factors, the same for all
+pressures,
 
     stretching      of A11, A12 and A22, along and around the tube
     shear           of A66
 
-such that the load over the deflection of midspan is the measured one at one pressure.  The tests at the
-other pressures are predictions, with the standard deviation that the fit leaves.
+such that the load over the deflection of midspan is the measured one at one pressure.  The tests at
+the other pressures are predictions, with the standard deviation that the fit leaves.
 
 The residual at each deflection is the load P less the measured load y at the computed deflection w,
 
     r = (P - y(w))/σ,    dr/dθ = (dP/dθ - y'(w) dw/dθ)/σ
 
 P is a multiplier of the constraint that lowers the loads, and a result with derivatives like any
-coordinate.  A tube with another stiffness is made with another stress-free shape, as the inflated diameter
-and span are measured.  The derivative through this shape is that by the mesh nodes, "wall.shape".
+coordinate.  A tube with another stiffness is made with another stress-free shape, as the inflated
+diameter and span are measured.  The derivative through this shape is that by the mesh nodes,
+"wall.shape".
 
-σ is a per cent of the largest load, of the order of what two tests of one tube differ by.  Where the scatter of
-the fit is above 1, the model is not right to this, and the errors are widened by the scatter.
+σ is a per cent of the largest load, of the order of what two tests of one tube differ by.  Where
+the scatter of the fit is above 1, the model is not right to this, and the errors are widened by the
+scatter.
 
     ./gossamer demo braid_identification
 """
@@ -62,7 +66,8 @@ STRETCH_STEP = 1e-5
 
 
 class Load:
-    """The total load [N] of a bending test as a result with derivatives: the multiplier of its constraint."""
+    """The total load [N] of a bending test as a result with derivatives: the multiplier of its
+    constraint."""
 
     unit = "N"
 
@@ -126,7 +131,8 @@ def bend(
     cells: int,
     with_gradients: bool = True,
 ) -> tuple[Curve, list[list[Gradient]]]:
-    """Lower the loads; the computed curve, and the gradients of load and height of midspan at its points.
+    """Lower the loads; the computed curve, and the gradients of load and height of midspan at its
+    points.
 
     The gradients are by the factors.
     """
@@ -216,7 +222,8 @@ def identify(
 
 
 def _residual(curve: Curve, w: float, P: float, of_load: Gradient, of_height: Gradient) -> Gradient:
-    """The difference of a load from the measured curve over its largest load, with its derivatives."""
+    """The difference of a load from the measured curve over its largest load, with its
+    derivatives."""
     largest = float(curve.P.max())
     k = int(np.clip(np.searchsorted(curve.w, w), 1, len(curve.w) - 1))
     steepness = (curve.P[k] - curve.P[k - 1]) / (curve.w[k] - curve.w[k - 1])
@@ -253,12 +260,13 @@ def main(
     output: str | Path | None = None,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
 ) -> dict[str, float]:
-    """Fit one test of the tubes of a braid angle [degrees] and predict others; a picture in `output`.
+    """Fit one test of the tubes of a braid angle [degrees] and predict others; a picture in
+    `output`.
 
     Returns:
-        The factors, their standard deviations, the scatter of the fit, and for each predicted test the mean
-        error of its loads with the stiffnesses of the source and with the fitted ones, and the mean standard
-        deviation of the predictions, over the loads.
+        The factors, their standard deviations, the scatter of the fit, and for each predicted test
+        the mean error of its loads with the stiffnesses of the source and with the fitted ones, and
+        the mean standard deviation of the predictions, over the loads.
     """
     began = time.process_time()
     case = read_case(CASES / f"hiad_{angle}.toml", ["braided_tube"])
@@ -290,7 +298,8 @@ def main(
 
 
 def draw(tests: Sequence[tuple[str, Curve, Curve, Curve, Array]], path: Path) -> None:
-    """Measured, first and fitted curves of each test, the fitted ones with two standard deviations."""
+    """Measured, first and fitted curves of each test, the fitted ones with two standard
+    deviations."""
     from demos.common.figures import BLUE, GREY, RED, new_figure, save
 
     columns = math.ceil(len(tests) / 2)

@@ -1,9 +1,10 @@
 """Rest angle and stiffness of a crease, from a folded strip that hangs under weights.
 
-The experiment with which the crease model of solar sails was fitted (Miyazaki, final report of grant 19360384, 2009,
-fig. 6): a folded strip of film carries a weight; the angle of its fold and its length are measured before and after.
-Here a fine plate with a known crease stands for the strip, and errors of half a degree and 0.2 mm for what a ruler
-misses.  `identify_crease` finds rest angle and stiffness, and how well they are known, by hinge and elastica.
+The experiment with which the crease model of solar sails was fitted (Miyazaki, final report of
+grant 19360384, 2009, fig. 6): a folded strip of film carries a weight; the angle of its fold and
+its length are measured before and after. Here a fine plate with a known crease stands for the
+strip, and errors of half a degree and 0.2 mm for what a ruler misses.  `identify_crease` finds rest
+angle and stiffness, and how well they are known, by hinge and elastica.
 
     ./gossamer demo crease_identification
 """
@@ -44,7 +45,8 @@ STRIP = gx.analysis.HangingStrip(
 
 @dataclass(frozen=True)
 class Hanging:
-    """A strip under a weight [N]: angle of its crease [rad], distance of its ends, side view of its rim (2, n) [m]."""
+    """A strip under a weight [N]: angle of its crease [rad], distance of its ends, side view of its
+    rim (2, n) [m]."""
 
     weight: float
     angle: float
@@ -98,7 +100,8 @@ def draw(
     found: gx.analysis.IdentifiedCrease,
     path: Path,
 ) -> None:
-    """Side views of the strip; angle and distance over weight, measured and by the crease that was found."""
+    """Side views of the strip; angle and distance over weight, measured and by the crease that was
+    found."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -161,7 +164,8 @@ def draw(
         axes.grid(alpha=0.3)
         axes.legend(fontsize=8, frameon=False)
     figure.suptitle(
-        f"rest angle {math.degrees(found.rest_angle):.1f}° ± {math.degrees(found.rest_angle_error):.1f}°, stiffness "
+        f"rest angle {math.degrees(found.rest_angle):.1f}° ± "
+        f"{math.degrees(found.rest_angle_error):.1f}°, stiffness "
         f"({1e3 * found.stiffness:.2f} ± {1e3 * found.stiffness_error:.2f}) mN m/(m rad);  "
         f"in the plate {math.degrees(REST):.1f}°, {1e3 * STIFFNESS:.2f}",
         fontsize=11,
@@ -171,10 +175,11 @@ def draw(
 
 
 def main(output: str | Path | None = None, cells: int = 16, seed: int = 0) -> dict[str, float]:
-    """What was found, over what the plate has; errors over their standard deviations; a picture in `output`.
+    """What was found, over what the plate has; errors over their standard deviations; a picture in
+    `output`.
 
-    "angle × 10" and "angle / 10": how far the angle under the largest weight [°] would be off with a stiffness ten
-    times as large or small.
+    "angle × 10" and "angle / 10": how far the angle under the largest weight [°] would be off with
+    a stiffness ten times as large or small.
     """
     strips, angles, distances = experiment(cells, seed)
     found = gx.analysis.identify_crease(

@@ -1,8 +1,8 @@
 """A de-orbit sail: four panels like a shuttlecock align with the flow, and drag lowers the orbit.
 
-The satellite has 10 kg and 25 m² and starts at 400 km.  The panels are swept back by 30°, so that free-molecular flow
-turns the axis towards the velocity.  The semi-major axis a of a circular orbit falls by da/dt = -2 F/(m n), with the
-drag F and the mean motion n.
+The satellite has 10 kg and 25 m² and starts at 400 km.  The panels are swept back by 30°, so that
+free-molecular flow turns the axis towards the velocity.  The semi-major axis a of a circular orbit
+falls by da/dt = -2 F/(m n), with the drag F and the mean motion n.
 
     ./gossamer demo deorbit
 """
@@ -27,8 +27,8 @@ MASS = 10.0  # kg
 AREA = 25.0  # of all panels [m²]
 SWEEP = math.radians(30)  # of the panels, towards the rear
 RADIUS = 6378137.0 + ALTITUDE  # of the orbit [m]; equatorial radius of the Earth (WGS 84)
-# Half of the width of a triangular panel over the distance from its root: four panels that are swept by 30° just
-# touch with cos 30°.
+# Half of the width of a triangular panel over the distance from its root: four panels that are
+# swept by 30° just touch with cos 30°.
 PANEL_SLOPE = 0.85
 # From the root of a panel to its centre [m].
 PANEL_DISTANCE = 2 / 3 * math.sqrt(AREA / 4 / PANEL_SLOPE)
@@ -72,7 +72,8 @@ def drag_area(air: gx.orbit.Air, speed: float) -> float:
 
 
 def fall_by_formula(hours: float, mu: float) -> tuple[Array, Array]:
-    """Times [s] and semi-major axes [m] of a circular orbit by the formula, with explicit Euler steps of a minute.
+    """Times [s] and semi-major axes [m] of a circular orbit by the formula, with explicit Euler
+    steps of a minute.
 
     Args:
         hours: how long.
@@ -142,10 +143,12 @@ def main(
     output: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dict[str, float]:
-    """Fly for some hours in steps of `dt` [s], at first `tilt` [rad] off the wind; with `output`, a folder: a picture.
+    """Fly for some hours in steps of `dt` [s], at first `tilt` [rad] off the wind; with `output`, a
+    folder: a picture.
 
     Returns:
-        fall of the semi-major axis [m], the formula's, largest angle to the wind in the last quarter [rad].
+        fall of the semi-major axis [m], the formula's, largest angle to the wind in the last
+        quarter [rad].
     """
     start = gx.orbit.Elements(RADIUS, 0.0, i=0.9)
     orbit = gx.orbit.Orbit(start, sun=(1.0, 0.0, 0.0))

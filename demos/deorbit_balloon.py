@@ -1,10 +1,12 @@
-"""A de-orbit balloon: a pillow of two square films is inflated in orbit, and its deformed shape gives the drag.
+"""A de-orbit balloon: a pillow of two square films is inflated in orbit, and its deformed shape
+gives the drag.
 
-Two flat films of 4 m, joined along their edges, take the shape that nitrogen of 2 Pa gives them: an equilibrium, in
-which the edges are drawn in, and wrinkle.  The satellite's equipment is spread along the seam.  The pillow then flies
-across the stream.  Free-molecular flow acts on the outer sides of the deformed triangles; no wrinkle shades another.
-The semi-major axis a of a circular orbit falls by da/dt = -2 F/(m n), with the mean motion n and the drag F of the
-shape that was found, summed over its triangles.
+Two flat films of 4 m, joined along their edges, take the shape that nitrogen of 2 Pa gives them: an
+equilibrium, in which the edges are drawn in, and wrinkle.  The satellite's equipment is spread
+along the seam.  The pillow then flies across the stream.  Free-molecular flow acts on the outer
+sides of the deformed triangles; no wrinkle shades another. The semi-major axis a of a circular
+orbit falls by da/dt = -2 F/(m n), with the mean motion n and the drag F of the shape that was
+found, summed over its triangles.
 
 Where the values come from:
     film                 aluminised polyester of 12.5 µm, as of Echo 1 (NASA TN D-1133, 1962): Mylar
@@ -71,7 +73,8 @@ def drag_area(corners: Array, flow: Array, air: gx.orbit.Air, speed: float) -> f
 
 
 def fall_by_formula(area: float, mass: float, seconds: float, mu: float) -> tuple[Array, Array]:
-    """Times [s] and semi-major axes [m] of a circular orbit by the formula, with explicit Euler steps of 10 s.
+    """Times [s] and semi-major axes [m] of a circular orbit by the formula, with explicit Euler
+    steps of 10 s.
 
     Args:
         area: F/(½ρU²) [m²].
@@ -166,8 +169,8 @@ def main(
         comm: communicator of the mesh.
 
     Returns:
-        Drag areas F/(½ρU²) [m²] of the pillow and of a flat square of its cut, and the fall of the semi-major axis [m],
-        computed and by the formula.
+        Drag areas F/(½ρU²) [m²] of the pillow and of a flat square of its cut, and the fall of the
+        semi-major axis [m], computed and by the formula.
     """
     mu = gx.orbit.Orbit(gx.orbit.Elements(RADIUS), sun=(1.0, 0.0, 0.0)).mu
     speed = math.sqrt(mu / RADIUS)
@@ -274,7 +277,8 @@ def main(
 
 
 def owned_triangles(statics: gx.Equilibrium, film: gx.Membrane) -> Array:
-    """Positions (n, 3, 3) [m] of the corners of the triangles that this rank owns, anticlockwise from outside."""
+    """Positions (n, 3, 3) [m] of the corners of the triangles that this rank owns, anticlockwise
+    from outside."""
     corners = triangles(statics.system, film)
     owned = film.space.mesh.topology.index_map(2).size_local
     return corners[:owned]

@@ -1,16 +1,16 @@
 """How does friction act between layers of film?
 
-`Contact(..., friction=μ)` gives every pair of parts that touch the friction of Coulomb: at most μ times
-their normal force, against the sliding.  In a stack of n sheets, pressed by p on the area A and held in
-turn at the left and at the right edge, each of the n - 1 gaps between them carries it:
+`Contact(..., friction=μ)` gives every pair of parts that touch the friction of Coulomb: at most μ
+times their normal force, against the sliding.  In a stack of n sheets, pressed by p on the area A
+and held in turn at the left and at the right edge, each of the n - 1 gaps between them carries it:
 
     F = (n - 1) μ p A                           to pull the odd sheets out between the even ones
     F dx                                        is dissipated, `run.totals.losses["contact"]`
 
 so a thin stack holds far more than a sheet on a table: friction adds up over the gaps.  The table
 printed compares F with the mean force of contact while the sheets slide, for two to five sheets and
-three pressures.  The sheets vibrate; the means agree with F within 2 %.  Energy closes to 1e-9, with
-the heat of friction counted.
+three pressures.  The sheets vibrate; the means agree with F within 2 %.  Energy closes to 1e-9,
+with the heat of friction counted.
 
 Coulomb's law needs care in three points.  Below `slip_velocity` the force falls to zero, so that
 sheets at rest creep (1 mm/s by default: give less for long times).  Static and sliding friction are
@@ -73,7 +73,8 @@ def pull(t: float) -> float:
 def build(
     comm: MPI.Intracomm, sheets: int, pressure: float, until: float = DURATION
 ) -> tuple[gx.Contact, list[gx.Membrane], gx.Case]:
-    """A stack on a smooth floor, pressed from above; every second sheet is pulled at its right edge."""
+    """A stack on a smooth floor, pressed from above; every second sheet is pulled at its right
+    edge."""
 
     def lifted(height: float) -> Any:
         return lambda X: np.stack([0 * X[0], 0 * X[1], 0 * X[2] + height])
@@ -126,7 +127,8 @@ def build(
 
 
 def pulled_apart(comm: MPI.Intracomm, sheets: int, pressure: float) -> tuple[gx.Series, Any]:
-    """The finished run of a stack, and the force [N] of contact on all pulled sheets in every step."""
+    """The finished run of a stack, and the force [N] of contact on all pulled sheets in every
+    step."""
     contact, films, case = build(comm, sheets, pressure)
     probes = [gx.probes.ContactForce(contact, film, axis="x") for film in films[1::2]]
     series = gx.Series({"force": lambda run: -sum(probe(run) for probe in probes)})
@@ -136,7 +138,8 @@ def pulled_apart(comm: MPI.Intracomm, sheets: int, pressure: float) -> tuple[gx.
 
 
 def draw(histories: dict[tuple[int, float], tuple[Array, Array]], means: Array, path: Path) -> None:
-    """Force against time of some stacks, and mean force against the sum of normal forces in the gaps."""
+    """Force against time of some stacks, and mean force against the sum of normal forces in the
+    gaps."""
     figure = new_figure()
     left, right = figure.subplots(1, 2)
     shown = [stack for stack in histories if stack[1] == max(p for _, p in histories)]
@@ -185,7 +188,8 @@ def main(
     stacks: tuple[tuple[int, float], ...] = STACKS,
     comm: MPI.Intracomm = MPI.COMM_SELF,
 ) -> dict[str, float]:
-    """Mean force over its closed form for (sheets, pressure [Pa]); largest energy error; picture in `output`."""
+    """Mean force over its closed form for (sheets, pressure [Pa]); largest energy error; picture in
+    `output`."""
     histories = {}
     means = []
     results = {}

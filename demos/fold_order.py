@@ -4,22 +4,24 @@ A start needs no history of folding: the position of every point of the flat fil
 of `gx.fold` or by `displacement`.  The order is in the result, as the order of the layers, and in
 what can move at the same time.
 
-Folds that cross at right angles go one after the other.  Only when the first is shut, and all layers
-lie on each other, can the second turn without stretching the film.  Halving a square along x and then
-along y stacks its quarters as 10, 00, 01, 11 from top to bottom; along y first as 01, 00, 10, 11.
-The first fold made is the last to open.
+Folds that cross at right angles go one after the other.  Only when the first is shut, and all
+layers lie on each other, can the second turn without stretching the film.  Halving a square along x
+and then along y stacks its quarters as 10, 00, 01, 11 from top to bottom; along y first as 01, 00,
+10, 11. The first fold made is the last to open.
 
-Folds of a Miura sheet, whose lines are not at right angles, turn all at once.  `gx.fold.Miura` has one
-angle θ, and the film is not stretched at any: its energy is round-off.
+Folds of a Miura sheet, whose lines are not at right angles, turn all at once.  `gx.fold.Miura` has
+one angle θ, and the film is not stretched at any: its energy is round-off.
 
-Layers must start apart.  `Contact` refuses a start in which they intersect or coincide, and the probe
-`ContactGap` is the smallest gap.  A gap between shut layers costs strain where the outer layer goes
-round the inner one.  The energies printed say so: with a second fold by a right angle the film has
-12 kJ while the first one is open by 90° (it would tear), and 0.3 J at 1°; a Miura sheet has 1e-27 J.
-The gap of the quarters that are opened by 1° and 3° is 3 µm, next to the corner where the folds cross.
+Layers must start apart.  `Contact` refuses a start in which they intersect or coincide, and the
+probe `ContactGap` is the smallest gap.  A gap between shut layers costs strain where the outer
+layer goes round the inner one.  The energies printed say so: with a second fold by a right angle
+the film has 12 kJ while the first one is open by 90° (it would tear), and 0.3 J at 1°; a Miura
+sheet has 1e-27 J. The gap of the quarters that are opened by 1° and 3° is 3 µm, next to the corner
+where the folds cross.
 
 Where the values come from:
-    crossing folds     Gauss: a sheet that does not stretch is straight in one direction wherever it bends
+    crossing folds     Gauss: a sheet that does not stretch is straight in one direction wherever it
+                       bends
     Miura              Schenk & Guest (2013), doi:10.1073/pnas.1217998110
     film, size         polyimide of 25 µm, 0.2 m × 0.2 m
 
@@ -42,6 +44,7 @@ from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.model.body import Array
 from gossamer_fx.presets.films import KAPTON_HN
 
+# A square of four quarters, named by their position along x and y.
 EDGE = 0.2  # m
 FILM = KAPTON_HN.law(25e-6)
 QUARTERS = ("00", "10", "01", "11")
@@ -60,6 +63,7 @@ def halved(s: Array, height: Array, opening: float) -> tuple[Array, Array]:
     """
     middle = EDGE / 2
     beyond = s - middle
+    # Nodes on the fold itself belong to both halves.
     turned = beyond > 1e-9
     normal_along = np.where(turned, math.sin(opening), 0.0)
     normal_up = np.where(turned, -math.cos(opening), 1.0)
@@ -67,18 +71,21 @@ def halved(s: Array, height: Array, opening: float) -> tuple[Array, Array]:
     at_fold = np.abs(beyond) <= 1e-9
     normal_along = np.where(at_fold, math.cos(opening / 2), normal_along)
     normal_up = np.where(at_fold, math.sin(opening / 2), normal_up)
+    # The turned half lies below the first one.
     along = np.where(turned, middle - beyond * math.cos(opening), s)
     up = np.where(turned, -beyond * math.sin(opening), 0.0)
     return along + height * normal_along, up + height * normal_up
 
 
 def folded_twice(first: str, openings: tuple[float, float]) -> Callable[[Array], Array]:
-    """Displacement of a square that is halved along `first`, "x" or "y", then along the other direction.
+    """Displacement of a square that is halved along `first`, "x" or "y", then along the other
+    direction.
 
     Args:
         first: direction of the line that is folded first.
         openings: angles [rad] between the halves, of the first and of the second fold.
     """
+    # The direction of each component of the position.
     a = "xy".index(first)
     b = 1 - a
 
@@ -115,6 +122,7 @@ def build(
 
 def miura(comm: MPI.Intracomm, theta: float) -> tuple[gx.Membrane, gx.fold.Miura]:
     """A sheet of 4 × 4 parallelograms, and its fold map with the angle θ [rad]."""
+    # The same pattern as the mesh below: its edges lie on the fold lines.
     folds = gx.fold.Miura(
         EDGE / 4,
         EDGE / 4,
@@ -144,6 +152,7 @@ def layers(film: gx.Membrane, run: gx.Simulation) -> list[str]:
     height = run.system.state[film].local_positions()[:, 2]
     heights = {}
     for name in QUARTERS:
+        # Inside of a quarter, away from the folds.
         lower = np.array([int(figure) for figure in name]) * EDGE / 2
         inside = (X[:, :2] > lower + 1e-6) & (X[:, :2] < lower + EDGE / 2 - 1e-6)
         heights[name] = height[inside.all(axis=1)].mean()
@@ -151,8 +160,10 @@ def layers(film: gx.Membrane, run: gx.Simulation) -> list[str]:
 
 
 def main(output: str | Path | None = None) -> dict[str, object]:
-    """Orders of layers, smallest gaps [m] and energies [J] of starts; a picture in the folder `output`."""
+    """Orders of layers, smallest gaps [m] and energies [J] of starts; a picture in the folder
+    `output`."""
     comm = MPI.COMM_SELF
+    # Open by different angles, so that all four layers are apart.
     nearly_shut = (math.radians(1.0), math.radians(3.0))
     results: dict[str, object] = {}
     shapes = {}
@@ -163,12 +174,14 @@ def main(output: str | Path | None = None) -> dict[str, object]:
         results[f"layers, {first} first"] = ", ".join(layers(film, run))
         results[f"gap, {first} first [m]"] = gx.probes.ContactGap(contact)(run)
     right_angle = math.radians(90.0)
+    # The second fold is a right angle, which needs the first to be shut.
     for degrees in (90.0, 1.0):
         film = build(comm, "x", (math.radians(degrees), right_angle))
         run = at_start(film)
         energy = run.totals.stored[film.name]
         results[f"energy, first fold open by {degrees:g}° [J]"] = energy
         shapes[f"first fold open by {degrees:g}°: {energy:.0e} J"] = triangles(run.system, film)
+    # Nearly shut, and half open.
     for degrees in (85.0, 45.0):
         film, folds = miura(comm, math.radians(degrees))
         contact = gx.Contact(film, distance=2e-3)

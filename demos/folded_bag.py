@@ -8,12 +8,13 @@ isometric: it changes no length, so the strain energy of the folded start is rou
 
 and the inflated bag has the size of its pattern, whatever the folds were.  Here a tube of two flat
 sheets is folded to an accordion and inflated: its volume and its energy are those of the tube that
-was inflated from flat, to round-off.  A mesh of a drawn folded figure has the lengths of the drawing
-instead: wherever the drawing cheats, the inflated bag is too small or too large, for ever.
+was inflated from flat, to round-off.  A mesh of a drawn folded figure has the lengths of the
+drawing instead: wherever the drawing cheats, the inflated bag is too small or too large, for ever.
 
 With `Contact` layers have to start apart, by `opening` (a pillow between folds) and `lift` (at the
-folds).  These stretch the film a little: the energy grows as opening⁴.  With 1 mm it is 0.5 mJ here,
-a third of what the inflated film has; with a tenth of a millimetre it is 5e-8 J, which nobody sees.
+folds).  These stretch the film a little: the energy grows as opening⁴.  With 1 mm it is 0.5 mJ
+here, a third of what the inflated film has; with a tenth of a millimetre it is 5e-8 J, which nobody
+sees.
 
 Where the values come from:
     film               polyimide, Kapton HN 100: `gossamer_fx.presets.films`
@@ -43,13 +44,15 @@ FILM = KAPTON_HN.law(25e-6, residual_stiffness=1e-4)
 
 
 def accordion(opening: float = 1e-4) -> gx.fold.Zigzag:
-    """Four panels that rise and fall by 70°, whose two sheets are apart by up to twice the opening [m]."""
+    """Four panels that rise and fall by 70°, whose two sheets are apart by up to twice the opening
+    [m]."""
     return gx.fold.Zigzag(
         LENGTH,
         PANELS,
         angle=math.radians(70.0),
         width=math.pi * DIAMETER / 2,
         opening=opening,
+        # Half of the distance between the two sheets in the middle of a panel.
     )
 
 
@@ -69,6 +72,7 @@ def build(comm: MPI.Intracomm, folded: bool = True, cells: int = 6) -> gx.Equili
 
 def volume(corners: Array) -> float:
     """Volume [m³] within triangles (n, 3, 3) [m] of a closed surface."""
+    # Six times the volumes of the cones from the origin.
     cones = np.einsum("ni,ni->n", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
     return float(cones.sum()) / 6
 
@@ -104,6 +108,7 @@ def draw(shapes: dict[str, Array], openings: Array, energies: Array, path: Path)
         color=BLUE,
         label="strain energy of the start",
     )
+    # The law opening⁴, through the last point.
     fourth = energies[-1] * (openings / openings[-1]) ** 4
     plot.loglog(
         1e3 * openings,
@@ -118,7 +123,8 @@ def draw(shapes: dict[str, Array], openings: Array, energies: Array, path: Path)
 
 
 def main(output: str | Path | None = None, cells: int = 6) -> dict[str, float]:
-    """Energies of starts [J]; volume and energy of the inflated tube from folded over those from flat."""
+    """Energies of starts [J]; volume and energy of the inflated tube from folded over those from
+    flat."""
     found = {}
     shapes = {}
     for folded in (False, True):
@@ -129,6 +135,7 @@ def main(output: str | Path | None = None, cells: int = 6) -> dict[str, float]:
         inflated = triangles(search.system, film)
         found[folded] = (volume(inflated), energy)
         shapes = {"folded": start, "inflated from there": inflated}
+    # Three factors of two: enough to see the fourth power.
     openings = np.array([1e-4, 2e-4, 5e-4, 1e-3])
     energies = start_energies(openings, cells)
     if output is not None:

@@ -1,26 +1,32 @@
-"""A folded inflatable tube is deployed from a tank, with contact with itself and choked flow at its folds.
+"""A folded inflatable tube is deployed from a tank, with contact with itself and choked flow at its
+folds.
 
-The film is pressed flat and folded to a zigzag, or rolled up.  Each panel is a compartment, a separate chamber; gas
-passes to the next one through the deformed ring of film between them, which a fold almost closes.  Layers are in
-contact.  The compartments open one after the other, the tube unfolds and stiffens, and its tip is stopped abruptly when
-it is straight.  The only external force is that of the clamp at the inlet, so the energy of film, contact, creases and
-gas is constant.
+The film is pressed flat and folded to a zigzag, or rolled up.  Each panel is a compartment, a
+separate chamber; gas passes to the next one through the deformed ring of film between them, which a
+fold almost closes.  Layers are in contact.  The compartments open one after the other, the tube
+unfolds and stiffens, and its tip is stopped abruptly when it is straight.  The only external force
+is that of the clamp at the inlet, so the energy of film, contact, creases and gas is constant.
 
 Where the values come from:
-    length 0.25, 0.8 m   the short and the long tube of the deployment tests in Miyazaki, KAKENHI 19360384 final report
-                         (2009), §4(4); their films, diameters and pressures were not published
+    length 0.25, 0.8 m   the short and the long tube of the deployment tests in Miyazaki, KAKENHI
+                         19360384 final report (2009), §4(4); their films, diameters and pressures
+                         were not published
     diameter 30 mm       chosen, as are folds, tank and valve
-    film                 polyimide, Kapton HN 100 (DuPont data sheet H-38492): 25 µm, 2.5 GPa, 0.34, 1420 kg/m³
-    tank                 chosen: 1 ml of nitrogen at 1.5 MPa and 293 K, which fills the tube to about 9 kPa
-    crease               0.02 N m/m/rad for creases with memory: B/L* with L* = 29 thicknesses, as of the crease of Gori
-                         & Bosi (2022), doi:10.1016/j.eml.2022.101849
-    manufacturing        `SCATTER`, chosen; a `seed` draws the errors of one specimen, see demos/common/manufacturing.py
+    film                 polyimide, Kapton HN 100 (DuPont data sheet H-38492): 25 µm, 2.5 GPa, 0.34,
+                         1420 kg/m³
+    tank                 chosen: 1 ml of nitrogen at 1.5 MPa and 293 K, which fills the tube to
+                         about 9 kPa
+    crease               0.02 N m/m/rad for creases with memory: B/L* with L* = 29 thicknesses, as
+                         of the crease of Gori & Bosi (2022), doi:10.1016/j.eml.2022.101849
+    manufacturing        `SCATTER`, chosen; a `seed` draws the errors of one specimen, see
+                         demos/common/manufacturing.py
 
-The picture has 2022 unknowns (`cells=8`, four minutes of CPU time); the demo has 582 and takes a minute.  The rings
-between the compartments open at the same times, 4.5 and 5.7 ms.
+The picture has 2022 unknowns (`cells=8`, four minutes of CPU time); the demo has 582 and takes a
+minute.  The rings between the compartments open at the same times, 4.5 and 5.7 ms.
 
     ./gossamer demo folded_tube
-    ./gossamer run demos/folded_tube.py cells=6 --output out/folded_tube; ./gossamer report out/folded_tube
+    ./gossamer run demos/folded_tube.py cells=6 --output out/folded_tube
+    ./gossamer report out/folded_tube
     ./gossamer run demos/folded_tube.py start=roll
     ./gossamer run demos/folded_tube.py length=0.8 panels=5 tank=3.2e-6 until=0.1
 """
@@ -65,10 +71,12 @@ VIEW = gx.plot.View(
     elevation=math.radians(15),
     zoom=True,
 )
-# Manufacturing errors of a specimen: 1 mm and 2 degrees are those of folding by hand along a drawn line, 1 % of the
-# diameter is 0.5 mm at the seams; makers of film state 5 to 10 % of the thickness as the tolerance.
+# Manufacturing errors of a specimen: 1 mm and 2 degrees are those of folding by hand along a drawn
+# line, 1 % of the diameter is 0.5 mm at the seams; makers of film state 5 to 10 % of the thickness
+# as the tolerance.
 SCATTER = Scatter(fold_position=1e-3, fold_angle=math.radians(2.0), diameter=0.01, thickness=0.04)
-# The tip has arrived at this part of the length from the clamp.  The flat ends shorten a tube that is full by some 7 %.
+# The tip has arrived at this part of the length from the clamp.  The flat ends shorten a tube that
+# is full by some 7 %.
 ARRIVED = 0.9
 OPEN = 0.5  # a ring counts as open at this part of the area of the round tube
 
@@ -123,8 +131,8 @@ def build(
         crease: stiffness of creases with a rest angle [N m/m/rad]; 0: none.
         set_angle_ratio: rest angle of the creases over the angle of their folds, 0 to 1.
         yield_angle: of the creases [rad], see `gx.connectors.Crease`; 0: elastic.
-        seed: of the manufacturing errors `SCATTER` of a specimen; 0: none.  A roll has those of diameter and
-            thickness only.
+        seed: of the manufacturing errors `SCATTER` of a specimen; 0: none.  A roll has those of
+            diameter and thickness only.
         damping: viscosity of the film over its stiffness [s]; 0: none.
         contact: activation distance [m]; 0: no contact.
         contact_stiffness: [N/m³]; None: from closing speeds.  Gradients need a number.
@@ -134,8 +142,8 @@ def build(
         residual: initial pressure of the gas in the tube above that outside [Pa].
         until: end of the run [s].
         dt: first step [s]; the largest is twice as long.
-        iterations: Newton iterations that the step control aims at; 0: 12 for the zigzag, and 10 for the
-            roll, which longer steps would press shut.
+        iterations: Newton iterations that the step control aims at; 0: 12 for the zigzag, and 10
+            for the roll, which longer steps would press shut.
     """
     specimen = draw_specimen(seed, panels, SCATTER)
     diameter *= specimen.diameter_ratio
@@ -222,7 +230,8 @@ def build(
     control = gx.StepControl(
         target_iterations=iterations or (12 if start == "zigzag" else 10), max_step=2 * dt
     )
-    # The first guess of a step may press layers together: its residual is not a measure of the forces.
+    # The first guess of a step may press layers together: its residual is not a measure of the
+    # forces.
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     return gx.Case(
         gx.Scene(*items),
@@ -236,7 +245,8 @@ def build(
 
 
 def thickness_of(specimen: Specimen, thickness: float) -> dict[str, dict[str, float]] | None:
-    """Thickness [m] of each panel as the `properties` of a film; None if all are as thick as drawn."""
+    """Thickness [m] of each panel as the `properties` of a film; None if all are as thick as
+    drawn."""
     ratios = specimen.thickness_ratios
     # A film without properties has one thickness in its compiled forms.
     if all(ratio == 1 for ratio in ratios):
@@ -250,7 +260,8 @@ def _speed(components: list[gx.probes.Velocity]) -> Probe:
 
 
 def opening_times(time: Array, rings: list[Array], diameter: float) -> list[float]:
-    """When each ring [mm²] first is half as wide as the round tube [s]; infinite for one that does not open."""
+    """When each ring [mm²] first is half as wide as the round tube [s]; infinite for one that does
+    not open."""
     circle = 1e6 * math.pi * diameter**2 / 4
     return [first_time(time, area, OPEN * circle) for area in rings]
 
@@ -261,12 +272,13 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: object,
 ) -> dict[str, float]:
-    """Deploy the tube; `given` are arguments of `build`.  With `output`, a folder: a recording and a picture.
+    """Deploy the tube; `given` are arguments of `build`.  With `output`, a folder: a recording and
+    a picture.
 
-    Returns the figures of `run_figures` and `dissipation`, mass_error (of the gas, relative), opening times of
-    the rings [ms], pressures at the end [Pa], the largest speed [m/s] of the tip, its distance from the clamp at
-    the end [m], the time [s] at which that first is `ARRIVED` of the length, and with creases the figures of
-    `crease_figures`.
+    Returns the figures of `run_figures` and `dissipation`, mass_error (of the gas, relative),
+    opening times of the rings [ms], pressures at the end [Pa], the largest speed [m/s] of the tip,
+    its distance from the clamp at the end [m], the time [s] at which that first is `ARRIVED` of the
+    length, and with creases the figures of `crease_figures`.
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.08, 0.2, 0.35, 0.6, 1.0)
@@ -301,10 +313,12 @@ def say(found: dict[str, float]) -> None:
     order = ", ".join(f"{v:.1f} ms" for k, v in found.items() if k.startswith("opening"))
     pressures = ", ".join(f"{v:.0f} Pa" for k, v in found.items() if k.startswith("pressure"))
     print(
-        f"The rings between the compartments are half open after {order}; pressures at the end: {pressures}."
+        f"The rings between the compartments are half open after {order}; pressures at the end: "
+        f"{pressures}."
     )
     print(
-        f"The tip reached {found['tip_speed']:.0f} m/s and is {1e3 * found['tip_distance']:.0f} mm from the clamp."
+        f"The tip reached {found['tip_speed']:.0f} m/s and is {1e3 * found['tip_distance']:.0f} mm "
+        "from the clamp."
     )
     print_run_figures(found, "the mass of the gas", "mass_error")
 

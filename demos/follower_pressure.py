@@ -3,21 +3,23 @@
 `Pressure` acts along the normal of the deformed film, and so does the gas of a `Chamber`.  When the
 film turns, the force turns with it: the linearised load is a stiffness, which the package always
 includes.  A dead load keeps the direction that it had.
-A ring (a slice of a long cylinder) of radius R and mass per area μ, without bending stiffness, under
-the pressure p inside vibrates without stretching, n waves around, at
+A ring (a slice of a long cylinder) of radius R and mass per area μ, without bending stiffness,
+under the pressure p inside vibrates without stretching, n waves around, at
 
     ω² = p/(μ R) n² (n² - 1)/(n² + 1)        pressure follows: potential -p × enclosed volume
     ω² = p/(μ R) (n² - 1)²/(n² + 1)          dead load of the same size
 
 n = 1 is a translation of the ring: ω = 0 in both.  The ratio n²/(n² - 1) of the stiffnesses, 4/3
 for n = 2, is also that of the pressures outside at which a stiff ring buckles: 4 EI/R³ for a dead
-load, 3 EI/R³ for a follower (M. Lévy, 1884).  A programme without pressure stiffness is wrong by it.
+load, 3 EI/R³ for a follower (M. Lévy, 1884).  A programme without pressure stiffness is wrong by
+it.
 
 The table printed compares natural frequencies of a film of triangles with both.  A gas of constant
 mass in a `Chamber` adds its own stiffness for motions that change the volume; these do not.
 
 Where the values come from:
-    frequencies        second variation of hoop tension and enclosed area for w = cos nθ, v = -sin nθ/n
+    frequencies        second variation of hoop tension and enclosed area for w = cos nθ, v = -sin
+                       nθ/n
     film, sizes        chosen: 25 µm of polyimide, R = 0.1 m, 1 kPa: hoop strain 1.6e-3
 
     ./gossamer demo follower_pressure
@@ -39,6 +41,7 @@ from gossamer_fx.extend import Load, State, Term, area_vector, constant
 from gossamer_fx.meshes.tube_section import cylinder
 from gossamer_fx.model.body import Array
 
+# The hoop strain is p R/(E t) = 1.6e-3.
 RADIUS = 0.1  # m
 PRESSURE = 1e3  # Pa
 FILM = gx.Linear(
@@ -52,7 +55,8 @@ WAVES = (2, 3, 4, 5)
 
 @dataclass(frozen=True, eq=False)
 class DeadPressure:
-    """A pressure [Pa] along the normals of the mesh: it keeps size and direction as the film moves."""
+    """A pressure [Pa] along the normals of the mesh: it keeps size and direction as the film
+    moves."""
 
     body: gx.Membrane
     pressure: float
@@ -72,12 +76,14 @@ class DeadPressure:
 
 def build(comm: MPI.Intracomm, dead: bool = False, around: int = 48) -> gx.Equilibrium:
     """A free ring of `around` edges, whose points stay in their planes x = constant."""
+    # Square cells.
     width = 2 * np.pi * RADIUS / around
     film = gx.Membrane(
         cylinder(comm, RADIUS, width, around, 1, order=2),
         FILM,
         order=2,
     )
+    # Both are loads of a film, with the same arguments.
     kind = DeadPressure if dead else gx.Pressure
     load = kind(film, PRESSURE)
     plane = gx.Fixed(film, "wall", components=(0,))
@@ -103,9 +109,11 @@ def frequencies(comm: MPI.Intracomm, dead: bool, around: int) -> Array:
 
 
 def draw(found: dict[str, Array], path: Path) -> None:
-    """The mode of two waves with the forces of both loads, and frequencies against the number of waves."""
+    """The mode of two waves with the forces of both loads, and frequencies against the number of
+    waves."""
     figure = new_figure()
     ring, plot = figure.subplots(1, 2)
+    # The mode of two waves, with an amplitude that can be seen.
     angle = np.linspace(0, 2 * np.pi, 200)
 
     def shape(θ: Array) -> Array:
@@ -117,6 +125,7 @@ def draw(found: dict[str, Array], path: Path) -> None:
     ring.plot(*shape(angle), color="black")
     places = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     along = shape(places + 1e-4) - shape(places - 1e-4)
+    # Forces along the deformed normal, or along that of the circle.
     follower = 0.3 * np.stack([along[1], -along[0]]) / 2e-4
     dead_load = 0.3 * np.stack([np.cos(places), np.sin(places)])
     for force, colour, name in ((follower, BLUE, "follows"), (dead_load, RED, "dead load")):
@@ -161,7 +170,8 @@ def draw(found: dict[str, Array], path: Path) -> None:
 def main(
     output: str | Path | None = None, around: int = 48, comm: MPI.Intracomm = MPI.COMM_SELF
 ) -> dict[str, float]:
-    """Frequencies over their closed form, and stiffness with over without pressure stiffness for n = 2."""
+    """Frequencies over their closed form, and stiffness with over without pressure stiffness for n
+    = 2."""
     found = {
         "follower": frequencies(comm, False, around),
         "dead": frequencies(comm, True, around),
@@ -174,6 +184,7 @@ def main(
         for n, ratio in zip(WAVES, values / exact, strict=True):
             results[f"{name}, n = {n}, over closed form"] = float(ratio)
     results["stiffness, follower over dead, n = 2"] = float(
+        # The stiffness goes with the square of the frequency.
         (found["follower"][0] / found["dead"][0]) ** 2
     )
     return results

@@ -1,8 +1,8 @@
 """The form of a film between four corners and edge cables: a saddle.
 
-A film with the isotropic tension n0 = 10 N/m spans a square of 1 m, two opposite corners of which are 0.4 m high.  Its
-edges are cables with the force N.  No elastic stiffness is involved: the form is the one in which these forces are in
-equilibrium, with
+A film with the isotropic tension n0 = 10 N/m spans a square of 1 m, two opposite corners of which
+are 0.4 m high.  Its edges are cables with the force N.  No elastic stiffness is involved: the form
+is the one in which these forces are in equilibrium, with
 
     mean curvature 0 of the film,    curvature n0/N of the cables in the tangent plane of the film.
 
@@ -39,7 +39,8 @@ def main(
     output: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dict[str, float]:
-    """Find the form for edge cables with the `force` [N]; compare the radius of a cable with force/tension.
+    """Find the form for edge cables with the `force` [N]; compare the radius of a cable with
+    force/tension.
 
     Args:
         force: of the edge cables [N].

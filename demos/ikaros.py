@@ -1,19 +1,24 @@
-"""The sail of IKAROS opens: stage 2, from the cross of four arms to the square, and the steady spin after it.
+"""The sail of IKAROS opens: stage 2, from the cross of four arms to the square, and the steady spin
+after it.
 
-Four trapezoids of film are folded to strips, which stand out from the hub as a cross, two half strips in each arm; 16
-tethers hold their inner edges, masses of 0.5 kg their tips.  The guides of the arms are removed at t = 0: the
-middles of the trapezoids move outwards, the tips are drawn along, and the film opens.  Layers and hub are in contact.
-There are no external loads: the spin falls as the moment of inertia grows,
+Four trapezoids of film are folded to strips, which stand out from the hub as a cross, two half
+strips in each arm; 16 tethers hold their inner edges, masses of 0.5 kg their tips.  The guides of
+the arms are removed at t = 0: the middles of the trapezoids move outwards, the tips are drawn
+along, and the film opens.  Layers and hub are in contact. There are no external loads: the spin
+falls as the moment of inertia grows,
 
     ω = ω0 (I + J0)/(I + J1)
 
-with the moments of inertia I of the hub and J0, J1 of the sail folded and open, after the oscillation between hub and
-sail has decayed.
+with the moments of inertia I of the hub and J0, J1 of the sail folded and open, after the
+oscillation between hub and sail has decayed.
 
 Where the values come from:
-    square 14.1 m, inner edge 3.2 m, 4 trapezoids of 3.5 kg with devices, 4 masses of 0.5 kg, hub of 290 kg, φ1.6 m
-                         JAXA's press kit and the project's blog; here the sail ends at whole rows of folds
-    7.4 rpm in the cross project's blog, item 550 (6 June 2010); docs/measured.md compares the spin with the flight's
+    square 14.1 m, inner edge 3.2 m, 4 trapezoids of 3.5 kg with devices, 4 masses of 0.5 kg, hub of
+    290 kg, φ1.6 m
+                         JAXA's press kit and the project's blog; here the sail ends at whole rows
+                         of folds
+    7.4 rpm in the cross project's blog, item 550 (6 June 2010); docs/measured.md compares the spin
+    with the flight's
     hub 85 kg m²         of a uniform cylinder 93; less, as docs/measured.md says
     tethers              1e4 N/m, chosen
     film                 polyimide of 7.5 µm, 3 GPa; devices are spread evenly
@@ -118,16 +123,19 @@ def build(
         refine: cells between folds.
         rpm: spin at the start [rpm].
         hub_inertia: of the hub about its axis [kg m²]; those across it are `HUB_INERTIA`'s.
-        tilt, offset, stuck: see `demos.common.disturbances.Disturbance`; the guide of one trapezoid sticks.
+        tilt, offset, stuck: see `demos.common.disturbances.Disturbance`; the guide of one trapezoid
+            sticks.
         contact: activation distance [m]; 0: no contact.
         gap: between the layers [m].
-        damping: viscosity of the film over its stiffness [s]; with `tension_only` none where it is slack.
+        damping: viscosity of the film over its stiffness [s]; with `tension_only` none where it is
+            slack.
         tether_damping: damping of a tether [N s/m].
         friction: coefficient of the film on itself and the hub.
         crease: stiffness of creases with a rest angle [N m/m/rad]; 0: none.
         until: end of the run [s].
         dt, largest: first and largest step [s].
-        growth: factor by which a step may be longer than the last one; steps that grow by half are rejected more often.
+        growth: factor by which a step may be longer than the last one; steps that grow by half are
+            rejected more often.
     """
     inner, outer, bends = rows(pitch)
     folds = gx.fold.Ikaros(
@@ -267,11 +275,12 @@ def steady(
     bent: float = 0.0,
     held: bool = True,
 ) -> tuple[gx.Equilibrium, float, float]:
-    """The open sail that spins steadily; the tethers' stiffness against swinging [N m/rad] and the sail's J1 [kg m²].
+    """The open sail that spins steadily; the tethers' stiffness against swinging [N m/rad] and the
+    sail's J1 [kg m²].
 
-    The search begins `bent` [m] out of the plane; the hub is `held` in turning axes, or free.  As if the sail were
-    rigid in its plane, tethers of length l with the tension T from the radius R on the hub to r on the sail have the
-    stiffness k = Σ T R r/l, and the lowest modes are
+    The search begins `bent` [m] out of the plane; the hub is `held` in turning axes, or free.  As
+    if the sail were rigid in its plane, tethers of length l with the tension T from the radius R on
+    the hub to r on the sail have the stiffness k = Σ T R r/l, and the lowest modes are
 
         swing about the hub   ω² = k/J, with a free hub of inertia I: k (1/J + 1/I)
         tilt against the hub  ω² = Ω² + k/J
@@ -318,10 +327,11 @@ def arm_inertia(
     radius: float = 0.8,
     parts: int = 4000,
 ) -> float:
-    """Moment of inertia [kg m²] of hub, wound strips and arms of which the length `out` [m] stands out from the hub.
+    """Moment of inertia [kg m²] of hub, wound strips and arms of which the length `out` [m] stands
+    out from the hub.
 
-    A half strip has at the distance s from the middle of its trapezoid the mass ρ (a - max(s, b)) ds, with the half
-    edges (a, b); its wound part lies at the radius of the hub.
+    A half strip has at the distance s from the middle of its trapezoid the mass ρ (a - max(s, b))
+    ds, with the half edges (a, b); its wound part lies at the radius of the hub.
     """
     a, b = half_edges
     # Midpoint rule along the half strip.
@@ -337,13 +347,14 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: object,
 ) -> dict[str, float]:
-    """Open the sail; `given` are arguments of `build`.  With `output`, a folder: a recording and pictures.
+    """Open the sail; `given` are arguments of `build`.  With `output`, a folder: a recording and
+    pictures.
 
-    Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative), spins at
-    the end and of the closed form [rpm], radius of the tips at the end, its smallest and its largest value [m],
-    nutation at the start and the end [deg], imbalance of the tips at the end, the
-    time at which the middles of the edges are 6 m out [s], the energy at the start [J], and the energy
-    that is still to be dissipated before hub and sail spin as one [J].
+    Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative), spins
+    at the end and of the closed form [rpm], radius of the tips at the end, its smallest and its
+    largest value [m], nutation at the start and the end [deg], imbalance of the tips at the end,
+    the time at which the middles of the edges are 6 m out [s], the energy at the start [J], and the
+    energy that is still to be dissipated before hub and sail spin as one [J].
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.06, 0.12, 0.2, 0.28, 0.4, 0.55, 0.7, 0.85, 1.0)
@@ -416,14 +427,17 @@ def draw(series: gx.Series, radius: Array, path: Path) -> None:
 def say(found: dict[str, float]) -> None:
     """Print the results."""
     print(
-        f"The tips are at {found['radius']:.2f} m; they were at most at {found['largest_radius']:.2f} m."
+        f"The tips are at {found['radius']:.2f} m; they were at most at "
+        f"{found['largest_radius']:.2f} m."
     )
     print(
-        f"Hub and sail spin at {found['spin_of_hub']:.2f} and {found['spin_of_sail']:.2f} rpm; without swing it "
+        f"Hub and sail spin at {found['spin_of_hub']:.2f} and {found['spin_of_sail']:.2f} rpm; "
+        "without swing it "
         f"will be {found['spin_in_the_end']:.2f} rpm."
     )
     print(
-        f"Of {found['energy']:.1f} J {found['dissipated']:.1f} J are lost{dissipation_by_part(found)}; "
+        f"Of {found['energy']:.1f} J {found['dissipated']:.1f} J are "
+        f"lost{dissipation_by_part(found)}; "
         f"{found['to_be_lost']:.1f} J have still to go."
     )
     print_run_figures(found, "angular momentum", "angular_momentum_drift")

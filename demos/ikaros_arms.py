@@ -15,13 +15,16 @@ between those of its neighbours.  Arms, hub and rods are in contact.  `demos/ika
 from the cross.
 
 Where the values come from:
-    3.5 kg a trapezoid with its devices, 0.5 kg at a tip, hub of 290 kg and 85 kg m², 25 rpm before stage 1
-                         JAXA's press kit and the project's blog (item 894); inertia as in `demos/ikaros.py`
+    3.5 kg a trapezoid with its devices, 0.5 kg at a tip, hub of 290 kg and 85 kg m², 25 rpm before
+    stage 1
+                         JAXA's press kit and the project's blog (item 894); inertia as in
+                         `demos/ikaros.py`
     spin after it        docs/measured.md compares it with the flight's
     rods, brake          chosen: the flight took days, here the arms are out after six seconds
 
     ./gossamer demo ikaros_arms
-    ./gossamer run demos/ikaros_arms.py brake=30.0 until=8.0 --output out/arms; ./gossamer report out/arms
+    ./gossamer run demos/ikaros_arms.py brake=30.0 until=8.0 --output out/arms
+    ./gossamer report out/arms
 """
 
 from __future__ import annotations
@@ -71,7 +74,8 @@ def winding(cells: int) -> tuple[float, int]:
 
 
 def wound(cells: int) -> tuple[Array, float]:
-    """Corners (cells + 1, 2) of the first arm, from its knot outwards, and its exit from the roll [rad]."""
+    """Corners (cells + 1, 2) of the first arm, from its knot outwards, and its exit from the roll
+    [rad]."""
     step, count = winding(cells)
     angles = -step * np.arange(count + 1)
     radii = HUB_RADIUS + LAYER * (-angles) / (math.pi / 2)
@@ -82,7 +86,8 @@ def wound(cells: int) -> tuple[Array, float]:
 
 
 def closed_form(tips: Array, momentum: float, cells: int) -> Array:
-    """ω [rad/s] of hub, ring and arms that stand out radially, with their masses at the radii `tips` (n,) [m]."""
+    """ω [rad/s] of hub, ring and arms that stand out radially, with their masses at the radii
+    `tips` (n,) [m]."""
     step, count = winding(cells)
     φ = np.linspace(step * count, 0.0, 2000)  # wound angle [rad], falling
     radius = HUB_RADIUS + LAYER * φ / (math.pi / 2)
@@ -207,11 +212,12 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: object,
 ) -> dict[str, float]:
-    """Let the arms out; `given` are arguments of `build`.  With `output`, a folder: a recording and a picture.
+    """Let the arms out; `given` are arguments of `build`.  With `output`, a folder: a recording and
+    a picture.
 
-    Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative), radius of
-    the tips at the end [m], spin of the hub then and that of the closed form [rpm], their largest
-    relative difference in the run, and the energy at the start [J].
+    Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative),
+    radius of the tips at the end [m], spin of the hub then and that of the closed form [rpm], their
+    largest relative difference in the run, and the energy at the start [J].
     """
     case = build(comm, cells, until=until, **given)  # type: ignore[arg-type]
     series = gx.Series(case.probes)
@@ -318,10 +324,12 @@ def say(found: dict[str, float]) -> None:
     """Print the results."""
     print(f"The tips are at {found['radius']:.2f} m, and the hub spins at {found['spin']:.2f} rpm.")
     print(
-        f"If all turned as one it would be {found['budget']:.2f} rpm; at most {found['difference']:.1%} between them."
+        f"If all turned as one it would be {found['budget']:.2f} rpm; at most "
+        f"{found['difference']:.1%} between them."
     )
     print(
-        f"Of {found['energy']:.0f} J {found['dissipated']:.0f} J are lost{dissipation_by_part(found)}."
+        f"Of {found['energy']:.0f} J {found['dissipated']:.0f} J are "
+        f"lost{dissipation_by_part(found)}."
     )
     print_run_figures(found, "angular momentum", "angular_momentum_drift", "something")
 

@@ -1,26 +1,31 @@
-"""The sail of IKAROS as it was built: devices where they are, reinforcing tapes, creases; flown by sunlight for a day.
+"""The sail of IKAROS as it was built: devices where they are, reinforcing tapes, creases; flown by
+sunlight for a day.
 
-`demos/ikaros.py` spreads the mass of the devices evenly over a film without bending stiffness.  Here the sail is a
-`Plate` whose film bears no compression.  Where devices are bonded to it, it is thicker, has nearly all of the mass,
-and has a natural curvature: a laminate of several layers curls.  Tapes that only bear tension run along the edges and
-the seams of the trapezoids.  Creases along all folds have a rest angle.
+`demos/ikaros.py` spreads the mass of the devices evenly over a film without bending stiffness.
+Here the sail is a `Plate` whose film bears no compression.  Where devices are bonded to it, it is
+thicker, has nearly all of the mass, and has a natural curvature: a laminate of several layers
+curls.  Tapes that only bear tension run along the edges and the seams of the trapezoids.  Creases
+along all folds have a rest angle.
 
-The steady spin is an equilibrium in axes that turn with the sail, with the pressure of sunlight along the axis.  From
-its shape follow the flatness, the slack tethers, the spin that the angular momentum of the flat sail leaves, and the
-windmill torque of sunlight: a device that is curved or tilted turns a part of the pressure into the plane.
+The steady spin is an equilibrium in axes that turn with the sail, with the pressure of sunlight
+along the axis.  From its shape follow the flatness, the slack tethers, the spin that the angular
+momentum of the flat sail leaves, and the windmill torque of sunlight: a device that is curved or
+tilted turns a part of the pressure into the plane.
 
-Then the sail flies round the Sun: the whole plate for some turns, and for a day a rigid body that has the surfaces of
-the deformed sail.
+Then the sail flies round the Sun: the whole plate for some turns, and for a day a rigid body that
+has the surfaces of the deformed sail.
 
 Where the values come from:
     7.5 µm polyimide; cells of 25 µm; 15 kg in all
-                         sheets and press kit of the project; 14 kg in the four trapezoids as in `demos/ikaros.py`
+                         sheets and press kit of the project; 14 kg in the four trapezoids as in
+                         `demos/ikaros.py`
     devices along the outer edge steer, cells lie in the middle of each trapezoid
                          pictures of the project; sizes here are whole squares of 0.64 m, chosen
     natural curvature    not published: the study varies it
     tapes of 25 µm × 10 mm polyimide, creases
                          chosen: not published; the study varies them
-    -2.7e-5 N m          windmill torque in June 2011, 1.03 au, from > 1 to 0.4 rpm in 21 days (docs/measured.md)
+    -2.7e-5 N m          windmill torque in June 2011, 1.03 au, from > 1 to 0.4 rpm in 21 days
+                         (docs/measured.md)
     front with aluminium the optics of `demos/windmill.py`
 
     ./gossamer demo ikaros_devices
@@ -69,11 +74,13 @@ class Build:
 
     Args:
         tape: stiffness EA of the reinforcing tapes [N]; 0: no tapes.
-        curvature: natural curvature of the devices [1/m], the same in all directions, away from the Sun.
+        curvature: natural curvature of the devices [1/m], the same in all directions, away from the
+            Sun.
         spread: standard deviation of the curvature of single devices over `curvature`.
         seed: of the random numbers of that spread.
         crease: stiffness of the creases [N m/m/rad]; 0: no creases.
-        bends: whether film and devices resist bending; without it there is neither curvature nor crease.
+        bends: whether film and devices resist bending; without it there is neither curvature nor
+            crease.
         device: thickness of a device with the film on which it is [m].
         refine: cells between folds.
 
@@ -100,7 +107,8 @@ TAPE_LINE_DENSITY = 3.6e-4
 
 
 def device_numbers(X: Array) -> Array:
-    """Number of the device (n,) at points X (3, n) [m] of the flat sail, from 1 on; 0 where there is film only."""
+    """Number of the device (n,) at points X (3, n) [m] of the flat sail, from 1 on; 0 where there
+    is film only."""
     # Along and outward in the frame of the trapezoid in which a point lies.
     quarter = np.round(np.arctan2(X[0], -X[1]) / (math.pi / 2))
     turn = quarter * math.pi / 2
@@ -235,7 +243,8 @@ def parts(film: gx.Membrane, build: Build) -> tuple[gx.RigidBody, list[Any]]:
 
 
 def sun_pressure(distance: float = DISTANCE) -> float:
-    """Pressure of sunlight at a distance from the Sun [au]: force on a flat sail over its area [Pa]."""
+    """Pressure of sunlight at a distance from the Sun [au]: force on a flat sail over its area
+    [Pa]."""
     return PRESSURE_AT_AU / distance**2 * sum(OPTICS.coefficients())
 
 
@@ -258,7 +267,8 @@ def steady(
 
 
 def triangles(film: gx.Membrane, positions: Array) -> Array:
-    """Corners (n, 3, 3) [m] of the triangles of this rank, for the positions of its nodes (owned and ghost)."""
+    """Corners (n, 3, 3) [m] of the triangles of this rank, for the positions of its nodes (owned
+    and ghost)."""
     owned = film.space.mesh.topology.index_map(2).size_local
     nodes = film.space.dofmap.list[:owned, :3]
     corners: Array = positions[nodes]
@@ -285,7 +295,8 @@ def area_vectors(corners: Array) -> Array:
 
 
 def inertia(comm: MPI.Comm, corners: Array, mass: Array) -> float:
-    """Moment of inertia [kg m²] about z of triangles (n, 3, 3) with masses (n,), and of the masses at the tips."""
+    """Moment of inertia [kg m²] about z of triangles (n, 3, 3) with masses (n,), and of the masses
+    at the tips."""
     xy = corners[:, :, :2]
     # ∫ x² of a triangle is its mass times (Σ x_k² + (Σ x_k)²)/12.
     squares = (xy**2).sum(axis=(1, 2)) + (xy.sum(axis=1) ** 2).sum(axis=1)
@@ -390,7 +401,8 @@ def slack_tethers(search: gx.Equilibrium) -> int:
 
 
 def orbit_of_flight(sun_angle: float) -> gx.orbit.Orbit:
-    """Round the Sun at the distance of June 2011; at the start light travels at `sun_angle` [rad] to z."""
+    """Round the Sun at the distance of June 2011; at the start light travels at `sun_angle` [rad]
+    to z."""
     start = gx.orbit.Elements(
         DISTANCE * AU,
         i=math.pi / 2,
@@ -445,7 +457,8 @@ def fly_plate(
 
 
 def moments(search: gx.Equilibrium) -> tuple[float, float]:
-    """Moments of inertia [kg m²] of hub and sail about a line in the plane of the sail, and about the axis."""
+    """Moments of inertia [kg m²] of hub and sail about a line in the plane of the sail, and about
+    the axis."""
     film = sail_of(search)
     own = triangles(film, search.system.state[film].local_positions())
     J = inertia(film.comm, own, masses(film))
@@ -557,7 +570,8 @@ def fly_frozen(
 def angular_momentum(
     run: gx.Simulation, frame: Any, about_diameter: float, about_axis: float
 ) -> Array:
-    """Angular momentum (3,) [N m s] of a rigid body with an axis of symmetry about its centre of mass.
+    """Angular momentum (3,) [N m s] of a rigid body with an axis of symmetry about its centre of
+    mass.
 
     That of the whole run has the orbit's in it, which is 1e13 times as large.
     """
@@ -581,12 +595,15 @@ def main(
     output: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dict[str, float]:
-    """Find the steady spin, fly the whole sail for some turns, and its frozen shape until a time [s].
+    """Find the steady spin, fly the whole sail for some turns, and its frozen shape until a time
+    [s].
 
-    With the default step the frozen sail turns by 60° in each: the mean of its faces over a step is shorter by cos 30°,
-    and so the torque of sunlight is 21 % too small; steps of 2 s, 12°, leave 1 %.
+    With the default step the frozen sail turns by 60° in each: the mean of its faces over a step is
+    shorter by cos 30°, and so the torque of sunlight is 21 % too small; steps of 2 s, 12°, leave 1
+    %.
 
-    With `output`, a folder: a picture.  Returns `figures`, and with prefixes those of `fly_plate` and `fly_frozen`.
+    With `output`, a folder: a picture.  Returns `figures`, and with prefixes those of `fly_plate`
+    and `fly_frozen`.
     """
     search = steady(comm, build, rpm)
     found = figures(search)

@@ -16,9 +16,11 @@ than the centrifugal force on the roll, and the film leaves the rods before the 
 
 Where the values come from:
     sail, hub, tethers, film
-                         as in `demos/ikaros.py`, here with a roll that begins at the hub's 0.84 m and grows inwards
+                         as in `demos/ikaros.py`, here with a roll that begins at the hub's 0.84 m
+                         and grows inwards
     25 rpm before stage 1
-                         project's blog, item 894; docs/measured.md compares the spin with the flight's
+                         project's blog, item 894; docs/measured.md compares the spin with the
+                         flight's
     ring, rods, brake, damping
                          chosen; the flight had four guides, and a roll without slack
 
@@ -192,7 +194,8 @@ def _tethers(
     folds: gx.fold.Ikaros,
     release: float,
 ) -> list[gx.connectors.Tether]:
-    """Those of the open sail, short in stage 1, then paid out: inner edges are held on the hub, at their height there.
+    """Those of the open sail, short in stage 1, then paid out: inner edges are held on the hub, at
+    their height there.
 
     Held at another height the roll slides along the hub, out of the rods.
     """
@@ -219,7 +222,8 @@ def _guides(
     release: float,
     count: int,
 ) -> gx.assemblies.RotationGuides:
-    """Rods that touch the roll almost, those of them that let out an arm in the corner where it stands out."""
+    """Rods that touch the roll almost, those of them that let out an arm in the corner where it
+    stands out."""
     away = ROD + 1.2 * contact
     axis = roll_radius(folds.pitch) + away
     arm = math.pi / 4 * ((folds.outer - folds.out) / folds.bends - 2)
@@ -240,9 +244,11 @@ def _guides(
 
 
 def as_one(radius: Array, momentum: float, pitch: float) -> Array:
-    """Spin [rad/s] of hub, ring, wound strips and arms whose tips are at a radius (n,) [m], if all turn as one.
+    """Spin [rad/s] of hub, ring, wound strips and arms whose tips are at a radius (n,) [m], if all
+    turn as one.
 
-    The roll, of which layers lie on the sides of a polygon, counts where the middle of them has its mean square.
+    The roll, of which layers lie on the sides of a polygon, counts where the middle of them has its
+    mean square.
     """
     inner, outer, bends = rows(pitch)
     half_edges = (outer * pitch, inner * pitch)
@@ -260,12 +266,13 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: object,
 ) -> dict[str, float]:
-    """Deploy the sail; `given` are arguments of `build`.  With `output`, a folder: a recording and pictures.
+    """Deploy the sail; `given` are arguments of `build`.  With `output`, a folder: a recording and
+    pictures.
 
-    Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative); at the
-    release the radius of the tips [m], the spin of the hub, and the spin if all turned as one [rpm]; at
-    the end the spins of hub and sail and that of the closed form [rpm], and the radius of the tips [m];
-    its largest value [m], and the energy at the start [J].
+    Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative); at
+    the release the radius of the tips [m], the spin of the hub, and the spin if all turned as one
+    [rpm]; at the end the spins of hub and sail and that of the closed form [rpm], and the radius of
+    the tips [m]; its largest value [m], and the energy at the start [J].
     """
     case = build(comm, until=until, release=release, **given)  # type: ignore[arg-type]
     stage2 = [release + part * (until - release) for part in (0.0, 0.15, 0.3, 0.6, 0.8, 1.0)]
@@ -302,7 +309,8 @@ def main(
 def draw(
     series: gx.Series, radius: Array, momentum: float, pitch: float, release: float, path: Path
 ) -> None:
-    """Spins and radius over the time, the spin of the hub over the length of arms out, and the values of the flight."""
+    """Spins and radius over the time, the spin of the hub over the length of arms out, and the
+    values of the flight."""
     from matplotlib.figure import Figure
 
     blue = (0.1, 0.35, 0.7)
@@ -353,17 +361,21 @@ def say(found: dict[str, float]) -> None:
     """Print the results."""
     print(
         f"At the release the tips are at {found['released_radius']:.2f} m, and the hub spins at "
-        f"{found['released_spin']:.2f} rpm; {found['released_as_one']:.2f} rpm if all turned as one."
+        f"{found['released_spin']:.2f} rpm; {found['released_as_one']:.2f} rpm if all turned as "
+        "one."
     )
     print(
-        f"At the end the tips are at {found['radius']:.2f} m; they were at most at {found['largest_radius']:.2f} m."
+        f"At the end the tips are at {found['radius']:.2f} m; they were at most at "
+        f"{found['largest_radius']:.2f} m."
     )
     print(
-        f"Hub and sail spin at {found['spin_of_hub']:.2f} and {found['spin_of_sail']:.2f} rpm; without swing it "
+        f"Hub and sail spin at {found['spin_of_hub']:.2f} and {found['spin_of_sail']:.2f} rpm; "
+        "without swing it "
         f"will be {found['spin_in_the_end']:.2f} rpm."
     )
     print(
-        f"Of {found['energy']:.0f} J {found['dissipated']:.0f} J are lost{dissipation_by_part(found)}."
+        f"Of {found['energy']:.0f} J {found['dissipated']:.0f} J are "
+        f"lost{dissipation_by_part(found)}."
     )
     print_run_figures(found, "angular momentum", "angular_momentum_drift")
 

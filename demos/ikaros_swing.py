@@ -1,16 +1,18 @@
 """The hub of IKAROS swings in its open sail: how fast, and how its swing dies away.
 
-The open sail spins steadily at 2.5 rpm; the hub is given a little more spin than that.  Tethers that pull with the
-centrifugal force of the sail turn it back: as of a sail that is rigid in its plane the swing has
+The open sail spins steadily at 2.5 rpm; the hub is given a little more spin than that.  Tethers
+that pull with the centrifugal force of the sail turn it back: as of a sail that is rigid in its
+plane the swing has
 
     ω² = k (1/I + 1/J),    k = Σ T R r/l
 
-(`ikaros.steady`).  That is for small swings: turned by θ, a tether of the length l gets longer by R r θ²/(2 l), from
-some 0.003 rad on by more than the 10 µm by which its tension stretches it; tethers and film then pull harder, and the
-swing gets faster.  The swing s = ω_hub - ω_sail is fitted by exp(-δ t) (a cos ωt + b sin ωt) + c.
+(`ikaros.steady`).  That is for small swings: turned by θ, a tether of the length l gets longer by R
+r θ²/(2 l), from some 0.003 rad on by more than the 10 µm by which its tension stretches it; tethers
+and film then pull harder, and the swing gets faster.  The swing s = ω_hub - ω_sail is fitted by
+exp(-δ t) (a cos ωt + b sin ωt) + c.
 
-Sail and tethers are those of stage 2 (`ikaros.py`): viscosity of the film 1e-4 s, dampers of 0 or 100 N s/m in the
-tethers.  Of the flight neither frequency nor decay were published.
+Sail and tethers are those of stage 2 (`ikaros.py`): viscosity of the film 1e-4 s, dampers of 0 or
+100 N s/m in the tethers.  Of the flight neither frequency nor decay were published.
 
     ./gossamer demo ikaros_swing
 """
@@ -43,15 +45,19 @@ def main(
     pitch: float = 0.64,
     rpm: float = 2.5,
 ) -> dict[str, Any]:
-    """Let the hub swing, with `extra` [rpm] more spin than the sail at first; see `ikaros.build` for the rest.
+    """Let the hub swing, with `extra` [rpm] more spin than the sail at first; see `ikaros.build`
+    for the rest.
 
-    Returns the frequency [Hz] and that of the closed form, the decay δ [1/s], what the fit leaves of the swing, the
-    energy of the swing at the start [J], energy_error, what was dissipated, by each cause [J], steps, iterations (a
-    step), seconds, and the times [s] and the swing at them [rad/s].
+    Returns the frequency [Hz] and that of the closed form, the decay δ [1/s], what the fit leaves
+    of the swing, the energy of the swing at the start [J], energy_error, what was dissipated, by
+    each cause [J], steps, iterations (a step), seconds, and the times [s] and the swing at them
+    [rad/s].
     """
     search, stiffness, J = ikaros.steady(comm, pitch, rpm, held=False)
     inertia = ikaros.HUB_INERTIA[2]
     Ω = rpm * ikaros.RPM
+    # Frequency of two bodies with inertias I and J about an axis, which a spring of stiffness k
+    # joins.
     ω = math.sqrt(stiffness * (1 / inertia + 1 / J))
     film = ikaros.sail(comm, pitch)
     hub = gx.RigidBody(
@@ -79,6 +85,7 @@ def main(
         )
     )
     items += [gx.StartFrom(search.system), gx.RigidMotion(spin=(0.0, 0.0, Ω))]
+    # Viscous damping of the film, proportional to its stiffness.
     if damping:
         items.append(gx.Damping(film, stiffness_factor=damping, name="film damping"))
     series = gx.Series(
@@ -90,6 +97,7 @@ def main(
         outputs=[gx.outputs.Progress(), series],
     )  # type: ignore[arg-type]
     run.run(until=until)
+    # Spin of the hub against the sail; that of both together does not change.
     swing = series["hub"] - series["sail"]
     found = fit(np.asarray(series.time), swing)
     return {
@@ -97,6 +105,8 @@ def main(
         "closed_form": ω / (2 * math.pi),
         "decay": found[0],
         "misfit": found[2],
+        # Kinetic energy of the relative spin: half its square times the reduced inertia I J/(I +
+        # J).
         "swing": (extra * ikaros.RPM) ** 2 / (1 / inertia + 1 / J) / 2,
         "energy_error": abs(run.energy_error),
         **dissipation(run),
@@ -117,12 +127,14 @@ def draw(results: dict[float, dict[str, Any]], path: Path) -> None:
     """
     figure = new_figure(width=10.0, height=3.9)
     left, right = figure.subplots(1, 2, width_ratios=(1.6, 1.0))
+    # Only as many results are drawn as there are colours.
     for (extra, found), colour in zip(results.items(), (BLUE, GREY, RED), strict=False):
         first = extra * ikaros.RPM
         left.plot(
             found["times"], found["swings"] / first, color=colour, lw=1.2, label=f"{extra:g} rpm"
         )
     left.set(xlabel="time [s]", ylabel="spin of the hub against the sail / first")
+    # The first half of the run, so that single swings can be told apart.
     left.set_xlim(0.0, 120.0)
     left.legend(title="first spin", fontsize=8, frameon=False, loc="lower right")
     left.grid(alpha=0.3)
@@ -138,12 +150,14 @@ def draw(results: dict[float, dict[str, Any]], path: Path) -> None:
 
 
 def fit(t: Array, s: Array) -> tuple[float, float, float]:
-    """Fit of exp(-δ t) (a cos ωt + b sin ωt) + c to s: δ [1/s], ω [rad/s], and the residual, rms over rms."""
+    """Fit of exp(-δ t) (a cos ωt + b sin ωt) + c to s: δ [1/s], ω [rad/s], and the residual, rms
+    over rms."""
 
     def damped(t: Array, δ: float, ω: float, a: float, b: float, c: float) -> Array:
         swing: Array = np.exp(-δ * t) * (a * np.cos(ω * t) + b * np.sin(ω * t)) + c
         return swing
 
+    # Times just before the swing changes sign; two in a row are half a period apart.
     zeros = t[:-1][np.diff(np.sign(s)) != 0]
     check(
         len(zeros) > 2,
@@ -158,19 +172,24 @@ def fit(t: Array, s: Array) -> tuple[float, float, float]:
 def say(found: dict[str, float]) -> None:
     """Print the results."""
     print(
-        f"The hub swings with {1e3 * found['frequency']:.2f} mHz (closed form {1e3 * found['closed_form']:.2f} mHz); "
-        f"its swing dies away with {found['decay']:.1e}/s. The fit leaves {100 * found['misfit']:.1f} % of the motion."
+        f"The hub swings with {1e3 * found['frequency']:.2f} mHz (closed form "
+        f"{1e3 * found['closed_form']:.2f} mHz); "
+        f"its swing dies away with {found['decay']:.1e}/s. The fit leaves "
+        f"{100 * found['misfit']:.1f} % of the motion."
     )
     print(
-        f"Of {1e3 * found['swing']:.3g} mJ {1e3 * found['dissipated']:.3g} mJ are lost{dissipation_by_part(found)}."
+        f"Of {1e3 * found['swing']:.3g} mJ {1e3 * found['dissipated']:.3g} mJ are "
+        f"lost{dissipation_by_part(found)}."
     )
     print(
-        f"Energy closes to {found['energy_error']:.0e}; {found['steps']:.0f} steps, {found['iterations']:.1f} "
+        f"Energy closes to {found['energy_error']:.0e}; {found['steps']:.0f} steps, "
+        f"{found['iterations']:.1f} "
         f"iterations each, {found['seconds']:.0f} s."
     )
 
 
 if __name__ == "__main__":
+    # Runs with dampers in the tethers are printed only.
     undamped = {}
     for more in (3e-4, 0.03, 0.2):
         for dampers in (0.0, 100.0):

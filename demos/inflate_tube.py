@@ -1,20 +1,25 @@
-"""An inflatable tube, pressed flat, is deployed in vacuum by gas from a small tank through a choked orifice.
+"""An inflatable tube, pressed flat, is deployed in vacuum by gas from a small tank through a choked
+orifice.
 
-The film is the wrinkling membrane of Miyazaki (2006); tube and tank hold nitrogen, each with its own mass, energy and
-volume, connected by an isentropic orifice.  Nothing acts from outside, so the sum
+The film is the wrinkling membrane of Miyazaki (2006); tube and tank hold nitrogen, each with its
+own mass, energy and volume, connected by an isentropic orifice.  Nothing acts from outside, so the
+sum
 
     H = ½∫ρt|v|² dA + ∫W(E) dA + U_tube + U_tank
 
-and the mass of the gas stay as they are at the start, while the flow is choked at first, the film slaps open, and
-wrinkles and slack patches come and go.
+and the mass of the gas stay as they are at the start, while the flow is choked at first, the film
+slaps open, and wrinkles and slack patches come and go.
 
 Where the values come from:
-    length 0.8 m       the long tube of the deployment tests in Miyazaki, KAKENHI 19360384 final report (2009), §4(4)
-    film               polyimide, Kapton HN 100 (DuPont data sheet H-38492): 25 µm, 2.5 GPa, 0.34, 1420 kg/m³
-    diameter 58 mm     chosen: hoop stress 12 MPa at 10 kPa, a sixth of the film's yield strength (69 MPa, data sheet)
+    length 0.8 m       the long tube of the deployment tests in Miyazaki, KAKENHI 19360384 final
+                       report (2009), §4(4)
+    film               polyimide, Kapton HN 100 (DuPont data sheet H-38492): 25 µm, 2.5 GPa, 0.34,
+                       1420 kg/m³
+    diameter 58 mm     chosen: hoop stress 12 MPa at 10 kPa, a sixth of the film's yield strength
+                       (69 MPa, data sheet)
     tank               chosen: 20 ml of nitrogen at 1.5 MPa and 293 K fill the tube to about 10 kPa
-    valve              chosen: soft start, a bleed of 0.2 mm bore opens the tube, then a bore of 1 mm presses it up;
-                       discharge coefficient 0.8
+    valve              chosen: soft start, a bleed of 0.2 mm bore opens the tube, then a bore of 1
+                       mm presses it up; discharge coefficient 0.8
     residual 1e-6      ratio of compressive to tensile stiffness; no result depends on it visibly
 
     ./gossamer demo inflate_tube        # 10254 unknowns, about three minutes
@@ -109,7 +114,8 @@ class Table:
 
 
 def build(comm: MPI.Comm, cells: int = 14, until: float = 0.05, dt: float = 1e-4) -> gx.Case:
-    """The tube of `cells` cells across, its tank and the valve, until the time `until` [s] in steps of `dt` [s]."""
+    """The tube of `cells` cells across, its tank and the valve, until the time `until` [s] in steps
+    of `dt` [s]."""
     film = gx.Membrane(flat_tube(comm, LENGTH, DIAMETER, cells), FILM)
     tube = gx.Chamber(
         film, gas=NITROGEN, pressure=1.0, temperature=293.0, dead_volume=1e-6, name="tube"
@@ -126,7 +132,8 @@ def main(
     dt: float = 1e-4,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dict[str, float]:
-    """Deploy a tube of `cells` cells across until the time `until` [s] in steps of `dt` [s]; state of the tube then.
+    """Deploy a tube of `cells` cells across until the time `until` [s] in steps of `dt` [s]; state
+    of the tube then.
 
     With `output`, a folder: the recording of the run, and a picture.
     """

@@ -1,8 +1,9 @@
-"""The orifice and the tank with which a tube opens at a wanted time and has a wanted pressure, by gradients of runs.
+"""The orifice and the tank with which a tube opens at a wanted time and has a wanted pressure, by
+gradients of runs.
 
-A tube of 0.25 m, pressed flat, is blown up from a tank through an orifice.  It counts as open when half
-of the volume of the round tube is enclosed.  Two numbers are looked for, the area A of the orifice and the
-pressure p of the tank, such that
+A tube of 0.25 m, pressed flat, is blown up from a tank through an orifice.  It counts as open when
+half of the volume of the round tube is enclosed.  Two numbers are looked for, the area A of the
+orifice and the pressure p of the tank, such that
 
     T(A, p) = T*,    P(A, p) = P*
 
@@ -14,8 +15,10 @@ Neighbouring runs separate, as the film flutters while it slaps open.  The dampi
 here for a derivative through the whole opening to predict finite changes: `growth` is printed.
 
 Where the values come from:
-    length 0.25 m      the short tube of the deployment tests in Miyazaki, KAKENHI 19360384 final report (2009), §4(4)
-    film               polyimide, Kapton HN 100 (DuPont data sheet H-38492): 25 µm, 2.5 GPa, 0.34, 1420 kg/m³
+    length 0.25 m      the short tube of the deployment tests in Miyazaki, KAKENHI 19360384 final
+                       report (2009), §4(4)
+    film               polyimide, Kapton HN 100 (DuPont data sheet H-38492): 25 µm, 2.5 GPa, 0.34,
+                       1420 kg/m³
     diameter 30 mm     chosen, as are the tank of 0.1 ml and the damping
     wanted             half open after 0.9 ms, 1.5 kPa after 12 ms
 
@@ -142,7 +145,8 @@ def main(
         error = np.array([found[-1].time, found[-1].pressure]) - wanted
         if comm.rank == 0:
             print(
-                f"A = {1e6 * area:.4f} mm², tank {pressure / 1e3:.2f} kPa: open after {1e3 * found[-1].time:.4f} ms, "
+                f"A = {1e6 * area:.4f} mm², tank {pressure / 1e3:.2f} kPa: open after "
+                f"{1e3 * found[-1].time:.4f} ms, "
                 f"{found[-1].pressure:.1f} Pa at the end; growth {found[-1].growth:.2g}"
             )
         if (abs(error) < tolerance * wanted).all():

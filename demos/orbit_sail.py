@@ -1,8 +1,9 @@
-"""A spinning solar sail in one low orbit: sunlight, eclipse, oblateness, on a film that is stretched in a frame.
+"""A spinning solar sail in one low orbit: sunlight, eclipse, oblateness, on a film that is
+stretched in a frame.
 
-A square film of 10 m hangs by springs in a rigid frame, which stands for the booms and the hub.  The springs balance a
-tension of the film of 2.7 N/m at the start, so that the film is taut and in equilibrium; all turns slowly about the
-normal, which points to the Sun.
+A square film of 10 m hangs by springs in a rigid frame, which stands for the booms and the hub.
+The springs balance a tension of the film of 2.7 N/m at the start, so that the film is taut and in
+equilibrium; all turns slowly about the normal, which points to the Sun.
 
     ./gossamer demo orbit_sail
 """
@@ -28,7 +29,8 @@ ALTITUDE = 8e5  # m
 STRETCH = 1e-4  # of the film in both directions [1]
 RADIUS = 6378137.0 + ALTITUDE  # of the orbit [m]; equatorial radius of the Earth (WGS 84)
 FILM = gx.Miyazaki(E=2.5e9, nu=0.3, density=1400.0, thickness=7.5e-6)
-# Green-Lagrange strain ½(λ²-1) of both directions, and the force on a length of an edge as it was: λ S t
+# Green-Lagrange strain ½(λ²-1) of both directions, and the force on a length of an edge as it was:
+# λ S t
 STRAIN = STRETCH + STRETCH**2 / 2
 TENSION = (1 + STRETCH) * FILM.E * FILM.thickness / (1 - FILM.nu) * STRAIN
 
@@ -64,11 +66,13 @@ def main(
     output: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dict[str, float]:
-    """Fly for `until` [s], default one orbit, in steps of `dt` [s]; with `output`, a folder: a picture.
+    """Fly for `until` [s], default one orbit, in steps of `dt` [s]; with `output`, a folder: a
+    picture.
 
     Returns:
-        part of the time in light, mean force of sunlight in it over that on a flat sail towards the Sun, change of the
-        sun angle [rad], part of the film that is not taut, error of the ledger, effort.
+        part of the time in light, mean force of sunlight in it over that on a flat sail towards the
+        Sun, change of the sun angle [rad], part of the film that is not taut, error of the ledger,
+        effort.
     """
     start = gx.orbit.Elements(RADIUS, 0.0, i=math.pi / 2)  # over the poles; the Sun is in its plane
     orbit = gx.orbit.Orbit(

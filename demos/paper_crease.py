@@ -1,8 +1,9 @@
 """How do I fold paper so that it remembers the crease?
 
-Give a `Crease` a `yield_angle` φ.  Its moment per length is k (θ - θr); where |θ - θr| would exceed φ,
-the rest angle θr follows the fold angle θ, and the work is dissipated: a hinge that is elastic up to
-the moment k φ and plastic from there.  Folded from flat to θ_max and let go, the sheet stays at
+Give a `Crease` a `yield_angle` φ.  Its moment per length is k (θ - θr); where |θ - θr| would exceed
+φ, the rest angle θr follows the fold angle θ, and the work is dissipated: a hinge that is elastic
+up to the moment k φ and plastic from there.  Folded from flat to θ_max and let go, the sheet stays
+at
 
     θr = θ_max - φ,   dissipated per length  k φ θr
 
@@ -15,8 +16,8 @@ What it does not know: real paper goes on opening for hours (a logarithm of time
 each fold.  Measure k and θr with your film, see the demo crease_identification.
 
 Where the values come from:
-    model, stiffness   k = B/L*, L* of 10 to 100 thicknesses, here 100: Lechenault, Thiria & Adda-Bedia
-                       (2014), doi:10.1103/PhysRevLett.112.244301
+    model, stiffness   k = B/L*, L* of 10 to 100 thicknesses, here 100: Lechenault, Thiria &
+                       Adda-Bedia (2014), doi:10.1103/PhysRevLett.112.244301
     paper              office paper: 0.1 mm, 80 g/m², about 3 GPa
     yield angle        chosen: 25°
 
@@ -159,7 +160,8 @@ def draw(angles: Array, moments: Array, views: dict[str, Array], path: Path) -> 
 def main(
     output: str | Path | None = None, steps: int = 10, comm: MPI.Intracomm = MPI.COMM_SELF
 ) -> dict[str, float]:
-    """Fold and let go in `steps` equilibria each; angles, and loss over its closed form; picture in `output`."""
+    """Fold and let go in `steps` equilibria each; angles, and loss over its closed form; picture in
+    `output`."""
     paper = build(comm)
     angles = []
     moments = []

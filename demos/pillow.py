@@ -1,9 +1,9 @@
 """A square pillow of two films is blown up from a tank: the first scene to try.
 
-Two sheets of polyimide film, 0.2 m × 0.2 m × 25 µm, are joined along their edges and lie flat on each other.  Nitrogen
-flows in through an orifice, choked at first.  The film wrinkles towards the corners, and weak damping ends its
-vibrations.  No other load acts: the energy of film, gas and tank decreases by the dissipated energy only, and the mass
-of the gas is constant.
+Two sheets of polyimide film, 0.2 m × 0.2 m × 25 µm, are joined along their edges and lie flat on
+each other.  Nitrogen flows in through an orifice, choked at first.  The film wrinkles towards the
+corners, and weak damping ends its vibrations.  No other load acts: the energy of film, gas and tank
+decreases by the dissipated energy only, and the mass of the gas is constant.
 
 Where the values come from:
     film, gas          `gossamer_fx.presets`, which names its sources
@@ -31,7 +31,8 @@ EDGE = 0.2  # of the squares [m]
 
 
 def two_squares(model: Any, cells: int) -> None:
-    """Two squares in z = 0 that share their rim, with `cells` triangles along an edge, as a gmsh model."""
+    """Two squares in z = 0 that share their rim, with `cells` triangles along an edge, as a gmsh
+    model."""
     geo = model.geo
     half = EDGE / 2
     corners = [
@@ -87,7 +88,8 @@ def build(comm: MPI.Intracomm, cells: int = 8, until: float = 0.1, dt: float = 5
 def main(
     comm: MPI.Intracomm, output: str | Path = "out/pillow", cells: int = 8, until: float = 0.1
 ) -> gx.Simulation:
-    """Inflate the pillow; write ledger and picture to the folder `output`; return the finished simulation."""
+    """Inflate the pillow; write ledger and picture to the folder `output`; return the finished
+    simulation."""
     folder = Path(output)
     case = build(comm, cells, until)
     times = [0.1 * until, 0.3 * until, until]
@@ -101,7 +103,8 @@ def main(
     if comm.rank == 0:
         bag = run.chamber("chamber")
         print(
-            f"pressure {bag.pressure:.0f} Pa, volume {bag.volume * 1e3:.3f} l, gas {bag.mass * 1e6:.2f} mg"
+            f"pressure {bag.pressure:.0f} Pa, volume {bag.volume * 1e3:.3f} l, gas "
+            f"{bag.mass * 1e6:.2f} mg"
         )
         print(f"energy closes to {abs(run.energy_error):.0e}, mass to {abs(run.mass_error):.0e}")
     return run

@@ -81,7 +81,8 @@ class Balloon:
 
 
 def build(comm: MPI.Intracomm, gores: int = 16, along: int = 16, across: int = 4) -> Balloon:
-    """The scene, with `along` cells from pole to pole of each gore and `across` cells from seam to seam."""
+    """The scene, with `along` cells from pole to pole of each gore and `across` cells from seam to
+    seam."""
     pattern = gx.patterns.gores(meridian(), gores)
     film = gx.Membrane(
         pattern.mesh(comm, along=along, across=across),

@@ -1,15 +1,16 @@
-"""Six modes of a quarter of a square sail between two booms, on four meshes: which mesh is good enough?
+"""Six modes of a quarter of a square sail between two booms, on four meshes: which mesh is good
+enough?
 
-A triangle of film has curved edges with cords in them, and three cables: from its right angle to the hub, from its
-other corners to the tips of two booms.  Straight free edges bear no stress across them, and their frequencies
-depend on the mesh.  Edges that are arcs of radius R with a cord of the tension T = σ t R keep the film under
-the uniform stress σ, so that all six frequencies converge.
+A triangle of film has curved edges with cords in them, and three cables: from its right angle to
+the hub, from its other corners to the tips of two booms.  Straight free edges bear no stress across
+them, and their frequencies depend on the mesh.  Edges that are arcs of radius R with a cord of the
+tension T = σ t R keep the film under the uniform stress σ, so that all six frequencies converge.
 
-The cables pull in the direction of both cords together.  At the tip of a boom this is not along the boom, which
-bends; the search for the equilibrium finds how far.
+The cables pull in the direction of both cords together.  At the tip of a boom this is not along the
+boom, which bends; the search for the equilibrium finds how far.
 
-The triangles are curved (order 2), as the arcs are.  A polygon of straight sides would have the force of
-the cords at its corners only, slack film between them, and further slow modes there.
+The triangles are curved (order 2), as the arcs are.  A polygon of straight sides would have the
+force of the cords at its corners only, slack film between them, and further slow modes there.
 
 Where the values come from:
     film              Kapton HN of 7.5 µm, the thickness of the film of IKAROS

@@ -1,15 +1,17 @@
 """Hours of flight of a spinning sail in minutes of computing, by a reduced model of the film.
 
-A square sail of 14 m with a mass of 0.5 kg at each corner spins freely about a hub, which four tethers tie to it
-(figures after IKAROS: 7.5 µm of polyimide, 75 g/m² with its devices, 2.5 rpm; the hub of 85 kg m² carries the tethers
-at 0.8 m).  It starts from the equilibrium of its steady spin with an initial velocity out of its plane, the kick.  The
-shapes of that flight give a basis of scalar modes with vector coefficients,
+A square sail of 14 m with a mass of 0.5 kg at each corner spins freely about a hub, which four
+tethers tie to it (figures after IKAROS: 7.5 µm of polyimide, 75 g/m² with its devices, 2.5 rpm; the
+hub of 85 kg m² carries the tethers at 0.8 m).  It starts from the equilibrium of its steady spin
+with an initial velocity out of its plane, the kick.  The shapes of that flight give a basis of
+scalar modes with vector coefficients,
 
     x(X, t) = Σ_i φ_i(X) c_i(t),    c_i ∈ R³,
 
-in which strains are quadratic and rotations are exact, so that the time step conserves energy, momentum and angular
-momentum.  The reduced sail then flies under conditions that were not recorded: with another spin, another kick, and for
-an hour, in which a torque disturbs its hub and a controller stabilises the axis of its spin.
+in which strains are quadratic and rotations are exact, so that the time step conserves energy,
+momentum and angular momentum.  The reduced sail then flies under conditions that were not recorded:
+with another spin, another kick, and for an hour, in which a torque disturbs its hub and a
+controller stabilises the axis of its spin.
 
     ./gossamer demo reduced_sail
 """
@@ -124,7 +126,8 @@ def parts(sail: gx.Membrane) -> list[Any]:
 
 
 def steady(sail: gx.Membrane, spin: float) -> gx.Equilibrium:
-    """Equilibrium of the sail and its masses in axes that rotate with `spin` [rad/s]; the hub is fixed."""
+    """Equilibrium of the sail and its masses in axes that rotate with `spin` [rad/s]; the hub is
+    fixed."""
     items = parts(sail)
     hub = items[0]
     turning = [sail, *(item for item in items if isinstance(item, gx.PointMass))]
@@ -147,7 +150,8 @@ def flight(
     outputs: Sequence[Output] = (),
     controlled: bool = False,
 ) -> gx.Simulation:
-    """A flight from the steady spin with the kick of the sail; `controlled`: with disturbance and controller."""
+    """A flight from the steady spin with the kick of the sail; `controlled`: with disturbance and
+    controller."""
     items = parts(sail)
     if controlled:
         items.append(gx.loads.Torque(items[0].frame(), disturbance))
@@ -181,9 +185,9 @@ def main(
 ) -> dict[str, float]:
     """Record `training` seconds, compare over twice that time, then fly until `until` [s].
 
-    Returns errors over the largest displacement out of the plane, drifts over the initial values, the ratio
-    of CPU times of the film and its reduced model, the energy outside of the basis, and the tilt of the
-    axis of spin [rad].
+    Returns errors over the largest displacement out of the plane, drifts over the initial values,
+    the ratio of CPU times of the film and its reduced model, the energy outside of the basis, and
+    the tilt of the axis of spin [rad].
     """
     shapes = []
     started = time.process_time()

@@ -1,29 +1,34 @@
-"""The stress-free shape of an inflatable reflector that is a paraboloid under pressure, by exact derivatives.
+"""The stress-free shape of an inflatable reflector that is a paraboloid under pressure, by exact
+derivatives.
 
-A dish of film with a fixed rim is inflated.  Made as the paraboloid z = (r² - a²)/(4 f) that it shall be, it
-is stretched by the pressure to another shape.  `gx.analysis.fit` changes its stress-free shape, its
-cutting pattern, until points of the inflated meridian are where those of the paraboloid are.
+A dish of film with a fixed rim is inflated.  Made as the paraboloid z = (r² - a²)/(4 f) that it
+shall be, it is stretched by the pressure to another shape.  `gx.analysis.fit` changes its
+stress-free shape, its cutting pattern, until points of the inflated meridian are where those of the
+paraboloid are.
 
-Varied are amounts of a few changes of the mesh, polynomials of the radius.  The gradient of a result with
-respect to all nodes of the mesh costs one transposed solve, and so does each row of the Jacobian.  Newton's
-method is needed here: a rim that is too wide by 20 µm moves the dish by half a micrometre only, so that
-methods with gradients only, as those of `gx.analysis.minimise`, take hundreds of equilibria.
+Varied are amounts of a few changes of the mesh, polynomials of the radius.  The gradient of a
+result with respect to all nodes of the mesh costs one transposed solve, and so does each row of the
+Jacobian.  Newton's method is needed here: a rim that is too wide by 20 µm moves the dish by half a
+micrometre only, so that methods with gradients only, as those of `gx.analysis.minimise`, take
+hundreds of equilibria.
 
-The solution is known.  Where the film is the paraboloid, statics give its tensions (per length), with the
-principal radii R1 = 2 f/cos³φ along the meridian and R2 = 2 f/cos φ around the axis, tan φ = r/(2 f):
+The solution is known.  Where the film is the paraboloid, statics give its tensions (per length),
+with the principal radii R1 = 2 f/cos³φ along the meridian and R2 = 2 f/cos φ around the axis, tan φ
+= r/(2 f):
 
     2 π r N1 sin φ = π r² p          equilibrium of the cap below r, thus N1 = p R2/2
     N1/R1 + N2/R2 = p                equilibrium across the film, thus N2 = p R2 (1 - R2/(2 R1))
 
-Both are positive, so that nothing wrinkles.  With the stretches λ1 and λ2, strains e = (λ² - 1)/2 and the law
-of the film, N1 = λ1/λ2 S1, N2 = λ2/λ1 S2 and E t e1 = S1 - ν S2, E t e2 = S2 - ν S1 give both stretches at each
-r, and these the stress-free meridian,
+Both are positive, so that nothing wrinkles.  With the stretches λ1 and λ2, strains e = (λ² - 1)/2
+and the law of the film, N1 = λ1/λ2 S1, N2 = λ2/λ1 S2 and E t e1 = S1 - ν S2, E t e2 = S2 - ν S1
+give both stretches at each r, and these the stress-free meridian,
 
     R(r) = r/λ2,    dZ/dr = sqrt((ds/dr)²/λ1² - (dR/dr)²),    ds/dr = 1/cos φ,    Z(a) = 0.
 
 Where the values come from:
     diameter 1 m, f/D = 1   chosen
-    film                    polyimide, Kapton HN 100 (DuPont data sheet H-38492): 25 µm, 2.5 GPa, 0.34
+    film                    polyimide, Kapton HN 100 (DuPont data sheet H-38492): 25 µm, 2.5 GPa,
+                            0.34
     pressure 100 Pa         chosen; the film is strained by 0.1 %
 
     ./gossamer demo reflector
@@ -124,10 +129,12 @@ def build(comm: MPI.Intracomm, cells: int, order: int) -> tuple[gx.Membrane, gx.
 
 
 def meridian_points(film: gx.Membrane, cells: int) -> tuple[list[gx.probes.Position], list[float]]:
-    """Coordinates x and z of mesh nodes on the x axis as results, and their values on the paraboloid [m]."""
+    """Coordinates x and z of mesh nodes on the x axis as results, and their values on the
+    paraboloid [m]."""
     results = []
     values = []
-    # The nodes on the x axis are evenly spaced.  The middle does not move along x, and the rim not at all.
+    # The nodes on the x axis are evenly spaced.  The middle does not move along x, and the rim not
+    # at all.
     intervals = cells * film.order
     for k in range(intervals):
         r = RADIUS * k / intervals
@@ -144,8 +151,8 @@ def meridian_points(film: gx.Membrane, cells: int) -> tuple[list[gx.probes.Posit
 def changes(film: gx.Membrane, polynomials: int) -> Array:
     """The changes of the mesh nodes of this rank (k, 2 polynomials), each of about `SIZE`.
 
-    The first half moves nodes outwards by (r/a) P_2j(r/a), the others along z by P_2j(r/a) - 1, so that the
-    rim stays in its plane, with the Legendre polynomials P of even degree.
+    The first half moves nodes outwards by (r/a) P_2j(r/a), the others along z by P_2j(r/a) - 1, so
+    that the rim stays in its plane, with the Legendre polynomials P of even degree.
     """
     points = film.mesh.domain.geometry.x
     nodes = np.zeros(film.block.index_map.size_local + film.block.index_map.num_ghosts, dtype=int)
@@ -197,7 +204,8 @@ def main(
 
     Returns:
         The rms distances from the paraboloid of a dish that is made as one, and of the one that was
-        found, after inflation; rms and largest error of the stress-free meridian against the exact one.
+        found, after inflation; rms and largest error of the stress-free meridian against the exact
+        one.
     """
     began = time.process_time()
     film, equilibrium = build(comm, cells, order)
@@ -248,7 +256,8 @@ def draw(
     exact: Meridian,
     path: Path,
 ) -> None:
-    """Deviation of the inflated film from the paraboloid, and the stress-free meridian with its error."""
+    """Deviation of the inflated film from the paraboloid, and the stress-free meridian with its
+    error."""
     from demos.common.figures import BLUE, GREY, RED, new_figure, save
 
     figure = new_figure(11.0, 3.8)

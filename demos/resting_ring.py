@@ -1,11 +1,13 @@
 """An inflated ring lies on the ground: how far does it flatten under its own weight?
 
-A torus of coated fabric, blown up by a fan to a few pascals above the air around it, rests on a floor by
-contact.  Where the film lies flat, the floor pushes with the pressure of the gas.  So the mean contact
-pressure times the area of contact is the weight, and a softer ring rests on a wider strip.  The program finds
-the equilibrium at three pressures, writes a folder, a picture and a report of each, as `run` does of runs.
+A torus of coated fabric, blown up by a fan to a few pascals above the air around it, rests on a
+floor by contact.  Where the film lies flat, the floor pushes with the pressure of the gas.  So the
+mean contact pressure times the area of contact is the weight, and a softer ring rests on a wider
+strip.  The program finds the equilibrium at three pressures, writes a folder, a picture and a
+report of each, as `run` does of runs.
 
-The ring may slide and turn on the floor without resistance: `result.free` names these three motions.
+The ring may slide and turn on the floor without resistance: `result.free` names these three
+motions.
 
 Where the values come from:
     fabric     of the stiffness of a coated nylon fabric: 400 MPa, 0.3 mm, 300 g/m²
@@ -84,7 +86,8 @@ class Ring:
         self.statics = gx.Equilibrium(scene, gas="held pressure")
 
     def recording(self, folder: Path, title: str) -> gx.Recording:
-        """Fields of the film with the pressure of contact, and the force and the least gap of contact."""
+        """Fields of the film with the pressure of contact, and the force and the least gap of
+        contact."""
         fields = {"ring": ["displacement", "stress1", "state", "contact_pressure"]}
         probes: dict[str, Any] = {
             "push of the floor [N]": gx.probes.ContactForce(self.contact, self.film, axis="z"),
@@ -98,7 +101,8 @@ class Ring:
         return np.hypot(x[:, 0], x[:, 1]), x[:, 2]
 
     def floor_pressure(self) -> float:
-        """Median [Pa] of the contact pressure, of nodes that bear more than half of the largest.  Collective."""
+        """Median [Pa] of the contact pressure, of nodes that bear more than half of the largest.
+        Collective."""
         _, pressure = gx.fields.field_values(self.statics, self.film, field="contact_pressure")
         everywhere = np.concatenate(self.film.comm.allgather(pressure))
         return float(np.median(everywhere[everywhere > 0.5 * everywhere.max()]))

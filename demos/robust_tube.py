@@ -1,21 +1,25 @@
-"""Robust design of a folded tube: which levels let it deploy quickly, straight and stiff, whatever was wrong with it.
+"""Robust design of a folded tube: which levels let it deploy quickly, straight and stiff, whatever
+was wrong with it.
 
-The method is that by which the deployment of the folded tubes in Miyazaki, KAKENHI 19360384 final report (2009), §4(4),
-was made repeatable (quality engineering); its factors and levels were not published, so those here are chosen.  A tube
-is run in every row of an L8 array as it was drawn and folded ("fresh"), and as two specimens that were made with errors
-and stored: their folds have other positions and angles, their diameters and thicknesses are not as drawn
-(`folded_tube.SCATTER`), their creases have memory, and there is residual air.  A run ends when the tip is
-`folded_tube.ARRIVED` of the length from the clamp.  The second response is the bending stiffness of the same specimen,
-deployed: an equilibrium under the pressure that it has when the tank is empty and the gas is warm again, see
-demos/common/tube_bending.py.
+The method is that by which the deployment of the folded tubes in Miyazaki, KAKENHI 19360384 final
+report (2009), §4(4), was made repeatable (quality engineering); its factors and levels were not
+published, so those here are chosen.  A tube is run in every row of an L8 array as it was drawn and
+folded ("fresh"), and as two specimens that were made with errors and stored: their folds have other
+positions and angles, their diameters and thicknesses are not as drawn (`folded_tube.SCATTER`),
+their creases have memory, and there is residual air.  A run ends when the tip is
+`folded_tube.ARRIVED` of the length from the clamp.  The second response is the bending stiffness of
+the same specimen, deployed: an equilibrium under the pressure that it has when the tank is empty
+and the gas is warm again, see demos/common/tube_bending.py.
 
     ./gossamer sweep demos/robust_tube.py --jobs 2
-    ./gossamer run demos/robust_tube.py start=roll specimen=stored_a --output out/stored     one of the runs
+    ./gossamer run demos/robust_tube.py start=roll specimen=stored_a --output out/stored
+
+The last one is one of the runs.
 
 The picture is of the stored roll on a finer mesh (`cells=6`), until 11 ms.
 
-Start the command as often, and on as many machines, as you like: they share the runs.  A run of the zigzag takes about
-ten seconds of CPU time.
+Start the command as often, and on as many machines, as you like: they share the runs.  A run of the
+zigzag takes about ten seconds of CPU time.
 """
 
 from __future__ import annotations
@@ -41,7 +45,8 @@ DIAMETER = 0.03  # m
 TANK = 0.64e-6  # volume of the tank [m³]
 PANEL_ANGLE = 80.0  # of the zigzag [degrees]
 UNTIL = 0.03  # s: what has not arrived by then has this time
-# Specimens: stiffness of creases [N m/m/rad], residual air [Pa], and seed of the manufacturing errors.
+# Specimens: stiffness of creases [N m/m/rad], residual air [Pa], and seed of the manufacturing
+# errors.
 SPECIMENS: dict[str, dict[str, Any]] = {
     "fresh": {"crease": 0.0, "air": 0.0, "seed": 0},
     "stored_a": {"crease": 0.02, "air": 20.0, "seed": 1},
@@ -81,7 +86,8 @@ def distance_of(probes: Any) -> Probe:
 
 
 def deployed_pressure(panels: int, pressure: float, dead_volume: float) -> float:
-    """Pressure [Pa] in the round tube when the tank is empty and all gas has the temperature of the start."""
+    """Pressure [Pa] in the round tube when the tank is empty and all gas has the temperature of the
+    start."""
     tube = math.pi * DIAMETER**2 / 4 * LENGTH
     return pressure * TANK / (TANK + tube + panels * dead_volume)
 
@@ -96,7 +102,8 @@ def stiffness(
     dead_volume: float,
     cells: int = 8,
 ) -> float:
-    """Bending stiffness [N m²] of a deployed specimen; the other levels of the design do not change it."""
+    """Bending stiffness [N m²] of a deployed specimen; the other levels of the design do not change
+    it."""
     given = SPECIMENS[specimen]
     creases = None
     # The roll has no folds in which creases could be.
@@ -123,10 +130,10 @@ def stiffness(
 def outcome(comm: MPI.Comm, folder: Path, specimen: str, **levels: Any) -> dict[str, float]:
     """Figures of one run, which continues from its newest checkpoint if there is one.
 
-    Time [s] at which the tip arrives (the end of the run, if it does not), its angle [degrees] from the
-    tube's axis and its speed [m/s] then, the bending stiffness [N m²] of the deployed tube, most edges that
-    intersect the film after any step, errors of the balances of energy and gas mass, steps, and rejected
-    steps ("rejected").
+    Time [s] at which the tip arrives (the end of the run, if it does not), its angle [degrees] from
+    the tube's axis and its speed [m/s] then, the bending stiffness [N m²] of the deployed tube,
+    most edges that intersect the film after any step, errors of the balances of energy and gas
+    mass, steps, and rejected steps ("rejected").
     """
     case = build(comm, specimen=specimen, **levels)
     saves = folder / "checkpoints"

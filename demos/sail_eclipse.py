@@ -1,9 +1,10 @@
 """A sail through an eclipse: temperature, tension and flatness over one orbit.
 
-A square film of 10 m hangs by springs in a rigid frame, which stands for the booms.  It is mounted at 285 K, and two
-bands of it carry a coating, which stores more heat and absorbs more light.  Sunlight, the infrared and the reflected
-light of the Earth heat it; it radiates to space and expands with its temperature.  In the shadow of the Earth it cools
-within a minute, the bands more slowly, shrinks, and pulls at the springs.
+A square film of 10 m hangs by springs in a rigid frame, which stands for the booms.  It is mounted
+at 285 K, and two bands of it carry a coating, which stores more heat and absorbs more light.
+Sunlight, the infrared and the reflected light of the Earth heat it; it radiates to space and
+expands with its temperature.  In the shadow of the Earth it cools within a minute, the bands more
+slowly, shrinks, and pulls at the springs.
 
     ./gossamer demo sail_eclipse
 """
@@ -68,10 +69,11 @@ class Tension:
 
 
 class Flatness:
-    """Root mean square of the distances [m] of the film's nodes from the plane that fits them best, a probe.
+    """Root mean square of the distances [m] of the film's nodes from the plane that fits them best,
+    a probe.
 
-    It is that of the middle of the last step: steps are far longer than the vibrations of the film, which therefore
-    alternate from step to step.
+    It is that of the middle of the last step: steps are far longer than the vibrations of the film,
+    which therefore alternate from step to step.
     """
 
     def __init__(self, film: gx.Membrane) -> None:
@@ -136,10 +138,12 @@ def main(
     output: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dict[str, float]:
-    """Fly for `until` [s], default one orbit, in steps of `dt` [s]; with `output`, a folder: a picture.
+    """Fly for `until` [s], default one orbit, in steps of `dt` [s]; with `output`, a folder: a
+    picture.
 
     Returns:
-        temperature, tension and flatness before the eclipse, a minute into it and at its end; closing errors, effort.
+        temperature, tension and flatness before the eclipse, a minute into it and at its end;
+        closing errors, effort.
     """
     start = gx.orbit.Elements(RADIUS, 0.0, i=math.pi / 2)  # over the poles; the Sun is in its plane
     orbit = gx.orbit.Orbit(
@@ -212,11 +216,13 @@ def main(
 
 
 def eclipse(orbit: gx.orbit.Orbit) -> tuple[float, float]:
-    """Beginning and end [s] of the shadow of a cylinder on a circular orbit that starts across it."""
+    """Beginning and end [s] of the shadow of a cylinder on a circular orbit that starts across
+    it."""
     position, velocity = orbit.state
     rate = float(np.linalg.norm(velocity) / np.linalg.norm(position))
     half = math.asin(orbit.radius / float(np.linalg.norm(position)))
-    # The orbit begins above the equator and goes north, towards the Sun: midnight is after 3/4 of it.
+    # The orbit begins above the equator and goes north, towards the Sun: midnight is after 3/4 of
+    # it.
     midnight = 1.5 * math.pi
     return (midnight - half) / rate, (midnight + half) / rate
 
@@ -226,7 +232,8 @@ def draw(
     fields: dict[str, tuple[np.ndarray, np.ndarray]],
     path: Path,
 ) -> None:
-    """Temperature, tension and flatness over time, and the temperature of the film at three times."""
+    """Temperature, tension and flatness over time, and the temperature of the film at three
+    times."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.tri import Triangulation

@@ -3,24 +3,27 @@
 Find the equilibrium of the film under the light of each attitude, and write the resultant of the
 light: force and torque about the centre of the sail, in its axes, at 1 astronomical unit.
 
-    u = (sin α cos β, sin α sin β, -cos α)     direction of the light; α is the cone angle, β the clock angle
+    u = (sin α cos β, sin α sin β, -cos α)     direction of the light; α is the cone angle, β the
+                                               clock angle
 
 Light of pressure P on a triangle of the area vector a exerts the force of `gx.orbit.Optics` (C. R.
-McInnes, Solar Sailing, 1999, section 2.6).  An equilibrium contains no orbit: its light is `gx.orbit.Sunlight`,
-of a given direction and pressure.  In flight use `gx.orbit.SolarPressure`, which also knows distance,
-shadow and motion.
+McInnes, Solar Sailing, 1999, section 2.6).  An equilibrium contains no orbit: its light is
+`gx.orbit.Sunlight`, of a given direction and pressure.  In flight use `gx.orbit.SolarPressure`,
+which also knows distance, shadow and motion.
 
 Two checks are printed: the forces at the frame balance the light to 1e-8, and the light on the flat
-sail is McInnes' formula.  The sagging sail has 3 % less force in full light than the flat one, whose
-table is that of an orbit code with a rigid plate; and in oblique light it has a torque, 1.7 mN m at
-α = 40°, that turns it away from the Sun, where the flat one has none: the centre of curvature is on
-the sunny side.  As the shape follows the load, the table holds for one distance from the Sun.
+sail is McInnes' formula.  The sagging sail has 3 % less force in full light than the flat one,
+whose table is that of an orbit code with a rigid plate; and in oblique light it has a torque, 1.7
+mN m at α = 40°, that turns it away from the Sun, where the flat one has none: the centre of
+curvature is on the sunny side.  As the shape follows the load, the table holds for one distance
+from the Sun.
 
 Where the values come from:
     film               2.5 µm; optics `gossamer_fx.orbit.optics.JPL_SAIL`
     shape              chosen: a frame of 20 m × 20 m, 1 % smaller than the film
-    modulus            chosen: 1 MPa instead of 2.5 GPa, so that Newton's method converges; strains are
-                       a thousandth then, small against the slack, and a fifth of it changes Fz by 0.1 %
+    modulus            chosen: 1 MPa instead of 2.5 GPa, so that Newton's method converges; strains
+                       are a thousandth then, small against the slack, and a fifth of it changes Fz
+                       by 0.1 %
 
     ./gossamer demo sail_table
 """
@@ -41,6 +44,7 @@ from gossamer_fx.model.body import Array
 from gossamer_fx.orbit.optics import JPL_SAIL, PRESSURE
 from gossamer_fx.orbit.surface_forces import Rows, light_force
 
+# Side of the frame, and its centre, about which the torque acts.
 SIDE = 20.0  # m
 CENTRE = (SIDE / 2, SIDE / 2, 0.0)
 SLACK = 0.01  # share by which the corners are too near
@@ -104,11 +108,13 @@ def build(
 
 
 def light_on(corners: Array, u: Array) -> Array:
-    """Force [N] and torque [N m] about the centre, (6,), of light along u on triangles (n, 3, 3)."""
+    """Force [N] and torque [N m] about the centre, (6,), of light along u on triangles (n, 3,
+    3)."""
     edges = corners[:, 1:] - corners[:, :1]
     area = np.cross(edges[:, 0], edges[:, 1]) / 2
     front = JPL_SAIL.coefficients()
     back = JPL_SAIL.coefficients(back=True)
+    # All triangles at once: `Rows` has scalar products of rows.
     force = PRESSURE * light_force(area, u, front, back, Rows)
     arm = corners.mean(axis=1) - CENTRE
     return np.append(force.sum(axis=0), np.cross(arm, force).sum(axis=0))
@@ -148,11 +154,13 @@ def make_table(attitudes: Array, cells: int = 10) -> Table:
     sail = build(MPI.COMM_SELF, directions, cells)
     film = next(item for item in sail.scene.items if isinstance(item, gx.Membrane))
     frame = next(item for item in sail.scene.items if isinstance(item, gx.Fixed))
+    # The flat sail is the deformed one, projected to its plane.
     flat = triangles(sail.system, film) * np.array([1.0, 1.0, 0.0])
     shapes = []
     deformed = []
     imbalance = []
     for k, u in enumerate(directions):
+        # From the shape in the attitude before: one search takes few iterations.
         sail.find(at=k)
         shapes.append(triangles(sail.system, film))
         deformed.append(light_on(shapes[-1], u))
@@ -169,7 +177,9 @@ def make_table(attitudes: Array, cells: int = 10) -> Table:
 
 
 def formula(u: Array) -> Array:
-    """Force [N] on the flat sail by McInnes' formula: its front is lit, its normal away from the light is -z."""
+    """Force [N] on the flat sail by McInnes' formula: its front is lit, its normal away from the
+    light is -z."""
+    # The light comes from the front, along -z at a cone angle of zero.
     cosine = -u[2]
     mirrored, both, along = JPL_SAIL.coefficients()
     area = (SIDE * (1 - SLACK)) ** 2
@@ -179,10 +189,12 @@ def formula(u: Array) -> Array:
 
 
 def draw(table: Table, path: Path) -> None:
-    """The sail in full light, and force and torque against the cone angle in the plane of x and z."""
+    """The sail in full light, and force and torque against the cone angle in the plane of x and
+    z."""
     figure = new_figure(10.5, 3.6)
     sail = figure.add_subplot(1, 3, 1, projection="3d")
     draw_film(sail, table.shape, view=(6.0, -70.0))
+    # Attitudes in the plane of x and z.
     in_plane = table.attitudes[:, 1] == 0
     cone = table.attitudes[in_plane, 0]
     panels = {
@@ -218,8 +230,10 @@ def main(
     cells: int = 10,
     step: int = 10,
 ) -> dict[str, float]:
-    """Make the table for cone angles up to 80° in steps of `step` [°]; with `output`, CSV and picture there."""
+    """Make the table for cone angles up to 80° in steps of `step` [°]; with `output`, CSV and
+    picture there."""
     cones = range(0, 81, step)
+    # Four clock angles show the symmetry of the square.
     attitudes = np.array(
         [(cone, clock) for clock in (0, 30, 60, 90) for cone in cones], dtype=float
     )

@@ -1,11 +1,14 @@
-"""Where a sail that is pulled at its corners wrinkles least at equal mass: the thickness of every cell is a parameter.
+"""Where a sail that is pulled at its corners wrinkles least at equal mass: the thickness of every
+cell is a parameter.
 
-A square film of 0.5 m is pulled by ropes, at two opposite corners more than at the others, so that it wrinkles.  The
-measure of wrinkling is the square of the compressive strain that the tension field leaves,
+A square film of 0.5 m is pulled by ropes, at two opposite corners more than at the others, so that
+it wrinkles.  The measure of wrinkling is the square of the compressive strain that the tension
+field leaves,
 
     J = ∫ max(-(γ2 + ν γ1), 0)² dA,    γ1 ≥ γ2 the principal strains.
 
-`gx.analysis.minimise` changes the thickness between a half and three times its mean, at constant mass.
+`gx.analysis.minimise` changes the thickness between a half and three times its mean, at constant
+mass.
 
     ./gossamer demo sail_thickness
 """

@@ -1,29 +1,31 @@
 """How do I control a soft body by gas pressure?
 
-Each `Chamber` is a gas volume with its own valve, an `Orifice` whose area is a function of time.  The
-function may be an object that also reads the run after every step, as an output: a controller.
+Each `Chamber` is a gas volume with its own valve, an `Orifice` whose area is a function of time.
+The function may be an object that also reads the run after every step, as an output: a controller.
 
-A finger is made of two tubes side by side (radius R, wall t, modulus E along, much stiffer around, as
-if wound with thread), joined along a line.  Pressures p + Δ and p - Δ lengthen one and shorten the other:
+A finger is made of two tubes side by side (radius R, wall t, modulus E along, much stiffer around,
+as if wound with thread), joined along a line.  Pressures p + Δ and p - Δ lengthen one and shorten
+the other:
 
     ε = p R/(2 E t) in each,    κ = (ε₁ - ε₂)/(3 R),    angle at the tip  θ = κ L = Δ L/(3 E t)
 
-(a beam of two thin tubes, axes 2R apart, small strains).  Printed: the angle over this form, 0.93 with
-eight edges around a tube and strains of 1.5 %; it is 0.98 with twelve edges and a sixth of the
-pressures (`Finger(comm, 12)`, MEAN = 1000).  Without the thread rubber, of ν = ½, would only widen and
-not lengthen: (1 - 2ν) of ε remains.
+(a beam of two thin tubes, axes 2R apart, small strains).  Printed: the angle over this form, 0.93
+with eight edges around a tube and strains of 1.5 %; it is 0.98 with twelve edges and a sixth of the
+pressures (`Finger(comm, 12)`, MEAN = 1000).  Without the thread rubber, of ν = ½, would only widen
+and not lengthen: (1 - 2ν) of ε remains.
 
 Then the valves are under control.  The first tube takes gas from a supply while the angle is too
 small, and loses gas while it is too large, with areas in proportion to the error:
 
     A_in = G max(θ* - θ, 0),   A_out = G max(θ - θ*, 0)
 
-The finger reaches 12° within 2 s, to 0.01°: closed valves hold the gas, so that no steady error is left.
-Energy, with that of the supply, and the mass of the gas close to round-off.
+The finger reaches 12° within 2 s, to 0.01°: closed valves hold the gas, so that no steady error is
+left. Energy, with that of the supply, and the mass of the gas close to round-off.
 
 Where the values come from:
     θ                  M = 2 Δ π R² · R of the end forces against 2 (E π R³ t + E 2πR t R²)
-    sizes, film        chosen: silicone of 5 MPa, R = 5 mm, t = 0.2 mm, L = 0.2 m; 6 kPa above an atmosphere
+    sizes, film        chosen: silicone of 5 MPa, R = 5 mm, t = 0.2 mm, L = 0.2 m; 6 kPa above an
+                       atmosphere
     gain G             chosen: 0.1 mm² per radian; with five times as much it swings
 
     ./gossamer demo soft_finger
@@ -113,7 +115,8 @@ class Controller:
         """Nothing to prepare."""
 
     def record(self, run: Any, last: bool) -> None:
-        """Measure the angle after a step; the areas of the valves are constant within the next one."""
+        """Measure the angle after a step; the areas of the valves are constant within the next
+        one."""
         angle = self._finger.angle(run)
         self.angles.append(angle)
         self.error = TARGET - angle
@@ -210,7 +213,8 @@ def closed_form(differences: Array) -> Array:
 def draw(
     differences: Array, angles: Array, shape: list[Array], control: tuple[Array, Array], path: Path
 ) -> None:
-    """The bent finger, its angle against the difference of pressures, and its angle under control."""
+    """The bent finger, its angle against the difference of pressures, and its angle under
+    control."""
     figure = new_figure(10.5, 3.6)
     finger = figure.add_subplot(1, 3, 1, projection="3d")
     both = np.concatenate(shape)
@@ -247,7 +251,8 @@ def draw(
 
 
 def main(output: str | Path | None = None, until: float = 2.0) -> dict[str, float]:
-    """Angle over its closed form, angle under control until a time [s], errors of energy and mass; picture."""
+    """Angle over its closed form, angle under control until a time [s], errors of energy and mass;
+    picture."""
     differences = np.array([0.0, 1e3, 2e3, 3e3, 4e3])
     angles, shapes = bent(differences)
     controller, case = build(MPI.COMM_SELF, until=until)

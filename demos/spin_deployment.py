@@ -4,17 +4,20 @@ The film is pleated and wound round a polygonal hub (skew fold), its inner edge 
 sit at its tips. Hub and roll spin together; at t = 0 the roll is released.  Free particles would
 move along tangents.  Layers collide with each other and with the hub, waves run through the film,
 and angular momentum passes from the hub to the sail, unless a motor keeps the rate constant.
-Layers and hub are in contact; with `crease` the folds have a rest angle, and with `yield_angle` they are plastic.
+Layers and hub are in contact; with `crease` the folds have a rest angle, and with `yield_angle`
+they are plastic.
 
 Where the values come from:
-    diameter 1, 2 m      the spinning films with rigid parts of Miyazaki, KAKENHI 19360384 final report (2009), §4(4);
-                         their masses, films and spin rates were not published
+    diameter 1, 2 m      the spinning films with rigid parts of Miyazaki, KAKENHI 19360384 final
+                         report (2009), §4(4); their masses, films and spin rates were not published
     film                 polyimide, Kapton HN (DuPont data sheet H-38492), here of 7.5 µm
-    hub, tips, spin      chosen: hub of 0.1 kg and a tenth of the diameter, 8 revolutions a second, tips of 2 g
+    hub, tips, spin      chosen: hub of 0.1 kg and a tenth of the diameter, 8 revolutions a second,
+                         tips of 2 g
     damping              chosen: 0.1 ms, viscosity of the film over its stiffness
 
     ./gossamer demo spin_deployment
-    ./gossamer run demos/spin_deployment.py diameter=2.0 rev=4.0 until=0.5 --output out/spin; ./gossamer report out/spin
+    ./gossamer run demos/spin_deployment.py diameter=2.0 rev=4.0 until=0.5 --output out/spin
+    ./gossamer report out/spin
     ./gossamer run demos/spin_deployment.py held=True crease=5e-4
     ./gossamer run demos/spin_deployment.py crease=3e-3 set_angle_ratio=1.0 yield_angle=0.35
 """
@@ -56,7 +59,8 @@ CLEAR = 2.0  # distance of the hub from the film on it, over the activation dist
 
 
 def pattern(diameter: float, n: int) -> tuple[float, int]:
-    """Side of the hub's polygon [m], and the number of sides to the end of a sector: tips are at diameter/2."""
+    """Side of the hub's polygon [m], and the number of sides to the end of a sector: tips are at
+    diameter/2."""
     slope = math.tan(math.pi / n)
 
     def tip(count: int) -> float:
@@ -64,6 +68,8 @@ def pattern(diameter: float, n: int) -> tuple[float, int]:
         return math.hypot(0.5 + count, count * slope - 0.5 / slope)
 
     side = HUB * diameter * math.sin(math.pi / n)
+    # The number of sides whose tips are nearest to the wanted radius; the side is then adapted to
+    # the radius.
     count = min(range(2, 60), key=lambda k: abs(side * tip(k) - diameter / 2))
     return diameter / 2 / tip(count), count
 
@@ -109,7 +115,8 @@ def build(
         held: whether a motor keeps this rate; else the hub is free.
         tip: mass at each tip [kg].
         inertia: of the hub about its axis [kg m²].
-        slenderness: inertia of the hub across its axis over that about it; above 1 the hub is a rod.
+        slenderness: inertia of the hub across its axis over that about it; above 1 the hub is a
+            rod.
         tilt, offset, stuck: see `demos.common.disturbances.Disturbance`; a tip sticks.
         contact: activation distance [m].
         contact_stiffness: [N/m³]; None: from closing speeds.  Gradients need a number.
@@ -120,11 +127,13 @@ def build(
         yield_angle: of the creases [rad], see `gx.connectors.Crease`; 0: elastic.
         damping: viscosity of the film over its stiffness [s]; 0: none.
         gravity: along -z [m/s²].
-        air: density of residual air [kg/m³], which drags on the film; p/(287 T) at the pressure p. 0: vacuum.
+        air: density of residual air [kg/m³], which drags on the film; p/(287 T) at the pressure p.
+            0: vacuum.
         sense: 1: spin in the direction in which the roll opens; -1: against it.
         until: end of the run [s].
         dt, largest: first and largest step [s].
-        growth: factor by which a step may be longer than the last one; steps that grow by half are rejected more often.
+        growth: factor by which a step may be longer than the last one; steps that grow by half are
+            rejected more often.
     """
     side, count = pattern(diameter, n)
     folds = gx.fold.Star(
@@ -136,12 +145,14 @@ def build(
     )
     mesh = folds.mark(pinwheel(comm, n, side, cells, count * cells))
     film = gx.Membrane(mesh, KAPTON_HN.law(thickness, residual_stiffness=1e-6), name="sail")
+    # Height of the roll: the length of the last column of cells.
     height = count * side * math.tan(math.pi / n)
     disturbance = Disturbance(tilt, offset, stuck)
     across = slenderness * inertia
     hub = gx.RigidBody(
         0.1, (across, across, inertia), position=disturbance.hub_position(), name="hub"
     )
+    # The inscribed circle of the roll, less the gap to the film.
     radius = folds.radius * math.cos(math.pi / n / cells) - CLEAR * contact
     drum = gx.contact.Cylinder(
         start=(0.0, 0.0, 0.0),
@@ -155,6 +166,7 @@ def build(
     )
     spin = sense * 2 * math.pi * rev
     tips = [film.port(f"tip {k}") for k in range(n)]
+    # Where the first tip is when the film is rolled up.
     flat_tip = np.array([tips[0].initial()])
     rolled_tip = folds.place(flat_tip, np.ones(1))[0]
     items: list[object] = [
@@ -188,6 +200,7 @@ def build(
     if air:
         items.append(gx.loads.AirDrag(film, air))
     axis = hub.frame_at((0.0, 0.0, 0.0))
+    # Angles of tips are taken in the frame of the hub, which turns.
     probes: dict[str, Probe] = {
         "spin of the hub [rad/s]": gx.probes.AngularVelocity(hub.frame(), "z"),
         "spin of the sail [rad/s]": gx.probes.MeanSpin(film, "z"),
@@ -201,7 +214,8 @@ def build(
         **fold_angles(creases),
     }
     control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
-    # The first guess of a step may press layers together: its residual is not a measure of the forces.
+    # The first guess of a step may press layers together: its residual is not a measure of the
+    # forces.
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     scene = gx.Scene(*items)  # type: ignore[arg-type]
     return gx.Case(
@@ -221,20 +235,24 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: object,
 ) -> dict[str, float]:
-    """Deploy the sail; `given` are arguments of `build`.  With `output`, a folder: a recording and pictures.
+    """Deploy the sail; `given` are arguments of `build`.  With `output`, a folder: a recording and
+    pictures.
 
-    Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative, of a free
-    hub), the largest mean radius of the tips [m] and its time [s], the smallest radius of a tip at the end [m], the
-    nutation at the start and the end [deg], the imbalance of the tips at the end, the spins at the end [rad/s],
-    the energy at the start [J], the time [s] at which the mean radius of the tips is `OPEN` of that of the open disc,
-    and with creases the figures of `crease_figures`.
+    Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative, of a
+    free hub), the largest mean radius of the tips [m] and its time [s], the smallest radius of a
+    tip at the end [m], the nutation at the start and the end [deg], the imbalance of the tips at
+    the end, the spins at the end [rad/s], the energy at the start [J], the time [s] at which the
+    mean radius of the tips is `OPEN` of that of the open disc, and with creases the figures of
+    `crease_figures`.
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
+    # Pictures are denser at first, where the roll opens fast.
     parts = (0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.75, 0.85, 1.0)
     run, series = run_case(case, output, "spin_deployment", parts, VIEW)
     radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
     if output is not None and comm.rank == 0:
         draw(series, radius, Path(output) / "spin_deployment_curves.png")
+    # A held hub takes angular momentum from outside; the drift counts for a free one only.
     first = run.first.angular_momentum
     now = run.totals.angular_momentum
     widest = int(radius.argmax())
@@ -280,13 +298,16 @@ def draw(series: gx.Series, radius: Array, path: Path) -> None:
 def say(found: dict[str, float]) -> None:
     """Print the results."""
     print(
-        f"The tips come to {1e3 * found['largest_radius']:.0f} mm after {1e3 * found['when']:.0f} ms."
+        f"The tips come to {1e3 * found['largest_radius']:.0f} mm after {1e3 * found['when']:.0f} "
+        "ms."
     )
     print(
-        f"Hub and sail then spin at {found['spin_of_hub']:.1f} and {found['spin_of_sail']:.1f} rad/s."
+        f"Hub and sail then spin at {found['spin_of_hub']:.1f} and {found['spin_of_sail']:.1f} "
+        "rad/s."
     )
     print(
-        f"Of {found['energy']:.3f} J {found['dissipated']:.3f} J are lost{dissipation_by_part(found)}."
+        f"Of {found['energy']:.3f} J {found['dissipated']:.3f} J are "
+        f"lost{dissipation_by_part(found)}."
     )
     print_run_figures(found, "angular momentum", "angular_momentum_drift")
 

@@ -1,14 +1,15 @@
 """A free square film spins and flutters; energy and momenta are conserved while it wrinkles.
 
-Film of 1 m × 1 m × 0.1 mm, E = 1 GPa, ν = 0.3, 1400 kg/m³, stress-free, thrown into a spin Ω = 10 rad/s with an
-out-of-plane velocity sin πx sin πy m/s.  Without load or damping
+Film of 1 m × 1 m × 0.1 mm, E = 1 GPa, ν = 0.3, 1400 kg/m³, stress-free, thrown into a spin Ω = 10
+rad/s with an out-of-plane velocity sin πx sin πy m/s.  Without load or damping
 
     H = ½∫ρt|v|² dA + ∫W(E) dA,   P = ∫ρt v dA,   L = ∫ρt x×v dA
 
 stay as they are at the start while every cell switches between taut, wrinkled and slack.
 
     ./gossamer demo spinning_sheet
-    ./gossamer run demos/spinning_sheet.py n=30 until=0.2 --output out/sheet; ./gossamer report out/sheet
+    ./gossamer run demos/spinning_sheet.py n=30 until=0.2 --output out/sheet
+    ./gossamer report out/sheet
 """
 
 from __future__ import annotations
@@ -83,7 +84,8 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     stepper: gx.Midpoint | None = None,
 ) -> dict[str, float]:
-    """Run `steps` steps of `dt` [s] on n × n × 2 triangles; returns drifts relative to the initial values, and counts.
+    """Run `steps` steps of `dt` [s] on n × n × 2 triangles; returns drifts relative to the initial
+    values, and counts.
 
     With `output`, a folder: the recording of the run, and a picture.
     """

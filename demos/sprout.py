@@ -1,35 +1,43 @@
-"""Two inflatable tubes in V unfold the film between them from a cube satellite that is free in space.
+"""Two inflatable tubes in V unfold the film between them from a cube satellite that is free in
+space.
 
-Tubes and film lie in one plane, and one Miura fold goes through all of them: the tubes are pressed flat, and have two
-sheets at each crease.  The fold is not quite shut, so no two layers coincide, and it costs no strain but
-for the room between the two sheets.  The parallelogram at the roots lies as it will when all is open; the others are
-stacked in front of the cube.  At t = 0 nothing holds the stack any more, and two valves open from a tank in the cube.
-Each tube has compartments; gas passes from one to the next through the deformed ring of film between them, at a fold.
-The tubes open, unfold and draw the film with them, whose edges are tied to theirs.  Contact keeps all layers and the
-cube apart.  Nothing acts from outside: energy, momentum and angular momentum stay as they were.
+Tubes and film lie in one plane, and one Miura fold goes through all of them: the tubes are pressed
+flat, and have two sheets at each crease.  The fold is not quite shut, so no two layers coincide,
+and it costs no strain but for the room between the two sheets.  The parallelogram at the roots lies
+as it will when all is open; the others are stacked in front of the cube.  At t = 0 nothing holds
+the stack any more, and two valves open from a tank in the cube. Each tube has compartments; gas
+passes from one to the next through the deformed ring of film between them, at a fold. The tubes
+open, unfold and draw the film with them, whose edges are tied to theirs.  Contact keeps all layers
+and the cube apart.  Nothing acts from outside: energy, momentum and angular momentum stay as they
+were.
 
-Arguments change the mass of the cube, stow the stack in a box with a lid that springs open, or make a test on the
-ground: the cube is held, gravity acts along an axis, and air slows the films and presses on the tubes.  `settled` ends
-the run when the largest kinetic energy in the last 50 ms is below this part of the largest one in the whole run.
-The first millisecond of the box is a test; a whole deployment out of it has not been run, nor one until it has settled.
+Arguments change the mass of the cube, stow the stack in a box with a lid that springs open, or make
+a test on the ground: the cube is held, gravity acts along an axis, and air slows the films and
+presses on the tubes.  `settled` ends the run when the largest kinetic energy in the last 50 ms is
+below this part of the largest one in the whole run. The first millisecond of the box is a test; a
+whole deployment out of it has not been run, nor one until it has settled.
 
 Where the values come from:
-    cube, tubes, film    20 cm, 7 kg, two tubes of 1.5 m in V with a triangular film: SPROUT, Nihon University
-                         (eoPortal; Miyazaki, KAKENHI 19360384 final report, 2009).  The report of 2009 has a satellite
-                         of the class of 5 kg; 7.1 kg flew in 2014.  The angle of 60° is chosen, as are diameter, folds,
-                         tank and valves, which were not published
-    box, lid             chosen: a lid of 0.1 kg that is open after some 80 ms; the box is as wide as the open V, and as
-                         high as a panel that turns about a fold needs
-    air                  an ideal gas at 293 K; drag as of `gx.loads.AirDrag`, without the mass of air that moves with
-                         the film
-    film                 polyimide, Kapton HN 50 (DuPont data sheet H-38492): 12.5 µm, 2.5 GPa, 0.34, 1420 kg/m³
-    tank                 chosen: nitrogen at 20 kPa and 293 K, two litres, which fill the tubes to about 10 kPa
+    cube, tubes, film    20 cm, 7 kg, two tubes of 1.5 m in V with a triangular film: SPROUT, Nihon
+                         University (eoPortal; Miyazaki, KAKENHI 19360384 final report, 2009).  The
+                         report of 2009 has a satellite of the class of 5 kg; 7.1 kg flew in 2014.
+                         The angle of 60° is chosen, as are diameter, folds, tank and valves, which
+                         were not published
+    box, lid             chosen: a lid of 0.1 kg that is open after some 80 ms; the box is as wide
+                         as the open V, and as high as a panel that turns about a fold needs
+    air                  an ideal gas at 293 K; drag as of `gx.loads.AirDrag`, without the mass of
+                         air that moves with the film
+    film                 polyimide, Kapton HN 50 (DuPont data sheet H-38492): 12.5 µm, 2.5 GPa,
+                         0.34, 1420 kg/m³
+    tank                 chosen: nitrogen at 20 kPa and 293 K, two litres, which fill the tubes to
+                         about 10 kPa
     damping              chosen: 1 ms, viscosity of the film over its stiffness
 
     ./gossamer demo sprout
     ./gossamer run demos/sprout.py crease=1.3e-3 --output out/sprout; ./gossamer report out/sprout
     ./gossamer run demos/sprout.py inset=0.025 --output out/tethers
-    ./gossamer run demos/sprout.py length=0.6 rows=1 tank=5e-4 damping=3e-4 until=0.12 --output out/short
+    ./gossamer run demos/sprout.py length=0.6 rows=1 tank=5e-4 damping=3e-4 until=0.12 \\
+        --output out/short
     ./gossamer run demos/sprout.py mass=5.0 box=True delay=0.06 until=0.5 --output out/box
     ./gossamer run demos/sprout.py gravity=9.80665 down=-z --output out/ground
     ./gossamer run demos/sprout.py gravity=9.80665 down=-z air=1000.0 --output out/chamber
@@ -78,14 +86,17 @@ DOWN = {
 }
 ROOM_TEMPERATURE = 293.0  # K
 GAS_CONSTANT_OF_AIR = 287.05  # J/(kg K)
-# Room between the stack and the walls of its box [m]: several times the distance at which contact begins.
+# Room between the stack and the walls of its box [m]: several times the distance at which contact
+# begins.
 BOX_ROOM = 0.01
-# Box above the cube's face [m], so that contact of the film with face and floor does not begin at one point.
+# Box above the cube's face [m], so that contact of the film with face and floor does not begin at
+# one point.
 BOX_STAND = 2e-3
-# Rotation vector [rad] that turns the axes x, y, z of a `LiddedBox` to z, x, y: it opens along y, with the hinge below.
+# Rotation vector [rad] that turns the axes x, y, z of a `LiddedBox` to z, x, y: it opens along y,
+# with the hinge below.
 BOX_TURN = -2 * math.pi / 3 / math.sqrt(3)
-# Time [s] over which the largest kinetic energy is taken to see whether the motion has settled: several periods of the
-# film between the tubes, so that no reversal of the motion counts as rest.
+# Time [s] over which the largest kinetic energy is taken to see whether the motion has settled:
+# several periods of the film between the tubes, so that no reversal of the motion counts as rest.
 SETTLING_WINDOW = 0.05
 HALF = math.radians(30)  # half of the angle between the tubes
 GAP = 0.1  # between the roots of the tubes [m]
@@ -97,9 +108,11 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class Figure:
-    """The flat figure in the plane of the fold map: outlines of tubes and film, (x, y) of their corners [m].
+    """The flat figure in the plane of the fold map: outlines of tubes and film, (x, y) of their
+    corners [m].
 
-    length, diameter: of the tubes [m]; inset: of the film from them [m]; centre: the point between their roots.
+    length, diameter: of the tubes [m]; inset: of the film from them [m]; centre: the point between
+    their roots.
     """
 
     length: float
@@ -133,7 +146,8 @@ class Figure:
         return [self.at(side, along, -self.inset) for side, along in ends]
 
     def legs(self, count: int) -> list[tuple[int, Point, Point]]:
-        """Return side, point of the film and point of the tube of every tether, `count` on each side."""
+        """Return side, point of the film and point of the tube of every tether, `count` on each
+        side."""
         found = []
         for side in SIDES.values():
             for k in range(count):
@@ -143,7 +157,8 @@ class Figure:
 
 
 class Settling:
-    """Probe: the largest kinetic energy in the last `SETTLING_WINDOW` over the largest one in the run; 1 until then."""
+    """Probe: the largest kinetic energy in the last `SETTLING_WINDOW` over the largest one in the
+    run; 1 until then."""
 
     def __init__(self) -> None:
         """Start without any record."""
@@ -180,8 +195,8 @@ def lidded_box(
     """
     floor = CUBE / 2 + BOX_STAND
     front = float(stack[:, 1].max()) + BOX_ROOM
-    # Panels turn by half a turn about folds at the opening: in a box that is as high as the stack the tubes were filled
-    # and did not get out.
+    # Panels turn by half a turn about folds at the opening: in a box that is as high as the stack
+    # the tubes were filled and did not get out.
     height = max(panel, float(np.abs(stack[:, 2]).max())) + BOX_ROOM
     # The outer side of an open tube where it passes the opening.
     along = (front - CUBE / 2 - STAND) / math.cos(HALF)
@@ -193,8 +208,8 @@ def lidded_box(
         mass=mass,
         stiffness=4.0,
         rest_angle=2.5,
-        # Half of the critical damping: with a twentieth the lid sprang back, and the box was closed again when the
-        # tubes were filled.
+        # Half of the critical damping: with a twentieth the lid sprang back, and the box was closed
+        # again when the tubes were filled.
         damping=0.2,
         max_angle=2.0,
         body=cube,
@@ -253,18 +268,22 @@ def build(
         tank, pressure: its volume [m³], and the pressure in it at the start [Pa].
         bore: of each valve [m], which opens in the time `opening` [s].
         dead_volume: that each compartment cannot be pressed out of [m³].
-        inset: of the film from the tubes [m]; 0: its edges are tied to theirs, else it hangs from them by tethers.
+        inset: of the film from the tubes [m]; 0: its edges are tied to theirs, else it hangs from
+            them by tethers.
         tethers: on each side of the film, if it is not tied.
         crease: stiffness of folds with memory [N m/m/rad]; 0: none.
         contact: distance at which it begins [m].
         damping: viscosity of the films over their stiffness [s]; 0: none.
-        largest, growth: step [s], and its ratio to the one before, at most: steps that grow faster fail more often.
+        largest, growth: step [s], and its ratio to the one before, at most: steps that grow faster
+            fail more often.
         mass: of the cube [kg], evenly distributed.
-        box, lid: whether the stack lies in a box on the cube, and the mass of its lid [kg], released at t = 0.
+        box, lid: whether the stack lies in a box on the cube, and the mass of its lid [kg],
+            released at t = 0.
         delay: of the valves [s], e.g. until the lid is open.
-        gravity, down: acceleration [m/s²] and its direction, "-z" across the plane of the V, "-y" against the tubes
-            and so on.  The cube is then held.
-        air: pressure of the air outside [Pa]; the tank and the tubes contain gas of this pressure in addition.
+        gravity, down: acceleration [m/s²] and its direction, "-z" across the plane of the V, "-y"
+            against the tubes and so on.  The cube is then held.
+        air: pressure of the air outside [Pa]; the tank and the tubes contain gas of this pressure
+            in addition.
         settled: ends the run when the motion has settled, see the module; 0: runs until `until`.
     """
     if down not in DOWN:
@@ -405,7 +424,8 @@ def build(
     probes["kinetic energy over the largest"] = settling
     events = [gx.When(settling, settled, falling=True, stop=True, name="settled")]
     control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
-    # The first guess of a step may press layers together: its residual is not a measure of the forces.
+    # The first guess of a step may press layers together: its residual is not a measure of the
+    # forces.
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     scene = gx.Scene(*items)  # type: ignore[arg-type]
     return gx.Case(
@@ -426,7 +446,8 @@ def inertia(mass: float) -> float:
 
 
 def valve_area(t: float, bore: float, opening: float, delay: float) -> float:
-    """Area [m²] of a valve at a time [s]: it opens from a twentieth of its bore [m], `delay` [s] after the start."""
+    """Area [m²] of a valve at a time [s]: it opens from a twentieth of its bore [m], `delay` [s]
+    after the start."""
     if t < delay:
         return 0.0
     part = min(0.05 + (t - delay) / opening, 1.0)
@@ -447,12 +468,14 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: object,
 ) -> dict[str, float]:
-    """Deploy tubes and film; `given` are arguments of `build`.  With `output`, a folder: a recording and a picture.
+    """Deploy tubes and film; `given` are arguments of `build`.  With `output`, a folder: a
+    recording and a picture.
 
     Returns the figures of `run_figures` and `dissipation`, mass_error (of the gas, relative),
     angular_momentum_drift (over the largest angular momentum of the cube), the distance between the
-    tips and of their middle from the line of the roots [m], the spin of the cube at the end [rad/s],
-    pressures at the end [Pa], the time of the end [s], and `settling`, the value of the probe `Settling` there.
+    tips and of their middle from the line of the roots [m], the spin of the cube at the end
+    [rad/s], pressures at the end [Pa], the time of the end [s], and `settling`, the value of the
+    probe `Settling` there.
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.08, 0.16, 0.22, 0.27, 0.31, 0.4, 0.5, 0.7, 1.0)
@@ -483,10 +506,12 @@ def say(found: dict[str, float]) -> None:
     """Print the results."""
     pressures = ", ".join(f"{v:.0f} Pa" for k, v in found.items() if k.startswith("pressure"))
     print(
-        f"The tips are {found['span']:.2f} m apart and {found['reach']:.2f} m in front of the roots."
+        f"The tips are {found['span']:.2f} m apart and {found['reach']:.2f} m in front of the "
+        "roots."
     )
     print(
-        f"The compartments of both tubes have {pressures}; the cube turns at {found['spin']:.2g} rad/s."
+        f"The compartments of both tubes have {pressures}; the cube turns at {found['spin']:.2g} "
+        "rad/s."
     )
     print_run_figures(found, "angular momentum", "angular_momentum_drift")
 

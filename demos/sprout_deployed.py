@@ -1,21 +1,25 @@
-"""The deployed state of SPROUT: two inflated tubes in V hold a film between them; equilibrium and vibrations.
+"""The deployed state of SPROUT: two inflated tubes in V hold a film between them; equilibrium and
+vibrations.
 
-The tubes are held at a round section on the cube.  The film hangs by three cords from the tips of the tubes and from
-the cube.  Its edges are arcs with a cable in each, so that film and cables are in equilibrium with the same tension n
-in all directions: a cable of radius R bears n R, and a cord the resultant of two cables.  A film that is tied along the
-tubes cannot be drawn taut by them: it is 10⁴ times as stiff in its plane as they are in bending, so that it bears on a
-few points, and wrinkles.  The tips are pulled inwards; the film is cut for the tips as a cantilever of the bending
+The tubes are held at a round section on the cube.  The film hangs by three cords from the tips of
+the tubes and from the cube.  Its edges are arcs with a cable in each, so that film and cables are
+in equilibrium with the same tension n in all directions: a cable of radius R bears n R, and a cord
+the resultant of two cables.  A film that is tied along the tubes cannot be drawn taut by them: it
+is 10⁴ times as stiff in its plane as they are in bending, so that it bears on a few points, and
+wrinkles.  The tips are pulled inwards; the film is cut for the tips as a cantilever of the bending
 stiffness EI = π E t r³ has them under the cord's force F, across (n) and along (a) the tube:
 
     δ = F_n L³/(3 EI) / (1 - F_a/P),    P = π² EI/(4 L²)
 
-For a tube alone there is another closed form, the first frequency 1.8751² √(EI/m)/(2π L²) with its mass m per length.
+For a tube alone there is another closed form, the first frequency 1.8751² √(EI/m)/(2π L²) with its
+mass m per length.
 
 Where the values come from:
     tubes, film, cube    `demos/sprout.py`; the pressure is that at the end of its run
-    tension              chosen: 8 mN/m.  The tubes then bear half of π p r³/2, at which a tube begins to wrinkle
-                         (Comer & Levy, AIAA J. 1 (1963) 1652)
-    cords                chosen: 1 N/m, so that an error of a millimetre changes the tension by a few per cent
+    tension              chosen: 8 mN/m.  The tubes then bear half of π p r³/2, at which a tube
+                         begins to wrinkle (Comer & Levy, AIAA J. 1 (1963) 1652)
+    cords                chosen: 1 N/m, so that an error of a millimetre changes the tension by a
+                         few per cent
     cables               aramid thread of 0.1 mm: 500 N, 1.1e-5 kg/m
 
     ./gossamer demo sprout_deployed
@@ -48,7 +52,8 @@ TENSION = 8e-3  # of the film [N/m]
 CORD = 1.0  # stiffness of a cord [N/m]
 CORD_LENGTH = 0.06  # under load [m]
 SAG = 0.08  # of the arcs, over the distance of their ends
-# Edges of the film, from corner to corner: 0 is at the cube, 1 and 2 are at the tips on the right and on the left.
+# Edges of the film, from corner to corner: 0 is at the cube, 1 and 2 are at the tips on the right
+# and on the left.
 EDGES = ((0, 1), (1, 2), (2, 0))
 # cos k cosh k = -1 of a cantilever.
 FIRST_EIGENVALUE = 1.875104069
@@ -59,7 +64,8 @@ RIGID_MOTIONS = 6
 
 @dataclass(frozen=True)
 class Satellite:
-    """The deployed satellite: its tubes, the figure in which they are cut, and the search for the equilibrium."""
+    """The deployed satellite: its tubes, the figure in which they are cut, and the search for the
+    equilibrium."""
 
     tubes: dict[int, gx.Membrane]
     film: gx.Membrane | None
@@ -89,7 +95,8 @@ def retreat(diameter: float) -> float:
 
 @dataclass(frozen=True)
 class Rounding:
-    """Map of a flat tube to a round one that may be bent, which keeps lengths but near its flat ends.
+    """Map of a flat tube to a round one that may be bent, which keeps lengths but near its flat
+    ends.
 
     Args:
         figure: of the flat tubes.
@@ -162,9 +169,11 @@ def tube_of(
     round_ends: bool,
     deflection: float,
 ) -> gx.Membrane:
-    """A tube; with round ends it starts round and bent, and has a stub beyond each end that closes it.
+    """A tube; with round ends it starts round and bent, and has a stub beyond each end that closes
+    it.
 
-    The groups "ring 1" and "ring 2" are its round sections at root and tip; "side 1" is the flat root of a flat tube.
+    The groups "ring 1" and "ring 2" are its round sections at root and tip; "side 1" is the flat
+    root of a flat tube.
     """
     name = {1: "right", -1: "left"}[side]
     # A line of edges along the axis, so that the sections have nodes there.
@@ -239,7 +248,8 @@ class Cut:
 
     Attributes:
         corners: of the film (3, 2) [m].
-        supports: where its cords are held (3, 2) [m]: on the cube, and at the tips as they are under load.
+        supports: where its cords are held (3, 2) [m]: on the cube, and at the tips as they are
+            under load.
         radii: of the arcs (3,) [m].
         forces: of film and cables on the cords (3, 2) [N].
         deflection: of the tips [m], by the closed form.
@@ -253,7 +263,8 @@ class Cut:
 
 
 def cut(figure: Figure, thickness: float, tension: float, pressure: float) -> Cut:
-    """The film for a tension [N/m], for which the tips are where the closed forms say; pressure of the gas [Pa]."""
+    """The film for a tension [N/m], for which the tips are where the closed forms say; pressure of
+    the gas [Pa]."""
     length = figure.length
     EI = bending_stiffness(figure, thickness)
     buckling_load = math.pi**2 * EI / (4 * length**2)
@@ -270,7 +281,8 @@ def cut(figure: Figure, thickness: float, tension: float, pressure: float) -> Cu
     # Forces turn with the corners, and move them a little: a few turns until both agree.
     for _ in range(50):
         radii, forces = forces_at(corners, tension)
-        # The force pulls the tip towards the middle of the film: a part bends the tube, a part presses on it.
+        # The force pulls the tip towards the middle of the film: a part bends the tube, a part
+        # presses on it.
         across_tube = float(forces[1] @ inward)
         along_tube = float(-forces[1] @ along)
         # Compression makes the tube softer in bending, as in Euler's buckling.
@@ -292,7 +304,8 @@ def cut(figure: Figure, thickness: float, tension: float, pressure: float) -> Cu
 
 
 def forces_at(corners: Array, tension: float) -> tuple[Array, Array]:
-    """Radii (3,) [m] of the arcs between corners (3, 2) [m], and the forces (3, 2) [N] of their cables on the cords."""
+    """Radii (3,) [m] of the arcs between corners (3, 2) [m], and the forces (3, 2) [N] of their
+    cables on the cords."""
     radii = np.zeros(3)
     forces = np.zeros((3, 2))
     for k, (i, j) in enumerate(EDGES):
@@ -309,7 +322,8 @@ def forces_at(corners: Array, tension: float) -> tuple[Array, Array]:
 
 
 def film_mesh(comm: MPI.Comm, shape: Cut, cell: float) -> gx.Mesh:
-    """The film with cells of a size [m]; groups "edge 0" to "edge 2" and "corner 0" to "corner 2"."""
+    """The film with cells of a size [m]; groups "edge 0" to "edge 2" and "corner 0" to "corner
+    2"."""
 
     def arcs(model: Any) -> None:
         geo = model.geo
@@ -407,8 +421,8 @@ def build(
         mass: of the cube [kg].
         held: whether the cube is fixed in space.
         with_film: whether there is a film; without it the tubes are two cantilevers.
-        round_ends: whether the tubes have round plates as ends, by which they are fixed to the cube; else they are
-            pressed flat there, as in `demos/sprout.py`, and do not bear a film.
+        round_ends: whether the tubes have round plates as ends, by which they are fixed to the
+            cube; else they are pressed flat there, as in `demos/sprout.py`, and do not bear a film.
 
     Raises:
         InputError: a film between tubes with flat ends.
@@ -512,7 +526,8 @@ def wrinkling_moment(figure: Figure, pressure: float) -> float:
 
 
 def beam_frequency(figure: Figure, thickness: float) -> float:
-    """First frequency [Hz] of a tube as a cantilever, with the mass of the stub at its tip (Rayleigh's quotient)."""
+    """First frequency [Hz] of a tube as a cantilever, with the mass of the stub at its tip
+    (Rayleigh's quotient)."""
     EI = bending_stiffness(figure, thickness)
     mass_per_length = FILM.density * thickness * math.pi * figure.diameter
     stiffness = 3 * EI / figure.length**3
@@ -556,7 +571,8 @@ def main(
     """Equilibrium and modes of the satellite held and free, and of a tube alone.
 
     Args:
-        output: folder for records of the equilibrium and of the modes, and a picture; None: nothing is written.
+        output: folder for records of the equilibrium and of the modes, and a picture; None: nothing
+            is written.
         count: number of modes.
         cell, film_cell: of `build`.
         comm: communicator of the meshes.
@@ -579,7 +595,8 @@ def main(
         with_film=False,
         round_ends=False,
     )
-    # The tangent of a tube with a flat root is nearly singular: it turns about the root without any resistance.
+    # The tangent of a tube with a flat root is nearly singular: it turns about the root without any
+    # resistance.
     flat.statics.find()
     flat_modes = gx.analysis.modes(flat.statics, 2)
 

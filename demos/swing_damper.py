@@ -1,16 +1,18 @@
-"""Dampers between the hub and the open sail of IKAROS that leave the least swing, by gradients of runs.
+"""Dampers between the hub and the open sail of IKAROS that leave the least swing, by gradients of
+runs.
 
-The hub is given a little more spin than the sail and swings in it (`demos/ikaros_swing.py`).  Dampers in
-the tethers hardly act, as a small turn changes their length only to second order.  Here eight dampers lie
-obliquely between the rim of the hub and the inner edges of the sail, so that a turn changes their length to
-first order.  Weak ones take long; strong ones hold the inner edges fast, and the film swings with the hub.
-Wanted is the damping c that leaves the least energy of the swing at a time T,
+The hub is given a little more spin than the sail and swings in it (`demos/ikaros_swing.py`).
+Dampers in the tethers hardly act, as a small turn changes their length only to second order.  Here
+eight dampers lie obliquely between the rim of the hub and the inner edges of the sail, so that a
+turn changes their length to first order.  Weak ones take long; strong ones hold the inner edges
+fast, and the film swings with the hub. Wanted is the damping c that leaves the least energy of the
+swing at a time T,
 
     J(c) = E(T; c) - L²/(2 (I + J))
 
-with the angular momentum L, which is constant, and the moments of inertia I of the hub and J of the sail: the
-energy above that of a steady spin.  Each run gives J, and one pass backwards through its steps dJ/dc.
-`gx.analysis.minimise_runs` finds c; its logarithm is varied, which keeps c positive.
+with the angular momentum L, which is constant, and the moments of inertia I of the hub and J of the
+sail: the energy above that of a steady spin.  Each run gives J, and one pass backwards through its
+steps dJ/dc. `gx.analysis.minimise_runs` finds c; its logarithm is varied, which keeps c positive.
 
 The gradient is of the film as it is, not of a reduced model, on the mesh of `demos/ikaros.py`.
 
@@ -192,7 +194,8 @@ def main(
 
 
 def draw(runs: Sequence[Run], compared: Sequence[Run], best: Run, path: Path) -> None:
-    """Energy that is left over the damping, with the slopes of the gradient, and the swing over the time."""
+    """Energy that is left over the damping, with the slopes of the gradient, and the swing over the
+    time."""
     from demos.common.figures import BLUE, GREY, RED, new_figure, save
 
     figure = new_figure(10.0, 3.9)

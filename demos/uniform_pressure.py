@@ -1,28 +1,32 @@
 """When is one pressure for the whole bag right?
 
-While a bag is filled within the time T, gas flows through it, and flow needs differences of pressure.
-In a tube of length L that is open inside and whose pressure rises as dp/dt = p/T, the gas enters with
-the Mach number
+While a bag is filled within the time T, gas flows through it, and flow needs differences of
+pressure. In a tube of length L that is open inside and whose pressure rises as dp/dt = p/T, the gas
+enters with the Mach number
 
     M = L/(γ c T)    and    Δp/p = γ M² = (L/(c T))²/γ
 
-is the difference between the ends: c is the speed of sound in the tube, L/c the time that sound takes
-through it.  With T = 10 L/c it is 0.7 %: one chamber is right.  With T = 2 L/c it is 18 %, and below
-that sound waves matter, which need a solver of the flow.  A passage of the area a in a section A loses
-½ρu², with A/a times the velocity: Δp/p = γ/2 (M A/a)².  A tube that lies flat or folded is such a
-passage.  Take compartments there, with rings (`gx.gas.Ring`) whose deformed area lets the gas pass.
+is the difference between the ends: c is the speed of sound in the tube, L/c the time that sound
+takes through it.  With T = 10 L/c it is 0.7 %: one chamber is right.  With T = 2 L/c it is 18 %,
+and below that sound waves matter, which need a solver of the flow.  A passage of the area a in a
+section A loses ½ρu², with A/a times the velocity: Δp/p = γ/2 (M A/a)².  A tube that lies flat or
+folded is such a passage.  Take compartments there, with rings (`gx.gas.Ring`) whose deformed area
+lets the gas pass.
 
     left    eight rigid compartments against Δp/p = γ/2 Σ M_k², M_k at the k-th passage, with a = A
-    others  a flat tube, as one chamber and as eight compartments, filled within 100 and 5 times L/c:
+    others  a flat tube, as one chamber and as eight compartments, filled within 100 and 5 times
+    L/c:
             in the slow filling the pressures at both ends differ by less than 3 % at a tenth of T
-            already; in the fast one the gas opens the tube from the inlet on, and one chamber is wrong
+            already; in the fast one the gas opens the tube from the inlet on, and one chamber is
+            wrong
 
-A passage that is as wide as the tube loses ½ρu² in the model, not in the tube: take compartments where
-folds, rings or baffles narrow it.
+A passage that is as wide as the tube loses ½ρu² in the model, not in the tube: take compartments
+where folds, rings or baffles narrow it.
 
 Where the values come from:
     Δp                 momentum and mass balance of a tube, Bernoulli's equation behind a passage
-    tube, gas          of the demo inflate_tube, half as long; filled to about 10 kPa by a choked orifice
+    tube, gas          of the demo inflate_tube, half as long; filled to about 10 kPa by a choked
+                       orifice
 
     ./gossamer demo uniform_pressure
 """
@@ -52,20 +56,24 @@ PRESSURE = 1e4  # in the full tube, about [Pa]
 SOUND = LENGTH / math.sqrt(
     NITROGEN.gamma * NITROGEN.R * TEMPERATURE
 )  # its time through the tube [s]
+# 15 bar: the orifice is choked during all of the filling.
 SUPPLY = gx.gas.Reservoir(1.5e6, TEMPERATURE)
 
 
 def inlet_area(T: float) -> float:
-    """Effective area [m²] of a choked orifice that fills the round tube to `PRESSURE` within T [s]."""
+    """Effective area [m²] of a choked orifice that fills the round tube to `PRESSURE` within T
+    [s]."""
     γ = NITROGEN.gamma
     # γ R T₀ dm/dt = V dp/dt: the gas brings its enthalpy.
     mass_flow = PRESSURE * SECTION * LENGTH / (γ * NITROGEN.R * TEMPERATURE * T)
+    # Mass flow of a choked orifice over C A p/√(R T).
     choked = math.sqrt(γ) * (2 / (γ + 1)) ** ((γ + 1) / (2 * (γ - 1)))
     return mass_flow * math.sqrt(NITROGEN.R * TEMPERATURE) / (SUPPLY.pressure * choked)
 
 
 def spread_of_rigid_tube(T: float, parts: int = 8) -> tuple[float, float]:
-    """(p_first - p_last)/p of a round tube of equal compartments at the time T [s], and its closed form."""
+    """(p_first - p_last)/p of a round tube of equal compartments at the time T [s], and its closed
+    form."""
     tanks = [
         gx.Tank(
             SECTION * LENGTH / parts,
@@ -91,6 +99,7 @@ def spread_of_rigid_tube(T: float, parts: int = 8) -> tuple[float, float]:
         area=inlet_area(T),
         name="inlet",
     )
+    # Two hundred steps resolve the growth of the pressure.
     run = gx.Simulation(gx.Scene(*tanks, inlet, *passages), gx.Midpoint(dt=T / 200))
     run.run(until=T)
     states = list(run.chambers.values())
@@ -98,6 +107,7 @@ def spread_of_rigid_tube(T: float, parts: int = 8) -> tuple[float, float]:
     # Of the gas upstream of each passage: compression heats it above the temperature of the supply.
     temperature = np.array([state.temperature for state in states[:-1]])
     c = np.sqrt(NITROGEN.gamma * NITROGEN.R * temperature)
+    # Each passage lets the gas of all compartments behind it pass: 7/8, 6/8, ... of the inflow.
     mach = LENGTH / (NITROGEN.gamma * c * T) * (1 - np.arange(1, parts) / parts)
     closed_form = NITROGEN.gamma / 2 * float((mach**2).sum())
     return float((pressure[0] - pressure[-1]) / pressure.mean()), closed_form
@@ -116,8 +126,10 @@ def build(
             gas=NITROGEN,
             pressure=10.0,
             temperature=TEMPERATURE,
+            # A flat tube encloses no volume, and a chamber of no volume has no pressure.
             dead_volume=1e-5 / parts,
             surface=(f"compartment {k + 1}",) if parts > 1 else (),
+            # Ring k closes compartment k at its end, and opens the next one.
             rings=tuple(rings[max(k - 1, 0) : k + 1]),
             name=f"compartment {k + 1}",
         )
@@ -139,6 +151,7 @@ def build(
                 name=f"passage {k}",
             )
         )
+    # Damping of the opening film; it does not act on the gas.
     damping = gx.Damping(film, mass_factor=20.0, stiffness_factor=1e-6)
     scene = gx.Scene(film, *chambers, *openings, damping)
     return chambers, gx.Case(
@@ -150,7 +163,8 @@ def build(
 
 
 def history(comm: MPI.Intracomm, T: float, parts: int, cells: int) -> dict[str, Array]:
-    """Time over T, volume over that of the round tube, pressures [Pa] at the inlet and at the tip."""
+    """Time over T, volume over that of the round tube, pressures [Pa] at the inlet and at the
+    tip."""
     chambers, case = build(comm, T, parts, cells)
     names = [chamber.name for chamber in chambers]
 
@@ -242,6 +256,7 @@ def main(
     for ratio in ratios:
         films[ratio] = {n: history(comm, ratio * SOUND, n, cells) for n in (1, parts)}
         many = films[ratio][parts]
+        # At a tenth of the time the fast tube is still flat behind the first compartments.
         early = len(many["time"]) // 10
         difference = many["inlet"][early] - many["tip"][early]
         results[f"flat tube, T = {ratio:g} L/c: spread at T/10 [%]"] = float(

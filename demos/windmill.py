@@ -30,7 +30,8 @@ DISTANCE = 1.03  # from the sun [au]
 RPM = 2 * math.pi / 60
 FLIGHT = -2.7e-5  # torque about the axis of spin in flight [N m]
 OPTICS = gx.orbit.Optics(0.8, 0.9, emissivity=0.05, lambertian=0.79)
-# Pitches of the picture [rad]; the petals are drawn with 60 times the pitch of the demo, which could not be seen.
+# Pitches of the picture [rad]; the petals are drawn with 60 times the pitch of the demo, which
+# could not be seen.
 PITCHES = (0.0, 2e-3, 4e-3, 5.2e-3, 6e-3, 8e-3)
 DRAWN_PITCH = 60 * 5.2e-3
 
@@ -93,7 +94,8 @@ def main(
     """Fly `steps` steps of `dt` [s] round the Sun with 1 rpm.
 
     Returns:
-        torque about the spin axis [N m], its formula, its ratio to the flight's, days from 1 to 0.4 rpm by it.
+        torque about the spin axis [N m], its formula, its ratio to the flight's, days from 1 to 0.4
+        rpm by it.
     """
     start = gx.orbit.Elements(DISTANCE * AU)
     orbit = gx.orbit.Orbit(

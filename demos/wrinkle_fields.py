@@ -3,8 +3,8 @@
     bent strip       a tensioned film, bent in its plane until two fifths of its height wrinkle
     square airbag    two square sheets under pressure, seen from above
 
-Cells are coloured by their state.  A line in each wrinkled cell has the direction of tension, which is
-that of crests and troughs; its width grows with the shortening of the film across it.
+Cells are coloured by their state.  A line in each wrinkled cell has the direction of tension, which
+is that of crests and troughs; its width grows with the shortening of the film across it.
 
     ./gossamer demo wrinkle_fields
 """
@@ -33,7 +33,8 @@ MIRRORS = ((1, 1), (-1, 1), (1, -1), (-1, -1))
 
 @dataclass(frozen=True)
 class Wrinkles:
-    """Of n cells: corners (n, 3, 3) [m], state (n,), direction of tension (n, 3), smaller principal strain (n,)."""
+    """Of n cells: corners (n, 3, 3) [m], state (n,), direction of tension (n, 3), smaller principal
+    strain (n,)."""
 
     corners: Array
     state: Array

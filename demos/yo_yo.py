@@ -1,15 +1,17 @@
 """A spinning hub is stopped by two masses on cords that unwind from it: the yo-yo of satellites.
 
-Two cords are wound half way round a cylinder each and touch it by contact only.  A mass at the end of each is released.
-With cords without mass that leave the cylinder along its tangent (Fedor, NASA TN D-708, 1961, from the conservation of
-energy and angular momentum), the unwound length is s = R ω0 t and the spin of the hub
+Two cords are wound half way round a cylinder each and touch it by contact only.  A mass at the end
+of each is released. With cords without mass that leave the cylinder along its tangent (Fedor, NASA
+TN D-708, 1961, from the conservation of energy and angular momentum), the unwound length is s = R
+ω0 t and the spin of the hub
 
     ω = ω0 (c R² - s²)/(c R² + s²),   c = 1 + I/(2 m R²)
 
-so that cords of the length R √c stop it.  Here the cords have mass, stretch, and touch the cylinder at a distance that
-the contact sets.
+so that cords of the length R √c stop it.  Here the cords have mass, stretch, and touch the cylinder
+at a distance that the contact sets.
 
-Chosen: cylinder of 0.1 m radius, masses of 20 g, cords of 0.1 g/m; I such that π R is what stops the hub.
+Chosen: cylinder of 0.1 m radius, masses of 20 g, cords of 0.1 g/m; I such that π R is what stops
+the hub.
 
     ./gossamer demo yo_yo
     ./gossamer run demos/yo_yo.py cells=60 --output out/yo_yo; ./gossamer report out/yo_yo
@@ -38,7 +40,8 @@ CORD_RADIUS = 1e-4  # m
 CONTACT_DISTANCE = 4e-4  # m
 LINE_DENSITY = 1e-4  # of a cord [kg/m]
 EA = 5e3  # of a cord [N]
-# The tension of the cords reduces their gap by a hundredth of the contact distance at this stiffness.
+# The tension of the cords reduces their gap by a hundredth of the contact distance at this
+# stiffness.
 CONTACT_STIFFNESS = 5e9  # N/m³
 # Of the stretch of the cords: without damping the masses bounce on them for ever.
 DAMPING = 1e-3  # s
@@ -47,7 +50,8 @@ WOUND_PART = 0.98
 
 
 def wound(cells: int) -> tuple[float, float, float]:
-    """Radius of a cord's corners, its length [m] and the angle of a cell [rad]: its cells lie outside of contact."""
+    """Radius of a cord's corners, its length [m] and the angle of a cell [rad]: its cells lie
+    outside of contact."""
     step = WOUND_PART * math.pi / cells
     # The middle of a cell is the nearest to the cylinder: one per cent outside of contact.
     corners = (RADIUS + CORD_RADIUS + 1.01 * CONTACT_DISTANCE) / math.cos(step / 2)
@@ -74,7 +78,8 @@ def build(
     dt: float = 2e-4,
     largest: float = 1e-3,
 ) -> gx.Case:
-    """The hub and two cords of `cells` cells until the time `until` [s], at which they are all but unwound.
+    """The hub and two cords of `cells` cells until the time `until` [s], at which they are all but
+    unwound.
 
     Steps [s] are as long as `largest` at most, the first one `dt`.
     """
@@ -148,7 +153,8 @@ def main(
     largest: float = 1e-3,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dict[str, float]:
-    """Unwind the cords; errors of the hub's spin over the first one, until half and until all of them is unwound.
+    """Unwind the cords; errors of the hub's spin over the first one, until half and until all of
+    them is unwound.
 
     With `output`, a folder: the recording of the run, and a picture.
     """

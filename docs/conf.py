@@ -15,7 +15,8 @@ copyright = f"{author}, LGPL-3.0-or-later"
 version = release = VERSION
 extensions = [
     "myst_parser",
-    # equations, typeset by a copy of MathJax that the site carries: pages are read without a network too
+    # equations, typeset by a copy of MathJax that the site carries: pages are read without a
+    # network too
     "sphinx.ext.mathjax",
     "sphinx-mathjax-offline",
     # cards of the gallery
@@ -50,7 +51,8 @@ html_theme_options = {
     "navbar_persistent": [],
     "primary_sidebar_end": [],
 }
-# Links to the repository and to the source of each page appear when pyproject.toml names the repository.
+# Links to the repository and to the source of each page appear when pyproject.toml names the
+# repository.
 REPOSITORY = (
     tomllib.loads((HERE.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     .get("urls", {})

@@ -1,6 +1,8 @@
-"""Pages that are made from the code: the reference from docstrings, the gallery from demos, the options from parsers.
+"""Pages that are made from the code: the reference from docstrings, the gallery from demos, the
+options from parsers.
 
-A docstring is plain text: paragraphs, equations as indented lines, Args, Raises and Returns with one entry a name.
+A docstring is plain text: paragraphs, equations as indented lines, Args, Raises and Returns with
+one entry a name.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ SECTIONS = {
     "Yields": "Yields",
     "Attributes": "Attributes",
 }
-# what parts, outputs and steppers of every kind have; "Your own part" and `model/terms.py` explain it
+# what parts, outputs and steppers of every kind have; "Your own part" and `model/terms.py` explain
+# it
 CONTRACT = {"terms", "requires", "describe", "initial_state", "initialise", "start"}
 CONTRACT |= {"open", "record", "close", "cursor", "resume", "times", "writes", "coordinates"}
 ROOMS = {
@@ -63,7 +66,7 @@ ROOMS = {
 }
 
 
-# ---- docstrings ------------------------------------------------------------------------------------------------------
+# ---- docstrings ----------------------------------------------------------------------------------
 
 
 # Names as docstrings write them, with or without their namespace, by the name they stand for.
@@ -73,7 +76,8 @@ LINKED |= {name: name for name in public_names()}
 
 def markdown(text: str) -> str:
     """A docstring as Markdown."""
-    lines, out = text.splitlines(), []
+    lines = text.splitlines()
+    out: list[str] = []
     i = 0
     while i < len(lines):
         line = lines[i]
@@ -91,7 +95,10 @@ def markdown(text: str) -> str:
                 i += 1
             while not block[-1].strip():
                 block.pop()
-            language = "pycon" if ">>>" in block[0] else "text"
+            # Sphinx colours an interactive session, and leaves an equation as it is.
+            language = "text"
+            if ">>>" in block[0]:
+                language = "pycon"
             out += [
                 "",
                 f"```{language}",
@@ -100,7 +107,10 @@ def markdown(text: str) -> str:
                 "",
             ]
         else:
-            out.append(prose(line) if not line.startswith("|") else line)
+            # A row of a table has its own markup.
+            if not line.startswith("|"):
+                line = prose(line)
+            out.append(line)
             i += 1
     return "\n".join(out)
 
@@ -122,24 +132,33 @@ def _entries(lines: list[str], i: int) -> tuple[int, list[str]]:
 
 def prose(line: str) -> str:
     """A line of text: what Markdown would take for its own is escaped, public names are linked."""
-    words = re.split(r"(`[^`]*`)", line)
-    return "".join(
-        _linked(w) if w.startswith("`") else re.sub(r"([*_<\\~#])", r"\\\1", w) for w in words
-    )
+    out = []
+    for words in re.split(r"(`[^`]*`)", line):
+        if words.startswith("`"):
+            out.append(_linked(words))
+        else:
+            out.append(re.sub(r"([*_<\\~#])", r"\\\1", words))
+    return "".join(out)
 
 
 def _linked(code: str) -> str:
+    """A word in backticks as a link to its entry of the reference, if it is a public name."""
     name = LINKED.get(code.strip("`").removeprefix("gx."))
-    return f"{{py:obj}}`{name} <gossamer_fx.{name}>`" if name else code
+    if not name:
+        return code
+    return f"{{py:obj}}`{name} <gossamer_fx.{name}>`"
 
 
-# ---- reference -------------------------------------------------------------------------------------------------------
+# ---- reference -----------------------------------------------------------------------------------
 
 
 def thing(name: str) -> Any:
-    """The object of a public name, e.g. "Chamber" or "gas.Ring", without the check of its arguments."""
+    """The object of a public name, e.g. "Chamber" or "gas.Ring", without the check of its
+    arguments."""
     found = attrgetter(name)(gossamer_fx)
-    return inspect.unwrap(found) if inspect.isfunction(found) else found
+    if inspect.isfunction(found):
+        return inspect.unwrap(found)
+    return found
 
 
 def room_of(name: str) -> str:
@@ -150,13 +169,16 @@ def room_of(name: str) -> str:
 
 
 def members(cls: type) -> list[tuple[str, str, Any]]:
-    """Public methods and properties of a class that are its own or its parents' of this package, with their kind."""
+    """Public methods and properties of a class that are its own or its parents' of this package,
+    with their kind."""
     found: dict[str, tuple[str, str, Any]] = {}
     for parent in reversed([c for c in cls.__mro__ if c.__module__.startswith("gossamer_fx")]):
         for name, value in vars(parent).items():
-            plain = value.__func__ if isinstance(value, staticmethod | classmethod) else value
             if name.startswith("_"):
                 continue
+            plain = value
+            if isinstance(value, staticmethod | classmethod):
+                plain = value.__func__
             if isinstance(plain, FunctionType):
                 found[name] = ("method", name, plain)
             elif isinstance(plain, property):
@@ -175,9 +197,11 @@ def signature(thing: Any, bound: bool = False) -> str:
         for i, p in enumerate(found.parameters.values())
         if not (bound and i == 0 and p.name == "self")
     ]
-    shown = [
-        p.replace(default=_Shown(p.default)) if p.default is not p.empty else p for p in parameters
-    ]
+    shown = []
+    for p in parameters:
+        if p.default is not p.empty:
+            p = p.replace(default=_Shown(p.default))
+        shown.append(p)
     return str(found.replace(parameters=shown)).replace("'", "")
 
 
@@ -186,7 +210,9 @@ class _Shown:
 
     def __init__(self, value: Any) -> None:
         text = repr(value)
-        self._text = text if len(text) < 40 and "<" not in text and "Frozen" not in text else "..."
+        # Addresses of objects and long tables say nothing to a reader.
+        is_short = len(text) < 40 and "<" not in text and "Frozen" not in text
+        self._text = text if is_short else "..."
 
     def __repr__(self) -> str:
         return self._text.replace("'", '"')
@@ -201,25 +227,35 @@ def entry(name: str) -> str:
     module = f":module: {namespace}\n\n"
     if not inspect.isclass(it):
         return _directive("py:function", short + signature(it), module + markdown(text))
-    exception = issubclass(it, BaseException)
-    head = short + ("" if exception else signature(it))
+    kind_of_class = "py:class"
+    head = short + signature(it)
+    if issubclass(it, BaseException):
+        # Users catch errors, and do not make them: their arguments do not matter.
+        kind_of_class = "py:exception"
+        head = short
     body = [markdown(text)]
     for kind, member, plain in members(it):
         doc = inspect.getdoc(plain)
         if doc:
-            words = member + (signature(plain, bound=True) if kind == "method" else "")
+            words = member
+            if kind == "method":
+                words += signature(plain, bound=True)
             body.append(_directive(f"py:{kind}", words, markdown(doc), fence=":::"))
     body[0] = module + body[0]
-    return _directive("py:exception" if exception else "py:class", head, "\n\n".join(body))
+    return _directive(kind_of_class, head, "\n\n".join(body))
 
 
 def _directive(kind: str, head: str, body: str, fence: str = "::::") -> str:
-    options = "" if body.startswith(":module:") else "\n"
+    """A block of MyST: options follow the head at once, text follows an empty line."""
+    options = "\n"
+    if body.startswith(":module:"):
+        options = ""
     return f"{fence}{{{kind}}} {head}\n{options}{body}\n{fence}\n"
 
 
 def undocumented() -> list[str]:
-    """Public names that say nothing about themselves, methods and properties of public classes included."""
+    """Public names that say nothing about themselves, methods and properties of public classes
+    included."""
     missing = []
     for name in public_names():
         it = thing(name)
@@ -240,7 +276,8 @@ def reference() -> dict[str, str]:
     for name in public_names():
         rooms.setdefault(room_of(name), []).append(name)
     order = [*[r for r in ROOMS if r in rooms], *sorted(set(rooms) - set(ROOMS))]
-    pages, rows = {}, []
+    pages = {}
+    rows = []
     for room in order:
         title = ROOMS.get(room, room.capitalize())
         pages[f"reference_{room}"] = f"# {title}\n\n" + "\n".join(
@@ -261,7 +298,7 @@ def reference() -> dict[str, str]:
     return pages
 
 
-# ---- gallery, options, presets ---------------------------------------------------------------------------------------
+# ---- gallery, options, presets -------------------------------------------------------------------
 
 
 def demos() -> list[tuple[str, str, str]]:
@@ -293,10 +330,12 @@ def subjects() -> list[dict[str, Any]]:
 
 
 def gallery() -> dict[str, str]:
-    """A page of cards by subject, and one page a demo: what it shows, its picture, commands, notebook."""
+    """A page of cards by subject, and one page a demo: what it shows, its picture, commands,
+    notebook."""
     texts = {name: (title, text) for name, title, text in demos()}
     parts = [
-        "# Gallery\n\nEach card opens the page of a demo, with its commands, its sources and a notebook. "
+        "# Gallery\n\nEach card opens the page of a demo, with its commands, its sources and a "
+        "notebook. "
         "The times are of one core.\n"
     ]
     pages = {}
@@ -314,8 +353,11 @@ def gallery() -> dict[str, str]:
 
 
 def _card(demo: dict[str, Any], title: str) -> str:
+    """The card of a demo in the gallery, with its picture if it has one."""
     name = demo["name"]
-    picture = [f":img-top: {_thumbnail(name, demo.get('crop', WHOLE))}"] if _picture(name) else []
+    picture = []
+    if _picture(name):
+        picture.append(f":img-top: {_thumbnail(name, demo.get('crop', WHOLE))}")
     options = "\n".join([*picture, f":link: demo_{name}", ":link-type: doc"])
     foot = f"{demo['time']} · {LEVELS[demo['level']]}"
     head = f"::::{{grid-item-card}} {demo['title']}\n{options}\n"
@@ -323,6 +365,7 @@ def _card(demo: dict[str, Any], title: str) -> str:
 
 
 def _demo_page(name: str, heading: str, title: str, text: str) -> str:
+    """The page of a demo: what it shows, its picture, its text, and its notebook."""
     parts = [f"# {heading}\n\n{prose(title)}\n"]
     if _picture(name):
         shutil.copy(ROOT / "demos" / f"{name}.png", OUT / f"{name}.png")
@@ -336,8 +379,11 @@ def _demo_page(name: str, heading: str, title: str, text: str) -> str:
 
 
 def _picture(name: str) -> Path | None:
+    """The picture of a demo, None if it has none."""
     path = ROOT / "demos" / f"{name}.png"
-    return path if path.exists() else None
+    if not path.exists():
+        return None
+    return path
 
 
 # of a card on a large screen [pixels]; all cards are alike, so that their texts are in line
@@ -364,7 +410,8 @@ def _thumbnail(name: str, crop: Sequence[float]) -> str:
 def notebook(name: str, heading: str) -> None:
     """A demo as a notebook: its text, its code, and a cell that runs it.
 
-    The code of a demo runs when its file is the main program; in a notebook the last cell does the same.
+    The code of a demo runs when its file is the main program; in a notebook the last cell does the
+    same.
     """
     import nbformat
     from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
@@ -375,9 +422,10 @@ def notebook(name: str, heading: str) -> None:
     cells = [
         new_markdown_cell(f"# {heading}\n\n{plain_text(text)}\n\n{note}"),
         new_code_cell(definitions),
-        # a scene that only a command varies has no main program
-        *([new_code_cell(main)] if main else []),
     ]
+    # A scene that only a command varies has no main program.
+    if main:
+        cells.append(new_code_cell(main))
     for i, cell in enumerate(cells):
         cell["id"] = f"cell-{i}"  # the same in every build
     nbformat.write(new_notebook(cells=cells), OUT / f"{name}.ipynb")
@@ -397,11 +445,14 @@ def code_of(name: str) -> tuple[str, str]:
 
 
 def plain_text(text: str) -> str:
-    """A docstring for a notebook, whose Markdown has no roles of Sphinx: indented lines stay as they are."""
-    return "\n".join(
-        line if line.startswith("    ") else re.sub(r"([*_])", r"\\\1", line)
-        for line in text.splitlines()
-    )
+    """A docstring for a notebook, whose Markdown has no roles of Sphinx: indented lines stay as
+    they are."""
+    out = []
+    for line in text.splitlines():
+        if not line.startswith("    "):
+            line = re.sub(r"([*_])", r"\\\1", line)
+        out.append(line)
+    return "\n".join(out)
 
 
 def options() -> str:
@@ -411,9 +462,12 @@ def options() -> str:
     launcher = re.search(
         r"<<'TEXT'\n(.*?)TEXT", (ROOT / "gossamer").read_text(encoding="utf-8"), re.DOTALL
     )
+    help_of_launcher = ""
+    if launcher:
+        help_of_launcher = launcher[1]
     parts = [
         "# Commands and their options\n\nThe launcher, in a clone:\n",
-        f"```text\n{launcher[1] if launcher else ''}```\n",
+        f"```text\n{help_of_launcher}```\n",
     ]
     parser: Any = _parser()
     parts.append("An installed package has the command `gossamer` with these.\n")
@@ -434,7 +488,8 @@ def presets() -> str:
     for name, film in vars(films).items():
         if isinstance(film, films.FilmMaterial):
             parts.append(
-                f"| `films.{name}` | {film.E / 1e9:g} | {film.nu:g} | {film.density:g} | {prose(film.source)} |"
+                f"| `films.{name}` | {film.E / 1e9:g} | {film.nu:g} | {film.density:g} | "
+                f"{prose(film.source)} |"
             )
     parts.append("\n## Fibres\n\n" + markdown(inspect.getdoc(fibres) or ""))
     parts.append("\n| name | E [GPa] | density [kg/m³] | source |\n|---|---|---|---|")
@@ -444,7 +499,8 @@ def presets() -> str:
             parts.append(f"| `fibres.{name}` | {figures} | {prose(fibre.source)} |")
     parts.append("\n## Layers of composites\n\n" + markdown(inspect.getdoc(laminae) or ""))
     parts.append(
-        "\n| name | E1 [GPa] | E2 [GPa] | ν12 | G12 [GPa] | density [kg/m³] | source |\n|---|---|---|---|---|---|---|"
+        "\n| name | E1 [GPa] | E2 [GPa] | ν12 | G12 [GPa] | density [kg/m³] | source "
+        "|\n|---|---|---|---|---|---|---|"
     )
     for name, layer in vars(laminae).items():
         if isinstance(layer, laminae.Lamina):
@@ -467,10 +523,14 @@ def presets() -> str:
     for name, sheet in vars(optics).items():
         if isinstance(sheet, optics.Optics):
             for side, it in zip(("front", "back"), sheet.sides, strict=True):
-                figures = f"{it.reflectivity:g} | {it.specular:g} | {it.emissivity:g} | {it.lambertian:.4g}"
+                figures = (
+                    f"{it.reflectivity:g} | {it.specular:g} | {it.emissivity:g} | "
+                    f"{it.lambertian:.4g}"
+                )
                 parts.append(f"| `optics.{name}`, {side} | {figures} |")
     parts.append(
-        "\nThe sail's coefficients go back to measurements of 2.5 µm Kapton with 100 nm aluminium in front and "
+        "\nThe sail's coefficients go back to measurements of 2.5 µm Kapton with 100 nm aluminium "
+        "in front and "
         "chromium behind; Heaton & Artusio-Glimpse (NASA NTRS 20150021404) revise them.\n"
     )
     return "\n".join(parts)
@@ -496,7 +556,8 @@ FENCE = re.compile(r"^(```|~~~).*?^\1", re.DOTALL | re.MULTILINE)
 def link_dois(app: Any, page: str, source: list[str]) -> None:
     """Make a link of each `doi:10...` of a page, but not in blocks of code."""
     text = source[0]
-    parts, end = [], 0
+    parts: list[str] = []
+    end = 0
     for block in FENCE.finditer(text):
         parts += [_with_links(text[end : block.start()]), block[0]]
         end = block.end()
@@ -510,9 +571,11 @@ def _with_links(text: str) -> str:
 def _doi_link(found: re.Match[str]) -> str:
     doi = found[1]
     tail = ""
-    # a closing bracket belongs to the sentence unless the DOI opened it, as in 10.1016/S0020-7683(98)00123-4
+    # a closing bracket belongs to the sentence unless the DOI opened it, as in
+    # 10.1016/S0020-7683(98)00123-4
     while doi.endswith(")") and doi.count(")") > doi.count("("):
-        doi, tail = doi[:-1], ")" + tail
+        doi = doi[:-1]
+        tail = ")" + tail
     return f"[doi:{doi}](<https://doi.org/{doi}>){tail}"
 
 

@@ -1,16 +1,17 @@
-"""What an own part, load, law, probe, output or chamber is made of: the promised interface for extensions.
+"""What an own part, load, law, probe, output or chamber is made of: the promised interface for
+extensions.
 
-Names of this module do not change their meaning from one minor version to the next; everything else below
-the rooms of the package may move.  The orbit room is written against this module and other public
-names only, as the proof that it suffices.
+Names of this module do not change their meaning from one minor version to the next; everything else
+below the rooms of the package may move.  The orbit room is written against this module and other
+public names only, as the proof that it suffices.
 
 Parts of a scene
     `BringsTerms`, `RefersToItems`, `InitialCondition`, `BringsScalarUnknowns`   what an item may do
     `State`, `InitialState`, `BodyState`                   where bodies are
     `Body`, `MeshBody`, `Block`, `Port`, `Ground`          bodies, and what is attached to them
 General kinds of terms
-    on meshes, in UFL: `KineticEnergy`, `StoredEnergy`, `QuadraticEnergy`, `ViscousDissipation`, `Load`
-    between points, in NumPy: `PointMeasure` with `PointStoredEnergy`, `PointDissipation` or
+    on meshes, in UFL: `KineticEnergy`, `StoredEnergy`, `QuadraticEnergy`, `ViscousDissipation`,
+    `Load` between points, in NumPy: `PointMeasure` with `PointStoredEnergy`, `PointDissipation` or
     `PointConstraint`; `PointLoad`, `AttachedKineticEnergy`, `NodeKineticEnergy`; `Support`
 Own kinds of terms
     `Assembly`, `CompiledTerms` and the roles that it may play: `Forces`, `Tangents`, ...

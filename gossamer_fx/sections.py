@@ -61,7 +61,8 @@ class Section:
 
 
 def _positive(section: str, **numbers: float) -> None:
-    """Raise `InputError` unless all numbers of a section are positive; names the first that is not."""
+    """Raise `InputError` unless all numbers of a section are positive; names the first that is
+    not."""
     for name, value in numbers.items():
         check(
             math.isfinite(value) and value > 0,
@@ -79,7 +80,8 @@ def _of_shape(
     J: float,
     k: float,
 ) -> Section:
-    """The section of a shape with area A [m²], second moments I2, I3 and torsion constant J [m⁴], shear factor k."""
+    """The section of a shape with area A [m²], second moments I2, I3 and torsion constant J [m⁴],
+    shear factor k."""
     check(-1 < nu <= 0.5, f"Section: nu is {nu!r}; Poisson's ratio lies in (-1, 0.5].")
     G = E / (2 * (1 + nu))
     return Section(
@@ -178,8 +180,8 @@ def rectangle(
 ) -> Section:
     """Rectangular section; shear coefficient 10(1+ν)/(12+11ν) (Cowper 1966).
 
-    Its torsion constant is J = a b³ (1/3 - 64 b/(π⁵ a) Σ tanh(nπa/(2b))/n⁵), odd n, a ≥ b (Saint-Venant's
-    series; Timoshenko & Goodier, Theory of Elasticity, § 109).
+    Its torsion constant is J = a b³ (1/3 - 64 b/(π⁵ a) Σ tanh(nπa/(2b))/n⁵), odd n, a ≥ b
+    (Saint-Venant's series; Timoshenko & Goodier, Theory of Elasticity, § 109).
 
     Args:
         width2: along d2 [m].

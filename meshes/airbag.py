@@ -12,10 +12,11 @@ CORNERS = ("corner", "right corner", "far corner", "left corner")
 
 
 def airbag(comm: MPI.Intracomm, edge: float, cells: int) -> Mesh:
-    """Two squares [-edge/2, edge/2]² in z = 0 joined along their edges, with an even number of `cells` on each.
+    """Two squares [-edge/2, edge/2]² in z = 0 joined along their edges, with an even number of
+    `cells` on each.
 
-    Nodes inside the sheets coincide in space and differ in topology; normals point outwards.  The triangles alternate,
-    so that no triangle has all its nodes on the seam, where it could not open.
+    Nodes inside the sheets coincide in space and differ in topology; normals point outwards.  The
+    triangles alternate, so that no triangle has all its nodes on the seam, where it could not open.
 
     Groups: "top", "bottom", "seam", and the points `CORNERS`.
     """

@@ -1,7 +1,8 @@
 """The membrane antenna: a square film and two booms on its diagonals, each with its own mesh.
 
-They share no nodes; they are tied by joints at points of the diagonals: the corners A, B, C, D, and the corners E, F,
-G, H of the middle ninth of the film, which is the cell around the centre of a film of 3 × 3 cells.
+They share no nodes; they are tied by joints at points of the diagonals: the corners A, B, C, D, and
+the corners E, F, G, H of the middle ninth of the film, which is the cell around the centre of a
+film of 3 × 3 cells.
 """
 
 from __future__ import annotations
@@ -24,10 +25,12 @@ CORNERS = (
 
 
 def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
-    """`cells` × `cells` squares on [-side/2, side/2]² in z = 0, each of four triangles around its centre.
+    """`cells` × `cells` squares on [-side/2, side/2]² in z = 0, each of four triangles around its
+    centre.
 
-    So the mesh has the film's symmetries, and its edges lie along both diagonals, where it folds.  From 3 cells on it
-    has nodes at E to H: two outer thirds of a side hold the same number of cells, the middle third the others.
+    So the mesh has the film's symmetries, and its edges lie along both diagonals, where it folds.
+    From 3 cells on it has nodes at E to H: two outer thirds of a side hold the same number of
+    cells, the middle third the others.
 
     Group: "film".
     """
@@ -62,7 +65,8 @@ def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
 
 
 def _ticks(cells: int, side: float) -> np.ndarray:
-    """Coordinates (cells + 1,) [m] of the grid lines about 0, two of them at the thirds of the side."""
+    """Coordinates (cells + 1,) [m] of the grid lines about 0, two of them at the thirds of the
+    side."""
     even = np.arange(cells + 1) / cells
     # With one or two cells no line is near a third, and the grid stays even.
     if cells > 2:
@@ -87,7 +91,8 @@ def boom(
     side: float,
     diagonal: tuple[float, float],
 ) -> Mesh:
-    """A straight boom of `elements` from corner to corner of the film; groups: those of `meshes.line`."""
+    """A straight boom of `elements` from corner to corner of the film; groups: those of
+    `meshes.line`."""
     x = side / 2 * diagonal[0]
     y = side / 2 * diagonal[1]
     return line(

@@ -24,7 +24,8 @@ GMSH_POINT = 15
 def mesh_of_arrays(
     comm: MPI.Intracomm, arrays: Callable[[], tuple[Points, Numbers, Groups]]
 ) -> Mesh:
-    """A mesh of points (n, 3) [m] and triangles (m, 3) between them, which `arrays` makes on rank 0.
+    """A mesh of points (n, 3) [m] and triangles (m, 3) between them, which `arrays` makes on rank
+    0.
 
     Groups: "film", and those that it names.
     """
@@ -63,7 +64,8 @@ def mesh_of_arrays(
 
 
 def cell_corners(ids: Numbers) -> tuple[Numbers, Numbers, Numbers, Numbers]:
-    """Corners (ny, nx) of each cell of a grid of nodes (ny + 1, nx + 1), counterclockwise for rows upwards."""
+    """Corners (ny, nx) of each cell of a grid of nodes (ny + 1, nx + 1), counterclockwise for rows
+    upwards."""
     lower = ids[:-1]
     upper = ids[1:]
     return lower[:, :-1], lower[:, 1:], upper[:, 1:], upper[:, :-1]
@@ -106,6 +108,7 @@ def rim(triangles: Numbers) -> Numbers:
 
 
 def sorted_sides(triangles: Numbers) -> Numbers:
-    """The sides (3 n, 2) of triangles (n, 3), the smaller number first: a side that two share occurs twice."""
+    """The sides (3 n, 2) of triangles (n, 3), the smaller number first: a side that two share
+    occurs twice."""
     sides = triangles[:, [[0, 1], [1, 2], [2, 0]]]
     return np.sort(sides.reshape(-1, 2), axis=1)

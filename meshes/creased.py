@@ -1,4 +1,5 @@
-"""Plane films of any outline whose nodes lie on given lines, of one sheet or of two that make a tube pressed flat."""
+"""Plane films of any outline whose nodes lie on given lines, of one sheet or of two that make a
+tube pressed flat."""
 
 from __future__ import annotations
 
@@ -30,11 +31,12 @@ def creased_film(
         lines: ends of straight lines [m], which may pass over its rim.
         size: of the cells at each corner [m].
 
-    Groups: "film"; its sides "side 1" and so on, from the first corner to the second and so on, and the points
-    "corner 1" and so on.
+    Groups: "film"; its sides "side 1" and so on, from the first corner to the second and so on, and
+    the points "corner 1" and so on.
     """
 
     def build(model: Any) -> None:
+        # Triangles first: gmsh's own geometry would not know which nodes are on the lines.
         points, triangles = _triangulated(model, corners, lines, size)
         film = model.addDiscreteEntity(2)
         _add(model, film, points, triangles)
@@ -52,13 +54,15 @@ def creased_tube(
     rows: Callable[[Points], Points],
     walls: Sequence[float],
 ) -> Mesh:
-    """A closed tube pressed flat to a convex polygon in z = 0, with edges along `lines` in both sheets.
+    """A closed tube pressed flat to a convex polygon in z = 0, with edges along `lines` in both
+    sheets.
 
-    Compartments end where `rows`, a function of points (n, 3), has the values `walls`; lines of edges are there.  No
-    triangle has all its nodes on the rim, where the sheets are joined: it could not open.
+    Compartments end where `rows`, a function of points (n, 3), has the values `walls`; lines of
+    edges are there.  No triangle has all its nodes on the rim, where the sheets are joined: it
+    could not open.
 
-    Groups: "top", "bottom"; "compartment 1" and so on, "ring 1" and so on between them; "side 1" and so on, "corner 1"
-    and so on, as of `creased_film`.
+    Groups: "top", "bottom"; "compartment 1" and so on, "ring 1" and so on between them; "side 1"
+    and so on, "corner 1" and so on, as of `creased_film`.
     """
 
     def build(model: Any) -> None:
@@ -82,7 +86,8 @@ def creased_tube(
         everything = np.vstack([points, points[~on_rim]])
         names: dict[str, list[int]] = {}
         first = True
-        # The lower sheet is seen from below: its triangles turn round, so that normals point outwards.
+        # The lower sheet is seen from below: its triangles turn round, so that normals point
+        # outwards.
         below = twin[triangles][:, ::-1]
         for sheet, cells in (("top", triangles), ("bottom", below)):
             for i in range(len(walls) + 1):
@@ -95,6 +100,7 @@ def creased_tube(
                     names.setdefault(name, []).append(entity)
         for name, entities in names.items():
             model.addPhysicalGroup(2, entities, name=name)
+        # Both sheets have the line of a wall.
         for i in range(len(walls)):
             line = sides[walled[sides, i].all(axis=1)]
             _add_lines(model, f"ring {i + 1}", np.vstack([line, twin[line]]))
@@ -110,6 +116,7 @@ def _triangulated(
     size: Sequence[float],
 ) -> tuple[Points, Numbers]:
     """Points (n, 3) and triangles (m, 3) of the polygon, with edges along the lines."""
+    # A separate model, as the caller's may already have entities.
     current = model.getCurrent()
     model.add("outline")
     occ = model.occ
@@ -118,6 +125,7 @@ def _triangulated(
         tags.append(occ.addPoint(x, y, 0, h))
     following = tags[1:] + tags[:1]
     loop = [occ.addLine(a, b) for a, b in zip(tags, following, strict=True)]
+    # gmsh makes one surface of the closed loop.
     face = occ.addPlaneSurface([occ.addCurveLoop(loop)])
     cuts = []
     for first, last in lines:
@@ -135,6 +143,7 @@ def _triangulated(
         model.mesh.setSize([(dim, tag)], _size_at(x, y, corners, size))
     model.mesh.generate(2)
     # gmsh numbers nodes with gaps, and counts those at the ends of lines outside: only used ones.
+    # Sorted, since gmsh lists the nodes entity by entity.
     numbers, coordinates, _ = model.mesh.getNodes()
     _, flat_nodes = model.mesh.getElementsByType(2)
     nodes = flat_nodes.reshape(-1, 3)
@@ -175,7 +184,8 @@ def _opened(
     on_rim: Any,
     lines: Segments,
 ) -> Numbers:
-    """The triangles, none with all its nodes on the rim: such a one gives its inner edge to the node beyond it."""
+    """The triangles, none with all its nodes on the rim: such a one gives its inner edge to the
+    node beyond it."""
     triangles = triangles.copy()
     for t in np.flatnonzero(on_rim[triangles].all(axis=1)):
         for k in range(3):
@@ -188,6 +198,7 @@ def _opened(
                 continue
             neighbour = others[0]
             r = int(np.setdiff1d(triangles[neighbour], [p, q])[0])
+            # Flip the edge p-q, which the triangle shares with its neighbour.
             if not on_rim[r]:
                 triangles[t] = (c, p, r)
                 triangles[neighbour] = (c, r, q)
@@ -204,6 +215,7 @@ def _on_a_line(ends: Points, lines: Segments) -> bool:
     """Whether all points (n, 3) [m] are on the straight line through one of the segments."""
     for start, end in lines:
         along = np.asarray(end) - np.asarray(start)
+        # Distance from the line by the cross product.
         offset = ends[:, :2] - np.asarray(start)
         moment = offset[:, 0] * along[1] - offset[:, 1] * along[0]
         distance = np.abs(moment) / np.hypot(*along)
@@ -252,12 +264,15 @@ def _name_rim(
     edges: Numbers,
     corners: Corners,
 ) -> None:
-    """Add the groups "side 1", "corner 1" and so on of a polygon, from its edges (n, 2) at the rim."""
+    """Add the groups "side 1", "corner 1" and so on of a polygon, from its edges (n, 2) at the
+    rim."""
     for k, a in enumerate(corners):
         b = corners[(k + 1) % len(corners)]
+        # Edges of the rim that lie on this side of the polygon.
         on = np.array([_on_a_line(points[edge], [(a, b)]) for edge in edges])
         _add_lines(model, f"side {k + 1}", edges[on])
-        # The node of the corner may have been numbered again by gmsh: it is found by its coordinates.
+        # The node of the corner may have been numbered again by gmsh: it is found by its
+        # coordinates.
         entity = model.addDiscreteEntity(0)
         nearest = np.linalg.norm(points[:, :2] - a, axis=1).argmin()
         model.mesh.addElementsByType(entity, 15, [], [nearest + 1])

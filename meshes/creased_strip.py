@@ -25,12 +25,14 @@ def creased_strip(
     length: float,
     width: float,
 ) -> Mesh:
-    """Two panels [-length, 0] and [0, length] by [0, width], each of nx × ny cells of two triangles.
+    """Two panels [-length, 0] and [0, length] by [0, width], each of nx × ny cells of two
+    triangles.
 
     Groups: "film"; the edges "left", "right"; "crease", at x = 0.
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
+        # 2 nx cells, so that the crease is a line of nodes.
         along = np.linspace(-length, length, 2 * nx + 1)
         across = np.linspace(0, width, ny + 1)
         x, y = np.meshgrid(along, across)

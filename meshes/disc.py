@@ -1,4 +1,5 @@
-"""A quarter of a disc or ring, structured like a polar grid but without a bad triangle at the centre."""
+"""A quarter of a disc or ring, structured like a polar grid but without a bad triangle at the
+centre."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ def quarter_disc(
     radius: float = 1.0,
     order: int = 1,
 ) -> Mesh:
-    """The part x, y ≥ 0 of a disc of `radius` [m] about the origin, with `cells` edges along a radius.
+    """The part x, y ≥ 0 of a disc of `radius` [m] about the origin, with `cells` edges along a
+    radius.
 
     `order` 2 gives curved triangles, for films of order 2.
 
@@ -34,7 +36,8 @@ def quarter_disc(
         pd = geo.addPoint(d, d, 0)
         mx = geo.addPoint(a / 2, 0, 0)
         my = geo.addPoint(0, a / 2, 0)
-        # On the diagonal, between the circle through mx and my, 0.35 a, and the corner of their square, 0.5 a.
+        # On the diagonal, between the circle through mx and my, 0.35 a, and the corner of their
+        # square, 0.5 a.
         md = geo.addPoint(0.41 * a, 0.41 * a, 0)
         inner_x = geo.addLine(centre, mx)
         outer_x = geo.addLine(mx, px)
@@ -79,7 +82,8 @@ def ring(
     around: int,
     order: int = 1,
 ) -> Mesh:
-    """A flat ring about the origin between two radii [m], `radial` cells across and 4·round(around/4) around.
+    """A flat ring about the origin between two radii [m], `radial` cells across and
+    4·round(around/4) around.
 
     Groups: "film", "hub" (the inner circle), "rim".
     """

@@ -16,7 +16,8 @@ def line(
     elements: int | Sequence[int],
     closed: bool = False,
 ) -> Mesh:
-    """Straight segments through `points` [m], each divided into `elements` (one number, or one for each segment).
+    """Straight segments through `points` [m], each divided into `elements` (one number, or one for
+    each segment).
 
     Groups: "line"; the points "start" and "end", and all of them as "point 0", "point 1", ...
     """

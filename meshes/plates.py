@@ -25,20 +25,24 @@ def irregular_sheet(
     height: float,
     seed: int = 1,
 ) -> Mesh:
-    """[0, width] × [0, height] in about nx × ny cells of two triangles, with displaced nodes and random diagonals.
+    """[0, width] × [0, height] in about nx × ny cells of two triangles, with displaced nodes and
+    random diagonals.
 
-    Groups: "film"; the edges "bottom", "right", "top", "left"; "middle", a line of interior edges if nx is even.
+    Groups: "film"; the edges "bottom", "right", "top", "left"; "middle", a line of interior edges
+    if nx is even.
     """
     random = np.random.default_rng(seed)
     u, v = _displaced(nx, ny, random)
     has_middle = nx % 2 == 0
     if has_middle:
+        # The middle line of nodes is straight, whatever the random displacements.
         u[nx // 2] = 0.5
     points = np.stack([width * u, height * v, 0 * u], axis=-1)
     ids = _ids(nx, ny)
     lines = _edges(ids)
     if has_middle:
         lines["middle"] = ids[nx // 2]
+    # Diagonals of half of the cells run the other way.
     turned = random.random((nx, ny)) < 0.5
     return _mesh(comm, points, _triangles(ids, turned), lines)
 
@@ -51,7 +55,8 @@ def leaning_sheet(
     height: float,
     ramp: float,
 ) -> Mesh:
-    """[0, width] × [0, height] in nx × ny cells whose long sides lie at 45°, along the wrinkles of a sheared film.
+    """[0, width] × [0, height] in nx × ny cells whose long sides lie at 45°, along the wrinkles of
+    a sheared film.
 
     Towards both ends, within `ramp` [m] (more than half of the height), they turn upright.
     Groups: "film"; the edges "bottom", "right", "top", "left".
@@ -75,7 +80,8 @@ def slit_ring(
     inner: float,
     outer: float,
 ) -> Mesh:
-    """A flat ring about the origin, cut along the positive x axis, in radial × around cells of two triangles.
+    """A flat ring about the origin, cut along the positive x axis, in radial × around cells of two
+    triangles.
 
     Groups: "film"; "start" and "end", the two sides of the slit, at 0 and 2π.
     """
@@ -141,6 +147,7 @@ def whole_disc(comm: MPI.Intracomm, cells: int, radius: float = 1.0) -> Mesh:
     points = [np.zeros(2)]
     rings = [np.array([1])]
     triangles = []
+    # Ring k has six nodes more than the one inside of it.
     for k in range(1, cells + 1):
         count = 6 * k
         angle = 2 * np.pi * np.arange(count) / count
@@ -169,7 +176,8 @@ def _displaced(
     m: int,
     random: np.random.Generator | None,
 ) -> tuple[Floats, Floats]:
-    """Nodes (n + 1, m + 1) of the unit square, moved by up to a quarter of a cell; those of its edges along them."""
+    """Nodes (n + 1, m + 1) of the unit square, moved by up to a quarter of a cell; those of its
+    edges along them."""
     along_u = np.linspace(0, 1, n + 1)
     along_v = np.linspace(0, 1, m + 1)
     u, v = np.meshgrid(along_u, along_v, indexing="ij")
@@ -181,7 +189,8 @@ def _displaced(
 
 
 def _edges(ids: Integers) -> dict[str, Integers]:
-    """The nodes of the four edges of a grid by name; its first index runs from the left to the right."""
+    """The nodes of the four edges of a grid by name; its first index runs from the left to the
+    right."""
     return {
         "bottom": ids[:, 0],
         "right": ids[-1],

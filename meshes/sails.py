@@ -31,10 +31,12 @@ def parallelograms(
     rows: int,
     cells: int,
 ) -> Mesh:
-    """The flat sheet of Miura's fold: columns × rows parallelograms with sides a and b [m], each of cells × cells.
+    """The flat sheet of Miura's fold: columns × rows parallelograms with sides a and b [m], each of
+    cells × cells.
 
-    Parallelogram (i, j) begins at x = i b sin γ; y of its corners rises by b cos γ in even columns and falls in odd
-    ones.  Groups: "film"; the edges "left" and "right"; the corner points "bottom left" and "top right".
+    Parallelogram (i, j) begins at x = i b sin γ; y of its corners rises by b cos γ in even columns
+    and falls in odd ones.  Groups: "film"; the edges "left" and "right"; the corner points "bottom
+    left" and "top right".
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
@@ -78,11 +80,13 @@ def trapezoids(
     pitch: float,
     refine: int = 1,
 ) -> Mesh:
-    """n trapezoids between rows `inner` and `outer`, `pitch` [m] apart, joined along their seams; n = 4: a square.
+    """n trapezoids between rows `inner` and `outer`, `pitch` [m] apart, joined along their seams; n
+    = 4: a square.
 
-    Row j is j pitch from the centre, its nodes at i tan(π/n) pitch, |i| ≤ j: rows, columns and seams are edges; cells
-    are `refine` times finer.  The middle of trapezoid 0 is at (0, -y).  Groups: "film"; the edges "inner" and "outer";
-    the corner points "tip 0" and so on, tip k between trapezoids k and k + 1.
+    Row j is j pitch from the centre, its nodes at i tan(π/n) pitch, |i| ≤ j: rows, columns and
+    seams are edges; cells are `refine` times finer.  The middle of trapezoid 0 is at (0, -y).
+    Groups: "film"; the edges "inner" and "outer"; the corner points "tip 0" and so on, tip k
+    between trapezoids k and k + 1.
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
@@ -128,11 +132,12 @@ def pinwheel(
     columns: int,
     reach: int,
 ) -> Mesh:
-    """The ring of `gx.fold.Star` outside a polygon of n sides [m]: `reach` columns of side/columns from each corner.
+    """The ring of `gx.fold.Star` outside a polygon of n sides [m]: `reach` columns of side/columns
+    from each corner.
 
-    Sectors begin at the corners of the polygon and have their columns at right angles to their bounds.  Triangles at
-    the rim end at columns, so that it has a step of one side at each corner.  Groups: "film"; the edges "hub" and
-    "rim"; the points "tip 0" and so on, where bisectors end.
+    Sectors begin at the corners of the polygon and have their columns at right angles to their
+    bounds.  Triangles at the rim end at columns, so that it has a step of one side at each corner.
+    Groups: "film"; the edges "hub" and "rim"; the points "tip 0" and so on, where bisectors end.
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
@@ -182,7 +187,8 @@ def _around(
     angles: list[float],
     cell: float,
 ) -> tuple[Points, Numbers]:
-    """Points and triangles of a sector turned about the origin, once for each angle, and joined where they meet.
+    """Points and triangles of a sector turned about the origin, once for each angle, and joined
+    where they meet.
 
     Args:
         sector: corners (3m, 2) [m] of m triangles, three after each other.
@@ -206,7 +212,8 @@ def _turned(xy: Points, angle: float) -> Points:
 
 
 def _apothem(points: Points, n: int) -> Points:
-    """Distance (m,) of points from the centre, across the sides of a polygon of n sides, one of which is below."""
+    """Distance (m,) of points from the centre, across the sides of a polygon of n sides, one of
+    which is below."""
     angles = 2 * math.pi * np.arange(n) / n - math.pi / 2
     directions = np.array([np.cos(angles), np.sin(angles)])
     distance: Points = (points[:, :2] @ directions).max(axis=1)

@@ -33,7 +33,8 @@ def sheet(
 ) -> Mesh:
     """nx × ny cells, each of two triangles, on [0, width] × [0, height] in z = 0.
 
-    The diagonals are parallel or, `crossed`, alternate; then a triangle fills every corner of the sheet.
+    The diagonals are parallel or, `crossed`, alternate; then a triangle fills every corner of the
+    sheet.
 
     Groups: "film"; the edges `EDGES`; the corner points `CORNERS`.
     """
@@ -77,14 +78,16 @@ def crossed_sheet(
     width: float = 1.0,
     height: float = 1.0,
 ) -> Mesh:
-    """nx × ny cells, each of the four triangles between its corners and its centre; domain and groups as of `sheet`.
+    """nx × ny cells, each of the four triangles between its corners and its centre; domain and
+    groups as of `sheet`.
 
     The pattern has the symmetries of the cells, and no triangle has all its nodes on the edges.
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
         x, y = np.meshgrid(np.linspace(0, width, nx + 1), np.linspace(0, height, ny + 1))
-        # gmsh has no such pattern: the centres of the cells are further nodes, after those of the grid.
+        # gmsh has no such pattern: the centres of the cells are further nodes, after those of the
+        # grid.
         middles_x = (np.arange(nx) + 0.5) * width / nx
         middles_y = (np.arange(ny) + 0.5) * height / ny
         mx, my = np.meshgrid(middles_x, middles_y)

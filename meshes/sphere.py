@@ -16,7 +16,8 @@ def sphere(
     cells: int,
     order: int = 1,
 ) -> Mesh:
-    """A sphere about the origin with about `cells` edges of triangles on its equator; normals point outwards.
+    """A sphere about the origin with about `cells` edges of triangles on its equator; normals point
+    outwards.
 
     order: of the geometry, 1 (plane triangles between points of the sphere) or 2 (curved ones).
 

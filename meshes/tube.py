@@ -18,16 +18,19 @@ def flat_tube(
     cells: int,
     compartments: int = 1,
 ) -> Mesh:
-    """A closed tube of `length` and `diameter` [m], pressed flat into z = 0, with `cells` edges of triangles across.
+    """A closed tube of `length` and `diameter` [m], pressed flat into z = 0, with `cells` edges of
+    triangles across.
 
-    The film of a cylinder is flat when it is unrolled, so the two strips of width π d/2 are stress-free; the ends are
-    closed by joining the strips.  Interior nodes of the strips coincide in space and differ in topology; normals
-    point outwards.  With even numbers of cells the alternating pattern is symmetric, and no triangle has all its nodes
-    on the edges, where it could not open.
+    The film of a cylinder is flat when it is unrolled, so the two strips of width π d/2 are
+    stress-free; the ends are closed by joining the strips.  Interior nodes of the strips coincide
+    in space and differ in topology; normals point outwards.  With even numbers of cells the
+    alternating pattern is symmetric, and no triangle has all its nodes on the edges, where it could
+    not open.
 
-    Groups: "top", "bottom", the seams "inlet" (x = 0), "tip", "left", "right", and the points "tip left",
-    "tip right".  With several `compartments` of equal length also the surface of each, "compartment 1" and so on from
-    the inlet, and the closed line between one and the next, "ring 1" and so on.
+    Groups: "top", "bottom", the seams "inlet" (x = 0), "tip", "left", "right", and the points "tip
+    left", "tip right".  With several `compartments` of equal length also the surface of each,
+    "compartment 1" and so on from the inlet, and the closed line between one and the next, "ring 1"
+    and so on.
     """
     width = math.pi * diameter / 2
     # Even numbers, for the symmetry of the pattern; cells along the tube are about as long as wide.

@@ -31,15 +31,17 @@ def cylinder(
     order: int = 1,
     capped: bool = False,
 ) -> Mesh:
-    """A cylinder about the x axis from x = 0 to `length` [m], with 4·round(around/4) edges around, `along` along it.
+    """A cylinder about the x axis from x = 0 to `length` [m], with 4·round(around/4) edges around,
+    `along` along it.
 
-    Its section is a regular polygon, or, with curved triangles of `order` 2, close to a circle.  Normals point
-    outwards.  The diagonals of the wall are parallel: where they alternate, nodes of four and of eight triangles bear
-    unequal shares of the pressure, and a film of order 1 takes a chequered shape whose strains, about (edge/radius)²,
-    hide small ones.
+    Its section is a regular polygon, or, with curved triangles of `order` 2, close to a circle.
+    Normals point outwards.  The diagonals of the wall are parallel: where they alternate, nodes of
+    four and of eight triangles bear unequal shares of the pressure, and a film of order 1 takes a
+    chequered shape whose strains, about (edge/radius)², hide small ones.
 
-    Groups: "wall", "first rim" (x = 0), "last rim", and the four lines "top", "bottom" (z = ±radius), "left", "right"
-    (y = ±radius) along the wall; the points "first top" and so on, where these lines begin.
+    Groups: "wall", "first rim" (x = 0), "last rim", and the four lines "top", "bottom" (z =
+    ±radius), "left", "right" (y = ±radius) along the wall; the points "first top" and so on, where
+    these lines begin.
     """
     quarter = max(round(around / 4), 1)
 

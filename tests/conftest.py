@@ -1,8 +1,9 @@
 """How the tests run: long ones on request, and on several ranks as one test that is reported once.
 
-Under mpirun every rank runs every test.  After each phase the ranks tell each other how it went: a test that fails on
-one rank fails on all, and rank 0 shows what each of them says.  If a rank fails while the others wait for it in the
-middle of the test, it says so itself and ends the run, so that nobody waits for ever.
+Under mpirun every rank runs every test.  After each phase the ranks tell each other how it went: a
+test that fails on one rank fails on all, and rank 0 shows what each of them says.  If a rank fails
+while the others wait for it in the middle of the test, it says so itself and ends the run, so that
+nobody waits for ever.
 """
 
 from __future__ import annotations
@@ -56,9 +57,11 @@ def folder(tmp_path: Path, comm: MPI.Comm) -> Path:
 
 @pytest.fixture(autouse=True)
 def _collected_together() -> Iterator[None]:
-    """On several ranks garbage is collected after each test: objects with communicators are freed on all at once.
+    """On several ranks garbage is collected after each test: objects with communicators are freed
+    on all at once.
 
-    On one rank it is collected now and then, as MPICH has 2048 communicators and no garbage collector counts them.
+    On one rank it is collected now and then, as MPICH has 2048 communicators and no garbage
+    collector counts them.
     """
     yield
     if TALK.size > 1 or next(_TESTS) % 20 == 0:
@@ -95,7 +98,8 @@ def pytest_runtest_makereport(item: pytest.Item):
         if report.failed and time.monotonic() > deadline:
             item.config.pluginmanager.getplugin("capturemanager").suspend_global_capture(in_=True)
             sys.stderr.write(
-                f"\n{item.nodeid} on rank {TALK.rank}, while others wait for it:\n{report.longreprtext}\n"
+                f"\n{item.nodeid} on rank {TALK.rank}, while others wait for "
+                f"it:\n{report.longreprtext}\n"
             )
             sys.stderr.flush()
             TALK.Abort(1)

@@ -20,7 +20,8 @@ STRAINS = fem.functionspace(SQUARE, ("Discontinuous Lagrange", 0, (3,)))
 
 
 class Samples:
-    """`expression(e, ...)` of strain functions e = (E11, E22, 2 E12), evaluated at up to 2048 strains at once."""
+    """`expression(e, ...)` of strain functions e = (E11, E22, 2 E12), evaluated at up to 2048
+    strains at once."""
 
     def __init__(
         self,
@@ -40,7 +41,8 @@ class Samples:
 
 
 def random_strains(n: int, size: float, seed: int) -> Array:
-    """Strains of every state: principal values in [-size, size] and any direction, as (E11, E22, 2 E12)."""
+    """Strains of every state: principal values in [-size, size] and any direction, as (E11, E22, 2
+    E12)."""
     rng = np.random.default_rng(seed)
     principal = rng.uniform(-size, size, (n, 2))
     direction = rng.uniform(0, np.pi, n)

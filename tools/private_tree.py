@@ -51,7 +51,7 @@ def fail(words: str) -> NoReturn:
     sys.exit(f"gossamer: {words}")
 
 
-# ---- making ----------------------------------------------------------------------------------------
+# ---- making --------------------------------------------------------------------------------------
 
 
 def finish(tree: Path) -> None:
@@ -107,11 +107,12 @@ def remove_in_background(trees: Sequence[Path]) -> None:
         subprocess.Popen(["rm", "-rf", "--one-file-system", *removed])
 
 
-# ---- what is mounted where -------------------------------------------------------------------------
+# ---- what is mounted where -----------------------------------------------------------------------
 
 
 def bindings(tree: str, words: Sequence[str]) -> Iterator[Binding]:
-    """What is mounted where, in this order: pairs of a path of the machine and its path in the tree.
+    """What is mounted where, in this order: pairs of a path of the machine and its path in the
+    tree.
 
     Args:
         tree: of Debian 13.
@@ -181,7 +182,7 @@ def make_place(path: str, is_folder: bool) -> None:
         Path(path).touch()
 
 
-# ---- entering --------------------------------------------------------------------------------------
+# ---- entering ------------------------------------------------------------------------------------
 
 
 def enter_as_root(tree: str, command: Sequence[str]) -> NoReturn:

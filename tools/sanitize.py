@@ -2,8 +2,9 @@
 
     ./gossamer python tools/sanitize.py tests/contact tests/reduction
 
-An access beyond an array or an undefined operation ends the run with the line of the C file.  Memory that is
-not given back is not reported: Python and PETSc keep much of theirs until the process ends.
+An access beyond an array or an undefined operation ends the run with the line of the C file.
+Memory that is not given back is not reported: Python and PETSc keep much of theirs until the
+process ends.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ def library_path(name: str) -> str:
 
 
 def main() -> int:
-    # The sanitizer replaces the function that throws C++ exceptions, and has to find the original: Python
-    # itself is C, so that the C++ library would be loaded too late.
+    # The sanitizer replaces the function that throws C++ exceptions, and has to find the original:
+    # Python itself is C, so that the C++ library would be loaded too late.
     preloaded = [library_path("libasan.so"), library_path("libstdc++.so.6")]
     with tempfile.TemporaryDirectory() as kernels:
         environment = {

@@ -1,7 +1,8 @@
 """Run Python with a program that encodes MP4: python3 tools/with_video.py WORDS ...
 
-A private Debian tree hides the ffmpeg of the machine, and Debian's own would bring 200 packages.  The wheel of
-imageio-ffmpeg contains the program alone (30 MB); it is put into a folder of the user's cache.
+A private Debian tree hides the ffmpeg of the machine, and Debian's own would bring 200 packages.
+The wheel of imageio-ffmpeg contains the program alone (30 MB); it is put into a folder of the
+user's cache.
 """
 
 from __future__ import annotations

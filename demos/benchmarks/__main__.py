@@ -1,12 +1,13 @@
-"""Run times compared with those of others: ./gossamer bench NAME [--quick] [--runs N]; NAME `all` runs every problem.
+"""Run times compared with those of others: ./gossamer bench NAME [--quick] [--runs N]; NAME `all`
+runs every problem.
 
-`contact` runs `contact_cost`, too.  `errors` runs all problems whose name begins with it: error against CPU time
-on several meshes.  `model` predicts scaling from parts that it
-measures.  With --store their results are those that docs/benchmark.md shows.
+`contact` runs `contact_cost`, too.  `errors` runs all problems whose name begins with it: error
+against CPU time on several meshes.  `model` predicts scaling from parts that it measures.  With
+--store their results are those that docs/benchmark.md shows.
 
-The contestants take turns, one thread each; of every figure the median over the runs is shown, times next to results.
-Writes out/benchmarks/NAME.csv, and ends with a line `ratio PEER NUMBER` for each peer: its cost over this program's,
-the smallest over the cases.
+The contestants take turns, one thread each; of every figure the median over the runs is shown,
+times next to results. Writes out/benchmarks/NAME.csv, and ends with a line `ratio PEER NUMBER` for
+each peer: its cost over this program's, the smallest over the cases.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Quarter of one sheet of the square airbag at rest, by static equilibrium; see `demos/studies/airbag.py`."""
+"""Quarter of one sheet of the square airbag at rest, by static equilibrium; see
+`demos/studies/airbag.py`."""
 
 from __future__ import annotations
 
@@ -17,6 +18,7 @@ case = words({"n": 8, "order": 1, "law": "isotropic", "angle": 0.0})
 law = LAWS["Miyazaki 1e-6"]
 if case["law"] == "fabric":
     angle = math.radians(case["angle"])
+    # The direction of the fabric's first moduli, in the plane of the film.
     law = gx.Orthotropic(
         **MODULI,
         density=FILM["density"],

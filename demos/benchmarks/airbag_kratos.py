@@ -1,7 +1,9 @@
-"""Quarter of one sheet of the square airbag in Kratos: wrinkling law, central differences, damped to rest.
+"""Quarter of one sheet of the square airbag in Kratos: wrinkling law, central differences, damped
+to rest.
 
-The wrinkling law takes the direction of the wrinkles from the principal stresses of the taut film.  For an isotropic
-film this is the relaxed energy; for a fabric (`law=fabric`) it is an approximation.
+The wrinkling law takes the direction of the wrinkles from the principal stresses of the taut film.
+For an isotropic film this is the relaxed energy; for a fabric (`law=fabric`) it is an
+approximation.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import KratosMultiphysics.StructuralMechanicsApplication as Structures
 import numpy as np
 from contestants import words
 
+# The airbag of the literature [Pa, 1, kg/m³, m, Pa, m].
 E = 588e6
 NU = 0.4
 DENSITY = 1000.0
@@ -38,9 +41,11 @@ case = words(
 n = case["n"]
 X, cells = kratos_model.grid(n, EDGE)
 # diagonals alternate so that no triangle has all its corners on the seam, where it could not open
+# Cells of odd sum of row and column.
 odd = (np.arange(n * n) // n + np.arange(n * n)) % 2 == 1
 falling = cells[odd][:, [[0, 1, 3], [1, 2, 3]]].reshape(-1, 3)
 triangles = np.concatenate([cells[~odd][:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3), falling])
+# Variables that the explicit scheme stores at the nodes.
 explicit = (
     *(
         Structures.MIDDLE_VELOCITY,
@@ -73,9 +78,11 @@ if case["law"] == "fabric":
     )
 else:
     film = kratos_model.add_film(part, triangles, E, NU, DENSITY, THICKNESS, wrinkling=True)
+# Mass-proportional damping [1/s], chosen so that the airbag comes to rest fast.
 film.SetValue(Structures.RAYLEIGH_ALPHA, case["damping"])
 for number, corners in enumerate(triangles.tolist(), start=1):
     part.CreateNewCondition("SurfaceLoadCondition3D3N", number, [c + 1 for c in corners], film)
+# m: nodes on the planes of symmetry and on the seam.
 near = 1e-9
 for node in part.Nodes:
     for held, axis in (
@@ -85,9 +92,11 @@ for node in part.Nodes:
     ):
         if held:
             node.Fix(getattr(K, f"DISPLACEMENT_{axis}"))
+    # Both instants have the whole pressure from the begin.
     for step in (0, 1):
         node.SetSolutionStepValue(K.NEGATIVE_FACE_PRESSURE, step, PRESSURE)
 
+# Speed of waves in the film; the step is a part of its passage of the shortest edge.
 speed = math.sqrt(E / DENSITY / (1 - NU**2))
 dt = case["courant"] * EDGE / n / math.sqrt(2) / speed
 scheme = Structures.ExplicitCentralDifferencesScheme(
@@ -102,6 +111,7 @@ cpu = time.process_time()
 wall = time.perf_counter()
 steps = 0
 heights = [0.0]
+# Look every 2 ms.
 every = max(1, round(2e-3 / dt))
 while steps * dt < case["until"]:
     steps += 1
@@ -111,6 +121,7 @@ while steps * dt < case["until"]:
     strategy.Solve()
     if steps % every == 0:
         heights.append(part.Nodes[1].Z)
+        # At rest when ten heights in a row differ by less than `still`.
         recent = heights[-10:]
         if not math.isfinite(heights[-1]) or (
             len(recent) == 10 and np.ptp(recent) < case["still"] * abs(recent[-1])

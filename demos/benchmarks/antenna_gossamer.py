@@ -1,4 +1,5 @@
-"""The antenna of `demos/antenna_pendulum.py`, whose film multipliers tie to the booms: its first `steps` steps."""
+"""The antenna of `demos/antenna_pendulum.py`, whose film multipliers tie to the booms: its first
+`steps` steps."""
 
 from __future__ import annotations
 

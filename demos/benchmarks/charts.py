@@ -26,6 +26,7 @@ def draw(rows: list[dict[str, object]], unit: str, path: Path) -> None:
         (left, cost / newton, "Newton iteration"),
         (right, memory, "process"),
     ):
+        # Slope of the straight line in double logarithmic axes.
         exponent = np.polyfit(np.log(dofs), np.log(values), 1)[0]
         axes.loglog(
             dofs,

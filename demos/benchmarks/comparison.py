@@ -14,7 +14,8 @@ Row = dict[str, object]
 
 
 def compare(name: str, problem: Problem, cases: Cases, runs: int, folder: Path) -> dict[str, float]:
-    """Solve the cases `runs` times, print and write medians to FOLDER/NAME.csv; ratio of each peer that succeeded."""
+    """Solve the cases `runs` times, print and write medians to FOLDER/NAME.csv; ratio of each peer
+    that succeeded."""
     print(f"{problem.title}; {problem.unit}, median of {runs}")
     ratios: dict[str, float] = {}
     rows: list[Row] = []
@@ -27,6 +28,7 @@ def compare(name: str, problem: Problem, cases: Cases, runs: int, folder: Path) 
             problem.seconds,
             rows,
         )
+        # Medians of each figure by itself, so that they may come from different runs.
         middle = {
             who: {key: median(r[key] for r in found) for key in found[0]}
             for who, found in measured.items()
@@ -40,13 +42,16 @@ def compare(name: str, problem: Problem, cases: Cases, runs: int, folder: Path) 
             tell_difference(label, result, middle)
         for peer in problem.peers:
             if peer in costs and SELF in costs:
+                # The smallest ratio of all cases: the one that flatters this program least.
                 ratio = costs[peer] / costs[SELF]
                 ratios[peer] = min(ratio, ratios.get(peer, ratio))
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / f"{name}.csv").open("w", newline="") as file:
+        # Programs report different figures; the table has a column for each.
         table = csv.DictWriter(file, list(dict.fromkeys(key for row in rows for key in row)))
         table.writeheader()
         table.writerows(rows)
+    # Rows of failures have no figures.
     solved = [row for row in rows if "dofs" in row]
     if problem.chart and len(solved) > 1:
         draw(solved, problem.unit, folder / f"{name}.png")
@@ -69,6 +74,7 @@ def take_turns(
 ) -> dict[str, list[Figures]]:
     """What each contestant measured; failures are told and go into the rows."""
     measured: dict[str, list[Figures]] = {}
+    # Contestants take turns in each round, so that a load on the machine meets all of them.
     for _ in range(runs):
         for who, given in case.items():
             try:

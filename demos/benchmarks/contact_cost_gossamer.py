@@ -1,8 +1,10 @@
-"""What contact adds to a Newton iteration: a stack of square films that lie on each other, against the same without it.
+"""What contact adds to a Newton iteration: a stack of square films that lie on each other, against
+the same without it.
 
-Five films of equal meshes, each turned by some degrees so that their nodes do not lie on each other, are moved towards
-the next ones until all layers touch.  `part` is the part of each film that does: the rest is bent away.  The sizes of
-cells, distance and step are the same for all numbers of `vertices`, so that the films grow.
+Five films of equal meshes, each turned by some degrees so that their nodes do not lie on each
+other, are moved towards the next ones until all layers touch.  `part` is the part of each film that
+does: the rest is bent away.  The sizes of cells, distance and step are the same for all numbers of
+`vertices`, so that the films grow.
 """
 
 from __future__ import annotations
@@ -64,7 +66,8 @@ def stack(comm: MPI.Comm, vertices: int, part: float) -> list[gx.Membrane]:
 
 
 def thrown(X: np.ndarray, speed: float) -> np.ndarray:
-    """A film at a speed, which flutters, so that a step without contact takes some iterations, too."""
+    """A film at a speed, which flutters, so that a step without contact takes some iterations,
+    too."""
     flutter = 0.3 * np.sin(
         np.outer((150.0, 220.0, 310.0), X[0]) + np.outer((280.0, 130.0, 190.0), X[1])
     )
@@ -100,10 +103,12 @@ def contact_set_of(run: gx.Simulation) -> ContactSet:
 def cost(
     vertices: int, part: float = 1.0, steps: int = 4, comm: MPI.Comm = MPI.COMM_WORLD
 ) -> dict[str, float]:
-    """Figures of some steps of packed films, in turn with contact and without; times are of CPU, of all ranks.
+    """Figures of some steps of packed films, in turn with contact and without; times are of CPU, of
+    all ranks.
 
-    `ratio` is a Newton iteration, with its part of the search and checks of its step, over one without contact;
-    `touching` is the part of vertices in contact, and `search` that of contact's time.
+    `ratio` is a Newton iteration, with its part of the search and checks of its step, over one
+    without contact; `touching` is the part of vertices in contact, and `search` that of contact's
+    time.
     """
     runs = []
     cpu = [0.0, 0.0]

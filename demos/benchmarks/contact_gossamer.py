@@ -44,6 +44,7 @@ contact = gx.Contact(
 )
 run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=case["dt"]))
 figures = watch.measure(run, case["until"])
+# Both films as one set of triangles, whose edges are tested against each other.
 films = [facets_of(film) for film in (lower, upper)]
 places = []
 for film, facets in zip((lower, upper), films, strict=True):

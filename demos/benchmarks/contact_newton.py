@@ -1,4 +1,5 @@
-"""The two films of `contact_gossamer.py` in Newton's cloth solver (vertex block descent, implicit Euler, 32 bits)."""
+"""The two films of `contact_gossamer.py` in Newton's cloth solver (vertex block descent, implicit
+Euler, 32 bits)."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
 μ, λ = LAME
 builder.add_cloth_mesh(
     pos=wp.vec3(0.0, 0.0, 0.0), rot=wp.quat_identity(), scale=1.0, vel=wp.vec3(0.0, 0.0, 0.0),
-    vertices=[wp.vec3(*map(float, p)) for p in x], indices=triangles.ravel().tolist(), density=SIGMA,
+    vertices=[wp.vec3(*map(float, p)) for p in x], indices=triangles.ravel().tolist(),
+    density=SIGMA,
     tri_ke=μ, tri_ka=λ, tri_kd=0.0, edge_ke=0.0, edge_kd=0.0, particle_radius=DISTANCE / 2,
 )  # fmt: skip
 builder.color()

@@ -1,8 +1,9 @@
-"""A film is thrown at another one: the scene that all programs compute, and its measures at the end.
+"""A film is thrown at another one: the scene that all programs compute, and its measures at the
+end.
 
 Two square films of the same mesh.  The lower one rests in z = 0; the upper one is turned about z,
-spins, and moves towards the lower one.  This module uses numpy only, as it also runs in environments
-without dolfinx.
+spins, and moves towards the lower one.  This module uses numpy only, as it also runs in
+environments without dolfinx.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ PARALLEL = 1e-30
 
 
 def grid(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points (p, 3) [m] and triangles (t, 3) of a square film about the origin, n × n × 2 triangles."""
+    """Points (p, 3) [m] and triangles (t, 3) of a square film about the origin, n × n × 2
+    triangles."""
     ticks = np.linspace(-SIZE / 2, SIZE / 2, n + 1)
     x, y = np.meshgrid(ticks, ticks, indexing="ij")
     points = np.stack([x, y, np.zeros_like(x)], axis=2).reshape(-1, 3)
@@ -54,7 +56,8 @@ def grid(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def thrown(X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Initial positions [m] and velocities [m/s] of the upper film, from its stress-free positions X (p, 3)."""
+    """Initial positions [m] and velocities [m/s] of the upper film, from its stress-free positions
+    X (p, 3)."""
     c = np.cos(TURN)
     s = np.sin(TURN)
     # Transposed, as points are rows.
@@ -83,8 +86,8 @@ def elastic_energy(
 ) -> float:
     """Elastic energy [J] of films at positions x with the stress-free positions X (p, 3).
 
-    The neo-Hookean membrane of Newton, with F the deformation gradient, J the ratio of areas, and zero
-    energy and stress at rest:
+    The neo-Hookean membrane of Newton, with F the deformation gradient, J the ratio of areas, and
+    zero energy and stress at rest:
 
         ψ = ½ μ (tr FᵀF - 2) + ½ (λ + μ) (J - α)² - ½ (λ + μ) (1 - α)²,    α = 1 + μ/(λ + μ)
     """
@@ -113,7 +116,8 @@ def edge_vectors(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def penetrations(x: np.ndarray, triangles: np.ndarray) -> int:
-    """Number of edges that intersect triangles without a common node, among all pairs; x (p, 3) [m]."""
+    """Number of edges that intersect triangles without a common node, among all pairs; x (p, 3)
+    [m]."""
     sides = triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2)
     edges = np.unique(np.sort(sides, axis=1), axis=0)
     a, b, c = x[triangles.T]

@@ -1,8 +1,9 @@
 """The programs that are compared: this one, and peers from PyPI in a separate environment.
 
-A contestant in a problem is the script PROBLEM_PROGRAM.py of this folder.  It takes words `key=value`, and prints as
-its last line a JSON object with `cpu` and `wall` [s] of the computing alone (no start-up, no compilation), `dofs`,
-`steps`, and whatever the result is, to be shown next to the time.
+A contestant in a problem is the script PROBLEM_PROGRAM.py of this folder.  It takes words
+`key=value`, and prints as its last line a JSON object with `cpu` and `wall` [s] of the computing
+alone (no start-up, no compilation), `dofs`, `steps`, and whatever the result is, to be shown next
+to the time.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ PREFIXED = (
 
 
 class Failed(Exception):
-    """A contestant cannot be installed, or does not solve the problem; the message is its last words."""
+    """A contestant cannot be installed, or does not solve the problem; the message is its last
+    words."""
 
 
 def installed(program: str) -> Path:
@@ -81,8 +83,8 @@ def installed(program: str) -> Path:
 def run(problem: str, program: str, case: dict[str, object], seconds: float) -> dict[str, float]:
     """Let a program solve a case within `seconds`, each process on one thread.
 
-    Of the case's words `ranks` is how many processes MPI starts, one without it; words in capitals are variables of
-    the environment; the others are the script's.
+    Of the case's words `ranks` is how many processes MPI starts, one without it; words in capitals
+    are variables of the environment; the others are the script's.
 
     Raises:
         Failed: it does not end well, with its message.

@@ -1,7 +1,8 @@
-"""Error against CPU time: solve problems on several meshes or steps, store, draw, and write the page docs/benchmark.md.
+"""Error against CPU time: solve problems on several meshes or steps, store, draw, and write the
+page docs/benchmark.md.
 
-A point is the median of some runs of one contestant in one case.  Results are JSON files, one a problem;
-the page shows those that are stored in demos/benchmarks/results.
+A point is the median of some runs of one contestant in one case.  Results are JSON files, one a
+problem; the page shows those that are stored in demos/benchmarks/results.
 """
 
 from __future__ import annotations
@@ -89,7 +90,8 @@ def solve_point(
     point["cpu"] = _rounded(median(one["cpu"] for one in found))
     point["error"] = _rounded(problem.error(figures, answer))
     point["unknowns"] = int(figures["dofs"])
-    # A program that goes on after a step without convergence, or lets films pass through each other, may be fast.
+    # A program that goes on after a step without convergence, or lets films pass through each
+    # other, may be fast.
     for key in ("unconverged", "penetrations"):
         if key in figures:
             point[key] = int(figures[key])
@@ -178,7 +180,10 @@ def page_part() -> str:
             continue
         stored = json.loads(path.read_text(encoding="utf-8"))
         runs = "one run" if stored["runs"] == 1 else f"median of {stored['runs']} runs"
-        picture = f"![{problem.title}: {problem.measure} over CPU time](../demos/benchmarks/results/{name}.png)"
+        picture = (
+            f"![{problem.title}: {problem.measure} over CPU "
+            f"time](../demos/benchmarks/results/{name}.png)"
+        )
         parts += [
             f"## {problem.title}",
             f"Answer: {problem.reference} Made by `./gossamer bench {name} --store`, {runs}.",

@@ -1,4 +1,5 @@
-"""What `./gossamer bench errors` solves: problems with a known answer, and each program on several meshes or steps."""
+"""What `./gossamer bench errors` solves: problems with a known answer, and each program on several
+meshes or steps."""
 
 from __future__ import annotations
 
@@ -8,7 +9,8 @@ from dataclasses import dataclass
 from contestants import SELF
 from problems import Figures, Words
 
-# Deflection in the middle of the square airbag [m], as the literature has it (`demos/studies/airbag.py`).
+# Deflection in the middle of the square airbag [m], as the literature has it
+# (`demos/studies/airbag.py`).
 AIRBAG_HEIGHT = 0.2164
 # An error below this is round-off; it is drawn here, because a logarithmic axis has no zero.
 SMALLEST_ERROR = 1e-16
@@ -22,7 +24,8 @@ class ErrorProblem:
         title: one line.
         script: the contestants are the scripts SCRIPT_PROGRAM.py.
         measure: what the error is, as the label of an axis.
-        error: the error from the figures of a contestant, and from those of the answer if one is computed.
+        error: the error from the figures of a contestant, and from those of the answer if one is
+            computed.
         curves: for each program, or "program, variant", the words of its script at each point.
         quick: the same for the quick form.
         reference: where the answer is from.
@@ -42,7 +45,8 @@ class ErrorProblem:
 
 
 def series(word: str, values: Sequence[float], **others: object) -> list[Words]:
-    """The words of a script for each value of one of them; the others are the same at each point."""
+    """The words of a script for each value of one of them; the others are the same at each
+    point."""
     return [{word: value, **others} for value in values]
 
 
@@ -99,12 +103,16 @@ ERROR_PROBLEMS = {
         error=deflection_error,
         curves={
             SELF: series("n", (6, 8, 12, 16), shape="slit ring"),
-            # The peer needs many increments, the first of them small.  NGSolve is left out: our script of it
-            # returned no deflection with 3 to 6 cells, for a reason that was not found.
+            # The peer needs many increments, the first of them small.  NGSolve is left out: our
+            # script of it returned no deflection with 3 to 6 cells, for a reason that was not
+            # found.
             "kratos": series("n", (6, 8, 12), shape="slit ring", increments=40, power=3.0),
         },
         quick={SELF: series("n", (4,), shape="slit ring")},
-        reference="Sze, Liu & Lo (2004), to five digits. The first meshes differ from it by more than 1 %.",
+        reference=(
+            "Sze, Liu & Lo (2004), to five digits. The first meshes differ from it by more than 1 "
+            "%."
+        ),
     ),
     "errors_airbag": ErrorProblem(
         title="Square airbag at rest, with a film that wrinkles",
@@ -141,7 +149,8 @@ ERROR_PROBLEMS = {
         error=energy_error,
         curves={
             SELF: series("dt", (4e-4, 2e-4, 1e-4, 5e-5), n=10),
-            # Its iteration is not converged with the usual 20 sweeps: more of them are a second curve.
+            # Its iteration is not converged with the usual 20 sweeps: more of them are a second
+            # curve.
             "newton": series("dt", (1e-4, 5e-5, 2e-5, 1e-5), n=10),
             "newton, 100 sweeps": series("dt", (1e-4, 5e-5, 2e-5), n=10, iterations=100),
         },
@@ -164,7 +173,9 @@ ERROR_PROBLEMS = {
         quick={
             "gossamer, P1": [{"n": 3, "elements": 3, "order": 1, "dt": 2e-2, "until": 0.1}],
         },
-        reference="gossamer_fx, quadratic film of 9 × 9 cells, steps of 5 ms; 1 mm from 12 × 12 cells.",
+        reference=(
+            "gossamer_fx, quadratic film of 9 × 9 cells, steps of 5 ms; 1 mm from 12 × 12 cells."
+        ),
         answer={"n": 9, "elements": 18, "order": 2, "dt": 5e-3},
     ),
 }

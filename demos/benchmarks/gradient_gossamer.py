@@ -1,7 +1,7 @@
 """What a gradient costs: the pass backwards through a run, over the run itself.
 
-`scene` is "sheet", the free sheet that wrinkles, of which the thickness of every cell is a parameter, or
-"contact", two films that collide, or "gas", an airbag that a tank blows up.
+`scene` is "sheet", the free sheet that wrinkles, of which the thickness of every cell is a
+parameter, or "contact", two films that collide, or "gas", an airbag that a tank blows up.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ def wrinkling(n: int) -> tuple[gx.Scene, float]:
         sheet(COMM, n, n),
         law,
         velocity=throw,
+        # A field, so that each cell has a parameter.
         properties={"thickness": lambda x: np.full(x.shape[1], THICKNESS)},
     )
     return gx.Scene(film), 1e-3
@@ -50,6 +51,7 @@ def colliding(n: int) -> tuple[gx.Scene, float]:
         law,
         name="lower",
     )
+    # No symmetry between the films, and a gap just beyond the distance of contact.
     shift = np.array([[0.011], [0.013], [1.5e-3]])
     film = gx.Membrane(
         sheet(COMM, n, n, 0.2, 0.2),
@@ -58,6 +60,7 @@ def colliding(n: int) -> tuple[gx.Scene, float]:
         velocity=lambda X: np.vstack([0.5 + 0 * X[0], 3 * X[0], X[1] - 2]),
         properties={"thickness": lambda x: np.full(x.shape[1], THICKNESS)},
     )
+    # Contact is stiff: the step is twenty times shorter.
     return gx.Scene(gx.Contact(lower, film, distance=1e-3, stiffness=6e6)), 5e-5
 
 
@@ -73,6 +76,7 @@ def blown_up(n: int) -> tuple[gx.Scene, float]:
     film = gx.Membrane(
         airbag(COMM, edge=0.2, cells=n),
         law,
+        # Without symmetry, so that no derivative is zero.
         velocity=lambda X: np.vstack([np.sin(15 * X[0]), np.sin(9 * X[1]), np.sin(11 * X[0])]),
         properties={"thickness": lambda x: np.full(x.shape[1], THICKNESS)},
     )
@@ -86,6 +90,7 @@ SCENES = {"sheet": wrinkling, "contact": colliding, "gas": blown_up}
 
 case = words({"n": 20, "steps": 50, "scene": "sheet"})
 scene, h = SCENES[str(case["scene"])](int(case["n"]))
+# Gradients are as exact as the steps are solved.
 run = gx.Simulation(scene, gx.Midpoint(dt=h, tolerances=gx.Tolerances(relative=1e-12)))
 tape = gx.analysis.RunTape(run)
 started = time.process_time()
@@ -100,6 +105,7 @@ started = time.process_time()
 found = gradients.of(energy)
 backward = time.process_time() - started
 
+# dE/dv0 = M v0, as energy is conserved from every start.
 velocity = run.system.numbering.vector()
 velocity.array[:] = tape.nodes[0].v
 momenta = velocity.duplicate()

@@ -10,9 +10,11 @@ import KratosMultiphysics.StructuralMechanicsApplication as Structures
 import numpy as np
 from KratosMultiphysics import python_linear_solver_factory
 
+# Neither output nor threads may disturb the measurement.
 K.Logger.GetDefaultOutput().SetSeverity(K.Logger.Severity.WARNING)
 K.ParallelUtilities.SetNumThreads(1)
 
+# What the elements, loads and time schemes of these scripts read or write.
 VARIABLES = (
     *(K.DISPLACEMENT, K.REACTION, K.VELOCITY, K.ACCELERATION, K.VOLUME_ACCELERATION),
     *(
@@ -27,10 +29,12 @@ VARIABLES = (
 def model_part(model, nodes: np.ndarray, more: tuple = ()):
     """A model part with the nodes (n, 3), whose unknowns are displacements."""
     part = model.CreateModelPart("film")
+    # Two instants: the present and the previous one.
     part.SetBufferSize(2)
     part.ProcessInfo[K.DOMAIN_SIZE] = 3
     for variable in (*VARIABLES, *more):
         part.AddNodalSolutionStepVariable(variable)
+    # Kratos counts from 1.
     for number, position in enumerate(nodes, start=1):
         part.CreateNewNode(number, *position)
     return part
@@ -70,7 +74,8 @@ def add_fabric(
         moduli: E1, E2, nu12 and G12.
         angle: of the first axis from x [rad].
     """
-    # Moduli and Poisson's ratios of three axes; the law of plane stress reads the first two and nu12.
+    # Moduli and Poisson's ratios of three axes; the law of plane stress reads the first two and
+    # nu12.
     nu = moduli["nu12"]
     elastic_constants = K.Vector(6, nu)
     for i, name in enumerate(("E1", "E2", "E2")):
@@ -99,7 +104,9 @@ def _add_membranes(part, triangles: np.ndarray, constants: dict, elastic, wrinkl
     film = part.CreateNewProperties(1)
     for name, value in constants.items():
         film.SetValue(name, value)
+    # Without prestress the element needs a vector of zeros.
     film.SetValue(Structures.PRESTRESS_VECTOR, K.Vector(3, 0.0))
+    # The wrinkling law changes the stress of the elastic law that lies below it.
     if wrinkling:
         below = part.CreateNewProperties(2)
         for name, value in constants.items():
@@ -111,6 +118,7 @@ def _add_membranes(part, triangles: np.ndarray, constants: dict, elastic, wrinkl
         film.SetValue(K.CONSTITUTIVE_LAW, elastic)
     for number, corners in enumerate(triangles.tolist(), start=1):
         part.CreateNewElement("MembraneElement3D3N", number, [c + 1 for c in corners], film)
+    # Unknown and reaction of each component.
     for axis in "XYZ":
         names = (getattr(K, f"{what}_{axis}") for what in ("DISPLACEMENT", "REACTION"))
         K.VariableUtils().AddDof(*names, part)
@@ -119,10 +127,12 @@ def _add_membranes(part, triangles: np.ndarray, constants: dict, elastic, wrinkl
 
 def linear_solver(name: str):
     """`sparse_lu`, or `amgcl`: conjugate gradients with smoothed aggregation."""
+    # Algebraic multigrid with GMRES, since contact of states makes the matrix ill-conditioned.
     settings = {
         "sparse_lu": '{"solver_type": "LinearSolversApplication.sparse_lu"}',
-        "amgcl": """{"solver_type": "amgcl", "krylov_type": "gmres", "smoother_type": "ilu0", "tolerance": 1e-6,
-                     "coarsening_type": "smoothed_aggregation", "max_iteration": 500, "verbosity": 0,
+        "amgcl": """{"solver_type": "amgcl", "krylov_type": "gmres", "smoother_type": "ilu0",
+                     "tolerance": 1e-6, "coarsening_type": "smoothed_aggregation",
+                     "max_iteration": 500, "verbosity": 0,
                      "use_block_matrices_if_possible": true}""",
     }
     return python_linear_solver_factory.ConstructSolver(K.Parameters(settings[name]))
@@ -139,6 +149,7 @@ def grid(n: int, edge: float) -> tuple[np.ndarray, np.ndarray]:
     """Nodes (m, 3) and cells' corners (n², 4), counter-clockwise, of a square from the origin."""
     s = np.linspace(0, edge, n + 1)
     x, y = np.meshgrid(s, s)
+    # Number of the first corner of each cell.
     first = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
     return np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]), first[:, None] + [
         0,

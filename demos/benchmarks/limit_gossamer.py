@@ -1,9 +1,10 @@
 """A Newton iteration of the free sheet, and what it cannot do without.
 
-The limit is the time of one tangent, one set-up of the preconditioner and, for each Krylov iteration, one application
-of it and one product with the matrix; each is timed apart, again and again on the last system of the run.  The tangent
-is then compared with the memory traffic that its matrix alone causes: the time of writing it once, at the speed at
-which the same process copies large arrays.
+The limit is the time of one tangent, one set-up of the preconditioner and, for each Krylov
+iteration, one application of it and one product with the matrix; each is timed apart, again and
+again on the last system of the run.  The tangent is then compared with the memory traffic that its
+matrix alone causes: the time of writing it once, at the speed at which the same process copies
+large arrays.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ def copying_speed(size: int = 2**25, times: int = 9) -> float:
     """Bytes read and written a second in copying `size` numbers."""
     source = np.ones(size)
     target = np.zeros(size)
+    # Every number is read once and written once.
     return 2 * source.nbytes / seconds(lambda: np.copyto(target, source), times)
 
 
@@ -63,8 +65,10 @@ product = seconds(lambda: A.mult(x, y))
 setting_up = seconds(set_up)
 cycle = application + product
 speed = copying_speed()
+# Bytes of a matrix in blocks: 8 for each number, and 4 for the column of each block.
 numbers = A.getInfo()["nz_used"]
 written = numbers * 8 + numbers / A.getBlockSize() ** 2 * 4
+# The time of an iteration if it made nothing but these parts.
 limit = tangent + setting_up + figures["Krylov/Newton"] * cycle
 show(
     figures

@@ -1,7 +1,8 @@
-"""The law of orthotropic film against that of isotropic film, on the thrown free sheet of the study `orthotropic`.
+"""The law of orthotropic film against that of isotropic film, on the thrown free sheet of the study
+`orthotropic`.
 
-The two sheets take turns, a step each, so that what else runs on the machine slows both down.  All clocks are of CPU
-time.
+The two sheets take turns, a step each, so that what else runs on the machine slows both down.  All
+clocks are of CPU time.
 """
 
 from __future__ import annotations

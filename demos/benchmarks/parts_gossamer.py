@@ -1,7 +1,9 @@
-"""Parts of a Newton iteration of the free sheet, as the model of scaling needs them (`scaling_model`).
+"""Parts of a Newton iteration of the free sheet, as the model of scaling needs them
+(`scaling_model`).
 
-Seconds of CPU on the slowest rank; flops, messages and their bytes from PETSc's log, with those of contact's
-exchanges; and the machine: memory bandwidth of one core, latency and bandwidth of a message between two ranks.
+Seconds of CPU on the slowest rank; flops, messages and their bytes from PETSc's log, with those of
+contact's exchanges; and the machine: memory bandwidth of one core, latency and bandwidth of a
+message between two ranks.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""The antenna pendulum in Exudyn: thin plates and cables of absolute nodal coordinates, generalised-alpha method."""
+"""The antenna pendulum in Exudyn: thin plates and cables of absolute nodal coordinates,
+generalised-alpha method."""
 
 from __future__ import annotations
 
@@ -21,6 +22,7 @@ from exudyn.itemInterface import (
     SensorNode,
 )
 
+# The antenna of the paper: sizes [m] and gravity [m/s²].
 SIDE = 2.1
 THICKNESS = 2e-5
 RADIUS = 0.02
@@ -41,16 +43,20 @@ film = exudyn.shells.ShellMesh(
     density=1400.0,
     thickness=THICKNESS,
 )
+# Reduced integration, without which thin plates lock.
 film.CreateANCFThinPlateElements(mbs, useReducedOrderIntegration=1)
+# Section of the tubes.
 area = np.pi * (RADIUS**2 - (RADIUS - WALL) ** 2)
 second_moment = np.pi / 4 * (RADIUS**4 - (RADIUS - WALL) ** 4)
 bodies = list(film.elementNumbers)
 booms = []
+# Both booms, from corner to corner.
 for start, end in (((0, 0, 0), (SIDE, SIDE, 0)), ((SIDE, 0, 0), (0, SIDE, 0))):
     a = np.array(start)
     along = np.subtract(end, start)
     length = float(np.linalg.norm(along))
     points = [a + along * k / elements for k in range(elements + 1)]
+    # A node has a position and the slope of the axis.
     nodes = [
         mbs.AddNode(NodePointSlope1(referenceCoordinates=[*p, *(along / length)])) for p in points
     ]
@@ -65,6 +71,7 @@ for start, end in (((0, 0, 0), (SIDE, SIDE, 0)), ((SIDE, 0, 0), (0, SIDE, 0))):
         bodies.append(mbs.AddObject(cable))
     booms.append(nodes)
 for body in bodies:
+    # Gravity acts on the mass of plates and cables.
     marker = mbs.AddMarker(MarkerBodyMass(bodyNumber=body))
     mbs.AddLoad(LoadMassProportional(markerNumber=marker, loadVector=[0, 0, -G]))
 for k in (0, 1, 2, 3):  # tied at the corners and at the thirds of the diagonals
@@ -80,6 +87,8 @@ for k in (0, 1, 2, 3):  # tied at the corners and at the thirds of the diagonals
         mbs.AddObject(
             ObjectConnectorCoordinateVector(
                 markerNumbers=markers,
+                # The position is the first three of the nine coordinates of a plate's node, and of
+                # the six of a cable's.
                 scalingMarker0=np.eye(3, 9),
                 scalingMarker1=np.eye(3, 6),
             )
@@ -89,6 +98,7 @@ exudyn.shells.AddSphericalJointToGround(mbs, film.nodeNumbers[0])
 position = {"outputVariableType": exu.OutputVariableType.Position, "storeInternal": True}
 corners = [film.nodeNumbers[k] for k in (0, n, n * (n + 1) + n, n * (n + 1))]
 of_corners = [mbs.AddSensor(SensorNode(nodeNumber=node, **position)) for node in corners]
+# Gauss points of each element, so that the mean square has the weights of the mass.
 gauss = np.array([-1, 1]) / 3**0.5
 of_film = []
 places = []
@@ -104,6 +114,7 @@ for e, body in enumerate(film.elementNumbers):
                     )
                 )
             )
+            # Place of the point in the square, 0 to 1.
             places.append(((e % n + (1 + r) / 2) / n, (e // n + (1 + s) / 2) / n))
 mbs.Assemble()
 
@@ -112,11 +123,13 @@ stepping = settings.timeIntegration
 stepping.numberOfSteps = round(case["until"] / case["dt"])
 stepping.endTime = case["until"]
 stepping.generalizedAlpha.spectralRadius = case["radius"]
+# The tangent of the first iteration is used again, as Exudyn recommends.
 stepping.newton.useModifiedNewton = True
 stepping.newton.relativeTolerance = 1e-6
 stepping.newton.absoluteTolerance = 1e-8
 stepping.verboseMode = 0
 settings.solutionSettings.writeSolutionToFile = False
+# Instants at which sensors are read.
 settings.solutionSettings.sensorsWritePeriod = case["every"]
 settings.linearSolverType = exu.LinearSolverType.EigenSparse
 settings.parallel.numberOfThreads = 1
@@ -129,6 +142,7 @@ wall = time.perf_counter() - wall
 q = np.array([mbs.GetSensorStoredData(s)[:, 1:4] for s in of_corners])  # 4 corners, instants, 3
 x = np.array([mbs.GetSensorStoredData(s)[:, 1:4] for s in of_film])
 u, v = np.array(places).T
+# Bilinear surface of the four corners.
 surface = np.einsum("cp,ctk->ptk", [(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v], q)
 normal = np.cross(q[1] - q[0], q[3] - q[0])
 normal /= np.linalg.norm(normal, axis=1)[:, None]

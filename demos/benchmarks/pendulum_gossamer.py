@@ -17,6 +17,8 @@ series = gx.Series(swing.probes)
 figures = watch.measure(swing.simulation([series]), case["until"])
 tip = series["tip [m]"]
 film = series["film [m]"]
+# At the end and over the time: the film vibrates, so that its value at the end depends on the
+# phase.
 show(
     figures
     | {

@@ -1,4 +1,5 @@
-"""The strip in Exudyn: thin plates of absolute nodal coordinates, static solution with load steps."""
+"""The strip in Exudyn: thin plates of absolute nodal coordinates, static solution with load
+steps."""
 
 from __future__ import annotations
 

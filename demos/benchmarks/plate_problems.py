@@ -9,7 +9,8 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Shape:
-    """A flat plate, ν = 0, clamped at one end: `load` per length of the other end, across, and its deflection."""
+    """A flat plate, ν = 0, clamped at one end: `load` per length of the other end, across, and its
+    deflection."""
 
     E: float
     thickness: float
@@ -29,7 +30,8 @@ CASES = {
 
 
 def grid(shape: str, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes (i, j, 3) and their numbers from 0: i from the clamped to the loaded end, j across; n cells along or 4n."""
+    """Nodes (i, j, 3) and their numbers from 0: i from the clamped to the loaded end, j across; n
+    cells along or 4n."""
     along, across = (n, max(n // 8, 1)) if shape == "strip" else (4 * n, n // 2)
     u, v = np.meshgrid(
         np.linspace(0, 1, along + 1),

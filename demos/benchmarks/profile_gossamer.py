@@ -1,9 +1,9 @@
 """Where the time of a Newton iteration of the free sheet goes, in seven parts.
 
-Newton's own clocks tell law, residual and tangent; PETSc's log the set-up and the applications of the preconditioner,
-of which the coarse space's set-up is timed here.  The rest is the Krylov method itself, Newton's vectors, and what a
-step does once.  All clocks are of wall time; as the machine may be shared, each part is given as its share of the run
-times the CPU time of an iteration.
+Newton's own clocks tell law, residual and tangent; PETSc's log the set-up and the applications of
+the preconditioner, of which the coarse space's set-up is timed here.  The rest is the Krylov method
+itself, Newton's vectors, and what a step does once.  All clocks are of wall time; as the machine
+may be shared, each part is given as its share of the run times the CPU time of an iteration.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from gossamer_fx.solvers.coarse_space import CoarseSpace
 
 
 class TimedCoarseSpace:
-    """Sums the time that the set-up of coarse spaces takes, which PETSc's log does not tell from the rest."""
+    """Sums the time that the set-up of coarse spaces takes, which PETSc's log does not tell from
+    the rest."""
 
     def __init__(self) -> None:
         self.seconds = 0.0
@@ -44,9 +45,11 @@ case = words({"n": 40, "steps": 3, "dt": 1e-3})
 coarse = TimedCoarseSpace()
 watch = Stopwatch()
 run = build(MPI.COMM_WORLD, case["n"], dt=case["dt"]).simulation()
+# The log begins after the scene is compiled, so that it has the run only.
 PETSc.Log.begin()
 figures = watch.measure(run, case["steps"] * case["dt"])
 clocks = run.solver.newton.seconds
+# What PETSc's event of set-up has beyond the coarse space is the incomplete factorisation.
 parts = {what: clocks[what] for what in ("law", "residual", "tangent")} | {
     "coarse space": coarse.seconds,
     "incomplete factorisation": logged("PCSetUp") - coarse.seconds,

@@ -7,16 +7,18 @@ A Newton iteration of a film with N unknowns on P cores takes
         + messages (latency + bytes/bandwidth) + reductions 2 log2(P) latency
 
     k    Krylov iterations, i Newton iterations of a step
-    o    nodes of a rank with the cells by which parts overlap, over its own: (1 + 4/s)², s = √(N/3P)
+    o    nodes of a rank with the cells by which parts overlap, over its own: (1 + 4/s)², s =
+         √(N/3P)
     m    cores of a node over those that saturate its memory, where there are more: matrices are
          streamed through memory
     rest products and vectors of the Krylov method, and what a step does once
-    coarse factorisation and solution take a n^b of the coarse unknowns n = N/30, which MUMPS hardly divides;
-    messages of an iteration and their bytes are those of two ranks, times the neighbours of a rank (6
-    on many ranks), bytes with the length of a boundary, √(N/P)
+    coarse factorisation and solution take a n^b of the coarse unknowns n = N/30, which MUMPS hardly
+    divides; messages of an iteration and their bytes are those of two ranks, times the neighbours
+    of a rank (6 on many ranks), bytes with the length of a boundary, √(N/P)
 
-Measured are all parts on one rank at two sizes, and messages, bytes and reductions on two.  The machine
-is described by arguments: a network's latency and bandwidth, cores of a node and how many saturate it.
+Measured are all parts on one rank at two sizes, and messages, bytes and reductions on two.  The
+machine is described by arguments: a network's latency and bandwidth, cores of a node and how many
+saturate it.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ from pathlib import Path
 from contestants import SELF, run
 from problems import Figures
 
-# Cells along a side of the sheet, small and large: exponents follow from both, parts from the large one.
+# Cells along a side of the sheet, small and large: exponents follow from both, parts from the large
+# one.
 SIZES = (80, 160)
 QUICK_SIZES = (40, 80)
 STEPS = 3
@@ -90,10 +93,11 @@ class Parts:
     """Measured parts of a Newton iteration; seconds are of CPU.
 
     Attributes:
-        law, tangent, rest, factorisation, application: of one unknown [s]; of an application for one
-            Krylov iteration.
+        law, tangent, rest, factorisation, application: of one unknown [s]; of an application for
+            one Krylov iteration.
         coarse_product: of one unknown and step [s].
-        coarse_factorisation, coarse_solution: by number of coarse unknowns; of a step, of a Krylov iteration.
+        coarse_factorisation, coarse_solution: by number of coarse unknowns; of a step, of a Krylov
+            iteration.
         newton, krylov: iterations of a step, and for one of Newton's.
         messages: of one rank to one neighbour.
         boundary_bytes: of these messages, for the root of one unknown of a rank.
@@ -172,7 +176,8 @@ class Parts:
         coarse = unknowns / COARSENING
         contention = machine.contention(cores)
         sent = neighbours * self.messages * machine.latency
-        # A rank in the middle has boundaries on all sides, one of two has one: their bytes add up to four.
+        # A rank in the middle has boundaries on all sides, one of two has one: their bytes add up
+        # to four.
         sent += min(neighbours, 4) * self.boundary_bytes * math.sqrt(local) / machine.bandwidth
         rounds = 2 * math.log2(cores)
         return {
@@ -190,7 +195,8 @@ class Parts:
 
 
 def predict(is_quick: bool, folder: Path) -> None:
-    """Measure the parts, print and write predictions for `UNKNOWNS` on `CORES` to FOLDER/model.csv."""
+    """Measure the parts, print and write predictions for `UNKNOWNS` on `CORES` to
+    FOLDER/model.csv."""
     small_size, large_size = QUICK_SIZES if is_quick else SIZES
     small = _measure(small_size, 1)
     large = _measure(large_size, 1)
@@ -207,14 +213,16 @@ def predict(is_quick: bool, folder: Path) -> None:
         # On two ranks Krylov iterations are more: their parts overlap along one boundary only.
         print(
             f"check: {cores} ranks, {found['dofs']:.0f} unknowns: predicted {expected:.1f} ms, "
-            f"measured {found['iteration [ms]']:.1f} ms of CPU an iteration, {found['Krylov/Newton']:.1f} "
+            f"measured {found['iteration [ms]']:.1f} ms of CPU an iteration, "
+            f"{found['Krylov/Newton']:.1f} "
             "Krylov iterations"
         )
     rows = [_row(parts, unknowns, cores, machine) for unknowns in UNKNOWNS for cores in CORES]
     print("unknowns cores      ms  speed-up  largest part")
     for row in rows:
         print(
-            f"{row['unknowns']:8.0e} {row['cores']:5d} {row['iteration [ms]']:7.2f} {row['speed-up']:9.0f}  "
+            f"{row['unknowns']:8.0e} {row['cores']:5d} {row['iteration [ms]']:7.2f} "
+            f"{row['speed-up']:9.0f}  "
             f"{row['largest part']}, {100 * float(row['its share']):.0f} %"
         )
     folder.mkdir(parents=True, exist_ok=True)
@@ -253,21 +261,26 @@ def _row(
 def _print_parts(large: Figures, two: Figures, parts: Parts) -> None:
     """Print what was measured, for one unknown and one Newton iteration."""
     print(
-        f"{large['dofs']:.0f} unknowns: law and forces {1e9 * parts.law:.0f} ns an unknown and iteration, tangent "
+        f"{large['dofs']:.0f} unknowns: law and forces {1e9 * parts.law:.0f} ns an unknown and "
+        "iteration, tangent "
         f"{1e9 * parts.tangent:.0f}, factorisation {1e9 * parts.factorisation:.0f}, rest "
         f"{1e9 * parts.rest:.0f}, application {1e9 * parts.application:.0f} for each of "
         f"{parts.krylov:.1f} Krylov iterations; "
-        f"{large['flops per unknown']:.0f} flops of PETSc's, {large['matrix bytes per unknown']:.0f} bytes of matrix"
+        f"{large['flops per unknown']:.0f} flops of PETSc's, "
+        f"{large['matrix bytes per unknown']:.0f} bytes of matrix"
     )
     for name, law in (
         ("factorisation", parts.coarse_factorisation),
         ("solution", parts.coarse_solution),
     ):
         print(
-            f"coarse {name}: {1e6 * law.seconds(1000):.0f} us of 1000 unknowns, exponent {law.exponent:.2f}"
+            f"coarse {name}: {1e6 * law.seconds(1000):.0f} us of 1000 unknowns, exponent "
+            f"{law.exponent:.2f}"
         )
     print(
         f"two ranks: {two['messages']:.0f} messages, {1e-3 * two['message bytes']:.0f} kB and "
-        f"{two['reductions']:.0f} reductions an iteration of each rank; a message takes {two['latency [us]']:.1f} us "
-        f"here; memory {large['memory [GB/s]']:.0f} GB/s on one rank, {two['memory [GB/s]']:.0f} on each of two"
+        f"{two['reductions']:.0f} reductions an iteration of each rank; a message takes "
+        f"{two['latency [us]']:.1f} us "
+        f"here; memory {large['memory [GB/s]']:.0f} GB/s on one rank, {two['memory [GB/s]']:.0f} "
+        "on each of two"
     )

@@ -13,6 +13,7 @@ from gossamer_fx.system.totals import relative_drift
 
 case = words({"n": 40, "steps": 5, "dt": 1e-3, "wrinkling": 1, "relative": 1e-10})
 watch = Stopwatch()
+# A plastic film of 0.1 mm, in SI units.
 constants = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
 law = (
     gx.Miyazaki(**constants, residual_stiffness=1e-6)

@@ -1,4 +1,5 @@
-"""The free sheet of `demos/spinning_sheet.py` in Kratos: membrane triangles, Bossak's scheme, full Newton."""
+"""The free sheet of `demos/spinning_sheet.py` in Kratos: membrane triangles, Bossak's scheme, full
+Newton."""
 
 from __future__ import annotations
 
@@ -11,6 +12,7 @@ import KratosMultiphysics.StructuralMechanicsApplication as Structures
 import numpy as np
 from contestants import words
 
+# The sheet of the demo: mass, thickness and spin [kg/m³, m, rad/s].
 DENSITY = 1400.0
 THICKNESS = 1e-4
 SPIN = 10.0
@@ -29,6 +31,7 @@ for node, velocity in zip(
     ).tolist(),
     strict=True,
 ):
+    # Both instants that the scheme reads.
     for step in (0, 1):
         node.SetSolutionStepValue(K.VELOCITY, step, velocity)
 
@@ -39,15 +42,18 @@ def angular_momentum() -> np.ndarray:
     v = kratos_model.nodal(part, K.VELOCITY)
     edges = X[triangles[:, 1:]] - X[triangles[:, :1]]
     areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
+    # Consistent mass of a triangle: 1/12 of it for pairs of corners, 1/6 for a corner itself.
     weights = DENSITY * THICKNESS * areas[:, None, None] / 12 * (1 + np.eye(3))
     return np.einsum(
         "eab,eabk->k", weights, np.cross(q[triangles][:, :, None], v[triangles][:, None])
     )
 
 
+# Bossak's parameter of Kratos' usual settings, with its numerical damping.
 scheme = Structures.StructuralMechanicsBossakScheme(
     K.Parameters('{"damp_factor_m": -0.3, "newmark_beta": 0.25, "projection_variables_list": []}')
 )
+# 1e-6 of the first residual of a step.
 criterion = K.ResidualCriteria(1e-6, 1e-10)
 criterion.SetEchoLevel(0)
 builder = K.ResidualBasedBlockBuilderAndSolver(kratos_model.linear_solver(case["solver"]))
@@ -67,6 +73,7 @@ for step in range(1, case["steps"] + 1):
     part.ProcessInfo[K.STEP] = step
     strategy.InitializeSolutionStep()
     strategy.Predict()
+    # A step that has not converged counts, and the run continues.
     unconverged += not strategy.SolveSolutionStep()
     strategy.FinalizeSolutionStep()
     iterations += part.ProcessInfo[K.NL_ITERATION_NUMBER]

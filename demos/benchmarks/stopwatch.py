@@ -17,27 +17,33 @@ COMM = MPI.COMM_WORLD
 class Stopwatch:
     """Runs a simulation and measures it.
 
-    Made before the scene is, so that what the interpreter and its libraries occupy does not count as its memory.
+    Made before the scene is, so that what the interpreter and its libraries occupy does not count
+    as its memory.
     """
 
     def __init__(self) -> None:
         self._before = megabytes()
 
     def measure(self, run: gx.Simulation, until: float) -> dict[str, float]:
-        """Figures of going on to the time `until` [s]: cpu of all ranks; times of a Newton iteration and its parts."""
+        """Figures of going on to the time `until` [s]: cpu of all ranks; times of a Newton
+        iteration and its parts."""
         newton = run.solver.newton
         first = run.step
         iterations = newton.all_iterations
         krylov = newton.linear_iterations
+        # Seconds of each part before, as the clocks go on.
         parts = dict(newton.seconds)
+        # All ranks begin together.
         COMM.Barrier()
         cpu = time.process_time()
         wall = time.perf_counter()
         run.run(until=until)
+        # Seconds of all ranks add up; wall time is that of the run.
         cpu = COMM.allreduce(time.process_time() - cpu)
         wall = time.perf_counter() - wall
         iterations = newton.all_iterations - iterations
         dofs = run.system.numbering.size
+        # Peak memory of all ranks.
         peak = COMM.allreduce(megabytes())
         figures = {
             "cpu": cpu,
@@ -55,6 +61,7 @@ class Stopwatch:
         }
         return figures | {
             "MB": peak,
+            # Per unknown, without what the interpreter needs.
             "B/unknown": (peak - COMM.allreduce(self._before)) * 2**20 / dofs,
             "energy": run.totals.energy,
             "stored": sum(run.totals.stored.values()),

@@ -1,4 +1,5 @@
-"""Shared by the deployment demos: run a case, collect and print the figures of the run, write curves."""
+"""Shared by the deployment demos: run a case, collect and print the figures of the run, write
+curves."""
 
 from __future__ import annotations
 
@@ -74,13 +75,15 @@ def run_figures(run: gx.Simulation, series: gx.Series) -> dict[str, float]:
 
 
 def dissipation(run: gx.Simulation) -> dict[str, float]:
-    """Energy that a run has dissipated [J]: in all, and by each part of the scene that dissipates."""
+    """Energy that a run has dissipated [J]: in all, and by each part of the scene that
+    dissipates."""
     by_part = {f"{DISSIPATED_BY}{name}": loss for name, loss in run.totals.losses.items()}
     return {"dissipated": run.totals.dissipated, **by_part}
 
 
 def dissipation_by_part(figures: Mapping[str, float]) -> str:
-    """The figures of `dissipation` of each part as text in parentheses, e.g. " (3 J by friction)"."""
+    """The figures of `dissipation` of each part as text in parentheses, e.g. " (3 J by
+    friction)"."""
     parts = [
         f"{loss:.3g} J by {name.removeprefix(DISSIPATED_BY)}"
         for name, loss in figures.items()

@@ -1,4 +1,5 @@
-"""Disturbances of a spin deployment: a hub that is tilted or off its axis, and a part that sticks for a time."""
+"""Disturbances of a spin deployment: a hub that is tilted or off its axis, and a part that sticks
+for a time."""
 
 from __future__ import annotations
 
@@ -11,8 +12,8 @@ import gossamer_fx as gx
 from gossamer_fx.checks.errors import check
 from gossamer_fx.outputs.output import Probe
 
-# Speed [m/s] at which the tether of a part that stuck is paid out: far above that of any part, so that it is
-# slack at once.
+# Speed [m/s] at which the tether of a part that stuck is paid out: far above that of any part, so
+# that it is slack at once.
 RELEASE_SPEED = 100.0
 
 # Length of that tether over the first distance of its ends: it holds at once.
@@ -84,7 +85,8 @@ class Disturbance:
 
 
 def attitude_probes(hub: gx.RigidBody, tips: list[gx.Port]) -> dict[str, Probe]:
-    """Nutation, angular momentum across the axis of the hub, imbalance of the tips, and the wave of their heights.
+    """Nutation, angular momentum across the axis of the hub, imbalance of the tips, and the wave of
+    their heights.
 
     Args:
         hub: its third axis is the axis of the roll.

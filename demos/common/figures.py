@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 import gossamer_fx as gx
 from gossamer_fx.model.body import Array
 
+# Colours that remain different in print and for colour-blind readers.
 BLUE = "#1f5fa8"
 RED = "#c0392b"
 GREEN = "#2e7d4f"
@@ -48,10 +49,12 @@ def petals_of(
     slope: float = 1.0,
     cells: int = 8,
 ) -> Array:
-    """Trapezoids of the areas and centres of flat surfaces, as triangles (n, 3, 3) [m] in body axes.
+    """Trapezoids of the areas and centres of flat surfaces, as triangles (n, 3, 3) [m] in body
+    axes.
 
     Args:
-        surfaces: of a sail; each becomes a trapezoid, symmetric about the line from the root to its centre.
+        surfaces: of a sail; each becomes a trapezoid, symmetric about the line from the root to its
+            centre.
         root: where the sides of the trapezoids would meet [m].
         slope: half of the width over the distance from the root; 1 for the petals of a square sail.
         cells: along a side, each with two triangles.
@@ -77,10 +80,11 @@ def petals_of(
 
 
 def trapezoid(area: float, centroid: float) -> tuple[float, float]:
-    """Distances from the axis of both ends of a trapezoid whose half width is the distance from the axis.
+    """Distances from the axis of both ends of a trapezoid whose half width is the distance from the
+    axis.
 
-    Its area is r₂² - r₁² [m²], its centroid at ⅔ (r₂³ - r₁³)/(r₂² - r₁²) [m]. A triangle has the nearest
-    centroid that is possible, ⅔ r₂; it is taken if the given one is nearer.
+    Its area is r₂² - r₁² [m²], its centroid at ⅔ (r₂³ - r₁³)/(r₂² - r₁²) [m]. A triangle has the
+    nearest centroid that is possible, ⅔ r₂; it is taken if the given one is nearer.
     """
     if centroid <= 2 / 3 * area**0.5:
         return 0.0, area**0.5

@@ -1,4 +1,5 @@
-"""A square film that springs stretch in a rigid frame, in equilibrium at the start; its centre is at the origin."""
+"""A square film that springs stretch in a rigid frame, in equilibrium at the start; its centre is
+at the origin."""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ from gossamer_fx.model.body import Array
 
 
 def stretching(side: float, strain: float) -> Callable[[Array], Array]:
-    """The displacement of a square [0, side]² [m] that is centred and stretched by a strain in its plane."""
+    """The displacement of a square [0, side]² [m] that is centred and stretched by a strain in its
+    plane."""
     middle = np.array([[side / 2], [side / 2], [0.0]])
 
     def displacement(X: Array) -> Array:
@@ -52,7 +54,8 @@ def springs_to_frame(
             outward = np.array([(i == cells) - (i == 0), (j == cells) - (j == 0), 0.0])
             if not outward.any():
                 continue
-            # A node of an edge carries the tension of its length, a corner half of it along both edges.
+            # A node of an edge carries the tension of its length, a corner half of it along both
+            # edges.
             is_corner = np.count_nonzero(outward) == 2
             force = tension * each * (outward / 2 if is_corner else outward)
             size = float(np.linalg.norm(force))

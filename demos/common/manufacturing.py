@@ -1,7 +1,8 @@
-"""Manufacturing errors of a folded tube: positions and angles of its folds, its diameter and its thickness.
+"""Manufacturing errors of a folded tube: positions and angles of its folds, its diameter and its
+thickness.
 
-A seed stands for one specimen.  Errors are normally distributed, and cut at `LARGEST` standard deviations: worse
-specimens do not pass the inspection.
+A seed stands for one specimen.  Errors are normally distributed, and cut at `LARGEST` standard
+deviations: worse specimens do not pass the inspection.
 """
 
 from __future__ import annotations
@@ -112,14 +113,16 @@ def stations(length: float, panels: int, shifts: Sequence[float] = ()) -> Array:
         ends[1:-1] += shifts
     check(
         bool((np.diff(ends) > 0).all()),
-        f"The folds of a tube of {length:g} m are at {ends[1:-1].tolist()} m; give a smaller scatter of their "
+        f"The folds of a tube of {length:g} m are at {ends[1:-1].tolist()} m; give a smaller "
+        "scatter of their "
         "positions.",
     )
     return ends
 
 
 def move_rows(mesh: gx.Mesh, length: float, ends: Array) -> gx.Mesh:
-    """Move the rows of edges of a tube of equal panels so that its panels end at `ends` [m]; returns the mesh.
+    """Move the rows of edges of a tube of equal panels so that its panels end at `ends` [m];
+    returns the mesh.
 
     The mesh is changed in place: call it before a film is made on it.
     """
@@ -136,8 +139,8 @@ class UnevenZigzag(gx.fold.Zigzag):
 
     Args:
         shifts: of each fold along the strip (panels - 1,) [m].
-        angle_errors: added to the angle of each fold (panels - 1,) [rad].  They add up along the strip: what is
-            behind a fold is turned by its error.
+        angle_errors: added to the angle of each fold (panels - 1,) [rad].  They add up along the
+            strip: what is behind a fold is turned by its error.
     """
 
     called: ClassVar[str] = "UnevenZigzag"
@@ -149,7 +152,8 @@ class UnevenZigzag(gx.fold.Zigzag):
         """Check the arguments.
 
         Raises:
-            InputError: see `gx.fold.Zigzag`; also errors of another number of folds, or folds with a radius.
+            InputError: see `gx.fold.Zigzag`; also errors of another number of folds, or folds with
+                a radius.
         """
         super().__post_init__()
         # No number of errors stands for folds without errors.
@@ -183,7 +187,8 @@ class UnevenZigzag(gx.fold.Zigzag):
         return replace(self, angle=self.angle / 2, angle_errors=())
 
     def _panel_of(self, X: Array) -> Array:
-        """Number of the panel (n,) and the share of it that lies before points X (n, 3), from 0 to `panels`."""
+        """Number of the panel (n,) and the share of it that lies before points X (n, 3), from 0 to
+        `panels`."""
         numbers: Array = np.interp(X[:, 0], self._ends, np.arange(self.panels + 1.0))
         return numbers
 
@@ -195,7 +200,8 @@ class UnevenZigzag(gx.fold.Zigzag):
         return self.opening * along * self._across(X)
 
     def shift(self, X: Array) -> Array:
-        """Shift (n,) [m] of the upper sheet along z: `lift` at all folds, growing from zero at the ends."""
+        """Shift (n,) [m] of the upper sheet along z: `lift` at all folds, growing from zero at the
+        ends."""
         if not self.lift:
             return np.zeros(len(X))
         panel = self._panel_of(X)

@@ -1,18 +1,20 @@
-"""Bending stiffness of a deployed tube: an equilibrium under pressure, and one with a small force at the tip.
+"""Bending stiffness of a deployed tube: an equilibrium under pressure, and one with a small force
+at the tip.
 
-A straight tube of inflated radius r and film of thickness t, taut on its whole circumference, has the bending
-stiffness
+A straight tube of inflated radius r and film of thickness t, taut on its whole circumference, has
+the bending stiffness
 
     EI = E t π r³,    r = r0 (1 + (1 - ν/2) p r0/(E t)),
 
-with Young's modulus, since the hoop stress is that of the pressure p.  The tube is clamped at its flat end, and the
-force F acts in the plane of that end, where the film cannot turn.  The moment at a section is F times its distance from
-the tip, whatever the pressure: the force of the pressure on the tip balances that of the wall.  So
+with Young's modulus, since the hoop stress is that of the pressure p.  The tube is clamped at its
+flat end, and the force F acts in the plane of that end, where the film cannot turn.  The moment at
+a section is F times its distance from the tip, whatever the pressure: the force of the pressure on
+the tip balances that of the wall.  So
 
     EI y''(x) = F (L - x)
 
-holds away from the flat ends, also if shear makes y' larger by a constant; EI follows from a least-squares fit of the
-deflection of the sections in between.
+holds away from the flat ends, also if shear makes y' larger by a constant; EI follows from a
+least-squares fit of the deflection of the sections in between.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ from gossamer_fx.materials.film import IsotropicFilm
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.model.body import Array
 
-# Tip force over that at which the film begins to wrinkle, p π r³/2 over the length (Stein & Hedgepeth, NASA TN D-813).
+# Tip force over that at which the film begins to wrinkle, p π r³/2 over the length (Stein &
+# Hedgepeth, NASA TN D-813).
 FORCE_RATIO = 0.1
 # Distance [diameters] from both flat ends of the sections that are fitted.
 END_DIAMETERS = 2.0
@@ -63,8 +66,10 @@ def bending_stiffness(
         pressure: of the gas in it [Pa].
         specimen: its manufacturing errors.
         cells: edges of triangles across the flat tube.
-        creases: "stiffness" [N m/m/rad] and other arguments of creases at its folds; None: no creases.
-        angle: of the panels when the tube was folded [rad], from which the rest angle of the creases follows.
+        creases: "stiffness" [N m/m/rad] and other arguments of creases at its folds; None: no
+            creases.
+        angle: of the panels when the tube was folded [rad], from which the rest angle of the
+            creases follows.
 
     Raises:
         NoEquilibrium: the tube has none, as with a pressure that does not fill it.
@@ -114,7 +119,8 @@ def bending_stiffness(
     items: list[object] = [
         film,
         gx.Fixed(film, "inlet"),
-        # The flat end is a hinge across the force: nothing else keeps the tube from turning about it.
+        # The flat end is a hinge across the force: nothing else keeps the tube from turning about
+        # it.
         gx.Fixed(film, "tip", components=(2,)),
         gx.Pressure(film, pressure),
         gx.loads.EdgeLoad(film, "tip", force=lambda t: (0.0, t * force / width, 0.0)),
@@ -150,8 +156,10 @@ def _axis(film: gx.Membrane, equilibrium: gx.Equilibrium) -> tuple[Array, Array]
 
 
 def _fitted_stiffness(x: Array, y: Array, force: float, length: float) -> float:
-    """EI [N m²] of the deflections y (n,) [m] of sections at x (n,) [m] by a force [N] at the length [m]."""
-    # y = a + b x + F/EI (L x²/2 - x³/6): a and b are the deflection and slope of the rest of the tube.
+    """EI [N m²] of the deflections y (n,) [m] of sections at x (n,) [m] by a force [N] at the
+    length [m]."""
+    # y = a + b x + F/EI (L x²/2 - x³/6): a and b are the deflection and slope of the rest of the
+    # tube.
     shape = length * x**2 / 2 - x**3 / 6
     columns = np.stack([np.ones_like(x), x / length, shape / length**3], axis=1)
     found = np.linalg.lstsq(columns, y, rcond=None)[0]

@@ -1,8 +1,10 @@
-"""Run studies: python3 -m demos.studies NAME [--quick] [--out FOLDER] [--fresh]; NAME `all` runs every one.
+"""Run studies: python3 -m demos.studies NAME [--quick] [--out FOLDER] [--fresh]; NAME `all` runs
+every one.
 
-Writes FOLDER/NAME.csv, .md and .png, and for `all` the summary in docs/verification.md between the lines
-`<!-- studies -->` and `<!-- /studies -->`.  What is in the CSV already is not computed again: an interrupted study goes
-on where it stopped.  Ends with code 1 if something is not as a study declares.  On two ranks:
+Writes FOLDER/NAME.csv, .md and .png, and for `all` the summary in docs/verification.md between the
+lines `<!-- studies -->` and `<!-- /studies -->`.  What is in the CSV already is not computed again:
+an interrupted study goes on where it stopped.  Ends with code 1 if something is not as a study
+declares.  On two ranks:
 ./gossamer mpi 2 demos/studies NAME [--quick].
 """
 

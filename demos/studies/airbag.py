@@ -1,9 +1,10 @@
 """The square airbag at rest: laws and residual stiffnesses side by side.
 
-Two flat square sheets of diagonal 1.2 m, 0.6 mm thick, E = 588 MPa, ν = 0.4, joined along the edges, which stay in
-z = 0; overpressure 5 kPa.  M is the centre, A a corner.  The references were computed with several meshes of the
-quarter of one sheet; but for V they scatter without an order.  For the problem and results of others see
-Jarasjarungkiat, Wüchner & Bletzinger, CMAME 198 (2009) 1097.
+Two flat square sheets of diagonal 1.2 m, 0.6 mm thick, E = 588 MPa, ν = 0.4, joined along the
+edges, which stay in z = 0; overpressure 5 kPa.  M is the centre, A a corner.  The references were
+computed with several meshes of the quarter of one sheet; but for V they scatter without an order.
+For the problem and results of others see Jarasjarungkiat, Wüchner & Bletzinger, CMAME 198 (2009)
+1097.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from gossamer_fx.meshes.sheet import crossed_sheet
 
 # Overpressure [Pa].
 PRESSURE = 5000.0
+# Half of the edge of a square whose diagonal is 1.2 m.
 HALF_EDGE = 0.6 / math.sqrt(2)
 FILM = {"E": 588e6, "nu": 0.4, "density": 1000.0, "thickness": 6e-4}
 LAWS: dict[str, FilmLaw] = {
@@ -37,12 +39,14 @@ QUARTERS = 4
 def airbag(
     comm: MPI.Comm, law: FilmLaw, order: int, cells: int
 ) -> tuple[gx.Membrane, gx.Equilibrium]:
-    """A quarter of one sheet with `cells` along half an edge, each of four triangles, in its planes of symmetry."""
+    """A quarter of one sheet with `cells` along half an edge, each of four triangles, in its planes
+    of symmetry."""
     film = gx.Membrane(
         crossed_sheet(comm, cells, cells, HALF_EDGE, HALF_EDGE),
         law,
         order=order,
     )
+    # The seam stays in its plane.
     seam = [gx.Fixed(film, edge, components=(2,)) for edge in ("top", "right")]
     symmetry = [
         gx.Fixed(film, "bottom", components=(1,)),
@@ -51,6 +55,7 @@ def airbag(
     return film, gx.Equilibrium(gx.Scene(film, gx.Pressure(film, PRESSURE), *seam, *symmetry))
 
 
+# `point` is a group of one node, which one rank owns.
 def displacement(
     film: gx.Membrane,
     search: gx.Equilibrium,
@@ -92,6 +97,7 @@ def problem(
     return {
         "w_M": float(displacement(film, search, "bottom left")[2]),
         "u_A": float(np.linalg.norm(displacement(film, search, "top right"))),
+        # The work of the pressure is p V, of a quarter of one sheet.
         "V": SHEETS * QUARTERS * found.totals.supplied / PRESSURE,
         "σ1_M": stress_at(film, search, "bottom left"),
         "wrinkled": wrinkled,

@@ -1,14 +1,16 @@
-"""In-plane bending of a tensioned film that wrinkles on its compression side (Stein & Hedgepeth, NASA TN D-813, 1961).
+"""In-plane bending of a tensioned film that wrinkles on its compression side (Stein & Hedgepeth,
+NASA TN D-813, 1961).
 
-A film of height H under the axial force P and the transverse dead load σ0 = P/(Ht) on its long edges; its ends stay
-straight and are turned by ±κL/2.  With K = E t H² κ/(2P),
+A film of height H under the axial force P and the transverse dead load σ0 = P/(Ht) on its long
+edges; its ends stay straight and are turned by ±κL/2.  With K = E t H² κ/(2P),
 
     K ≤ 1    2M/(PH) = K/3              b = 0
     K ≥ 1    2M/(PH) = 1 - ⅔ K^(-½)     b/H = 1 - K^(-½)      wrinkled below y = b
 
 The ends get the displacement of that solution, ε = κ (y - b) - ν σ0/E; P and M, about
-the centre of the end as it has moved, are reactions; m = 2M/(PH) is compared with the solution for the K of that P:
-turned by 1e-3, dead loads have couples that are not negligible compared with the moment of a strain of 1e-4.
+the centre of the end as it has moved, are reactions; m = 2M/(PH) is compared with the solution for
+the K of that P: turned by 1e-3, dead loads have couples that are not negligible compared with the
+moment of a strain of 1e-4.
 """
 
 from __future__ import annotations

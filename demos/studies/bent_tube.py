@@ -1,13 +1,16 @@
-"""Pure bending of an inflated tube, up to the first wrinkle and beyond (Stein & Hedgepeth, NASA TN D-813, 1961).
+"""Pure bending of an inflated tube, up to the first wrinkle and beyond (Stein & Hedgepeth, NASA TN
+D-813, 1961).
 
-A tube of inflated radius r and wall t under the pressure p, whose ends bear P = p π r²; small strains, hoop stress
-pr/t.  Beyond the curvature κ_w = p/(2Et) it wrinkles over the angle 2 θ0 on the compression side:
+A tube of inflated radius r and wall t under the pressure p, whose ends bear P = p π r²; small
+strains, hoop stress pr/t.  Beyond the curvature κ_w = p/(2Et) it wrinkles over the angle 2 θ0 on
+the compression side:
 
     κ ≤ κ_w    M = E π r³ t κ                                  first wrinkle at M_w = p π r³/2
     κ ≥ κ_w    sin θ0 + (π - θ0) cos θ0 = π κ_w/κ,    M = E t κ r³ (π - θ0 + ½ sin 2θ0)    →  p π r³
 
-The ends stay plane and get the displacement of that solution, ε = κ (z + r cos θ0) - ν p r/(Et); the moment is the
-reaction of one of them.  M_w is found by bisection: the smallest moment at which a cell wrinkles.
+The ends stay plane and get the displacement of that solution, ε = κ (z + r cos θ0) - ν p r/(Et);
+the moment is the reaction of one of them.  M_w is found by bisection: the smallest moment at which
+a cell wrinkles.
 """
 
 from __future__ import annotations
@@ -61,7 +64,11 @@ def moment(ratio: float) -> float:
 def turn(X: Array, ratio: float) -> Array:
     """Displacement of the last rim; the time of the continuation is κ/κ_w."""
     κ = ratio * FIRST
-    mean = INFLATED * (FIRST if ratio <= 1 else κ * math.cos(wrinkled_angle(ratio)))
+    # Up to the first wrinkle the mean strain is that of the pressure, R κ_w.
+    curvature = FIRST
+    if ratio > 1:
+        curvature = κ * math.cos(wrinkled_angle(ratio))
+    mean = INFLATED * curvature
     ε = κ * X[2] + mean - NU * P * RADIUS / (E * THICKNESS)
     return np.vstack([ε * X[0], 0 * ε, 0 * ε])
 

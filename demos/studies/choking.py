@@ -1,9 +1,10 @@
 """Choking of folded tubes: how much the folds hold gas back, and what decides it.
 
-The tube of `demos/folded_tube.py` (0.25 m, three compartments, two folds) is filled from its tank; one thing is changed
-at a time:
+The tube of `demos/folded_tube.py` (0.25 m, three compartments, two folds) is filled from its tank;
+one thing is changed at a time:
 
-    sharp         zigzag of 80°, layers 0.2 mm apart at the folds, 25 µm, no crease memory: the usual one
+    sharp         zigzag of 80°, layers 0.2 mm apart at the folds, 25 µm, no crease memory: the
+                  usual one
     lift 0.3      layers 0.6 mm apart at the folds
     open 60       panels that rise by 60°
     roll          rolled up: bends with a radius instead of sharp folds
@@ -12,9 +13,9 @@ at a time:
     no contact    layers pass through each other: what a computation without contact says
     long          0.8 m, five compartments, four folds
 
-For every fold: ratio of the pressures after and before it at 2, 3 and 5 ms, least and mean area of the ring over that
-of the round tube until 3 ms, and the time at which it is half open [ms].  Compartments between which nothing passes
-have a ratio that falls from 1 as the first one fills.
+For every fold: ratio of the pressures after and before it at 2, 3 and 5 ms, least and mean area of
+the ring over that of the round tube until 3 ms, and the time at which it is half open [ms].
+Compartments between which nothing passes have a ratio that falls from 1 as the first one fills.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ UNTIL = 12e-3
 DIAMETER = 0.03
 # Times [s] at which ratios of pressures are compared.
 TIMES = (2e-3, 3e-3, 5e-3)
+# Arguments of `demos.folded_tube.build` for each case.
 CASES: dict[str, dict[str, Any]] = {
     "sharp": {},
     "lift 0.3": {"lift": 3e-4},
@@ -45,6 +47,7 @@ CASES: dict[str, dict[str, Any]] = {
     "crease 0.02": {"crease": 0.02},
     "crease 0.2": {"crease": 0.2},
     "no contact": {"contact": 0.0},
+    # A longer tube needs more gas and more time.
     "long": {"length": 0.8, "panels": 5, "tank": 3.2e-6, "until": 20e-3},
 }
 
@@ -60,16 +63,21 @@ def problem(comm: MPI.Comm, tube: str) -> dict[str, float]:
     folds = sum(name.startswith("ring") for name in case.probes)
     found = {}
     for i in range(1, folds + 1):
+        # Pressure after a fold over that before it.
         ratio = series[f"p{i + 1} [Pa]"] / series[f"p{i} [Pa]"]
         area = series[f"ring{i} [mm2]"] / round_tube
+        # Until 3 ms the first fold decides.
         early = t <= TIMES[1]
         found |= {f"ratio{i} {1e3 * at:g} ms": float(np.interp(at, t, ratio)) for at in TIMES}
         found |= {f"least{i}": float(area[early].min()), f"mean{i}": float(area[early].mean())}
+        # A fold that never opens has no time.
         opened = np.flatnonzero(area >= OPEN)
-        found[f"opened{i} [ms]"] = 1e3 * float(t[opened[0]]) if len(opened) else math.inf
-    penetrations = (
-        float(series["penetrations"].max()) if "penetrations" in case.probes else math.nan
-    )
+        found[f"opened{i} [ms]"] = math.inf
+        if len(opened):
+            found[f"opened{i} [ms]"] = 1e3 * float(t[opened[0]])
+    penetrations = math.nan
+    if "penetrations" in case.probes:
+        penetrations = float(series["penetrations"].max())
     return found | {
         "penetrations": penetrations,
         "energy_error": abs(run.energy_error),
@@ -92,11 +100,13 @@ def draw(results: list[Result], path: Path) -> None:
     rows = [result for result in results if not result.failed]
     marks = "osD^"
     for panel, at in zip(axes, TIMES, strict=True):
+        # A row of the picture for each tube.
         for y, result in enumerate(rows):
             for i in range(1, 5):
                 ratio = result.values.get(f"ratio{i} {1e3 * at:g} ms")
                 if ratio is not None:
                     label = (
+                        # One legend for all panels: the long tube has all four folds.
                         f"fold {i}" if at == TIMES[0] and result.case["tube"] in ("long",) else None
                     )
                     panel.plot(

@@ -1,6 +1,7 @@
 """A clamped disc under pressure: every law must rise to the same height, since nothing wrinkles.
 
-StVK disc of radius a = 1 m, ν = 0.3, under the follower pressure q = pa/(Et).  In the reference radius s,
+StVK disc of radius a = 1 m, ν = 0.3, under the follower pressure q = pa/(Et).  In the reference
+radius s,
 
     (s N1)' = N2 cos θ,   s N1 θ' = -N2 sin θ - p r λ1,   r' = λ1 cos θ,   z' = λ1 sin θ
 

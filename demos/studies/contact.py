@@ -1,21 +1,27 @@
-"""Contact: iterations and errors of conservation over step and law, exact answers, and extreme numbers.
+"""Contact: iterations and errors of conservation over step and law, exact answers, and extreme
+numbers.
 
-films     a square film of 0.2 m is thrown at 2 m/s, turned and turning, onto another one; d̂ 1 mm, K 2e6 N/m³, 10 ms
-zigzag    a strip folded into 6 layers 2 mm apart, thrown at each other at random 1 m/s; d̂ 0.5 mm, K 8e6 N/m³, 10 ms
-bars      two strips head-on, edge to edge: one-dimensional waves (Saint-Venant): contact for 2L/c, stress ρcΔv/2,
-          velocities exchanged
+films     a square film of 0.2 m is thrown at 2 m/s, turned and turning, onto another one; d̂ 1 mm,
+          K 2e6 N/m³, 10 ms
+zigzag    a strip folded into 6 layers 2 mm apart, thrown at each other at random 1 m/s; d̂ 0.5 mm,
+          K 8e6 N/m³, 10 ms
+bars      two strips head-on, edge to edge: one-dimensional waves (Saint-Venant): contact for 2L/c,
+          stress ρcΔv/2, velocities exchanged
 wall      such a strip on a fixed plane: contact for 2L/c, it comes back as it came
-block     a film flat on a plane that is the face of a rigid body, by a linear penalty: contact for π√(m/k), m the
-          reduced mass, and the velocities of two bodies on a spring
-cable     a cable falls on a film;  edges: film edge on film edge;  corner: a film over the corner of a box
-tube      0.8 m, 58 mm, five compartments folded to a zigzag, filled from a tank for 40 ms, steps of 2.5e-5 s; and
-          alone, without contact, when layers pass through each other: the ratio of the times is what contact costs; and
-          controlled, with steps of at most 5e-5 s that aim at nine iterations
-map       films of 0.1 m, 4 x 4 cells, at 2 m/s, d̂ 1 mm, h 1e-4 s, 3 ms; one number goes from ordinary to extreme
+block     a film flat on a plane that is the face of a rigid body, by a linear penalty: contact for
+          π√(m/k), m the reduced mass, and the velocities of two bodies on a spring
+cable     a cable falls on a film;  edges: film edge on film edge;  corner: a film over the corner
+          of a box
+tube      0.8 m, 58 mm, five compartments folded to a zigzag, filled from a tank for 40 ms, steps of
+          2.5e-5 s; and alone, without contact, when layers pass through each other: the ratio of
+          the times is what contact costs; and controlled, with steps of at most 5e-5 s that aim at
+          nine iterations
+map       films of 0.1 m, 4 x 4 cells, at 2 m/s, d̂ 1 mm, h 1e-4 s, 3 ms; one number goes from
+          ordinary to extreme
 
-`deviation` is the largest relative error of contact time, velocities and mean stress, zero where no exact answer
-exists.  Every case must keep energy and momenta, and have no edge that intersects a triangle at its end; anything else
-is an error.  The picture is the map.
+`deviation` is the largest relative error of contact time, velocities and mean stress, zero where no
+exact answer exists.  Every case must keep energy and momenta, and have no edge that intersects a
+triangle at its end; anything else is an error.  The picture is the map.
 """
 
 from __future__ import annotations
@@ -37,10 +43,12 @@ from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN
 
+# A polymer film of 0.1 mm [Pa, 1, kg/m³, m].
 LAW = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
 # Largest errors, relative, with which a case counts as right.
 ENERGY = 1e-10
 MOMENTUM = 1e-12
+# The values of each axis of the map; the others are then those of ORDINARY.
 MAP = {
     "speed": [0.01, 0.1, 10.0, 100.0],
     "h": [0.1, 0.3, 3.0, 10.0],
@@ -62,7 +70,9 @@ ORDINARY = {
 def film(
     comm: MPI.Comm, n: int = 4, size: float = 0.1, name: str = "film", **given: Any
 ) -> gx.Membrane:
-    """A square film about `at` [m], turned about z by `turn` and about x by `tilt`, at a velocity and spin about z."""
+    """A square film about `at` [m], turned about z by `turn` and about x by `tilt`, at a velocity
+    and spin about z."""
+    # What a film has if it is not given.
     motion = {
         "at": (0.0, 0.0, 0.0),
         "turn": 0.0,
@@ -71,6 +81,7 @@ def film(
         "spin": 0.0,
     } | given
     law = motion.pop("law", None) or gx.Miyazaki(**LAW, residual_stiffness=1e-6)
+    # Turn about z, then tilt about the turned x axis.
     c, s, C, S = (f(motion[a]) for a in ("turn", "tilt") for f in (np.cos, np.sin))
 
     def placed(X: np.ndarray) -> np.ndarray:
@@ -94,12 +105,21 @@ def film(
 
 
 def zigzag(
-    comm: MPI.Comm, layers: int = 6, cells: int = 6, cell: float = 0.01, ridge: float = 2e-3
+    # The strip is meshed flat, and its columns then go to and fro.
+    comm: MPI.Comm,
+    layers: int = 6,
+    cells: int = 6,
+    cell: float = 0.01,
+    ridge: float = 2e-3,
 ) -> gx.Membrane:
-    """A strip folded along z, with random speeds of 1 m/s of its layers, and 0.3 m/s of its nodes."""
+    """A strip folded along z, with random speeds of 1 m/s of its layers, and 0.3 m/s of its
+    nodes."""
+    # Stations along the flat strip [m]: the cells of each layer, then the ridge to the next one.
     x = np.concatenate([[0], np.cumsum(([cell] * cells + [ridge]) * layers)[:-1]])
     layer = np.repeat(np.arange(layers), cells + 1)
+    # Distance from the begin of the column's layer.
     way = x - layer * (cells * cell + ridge)
+    # Every second layer runs back.
     X = np.where(layer % 2, cells * cell - way, way)
 
     def build(model: Any) -> None:
@@ -126,6 +146,8 @@ def zigzag(
         )
 
     def thrown(p: np.ndarray) -> np.ndarray:
+        # Different wave numbers along and across, so that no two nodes of a neighbourhood move
+        # alike.
         phase = np.sin(
             np.outer((3e3, 5e3, 7e3), p[0]) + np.outer((2e3, 11e3, 13e3), p[1])
         )  # the same on every rank
@@ -141,8 +163,10 @@ def zigzag(
     )
 
 
+# The valve is open by then, and all compartments are under pressure.
 # End of the run of the tube [s].
 UNTIL = 0.04
+# ν = 0 makes the waves one-dimensional.
 BAR = {"E": 2.3e9, "nu": 0.0, "density": 1400.0, "thickness": 1e-4}
 # Sizes [m] and speed [m/s] of each bar, and speed of waves in it [m/s].
 LENGTH = 0.5
@@ -167,6 +191,8 @@ def bar(comm: MPI.Comm, start: float, speed: float, name: str) -> gx.Membrane:
 
 def impact(comm: MPI.Comm, against: str) -> tuple[gx.Simulation, gx.Contact, float]:
     """Bars head-on, or one against a wall."""
+    # d is far below the displacement of the end in a passage of the wave, and h resolves a
+    # hundredth of it.
     d = 2e-5
     h = 4e-6
     left = bar(comm, -LENGTH - 1.1 * d, SPEED, "left")
@@ -185,12 +211,15 @@ def impact(comm: MPI.Comm, against: str) -> tuple[gx.Simulation, gx.Contact, flo
         gx.Midpoint(dt=h),
         outputs=[force],
     )
+    # The contact ends after 2 L/c; a tenth more shows the rebound.
     run.run(until=2.2 * 2 * LENGTH / WAVE)
     values = -np.array(force["force"])
     # Contact lasts for the steps with a force above round-off.
     time = h * np.count_nonzero(values > 1e-6 * values.max())
+    # Mean stress: impulse over contact time and section.
     stress = h * values.sum() / time / (WIDTH * BAR["thickness"])
     x = bar_velocity(run, left)
+    # Saint-Venant: both bars of one impedance, or one bar on a wall, bear ρ c V.
     exact = BAR["density"] * WAVE * SPEED
     return (
         run,
@@ -217,6 +246,8 @@ def block(comm: MPI.Comm) -> tuple[gx.Simulation, gx.Contact, float]:
     reduced = 0.75 * mass
     # A spring of this stiffness is closed by 0.6 of the distance.
     k = reduced * (V / (0.6 * d)) ** 2
+    # Three times the mass of the film; it neither turns nor tilts, so that its inertia does not
+    # count.
     face = gx.RigidBody(
         3 * mass,
         (1e-5, 1e-5, 1e-5),
@@ -238,6 +269,7 @@ def block(comm: MPI.Comm) -> tuple[gx.Simulation, gx.Contact, float]:
         stiffness=k / size**2,
         law="penalty",
     )
+    # About a thousandth of the contact time.
     h = 2e-6
     expected = np.pi * (reduced / k) ** 0.5
     force = gx.Series(
@@ -251,6 +283,7 @@ def block(comm: MPI.Comm) -> tuple[gx.Simulation, gx.Contact, float]:
         gx.Midpoint(dt=h),
         outputs=[force],
     )
+    # Past the end of the contact.
     run.run(until=1.3 * expected)
     time = h * np.count_nonzero(np.array(force["force"]) > 1e-9)
     depth = d - min(force["gap"])
@@ -269,6 +302,7 @@ def mixed(comm: MPI.Comm, what: str) -> tuple[gx.Simulation, gx.Contact, float]:
         down = lambda X: np.outer((0.0, 0.0, -2.0), np.ones(X.shape[1]))  # noqa: E731
         mesh = line(comm, [(-0.06, -0.01, 0.003), (0.07, 0.02, 0.003)], 5)
         rope = gx.Cable(
+            # A cable of 10 g/m, as thick as the distance of contact.
             mesh,
             gx.CableLaw(EA=1e4, line_density=0.01),
             velocity=down,
@@ -281,6 +315,7 @@ def mixed(comm: MPI.Comm, what: str) -> tuple[gx.Simulation, gx.Contact, float]:
             radius={"rope": 1e-3},
         )
     elif what == "edges":
+        # Both films are upright, and their lower and upper edge cross.
         upright = film(
             comm,
             at=(0.003, 0.0, 0.052),
@@ -300,6 +335,7 @@ def mixed(comm: MPI.Comm, what: str) -> tuple[gx.Simulation, gx.Contact, float]:
             distance=1e-3,
         )
     else:
+        # A corner points upwards, where three faces and three edges meet.
         box = gx.contact.Box(
             centre=(0, 0, -0.0366),
             sizes=(0.04, 0.04, 0.04),
@@ -329,6 +365,7 @@ def tube(
     comm: MPI.Comm, touches: bool, controlled: bool = False
 ) -> tuple[gx.Simulation, gx.Contact | None, float]:
     """A folded tube of five compartments, filled through a valve that opens within 15 ms."""
+    # The inflatable tube of a laboratory, rolled from film of 25 µm.
     length = 0.8
     diameter = 0.058
     folds = gx.fold.Zigzag(
@@ -341,7 +378,9 @@ def tube(
     )
     law = KAPTON_HN.law(25e-6, residual_stiffness=1e-6)
     mesh = flat_tube(comm, length, diameter, 6, compartments=5)
-    distance = 5e-4 if touches else 0.0
+    distance = 0.0
+    if touches:
+        distance = 5e-4
     made = gx.assemblies.InflatableTube(
         mesh,
         law,
@@ -358,11 +397,14 @@ def tube(
         temperature=293.0,
     )
 
+    # Diameter from 0.2 to 1 mm; a sudden opening would shock the first compartment.
     def area(t: float) -> float:
         s = min(max((t - 5e-3) / 1e-2, 0.0), 1.0)
         return np.pi / 4 * (0.2e-3 + 0.8e-3 * s * s * (3 - 2 * s)) ** 2
 
-    control = gx.StepControl(target_iterations=9, max_step=5e-5) if controlled else None
+    control = None
+    if controlled:
+        control = gx.StepControl(target_iterations=9, max_step=5e-5)
     run = gx.Simulation(
         gx.Scene(made, made.inlet(source, area)),
         gx.Midpoint(dt=2.5e-5),
@@ -376,6 +418,7 @@ def extreme(comm: MPI.Comm, words: list[str]) -> tuple[gx.Simulation, gx.Contact
     """One cell of the map."""
     v = ORDINARY | {axis: float(value) for axis, value in (word.split("=") for word in words)}
     law = LAW | {"thickness": v["thickness"]}
+    # `stiffness` is of the upper film only, so that films of different stiffness meet.
     soft = gx.Miyazaki(**law | {"E": LAW["E"] * v["stiffness"]}, residual_stiffness=1e-6)
     size = v["size"]
     lower = film(
@@ -384,6 +427,7 @@ def extreme(comm: MPI.Comm, words: list[str]) -> tuple[gx.Simulation, gx.Contact
         law=gx.Miyazaki(**law, residual_stiffness=1e-6),
         name="lower",
     )
+    # No node above another one, and outside of the activation distance.
     at = (0.1 * size, 0.05 * size, 1.5 * v["distance"])
     velocity = (0.1 * v["speed"], 0.0, -v["speed"])
     upper = film(
@@ -397,6 +441,7 @@ def extreme(comm: MPI.Comm, words: list[str]) -> tuple[gx.Simulation, gx.Contact
     )
     contact = gx.Contact(lower, upper, distance=v["distance"])
     run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=1e-4 * v["h"]))
+    # Thirty steps, and a whole impact where it lasts no longer.
     run.run(until=max(30 * run.stepper.dt, 3e-3 if v["speed"] >= 1 else 0.0))
     return run, contact, 0.0
 
@@ -451,6 +496,7 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
     now = run.totals
     P = run.system.numbering.vector()
     run.system.M.mult(run.system.v0, P)
+    # The sum of |m v| is a scale that is not zero, also where total momentum is.
     size = float(
         comm.allreduce(np.abs(P.array_r).sum())
     )  # momenta of all nodes, which may be opposite
@@ -462,11 +508,15 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
         )
         / size
     )
-    penetrations = 0.0 if contact is None else gx.probes.Penetrations(contact)(run)
+    penetrations = 0.0
+    if contact is not None:
+        penetrations = gx.probes.Penetrations(contact)(run)
+    # Whatever else is measured, a case that violates these is an error.
     sound = abs(run.energy_error) < ENERGY and (change < MOMENTUM or not free) and penetrations == 0
     check(
         sound,
-        f"Case '{case}' is wrong without a word: energy {run.energy_error:.1e}, momenta {change:.1e}, "
+        f"Case '{case}' has a wrong result without an error: energy {run.energy_error:.1e}, "
+        f"momenta {change:.1e}, "
         f"{penetrations:.0f} penetrations.",
     )
     return {
@@ -482,6 +532,7 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
 def cases() -> list[str]:
     """Names of all cases: scenes over law and step, exact ones, and the cells of the map."""
     table = [
+        # Both laws, and steps up to those that need rejections.
         f"{s} {law} {h:g}"
         for s in ("films", "zigzag")
         for law in ("barrier", "penalty")

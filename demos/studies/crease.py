@@ -1,8 +1,9 @@
-"""A strip folded along a crease in its middle and pulled at both ends: plates of order 2 against elastica and hinge.
+"""A strip folded along a crease in its middle and pulled at both ends: plates of order 2 against
+elastica and hinge.
 
-The exact solution is that of inextensible panels (an elastica each) and a linear rotational spring with a rest angle:
-the strip of `gossamer_fx.analysis.crease_identification` without own weight.  Wanted: 1 % of the distance and 0.7° of
-the angle with 8 cells a panel; with 16, a quarter of it.
+The exact solution is that of inextensible panels (an elastica each) and a linear rotational spring
+with a rest angle: the strip of `gossamer_fx.analysis.crease_identification` without own weight.
+Wanted: 1 % of the distance and 0.7° of the angle with 8 cells a panel; with 16, a quarter of it.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from demos.studies.engine.study import Measure, Study
 from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.probes.crease_angle import FoldAngle
 
+# Length of a panel, width and thickness [m]; Young's modulus [Pa].
 LENGTH = 0.05
 WIDTH = 0.01
 THICKNESS = 50e-6
@@ -25,6 +27,7 @@ E = 2.5e9
 # Of the crease: N m/m/rad, and rad.
 STIFFNESS = 2e-3
 REST = math.radians(120.0)
+# ν = 0: the panels bend as strips.
 LAW = gx.Linear(
     E=E,
     nu=0.0,
@@ -93,6 +96,7 @@ def _distance(plate: gx.Plate, search: gx.Equilibrium) -> float:
     for side, name in zip(sums, ("left", "right"), strict=True):
         nodes = plate.nodes(name)
         nodes = nodes[nodes < len(x)]
+        # Each rank adds its own nodes.
         side += x[nodes, 0].sum(), len(nodes)
     sums = plate.comm.allreduce(sums)
     left, right = sums[:, 0] / sums[:, 1]

@@ -1,9 +1,10 @@
 """Convergence of a deployment: the folded tube on three meshes with three steps.
 
-The tube of `demos/folded_tube.py`, 0.25 m, three compartments, to 12 ms with equal steps.  What is compared is what a
-designer asks: when the rings open, the pressures, how fast the tip moves, and where it is.  Motion of folded film is
-chaotic: round-off grows by contact and by wrinkles, and so do errors.  A row is therefore also computed with the tank's
-pressure changed by 1e-9 of itself ("nudged"): what differs between the two is what no mesh and no step can tell.
+The tube of `demos/folded_tube.py`, 0.25 m, three compartments, to 12 ms with equal steps.  What is
+compared is what a designer asks: when the rings open, the pressures, how fast the tip moves, and
+where it is.  Motion of folded film is chaotic: round-off grows by contact and by wrinkles, and so
+do errors.  A row is therefore also computed with the tank's pressure changed by 1e-9 of itself
+("nudged"): what differs between the two is what no mesh and no step can tell.
 """
 
 from __future__ import annotations

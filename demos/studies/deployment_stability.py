@@ -1,9 +1,10 @@
-"""Which disturbances a spin deployment survives: a disc and IKAROS' sail, tilted, off their axis, or stuck.
+"""Which disturbances a spin deployment survives: a disc and IKAROS' sail, tilted, off their axis,
+or stuck.
 
-A case is a list of arguments of `demos/spin_deployment.py`, e.g. "tilt=2 stuck=0.02"; "ordinary" is the demo itself.
-Cases that begin with "ikaros" have arguments of `demos/ikaros.py`.  The tilt is that of
-the spin against the axis of the hub [deg].  The roll is a long body, so that its angular momentum leans more: the
-column nutation_at_start [deg] tells by how much.
+A case is a list of arguments of `demos/spin_deployment.py`, e.g. "tilt=2 stuck=0.02"; "ordinary" is
+the demo itself. Cases that begin with "ikaros" have arguments of `demos/ikaros.py`.  The tilt is
+that of the spin against the axis of the hub [deg].  The roll is a long body, so that its angular
+momentum leans more: the column nutation_at_start [deg] tells by how much.
 
     tilt × stuck    a map
     offset          of the hub's centre of mass [m]; the hub has a radius of 50 mm
@@ -18,11 +19,12 @@ A deployment of the disc is
     open        if the mean radius of the tips has reached `OPEN` of it, but a tip lags at the end,
     tangled     otherwise.
 
-IKAROS' tips are out at the start.  Its deployment is tangled unless the middle of the edge of the trapezoid that sticks
-comes to 6 m, and even if the radii of the tips differ by less than `IMBALANCE` of their mean at the end.
+IKAROS' tips are out at the start.  Its deployment is tangled unless the middle of the edge of the
+trapezoid that sticks comes to 6 m, and even if the radii of the tips differ by less than
+`IMBALANCE` of their mean at the end.
 
-Folded film moves chaotically: some cases are computed again with the spin changed by a few 1e-9 of itself ("nudge=1",
-"nudge=2"), and the picture shows the span of their results.
+Folded film moves chaotically: some cases are computed again with the spin changed by a few 1e-9 of
+itself ("nudge=1", "nudge=2"), and the picture shows the span of their results.
 """
 
 from __future__ import annotations
@@ -39,10 +41,12 @@ from demos.studies.engine.study import Result, Study
 
 DIAMETER = 1.0
 REV = 8.0
-# Time [s] at which the disc of the ordinary case is open, at 8 revolutions a second; slower ones take longer.
+# Time [s] at which the disc of the ordinary case is open, at 8 revolutions a second; slower ones
+# take longer.
 UNTIL = 0.24
 
-# Radius of the tips over that of the open disc.  The ordinary case comes to 0.86: its film stays wrinkled.
+# Radius of the tips over that of the open disc.  The ordinary case comes to 0.86: its film stays
+# wrinkled.
 OPEN = 0.75
 EVEN = 0.6
 
@@ -129,7 +133,8 @@ def problem(comm: MPI.Comm, case: str, until: float | None = None) -> Mapping[st
 
 
 def draw(results: list[Result], path: Path) -> None:
-    """The map of tilts and sticking times, and the other cases: colour by outcome, numbers as text."""
+    """The map of tilts and sticking times, and the other cases: colour by outcome, numbers as
+    text."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -1,28 +1,31 @@
 """The law `Elastica` compared with a plate whose wrinkles are resolved, on a sheared film.
 
-The question is when the law is better than a tension field.  The film of `wrinkled_plate` (380 × 128 mm, both long
-edges clamped, one moved along itself) has thicknesses from 50 to 400 µm and is sheared by γ = 0.3/128.  The half
-wavelength that the law needs is predicted by the theory of Wong & Pellegrino (2006), not measured on the plate:
+The question is when the law is better than a tension field.  The film of `wrinkled_plate` (380 ×
+128 mm, both long edges clamped, one moved along itself) has thicknesses from 50 to 400 µm and is
+sheared by γ = 0.3/128.  The half wavelength that the law needs is predicted by the theory of Wong &
+Pellegrino (2006), not measured on the plate:
 
     λ = (πHt)^½ (3(1-ν²)γ)^(-¼)
 
-Its wrinkles bear Euler's strain e = π² t²/(12 λ²) of compression.  A tension field leaves it out, and the share of the
-stress that it leaves out is, with the strain γ/2 along the wrinkles,
+Its wrinkles bear Euler's strain e = π² t²/(12 λ²) of compression.  A tension field leaves it out,
+and the share of the stress that it leaves out is, with the strain γ/2 along the wrinkles,
 
     r = 2 e/γ = π t/(6 H) (3(1-ν²)/γ)^½
 
-A strip of the law bends across its wrinkle only.  A wrinkle in a film is also held down by the tension σ1 along it,
-which curves with the half length ℓ of its envelope.  The stress that keeps it is that of both,
+A strip of the law bends across its wrinkle only.  A wrinkle in a film is also held down by the
+tension σ1 along it, which curves with the half length ℓ of its envelope.  The stress that keeps it
+is that of both,
 
     D (π/λ)²/t + σ1 (λ/ℓ)²
 
-and λ makes this least, where both parts are equal: the wrinkles bear twice the stress of the strip.  A strip of length
-λ/√2 bears it alone.
+and λ makes this least, where both parts are equal: the wrinkles bear twice the stress of the strip.
+A strip of length λ/√2 bears it alone.
 
-Models: "plate" is the reference, with four cells to a half wave; "plate, finer" has six, and is the error of the
-reference; "tension field", "Elastica" with λ and "Elastica, λ/√2" are held in their plane, as the law has the wrinkles
-already.  The films "Elastica, free" with λ may move out of it.  They have a compressive stress and no bending
-stiffness, so that short cells buckle: cells are of 16 mm, long ones of 32 mm.
+Models: "plate" is the reference, with four cells to a half wave; "plate, finer" has six, and is the
+error of the reference; "tension field", "Elastica" with λ and "Elastica, λ/√2" are held in their
+plane, as the law has the wrinkles already.  The films "Elastica, free" with λ may move out of it.
+They have a compressive stress and no bending stiffness, so that short cells buckle: cells are of 16
+mm, long ones of 32 mm.
 """
 
 from __future__ import annotations
@@ -47,20 +50,21 @@ HEIGHT = 0.128  # m
 SHEAR = 0.3e-3  # displacement of the upper edge [m]
 GAMMA = SHEAR / HEIGHT
 FILM = {"E": 3.5e9, "nu": 0.31, "density": 1420.0}
-# Cells of the plate to a half wave, along the sheet, by model; fewer than four make wrinkles longer, see
-# `wrinkled_plate`.
+# Cells of the plate to a half wave, along the sheet, by model; fewer than four make wrinkles
+# longer, see `wrinkled_plate`.
 CELLS_PER_HALF_WAVE = {"plate": 4, "plate, finer": 6}
 # Cells of the plate across the sheet, along the wrinkles, for each cell of a half wave.
 ROWS_PER_CELL = 4
 # Length at both ends in which the cells of the plate turn upright, see `leaning_sheet`.
 LEAN = 0.11  # m
-# Cells of the films along the sheet and across it, of order 2.  With 48 × 16 forces are 0.4 % smaller, and the search
-# takes ten times as long: the corners at the free ends are slack.
+# Cells of the films along the sheet and across it, of order 2.  With 48 × 16 forces are 0.4 %
+# smaller, and the search takes ten times as long: the corners at the free ends are slack.
 FILM_CELLS = (24, 8)
 LONG_CELLS = (12, 4)
 # The law with the length that stands for bending and tension.
 WITH_TENSION = "Elastica, λ/√2"
-# The law of films that may leave their plane; the second one has cells as long as the wrinkles of 200 µm.
+# The law of films that may leave their plane; the second one has cells as long as the wrinkles of
+# 200 µm.
 FREE = "Elastica, free"
 FREE_COARSE = "Elastica, free, long cells"
 MODELS = ("plate", "plate, finer", "tension field", "Elastica", WITH_TENSION, FREE, FREE_COARSE)
@@ -88,7 +92,8 @@ def sheared(X: np.ndarray) -> np.ndarray:
 
 
 def waved(X: np.ndarray) -> np.ndarray:
-    """Sheared, with waves of 1 µm: a film that is exactly plane has no reason to leave its plane."""
+    """Sheared, with waves of 1 µm: a film that is exactly plane has no reason to leave its
+    plane."""
     height = 1e-6 * np.sin(150 * X[0] + 90 * X[1])
     return sheared(X) + np.stack([0 * height, 0 * height, height])
 
@@ -98,7 +103,8 @@ def plate(
     thickness: float,
     cells: int,
 ) -> tuple[gx.Fixed, gx.Equilibrium]:
-    """The plate with `cells` to a half wave, which starts with small wrinkles of the theory's length at 45°."""
+    """The plate with `cells` to a half wave, which starts with small wrinkles of the theory's
+    length at 45°."""
     λ = half_wavelength(thickness)
     amplitude = λ / math.pi * math.sqrt(2 * (1 - FILM["nu"]) * GAMMA)
 
@@ -135,7 +141,9 @@ def membrane(
 ) -> tuple[gx.Fixed, gx.Equilibrium]:
     """The film with a law for its mean stress, held in its plane unless the model is free."""
     is_free = model in (FREE, FREE_COARSE)
-    along, across = LONG_CELLS if model == FREE_COARSE else FILM_CELLS
+    along, across = FILM_CELLS
+    if model == FREE_COARSE:
+        along, across = LONG_CELLS
     mesh = sheet(comm, along, across, LENGTH, HEIGHT)
     start = waved if is_free else sheared
     body = gx.Membrane(mesh, law, order=2, displacement=start)
@@ -146,7 +154,9 @@ def membrane(
     if not is_free:
         items.append(gx.Fixed(body, "film", components=(2,), name="plane"))
     # A search that ends in NoEquilibrium is not longer than needed to tell.
-    iterations = 150 if is_free else 500
+    iterations = 500
+    if is_free:
+        iterations = 150
     search = gx.analysis.Continuation(tolerance=1e-4, total_iterations=iterations)
     return above, gx.Equilibrium(gx.Scene(*items), search)  # type: ignore[arg-type]
 
@@ -194,7 +204,8 @@ def problem(comm: MPI.Comm, thickness: float, model: str) -> dict[str, float]:
 
 
 def draw(results: list[Result], path: Path) -> None:
-    """Errors of the force and the energy of both laws over the share of the stress that a tension field leaves out."""
+    """Errors of the force and the energy of both laws over the share of the stress that a tension
+    field leaves out."""
     from demos.common.figures import BLUE, GREEN, RED, new_figure, save
 
     figure = new_figure()

@@ -1,12 +1,14 @@
-"""When the memory of folds hinders a deployment, and when it helps: creases of a spinning disc and of a folded tube.
+"""When the memory of folds hinders a deployment, and when it helps: creases of a spinning disc and
+of a folded tube.
 
-A fold of the angle θ0 that has a rest angle θr = s θ0 drives the film to this angle.  With the stiffness k per length,
-opening it takes the work
+A fold of the angle θ0 that has a rest angle θr = s θ0 drives the film to this angle.  With the
+stiffness k per length, opening it takes the work
 
     W = ½ k θ0² (2 s - 1)        per length,
 
-so that an elastic crease gives energy for s < 1/2 and takes it for s > 1/2; at s = 1/2 it gives until the fold is half
-open, and takes as much after that.  A plastic crease with the yield angle φ has the moment k φ at most, and takes
+so that an elastic crease gives energy for s < 1/2 and takes it for s > 1/2; at s = 1/2 it gives
+until the fold is half open, and takes as much after that.  A plastic crease with the yield angle φ
+has the moment k φ at most, and takes
 
     W = k φ (θ0 - φ/2)           per length,    s = 1, φ < θ0.
 
@@ -16,18 +18,18 @@ The measure of the memory is the energy of all folds over that which drives the 
 
 with the kinetic energy at the start (disc), or pressure times volume of the tank (tube), as H.
 
-A case is a sail, "disc" or "tube", with arguments of `demos/spin_deployment.py` or `demos/folded_tube.py`; without
-arguments it has no creases.  The disc is open when the mean radius of its tips is `spin_deployment.OPEN` of that of the
-flat disc, the tube when its tip is `folded_tube.ARRIVED` of its length from the clamp.  Against the case without
-creases the memory
+A case is a sail, "disc" or "tube", with arguments of `demos/spin_deployment.py` or
+`demos/folded_tube.py`; without arguments it has no creases.  The disc is open when the mean radius
+of its tips is `spin_deployment.OPEN` of that of the flat disc, the tube when its tip is
+`folded_tube.ARRIVED` of its length from the clamp.  Against the case without creases the memory
 
     prevents        if the sail is not open at the end,
     hinders         if it is open later by more than `VISIBLE`,
     helps           if it is open sooner by more than `VISIBLE`,
     has no effect   otherwise.
 
-Folded film moves chaotically: some cases are computed again with the spin or the lift of the layers changed by 1e-9 of
-itself times the number "nudge".
+Folded film moves chaotically: some cases are computed again with the spin or the lift of the layers
+changed by 1e-9 of itself times the number "nudge".
 """
 
 from __future__ import annotations
@@ -45,7 +47,8 @@ from demos.studies.engine.study import Result, Study
 # Arguments of the demos that cases change by a nudge, and their values.
 REV = 8.0
 LIFT = 1e-4
-# The tube of the study is shorter than that of the demo and has one fold; its tank is smaller in proportion [m, m³].
+# The tube of the study is shorter than that of the demo and has one fold; its tank is smaller in
+# proportion [m, m³].
 TUBE = {"length": 0.16, "panels": 2, "tank": 0.64e-6}
 # Sides of the hub: the disc of the demo has six, and takes three times the CPU time.
 SIDES = 4
@@ -63,7 +66,8 @@ EFFECTS = ("prevents", "hinders", "has no effect", "helps")
 
 # Yield angle of plastic creases [rad]: 20 degrees.
 YIELD_ANGLE = "0.35"
-# Stiffness of creases [N m/m/rad] over three decades.  The memory Π of the disc is 160 times as large.
+# Stiffness of creases [N m/m/rad] over three decades.  The memory Π of the disc is 160 times as
+# large.
 DISC = [
     f"disc crease={k} set_angle_ratio={ratio}"
     for k, ratios in {
@@ -76,8 +80,8 @@ DISC = [
 PLASTIC_DISC = [
     f"disc crease={k} set_angle_ratio=1 yield_angle={YIELD_ANGLE}" for k in ("0.002", "0.02")
 ]
-# Π of the tube is 0.4 times the stiffness at full pressure.  Creases of more than 0.2 N m/m/rad snap in steps of
-# microseconds: a larger Π is that of less pressure.
+# Π of the tube is 0.4 times the stiffness at full pressure.  Creases of more than 0.2 N m/m/rad
+# snap in steps of microseconds: a larger Π is that of less pressure.
 TUBE_CASES = [
     "tube",
     "tube crease=0.02 set_angle_ratio=1",
@@ -113,9 +117,11 @@ def arguments(case: str) -> dict[str, float]:
 
 
 def deploy(comm: MPI.Comm, sail: str, until: float, **given: float) -> dict[str, float]:
-    """What `main` of a demo returns, with the memory, the time [s] of the opening, and the size at the end.
+    """What `main` of a demo returns, with the memory, the time [s] of the opening, and the size at
+    the end.
 
-    The size is the mean radius of the tips over that of the flat disc, or the distance of the tip over the length.
+    The size is the mean radius of the tips over that of the flat disc, or the distance of the tip
+    over the length.
     """
     factor = 1 + NUDGE * given.pop("nudge", 0.0)
     if sail == "disc":
@@ -148,7 +154,8 @@ def reference(comm: MPI.Comm, sail: str, until: float, **drive: float) -> dict[s
 
 
 def effect(opened: float, without: float) -> float:
-    """Index in `EFFECTS` of a time of opening [s] against that without creases; nan if that is not open."""
+    """Index in `EFFECTS` of a time of opening [s] against that without creases; nan if that is not
+    open."""
     if not math.isfinite(without):
         return math.nan
     if not math.isfinite(opened):
@@ -161,7 +168,8 @@ def effect(opened: float, without: float) -> float:
 
 
 def problem(comm: MPI.Comm, case: str, until: float | None = None) -> Mapping[str, float]:
-    """Deploy a sail with creases; returns the figures of `deploy`, the delay against none, and the effect."""
+    """Deploy a sail with creases; returns the figures of `deploy`, the delay against none, and the
+    effect."""
     sail, *_ = case.split()
     given = arguments(case)
     # What drives the sail, and how it is computed, is that of the sail without creases, too.
@@ -249,7 +257,8 @@ def draw(results: list[Result], path: Path) -> None:
 
 
 def _is_drawn(result: Result, sail: str) -> bool:
-    """Whether a result is one of a sail that the picture shows: not a nudged start, another mesh or step."""
+    """Whether a result is one of a sail that the picture shows: not a nudged start, another mesh or
+    step."""
     case = str(result.case["case"])
     others = ("nudge", "cells", "dt", "largest", "n=6")
     is_other = any(word in case for word in others)

@@ -1,10 +1,11 @@
-"""For how long a gradient of a deployment predicts finite changes: the folded tube and the spinning disc.
+"""For how long a gradient of a deployment predicts finite changes: the folded tube and the spinning
+disc.
 
-At some times t of a run the exact derivative g(t) = dJ/dθ of a result J is taken, and J is computed again
-with the parameter changed by a relative change δ.  The gradient predicts the change up to the first time
-at which
+At some times t of a run the exact derivative g(t) = dJ/dθ of a result J is taken, and J is computed
+again with the parameter changed by a relative change δ.  The gradient predicts the change up to the
+first time at which
 
-    |J(t; θ (1 + δ)) - J(t; θ) - δ θ g(t)| > `TOLERATED` max over s ≤ t of |δ θ g(s)|                 (1)
+    |J(t; θ (1 + δ)) - J(t; θ) - δ θ g(t)| > `TOLERATED` max over s ≤ t of |δ θ g(s)|      (1)
 
 The maximum is there since a result may pass through a time at which its derivative vanishes.
 
@@ -15,11 +16,11 @@ The maximum is there since a result may pass through a time at which its derivat
 
 They are the scenes of `demos/folded_tube.py`, without and with viscosity of the film, and of
 `demos/spin_deployment.py`, which has some.  They have what a gradient needs: a contact of given
-stiffness, steps of equal length, and a valve that is open at the start.  The steps are so short that
-none is rejected: a step that is solved in two halves in one of two runs parts them by itself.
+stiffness, steps of equal length, and a valve that is open at the start.  The steps are so short
+that none is rejected: a step that is solved in two halves in one of two runs parts them by itself.
 
-The columns "warned" compare this with what `gx.analysis.gradient` says: from which time on it warns, and
-for how long it predicts a relative change according to its warning at that time.
+The columns "warned" compare this with what `gx.analysis.gradient` says: from which time on it
+warns, and for how long it predicts a relative change according to its warning at that time.
 """
 
 from __future__ import annotations
@@ -46,7 +47,8 @@ TOLERATED = 0.1
 CHANGES = (1e-6, 1e-4, 1e-2)
 FRAMES = 12
 
-# Stiffness of contact [N/m³]: enough to stop what closes at 30 and 8 m/s within the activation distance.
+# Stiffness of contact [N/m³]: enough to stop what closes at 30 and 8 m/s within the activation
+# distance.
 TUBE_CONTACT = 5e8
 DISC_CONTACT = 2e7
 
@@ -161,13 +163,14 @@ def _film(run: gx.Simulation) -> gx.Membrane:
 
 
 SCENES = {"tube": tube, "damped tube": damped_tube, "disc": disc}
-# End of the run and length of a step [s].  The disc is open at its end.  The tube opens within 6 ms, but
-# its gradient predicts nothing long before.
+# End of the run and length of a step [s].  The disc is open at its end.  The tube opens within 6
+# ms, but its gradient predicts nothing long before.
 TIMES = {"tube": (1.2e-3, 1e-5), "damped tube": (4.8e-3, 1e-5), "disc": (0.24, 4e-4)}
 
 
 def problem(comm: MPI.Comm, scene: str, share: float = 1.0) -> Mapping[str, float]:
-    """Compare gradients with changed runs; `share` is the part of the deployment that is followed."""
+    """Compare gradients with changed runs; `share` is the part of the deployment that is
+    followed."""
     began = time.process_time()
     end, h = TIMES[scene]
     # A whole number of steps between two frames.
@@ -226,7 +229,8 @@ def _errors(
 
 
 def warned(times: Array, growths: Array) -> dict[str, float]:
-    """From which time on a gradient warns [ms], and for how long it then predicts [ms], by its warning.
+    """From which time on a gradient warns [ms], and for how long it then predicts [ms], by its
+    warning.
 
     A time of a warning that was not given is not a number.
     """

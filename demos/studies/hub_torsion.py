@@ -1,12 +1,13 @@
 """Torsion of a rigid hub in a tensioned annular film: wrinkles spread from the hub.
 
-A film between a hub of radius a and a rim of radius b, under the uniform tension σ0, whose hub is turned by θ with the
-torque T; c = T/(2πt).  Of an axisymmetric plane film, for small strains,
+A film between a hub of radius a and a rim of radius b, under the uniform tension σ0, whose hub is
+turned by θ with the torque T; c = T/(2πt).  Of an axisymmetric plane film, for small strains,
 
     τ = c/r²,   (r σ_r)' = σ_t
     taut       σ_r = A + B/r²,  σ_t = A - B/r²,  u = r (σ_t - ν σ_r)/E
-    wrinkled   σ_r σ_t = τ², so (r σ_r)² = k² - c²/r²;  principal strains ε1 = (σ_r + σ_t)/E and ε2 at the angle
-               tan φ = τ/σ_r to the radius:  u/r = ε1 sin²φ + ε2 cos²φ,  u' = ε1 cos²φ + ε2 sin²φ
+    wrinkled   σ_r σ_t = τ², so (r σ_r)² = k² - c²/r²;  principal strains ε1 = (σ_r + σ_t)/E and ε2
+               at the angle tan φ = τ/σ_r to the radius:  u/r = ε1 sin²φ + ε2 cos²φ,  u' = ε1 cos²φ
+               + ε2 sin²φ
     (v/r)' = γ/r,   γ = 2(1+ν)τ/E taut,  (ε1 - ε2) sin 2φ wrinkled
 
 u and the stresses are continuous where A² = (B² + c²)/R⁴, and u/r = (1-ν)σ0/E at hub and rim.
@@ -35,7 +36,8 @@ RIM = 1.0
 THICKNESS = 2e-5
 E = 2.3e9
 NU = 0.3
-# Tension σ0 [Pa], small enough for the theory of small strains, and the strain that it has in both directions.
+# Tension σ0 [Pa], small enough for the theory of small strains, and the strain that it has in both
+# directions.
 TENSION = 1e-5 * E
 STRAIN = (1 - NU) * TENSION / E
 FILM = {"E": E, "nu": NU, "density": 1400.0, "thickness": THICKNESS}
@@ -51,7 +53,8 @@ INNER_STEPS = 500
 
 @dataclass(frozen=True)
 class Solution:
-    """Rotation θ [rad] of the hub, radius R [m] of the wrinkles, and what the stresses are made of."""
+    """Rotation θ [rad] of the hub, radius R [m] of the wrinkles, and what the stresses are made
+    of."""
 
     θ: float
     R: float
@@ -170,7 +173,8 @@ def problem(
     film = gx.Membrane(mesh, LAWS[law], order=order)
 
     def turn(X: np.ndarray, t: float) -> np.ndarray:
-        """Displacement (3, n) of hub and rim: stretched by the tension, and the hub turned by -θ."""
+        """Displacement (3, n) of hub and rim: stretched by the tension, and the hub turned by
+        -θ."""
         at_hub = np.hypot(X[0], X[1]) < (HUB + RIM) / 2
         angle = np.where(at_hub, -θ, 0.0)
         # Stretched by the tension first, then turned.
@@ -197,7 +201,8 @@ def problem(
     found = search.find()
     _, moment = search.reaction(hub)
     measured = abs(moment[2]) / (2 * math.pi * THICKNESS)
-    # The angle is given and the torque measured: the error of the angle at a given torque follows by the slope.
+    # The angle is given and the torque measured: the error of the angle at a given torque follows
+    # by the slope.
     slope = (exact(1.01 * c).θ - exact(0.99 * c).θ) / (0.02 * c)
     fields = FieldFunctions(search.system, film, ["stress1"])
     fields.update()
@@ -213,7 +218,8 @@ def problem(
 
 
 def mean_ratio(stress: fem.Function, solution: Solution, width: float) -> float:
-    """Mean of the computed over the exact stress, in the centres of the cells about the circle of the probe."""
+    """Mean of the computed over the exact stress, in the centres of the cells about the circle of
+    the probe."""
     domain = stress.function_space.mesh
     cells = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
     r = np.linalg.norm(compute_midpoints(domain, 2, cells), axis=1)

@@ -1,8 +1,8 @@
 """Convergence of stage 2 of `demos/ikaros.py`: folds every 0.64 and 0.32 m with three steps.
 
-Compared is what a designer asks: when the middles of the edges are 6 m out, how far the tips come, and the spins of hub
-and sail.  Folds are where the mesh has them, so the finer sail has twice as many layers, and is another sail until it
-is flat.
+Compared is what a designer asks: when the middles of the edges are 6 m out, how far the tips come,
+and the spins of hub and sail.  Folds are where the mesh has them, so the finer sail has twice as
+many layers, and is another sail until it is flat.
 """
 
 from __future__ import annotations

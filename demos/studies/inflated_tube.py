@@ -1,11 +1,13 @@
 """A closed tube under pressure: stretches of the wall away from the caps.
 
-StVK cylinder of radius r0 and wall t under the follower pressure p, q = p r0/(Et).  Its flat caps bulge and wrinkle;
-the wall away from them has
+StVK cylinder of radius r0 and wall t under the follower pressure p, q = p r0/(Et).  Its flat caps
+bulge and wrinkle; the wall away from them has
 
-    2 S_x λ_x = (p r0/t) λ_t²,   S_t = (p r0/t) λ_x,   E (λ_x² - 1)/2 = S_x - ν S_t,   E (λ_t² - 1)/2 = S_t - ν S_x.
+    2 S_x λ_x = (p r0/t) λ_t²,   S_t = (p r0/t) λ_x,   E (λ_x² - 1)/2 = S_x - ν S_t,   E (λ_t² -
+                                 1)/2 = S_t - ν S_x.
 
-The film starts unstressed and whole: nothing holds it, the equilibrium is unique but for rigid motions.
+The film starts unstressed and whole: nothing holds it, the equilibrium is unique but for rigid
+motions.
 """
 
 from __future__ import annotations
@@ -34,6 +36,7 @@ def exact(q: float) -> tuple[float, float]:
     ν = FILM["nu"]
     λ_x = 1.0
     λ_t = 1.0
+    # The rate is below a tenth: a hundred iterations reach round-off.
     for _ in range(100):
         S_x = q * λ_t**2 / (2 * λ_x)
         S_t = q * λ_x
@@ -43,7 +46,8 @@ def exact(q: float) -> tuple[float, float]:
 
 
 def stretches(film: gx.Membrane, search: gx.Equilibrium) -> tuple[float, float]:
-    """(λ_x, λ_t) of the middle quarter of the wall: mean distance from its axis, and slope of x over X."""
+    """(λ_x, λ_t) of the middle quarter of the wall: mean distance from its axis, and slope of x
+    over X."""
     x = search.system.q0.array_r.reshape(-1, 3)
     X = film.space.tabulate_dof_coordinates()[: len(x)]
     # Away from the caps, which disturb the wall over a few radii.
@@ -54,6 +58,7 @@ def stretches(film: gx.Membrane, search: gx.Equilibrium) -> tuple[float, float]:
         return total
 
     n = float(sums(np.ones(middle.sum())))
+    # About the mean of the middle part, as nothing holds the tube.
     x = x[middle] - sums(x[middle]) / n
     X = X[middle] - sums(X[middle]) / n
     λ_x = sums(x[:, 0] * X[:, 0]) / sums(X[:, 0] ** 2)

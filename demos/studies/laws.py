@@ -1,10 +1,11 @@
 """Film laws side by side: a strip that is bent until it wrinkles, and the square airbag.
 
-    strip     `bending_strip` at K = 2: displacement u of its upper right corner across it, larger stress σ1 there,
-              moment m
+    strip     `bending_strip` at K = 2: displacement u of its upper right corner across it, larger
+              stress σ1 there, moment m
     airbag    `airbag`: displacement u of its centre, larger stress σ1 there, volume V
 
-`Linear` bears the compression; without bending stiffness the airbag then buckles as finely as its mesh allows.
+`Linear` bears the compression; without bending stiffness the airbag then buckles as finely as its
+mesh allows.
 """
 
 from __future__ import annotations

@@ -1,20 +1,27 @@
-"""Flights: Kepler's motion of rigid and flexible bodies, drift by oblateness, libration by the tide.
+"""Flights: Kepler's motion of rigid and flexible bodies, drift by oblateness, libration by the
+tide.
 
-    rigid, flexible   10 revolutions, a = 7000 km, e = 0.1, of a tumbling body and of a dumbbell on a spring of 20 m:
-                      1 + |R - R_exact|/a of the centre of mass, by Kepler's equation
-    node              drift of the node by J2, a = 7000 km, i = 50°, circular: slope of its angle over 5 revolutions
-    perigee, polar    drift of the perigee by J2, e = 0.1, i = 50° and 85°: its slope less that of the same flight
-                      without J2, of which Kepler's law has none and a step of finite length some
-    critical          the same at i = 63.4349°, where it almost stops: 1 + (drift - exact)/(the drift at i = 0)
-    swing, wide swing time of a quarter of the libration of a bar in a circular orbit, from 1e-3 rad and from 40°, over
+    rigid, flexible   10 revolutions, a = 7000 km, e = 0.1, of a tumbling body and of a dumbbell on
+                      a spring of 20 m: 1 + |R - R_exact|/a of the centre of mass, by Kepler's
+                      equation
+    node              drift of the node by J2, a = 7000 km, i = 50°, circular: slope of its angle
+                      over 5 revolutions
+    perigee, polar    drift of the perigee by J2, e = 0.1, i = 50° and 85°: its slope less that of
+                      the same flight without J2, of which Kepler's law has none and a step of
+                      finite length some
+    critical          the same at i = 63.4349°, where it almost stops: 1 + (drift - exact)/(the
+                      drift at i = 0)
+    swing, wide swing time of a quarter of the libration of a bar in a circular orbit, from 1e-3 rad
+    and from 40°, over
                       K(sin²θ)/(√3 n)
 
-The exact drifts are those of an eighth-order integration of the whole equations; the formulas of first order in J2,
--3/2 n J2 (a_E/p)² cos i for the node, are some 0.4 % off.
+The exact drifts are those of an eighth-order integration of the whole equations; the formulas of
+first order in J2, -3/2 n J2 (a_E/p)² cos i for the node, are some 0.4 % off.
 
-`energy` and `momentum` are the closing error of the ledger and the change of the angular momentum of the whole.  The
-ledger holds the motion about the centre of mass, 1 mJ of the dumbbell; the round-off of its spring's force (1e5 N/m
-times 20 m times 1e-16) along paths of metres is 1e-9 J a step of that, and 1e-17 of the energy of the orbit.
+`energy` and `momentum` are the closing error of the ledger and the change of the angular momentum
+of the whole.  The ledger holds the motion about the centre of mass, 1 mJ of the dumbbell; the
+round-off of its spring's force (1e5 N/m times 20 m times 1e-16) along paths of metres is 1e-9 J a
+step of that, and 1e-17 of the energy of the orbit.
 """
 
 from __future__ import annotations
@@ -39,7 +46,8 @@ RATE = math.sqrt(MU / A**3)
 REVOLUTION = 2 * math.pi / RATE
 # Time [s] between readings of drifting angles: a multiple of all steps.
 EVERY = 120.0
-# Initial angle [rad] of the bar from the vertical; the large one makes the motion an elliptic function.
+# Initial angle [rad] of the bar from the vertical; the large one makes the motion an elliptic
+# function.
 SWINGS = {"swing": 1e-3, "wide swing": math.radians(40)}
 # The angle that drifts, eccentricity and inclination [rad] of the orbit.
 DRIFTS = {
@@ -195,7 +203,8 @@ def _flight(
     times: np.ndarray,
     h: float,
 ) -> tuple[gx.Simulation, float]:
-    """A flight of a point mass, and the slope [rad/s] of an angle of its orbit over the times [s]."""
+    """A flight of a point mass, and the slope [rad/s] of an angle of its orbit over the times
+    [s]."""
     orbit = gx.orbit.Orbit(elements, gravity=gravity)
     scene = gx.Scene(gx.PointMass(20.0, comm=comm), orbit)
     run = gx.Simulation(scene, gx.Midpoint(dt=h))
@@ -208,7 +217,8 @@ def _flight(
 
 
 def _exact_drift(elements: gx.orbit.Elements, angle: str, times: np.ndarray) -> float:
-    """The same slope [rad/s] from an integration of the whole equations by an eighth-order method."""
+    """The same slope [rad/s] from an integration of the whole equations by an eighth-order
+    method."""
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
         """Velocity and acceleration (6,) for position and velocity y (6,), gravity with J2."""

@@ -1,7 +1,8 @@
-"""What an orthotropic law costs in iterations, and what it keeps: the thrown free sheet of films of growing anisotropy.
+"""What an orthotropic law costs in iterations, and what it keeps: the thrown free sheet of films of
+growing anisotropy.
 
-The sheet of 1 m spins and flutters, so that every cell switches between taut, wrinkled and slack.  Measured are Newton
-iterations a step, rejected steps, the largest errors of energy and momenta.
+The sheet of 1 m spins and flutters, so that every cell switches between taut, wrinkled and slack.
+Measured are Newton iterations a step, rejected steps, the largest errors of energy and momenta.
 """
 
 from __future__ import annotations

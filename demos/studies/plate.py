@@ -1,22 +1,27 @@
 """Thin plates against closed forms, published tables and one-dimensional solutions.
 
-    elastica       cantilever under a dead end force PL²/EI = 10 (Bisshopp & Drucker 1945), t/L from 1e-2 to 1e-5
+    elastica       cantilever under a dead end force PL²/EI = 10 (Bisshopp & Drucker 1945), t/L from
+                   1e-2 to 1e-5
     Sze (a)        the cantilever of Sze, Liu & Lo (Finite Elem. Anal. Des. 40 (2004) 1551,
-                   doi:10.1016/j.finel.2003.11.001), table of 20 loads: worst error of both displacements
+                   doi:10.1016/j.finel.2003.11.001), table of 20 loads: worst error of both
+                   displacements
     roll-up        their cantilever under an end moment, to a full circle; exact
-    slit ring      their slit annular plate, table of 11 loads, error at the last.  (The table is computed too, and
-                   ends at W_B 17.528; an isogeometric Kirchhoff-Love shell (PENGoLINS) gives 17.473.)  "free": on a
-                   mesh whose edges follow no direction
+    slit ring      their slit annular plate, table of 11 loads, error at the last.  (The table is
+                   computed too, and ends at W_B 17.528; an isogeometric Kirchhoff-Love shell
+                   (PENGoLINS) gives 17.473.)  "free": on a mesh whose edges follow no direction
     curl 1..4      a strip that is at rest curled to 0.5, π/2, π and 0.95·2π; exact
-    buckled 1, 2   a pinned strip compressed beyond buckling to end slopes of 60 and 120 degrees: force at the
-                   shortening of the extensible elastica with e_E = 1e-4 (Magnusson, Ristinmaa & Ljung 2001)
-    pressed 1..3   clamped disc, t/a = 0.01, ν = 0.3, under pressure: w0/t of the meridian's equations
-    modes          lowest frequencies of squares and circles, free and clamped, by polynomials of Ritz and Bessel
-                   functions; Leissa's values (NASA SP-160, 1969; J. Sound Vib. 31 (1973) 257) for comparison
+    buckled 1, 2   a pinned strip compressed beyond buckling to end slopes of 60 and 120 degrees:
+                   force at the shortening of the extensible elastica with e_E = 1e-4 (Magnusson,
+                   Ristinmaa & Ljung 2001)
+    pressed 1..3   clamped disc, t/a = 0.01, ν = 0.3, under pressure: w0/t of the meridian's
+                   equations
+    modes          lowest frequencies of squares and circles, free and clamped, by polynomials of
+                   Ritz and Bessel functions; Leissa's values (NASA SP-160, 1969; J. Sound Vib. 31
+                   (1973) 257) for comparison
 
-The references are derived again in `tests/unit/test_plate_references.py`.  "error/accepted" is the worst error of a
-scene over what is accepted: 0.5 % of the largest displacement; roll-up 0.1 %; curl 0.2 % of the length; buckled and
-modes 1 %.
+The references are derived again in `tests/unit/test_plate_references.py`.  "error/accepted" is the
+worst error of a scene over what is accepted: 0.5 % of the largest displacement; roll-up 0.1 %; curl
+0.2 % of the length; buckled and modes 1 %.
 """
 
 from __future__ import annotations
@@ -81,7 +86,8 @@ BUCKLED = {
 }
 # Load p a⁴/(E t⁴) of a clamped disc: deflection w0/t of its middle.
 DISC = {1.0: 0.168034, 20.0: 1.49410, 100.0: 2.8564}
-CIRCLE = {  # λ² = ω a² √(ρt/D) by nodal diameters and circles, these counted from 0 within a diameter
+# λ² = ω a² √(ρt/D) by nodal diameters and circles, these counted from 0 within a diameter
+CIRCLE = {
     "clamped": {(0, 0): 10.215826, (1, 0): 21.260398, (2, 0): 34.877035, (0, 1): 39.771148},
     "free": {(2, 0): 5.358330, (0, 0): 9.003137, (3, 0): 12.438988, (1, 0): 20.474550},
 }
@@ -461,7 +467,8 @@ for shape in ("square", "circle"):
 
 
 def expected_order(scene: str) -> float:
-    """In h.  The table of the ring is half a percent off the limit; pressed plates have boundary layers."""
+    """In h.  The table of the ring is half a percent off the limit; pressed plates have boundary
+    layers."""
     if scene.startswith("slit"):
         return math.inf
     return 1.5 if scene.startswith(("pressed", "modes")) else 2.0

@@ -1,17 +1,21 @@
-"""Reduced models of the spinning sail of `demos/reduced_sail.py`: error against run time, modes and sampled cells.
+"""Reduced models of the spinning sail of `demos/reduced_sail.py`: error against run time, modes and
+sampled cells.
 
-The sail has 16 × 16 × 2 triangles and 909 unknowns with hub and masses.  Two flights of two turns are recorded; a third
-kick with another spin is then predicted for two turns.
+The sail has 16 × 16 × 2 triangles and 909 unknowns with hub and masses.  Two flights of two turns
+are recorded; a third kick with another spin is then predicted for two turns.
 
-    cells 100 % to 1 %   the reduced model: Σ φ_i c_i, `modes` of them and 1, X, Y; strains over so many of the cells
-    vector modes         ordinary proper orthogonal decomposition in inertial axes with as many unknowns, x̄ + Σ u_i a_i:
-                         the flight itself, projected.  No model with these modes can come nearer
+    cells 100 % to 1 %   the reduced model: Σ φ_i c_i, `modes` of them and 1, X, Y; strains over so
+                         many of the cells
+    vector modes         ordinary proper orthogonal decomposition in inertial axes with as many
+                         unknowns, x̄ + Σ u_i a_i: the flight itself, projected.  No model with
+                         these modes can come nearer
 
-Errors: `error` of positions across the plane, largest over the largest height; `tilted`, the same for a flight with the
-spin's axis tilted by 10° (scalar modes do not depend on the axes: it is the same); `spin` of the hub; `stress`, the
-larger principal one, root mean square over its size at the end; `momentum`, the angular one, largest drift over its
-size; `frequency`, the largest of the lowest six of the spinning sail.  `σ` is the first singular value that is left
-out, over the largest.  `trained` is the CPU time of `reduce`, `outside` the probe `OutsideBasis` at the end.
+Errors: `error` of positions across the plane, largest over the largest height; `tilted`, the same
+for a flight with the spin's axis tilted by 10° (scalar modes do not depend on the axes: it is the
+same); `spin` of the hub; `stress`, the larger principal one, root mean square over its size at the
+end; `momentum`, the angular one, largest drift over its size; `frequency`, the largest of the
+lowest six of the spinning sail.  `σ` is the first singular value that is left out, over the
+largest.  `trained` is the CPU time of `reduce`, `outside` the probe `OutsideBasis` at the end.
 """
 
 from __future__ import annotations
@@ -34,8 +38,8 @@ from gossamer_fx.model.body import Array
 from gossamer_fx.reduction.basis import mass_times
 from gossamer_fx.system.totals import relative_drift
 
-# Cells along an edge of the sail, step and length of a flight [s], spin of the predicted flight over that of the
-# recorded ones, and number of frequencies.
+# Cells along an edge of the sail, step and length of a flight [s], spin of the predicted flight
+# over that of the recorded ones, and number of frequencies.
 CELLS = 16
 DT = 0.1
 TURNS = 48.0

@@ -1,8 +1,9 @@
 """Convergence of the spin deployment of `demos/spin_deployment.py`: two meshes with three steps.
 
-Compared is what a designer asks: how far the tips come and when, and the spins of hub and sail at 240 ms, when the
-film is straight.  Folded film moves chaotically, so a row is also computed with the spin at the start changed by 1e-9
-of itself ("nudged"): what differs between the two is what no mesh and no step can tell.
+Compared is what a designer asks: how far the tips come and when, and the spins of hub and sail at
+240 ms, when the film is straight.  Folded film moves chaotically, so a row is also computed with
+the spin at the start changed by 1e-9 of itself ("nudged"): what differs between the two is what no
+mesh and no step can tell.
 """
 
 from __future__ import annotations

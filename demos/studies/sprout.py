@@ -1,8 +1,10 @@
-"""Convergence of `demos/sprout.py`: two tubes of 0.6 m in V that unfold a film, on two meshes with three steps.
+"""Convergence of `demos/sprout.py`: two tubes of 0.6 m in V that unfold a film, on two meshes with
+three steps.
 
-Compared is what a designer asks: how far apart the tips are at 120 ms and how far in front of the cube, how it turns,
-and the pressures.  Folded film moves chaotically, so a row is also computed with the tank's pressure changed by 1e-9 of
-itself ("nudged"): what differs between the two is what no mesh and no step can tell.
+Compared is what a designer asks: how far apart the tips are at 120 ms and how far in front of the
+cube, how it turns, and the pressures.  Folded film moves chaotically, so a row is also computed
+with the tank's pressure changed by 1e-9 of itself ("nudged"): what differs between the two is what
+no mesh and no step can tell.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""How far numbers can be from ordinary before a run fails, and whether it says so: a map of an inflating tube.
+"""How far numbers can be from ordinary before a run fails, and whether it says so: a map of an
+inflating tube.
 
-A flat tube with a payload on its tip is filled from a tank, 30 steps of h = 1e-4 s.  Each axis goes from ordinary to
-extreme, alone and with another one:
+A flat tube with a payload on its tip is filled from a tank, 30 steps of h = 1e-4 s.  Each axis goes
+from ordinary to extreme, alone and with another one:
 
     u           ratio of compressive to tensile stiffness of the film
     thickness   of the film [m]
@@ -11,9 +12,10 @@ extreme, alone and with another one:
     aspect      length of the triangles over their width
     dead        volume that the flat tube encloses at the start [m³]
 
-A cell of the map is completed; completed with rejected steps; or failed, and then its row holds the reason.  One that
-completed must have closed its balances: energy to 1e-9, gas to 1e-12, with positive volumes and pressures and finite
-coordinates.  Anything else is wrong without a word, and the study ends with an error.
+A cell of the map is completed; completed with rejected steps; or failed, and then its row holds the
+reason.  One that completed must have closed its balances: energy to 1e-9, gas to 1e-12, with
+positive volumes and pressures and finite coordinates.  A cell that completed without this has a
+wrong result, and the study ends with an error.
 """
 
 from __future__ import annotations
@@ -32,9 +34,11 @@ from gossamer_fx.meshes.tube import flat_tube
 # Steps of a run, and their usual length [s].
 STEPS = 30
 H = 1e-4
+# A tube of 58 mm, flat, with four cells across [m].
 LENGTH = 0.2
 DIAMETER = 0.058
 CELLS = 4
+# With these values the run takes a few iterations a step.
 ORDINARY = {
     "u": 1e-6,
     "thickness": 25e-6,
@@ -44,6 +48,7 @@ ORDINARY = {
     "aspect": 1.0,
     "dead": 1e-6,
 }
+# Each over several decades, up to where numbers have no physical sense.
 RANGES = {
     "u": [1e-12, 1e-10, 1e-8, 1e-4, 1e-2, 1.0],
     "thickness": [1e-6, 5e-6, 1e-4, 1e-3],
@@ -53,6 +58,7 @@ RANGES = {
     "aspect": [10.0, 100.0, 1000.0],
     "dead": [1e-9, 1e-8, 1e-7, 1e-4, 1e-3],
 }
+# Pairs in which one number could make the other one worse.
 PAIRS = {
     ("u", "h"): ([1e-12, 1e-2], [0.1, 3.0, 10.0]),
     ("u", "thickness"): ([1e-12, 1.0], [1e-6, 1e-3]),
@@ -74,7 +80,9 @@ def cases() -> list[str]:
 
 def values_of(case: str) -> dict[str, float]:
     """All parameters of a cell."""
-    words = [] if case == "ordinary" else [word.split("=") for word in case.split()]
+    words = []
+    if case != "ordinary":
+        words = [word.split("=") for word in case.split()]
     return ORDINARY | {axis: float(value) for axis, value in words}
 
 
@@ -91,8 +99,10 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
         E=2.5e9, nu=0.34, density=1420.0, thickness=v["thickness"], residual_stiffness=v["u"]
     )
     mesh = flat_tube(comm, LENGTH, DIAMETER, CELLS)
+    # Stretched along the tube: triangles get long and thin, the tube longer.
     mesh.domain.geometry.x[:, 0] *= v["aspect"]
     film = gx.Membrane(mesh, law)
+    # Mass of the film [kg], of which the payload is a multiple.
     weight = law.density * v["thickness"] * np.pi * DIAMETER * LENGTH * v["aspect"]
     tip = film.port("tip left")
     payload = gx.PointMass(v["mass"] * weight, position=tip.initial(), comm=comm, name="payload")
@@ -104,6 +114,7 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
         dead_volume=v["dead"],
         name="tube",
     )
+    # The reservoir has 1 bar; the tube at the start a part of it.
     tank = gx.gas.Reservoir(pressure=1e5, temperature=293.0)
     valve = gx.Orifice(tank, tube, area=1e-6)
     scene = gx.Scene(film, gx.constraints.BallJoint(tip, payload.port()), tube, valve)
@@ -114,6 +125,7 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
     finite = bool(
         np.isfinite(run.system.q0.array_r).all() and np.isfinite(run.system.v0.array_r).all()
     )
+    # Without these the cell is an error, however few iterations it took.
     sound = (
         comm.allreduce(finite, MPI.LAND)
         and errors[0] <= ENERGY
@@ -122,7 +134,8 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
     )
     check(
         sound,
-        f"Cell '{case}' is wrong without a word: energy off by {errors[0]:.1e}, gas by {errors[1]:.1e}.",
+        f"Cell '{case}' has a wrong result without an error: energy off by {errors[0]:.1e}, gas by "
+        f"{errors[1]:.1e}.",
     )
     return {
         "iterations": run.iterations / run.step,
@@ -136,17 +149,20 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
 
 
 def draw(results: list[Result], path: Path) -> None:
-    """Draw the map: a row for each axis and pair, a square for each cell, with iterations and sub-steps."""
+    """Draw the map: a row for each axis and pair, a square for each cell, with iterations and
+    sub-steps."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
     from matplotlib.patches import Patch
 
+    # Rows of the picture by the names of the axes.
     rows: dict[str, list[Result]] = {}
     for result in results:
         name = str(result.case["case"])
         rows.setdefault(" × ".join(word.split("=")[0] for word in name.split()), []).append(result)
+    # Colours that remain different for colour-blind readers.
     colours = {
         "completed": "#009E73",
         "completed, with rejected steps": "#E69F00",

@@ -1,7 +1,7 @@
 """Which stress makes a film that wrinkles easy to move: rules of averaging on the spinning sheet.
 
-All of these conserve energy, momentum and angular momentum.  S(e) = ψ'(e), Δe = e1 - e0, and [·] the correction
-along Δe that makes S_mean·Δe = ψ(e1) - ψ(e0) exact:
+All of these conserve energy, momentum and angular momentum.  S(e) = ψ'(e), Δe = e1 - e0, and [·]
+the correction along Δe that makes S_mean·Δe = ψ(e1) - ψ(e0) exact:
 
     Gonzalez        S_mean = ψ'((e0 + e1)/2) + [·]            (J. Nonlinear Sci. 6 (1996) 449)
     points n        S_mean = n Gauss points of ∫₀¹ ψ'(e0 + s Δe) ds + [·]
@@ -23,6 +23,7 @@ from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.terms.discrete_gradient import StressRule, defect, gradient
 from gossamer_fx.terms.element_energies import StoredEnergy
 
+# Steps of each run: enough that all cells switch their state.
 STEPS = 40
 
 
@@ -33,6 +34,7 @@ class Gonzalez(StressRule):
     alpha = 0.5
 
     def stress(self, part: StoredEnergy, e0: Expr, e1: Expr) -> Expr:
+        # The correction makes S·Δe the change of the energy.
         S = gradient(part.density, (e0 + e1) / 2)
         return S + defect(part.density, S, e0, e1)
 
@@ -45,9 +47,11 @@ class GaussPoints(StressRule):
     alpha = 0.5
 
     def stress(self, part: StoredEnergy, e0: Expr, e1: Expr) -> Expr:
+        # Without pieces the law is integrated by points on the whole path.
         return gx.steppers.PathAverage(self.points).stress(replace(part, pieces=None), e0, e1)
 
 
+# From few points to the exact integral; Gonzalez is one point.
 RULES: dict[str, StressRule] = {
     "points 6": GaussPoints(6),
     "points 10": GaussPoints(10),

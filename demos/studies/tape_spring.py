@@ -1,12 +1,14 @@
 """A tape spring bent against its curvature: moment up to the snap, and after it.
 
-A steel strip, curved across (R = 13.3 mm, 80°, t = 0.1 mm), is a plate with a rest curvature on a flat mesh.  Its ends
-retain their shape and are turned by φ each, without axial force; by symmetry a half is computed.  The moment follows
-from the energy, M = dU/d(2φ).
+A steel strip, curved across (R = 13.3 mm, 80°, t = 0.1 mm), is a plate with a rest curvature on a
+flat mesh.  Its ends retain their shape and are turned by φ each, without axial force; by symmetry a
+half is computed.  The moment follows from the energy, M = dU/d(2φ).
 
-    peak     of uniform bending: the largest dU/dκ of the section under the curvature κ along the tape (Wüst, Z. Angew.
-             Math. Mech. 34 (1954) 444; solved again below).  Ends that retain their shape make a short tape stiffer.
-    plateau  of a fold, a cylinder of radius R about the other axis: M = (1+ν) D α (Seffen & Pellegrino, Proc. R. Soc.
+    peak     of uniform bending: the largest dU/dκ of the section under the curvature κ along the
+             tape (Wüst, Z. Angew. Math. Mech. 34 (1954) 444; solved again below).  Ends that retain
+             their shape make a short tape stiffer.
+    plateau  of a fold, a cylinder of radius R about the other axis: M = (1+ν) D α (Seffen &
+    Pellegrino, Proc. R. Soc.
              Lond. A 455 (1999) 1003)
 """
 
@@ -55,7 +57,8 @@ MAX_SHIFT = 2e-3
 
 
 def peak_of_section(n: int = 300) -> float:
-    """Largest moment [N m] of uniform bending: with z and χ the height and the change of curvature of the section,
+    """Largest moment [N m] of uniform bending: with z and χ the height and the change of curvature
+    of the section,
 
     U(κ) = min ∫ E t/2 κ² (z - mean)² + D/2 (κ² - 2ν κ χ + χ²) ds
     """

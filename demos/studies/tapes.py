@@ -1,9 +1,9 @@
 """IKAROS as built: how the steady shape and the spin depend on tapes, devices and creases.
 
-Every row is an equilibrium of `demos/ikaros_devices.py` that differs from the sail "as built" in one thing.  What
-follows from its shape: flatness, slack tethers, the spin that is left of that of the flat sail, and the windmill torque
-of sunlight.  In flight the sail was flat and taut, some tethers were slack at the normal spin, and the torque was
--2.7e-5 N m (docs/measured.md).
+Every row is an equilibrium of `demos/ikaros_devices.py` that differs from the sail "as built" in
+one thing.  What follows from its shape: flatness, slack tethers, the spin that is left of that of
+the flat sail, and the windmill torque of sunlight.  In flight the sail was flat and taut, some
+tethers were slack at the normal spin, and the torque was -2.7e-5 N m (docs/measured.md).
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ BUILDS = {
 }
 
 
-# Torque [N m] below which the picture shows none: sails with mirror planes have the round-off of zero.
+# Torque [N m] below which the picture shows none: sails with mirror planes have the round-off of
+# zero.
 SMALLEST_TORQUE = 1e-11
 
 

@@ -1,9 +1,10 @@
-"""A plate folded along a crease and thrown: what its iteration needs where the crease is stiff and the flight fast.
+"""A plate folded along a crease and thrown: what its iteration needs where the crease is stiff and
+the flight fast.
 
-Two panels of 50 × 20 mm, t = 50 µm, folded by 80° along a crease that is at rest when flat, fly with spin and waves
-across for 60 ms, through flat and back.  The crease has 1, 20 and 400 times the stiffness of 2 mN m/m/rad, the throw 1
-and 10 times the speed of 0.1 m/s.  Wanted: no step fails, less than 5 % are rejected, energy 1e-9, angular momentum
-1e-10.
+Two panels of 50 × 20 mm, t = 50 µm, folded by 80° along a crease that is at rest when flat, fly
+with spin and waves across for 60 ms, through flat and back.  The crease has 1, 20 and 400 times the
+stiffness of 2 mN m/m/rad, the throw 1 and 10 times the speed of 0.1 m/s.  Wanted: no step fails,
+less than 5 % are rejected, energy 1e-9, angular momentum 1e-10.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ def problem(
     cells: int,
     until: float = UNTIL,
 ) -> dict[str, float]:
-    """Stiffness and speed as multiples of the softest and slowest; time step h [s]; cells along a panel."""
+    """Stiffness and speed as multiples of the softest and slowest; time step h [s]; cells along a
+    panel."""
     mesh = creased_strip(comm, cells, 3, LENGTH, WIDTH)
     plate = gx.Plate(
         mesh,

@@ -1,13 +1,15 @@
-"""Order in time, and what error a second of computing leaves: the midpoint rule against generalised-α.
+"""Order in time, and what error a second of computing leaves: the midpoint rule against
+generalised-α.
 
     sheet      a stretched square film after a blow, its edges held; it never wrinkles
     flutter    the free, spinning sheet of the demo, which wrinkles and goes slack all the time
     balloon    a sphere of rubber filled from a reservoir through an orifice
     antenna    the pendulum of the demo: a film on two booms, swinging from a ball joint
 
-The error is that of all positions, Euclidean norms, against the midpoint rule with a quarter of the smallest step, over
-the way that was gone.  Where a film goes slack, a step of order two meets a stress that is not smooth; in the antenna,
-gravity sets in at once and excites vibrations of the booms, of 1e5 rad/s, that no step resolves.
+The error is that of all positions, Euclidean norms, against the midpoint rule with a quarter of the
+smallest step, over the way that was gone.  Where a film goes slack, a step of order two meets a
+stress that is not smooth; in the antenna, gravity sets in at once and excites vibrations of the
+booms, of 1e5 rad/s, that no step resolves.
 """
 
 from __future__ import annotations
@@ -45,7 +47,8 @@ STEPS = {
     "balloon": 20,
     "antenna": 40,
 }
-# The step of the reference is that of the finest level over this number, so that its error is a sixteenth.
+# The step of the reference is that of the finest level over this number, so that its error is a
+# sixteenth.
 FINER = 4
 # The step is halved from level to level.
 LEVELS = (0, 1, 2, 3)
@@ -185,7 +188,8 @@ def problem(comm: MPI.Comm, scene: str, stepper: str, level: int) -> dict[str, f
 
 
 def expected_order(case: Trial) -> float:
-    """Where the steps resolve the motion; strong damping of high frequencies comes to its order with smaller ones."""
+    """Where the steps resolve the motion; strong damping of high frequencies comes to its order
+    with smaller ones."""
     orders = {"sheet": 2.0, "balloon": 2.0, "antenna": 1.8}
     # An infinite order is one that is not asked for.
     if case["stepper"] == "GeneralizedAlpha 0":

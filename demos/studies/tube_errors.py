@@ -1,8 +1,8 @@
 """How manufacturing errors change the bending stiffness of a deployed tube.
 
-The tube of `demos/folded_tube.py` with three panels, round and straight under 8 kPa, is bent by a small force at its
-tip (demos/common/tube_bending.py).  Specimens have errors of one kind, or of all kinds, with the standard deviations
-`folded_tube.SCATTER`.  The closed form of a specimen is
+The tube of `demos/folded_tube.py` with three panels, round and straight under 8 kPa, is bent by a
+small force at its tip (demos/common/tube_bending.py).  Specimens have errors of one kind, or of all
+kinds, with the standard deviations `folded_tube.SCATTER`.  The closed form of a specimen is
 
     EI = E t π r³,
 

@@ -1,9 +1,12 @@
 """Small vibrations of tensioned and spinning films about the equilibria that are found first.
 
     square      N0 = 10 N/m, ρt = 0.028 kg/m², a = 2.1 m:   f = ½√(N0/ρt) √((m/a)² + (n/a)²)
-    circle      the same film, a = 1 m; a quarter, which has even numbers of nodal diameters:   f = j_mn/(2πa) √(N0/ρt)
-    hub         a disc that spins about a hub of a fifth of its radius, ρΩ²a²/E = 5e-5 (Eversman & Dodson, 1969)
-    free disc   the same without a hub (Lamb & Southwell, 1921):   (ω/Ω)² = [(n+2s)(n+2s+2)(3+ν) - n²(1+3ν)]/8
+    circle      the same film, a = 1 m; a quarter, which has even numbers of nodal diameters:   f =
+                j_mn/(2πa) √(N0/ρt)
+    hub         a disc that spins about a hub of a fifth of its radius, ρΩ²a²/E = 5e-5 (Eversman &
+                Dodson, 1969)
+    free disc   the same without a hub (Lamb & Southwell, 1921):   (ω/Ω)² = [(n+2s)(n+2s+2)(3+ν) -
+                n²(1+3ν)]/8
 
 Frequencies of spinning discs are those in their own frame.
 """
@@ -21,6 +24,7 @@ from demos.studies.engine.study import Measure, Study, Trial
 from gossamer_fx.meshes.disc import quarter_disc, ring
 from gossamer_fx.meshes.sheet import EDGES, sheet
 
+# N/m, m and Pa.
 N0 = 10.0
 THICKNESS = 2e-5
 E = 2.3e9
@@ -31,6 +35,7 @@ TENSIONED = gx.Miyazaki(
     density=0.028 / THICKNESS,
     thickness=THICKNESS,
 )
+# Isotropic stretch that gives the tension N0.
 STRETCH = N0 * (1 - NU) / (E * THICKNESS)
 # Spin [rad/s], and radius of the hub over that of the film.
 SPIN = 10.0
@@ -38,15 +43,18 @@ HUB = 0.2
 SPUN = gx.Miyazaki(
     1e9,
     NU,
+    # The density follows from ρ Ω² a²/E = 5e-5 with a = 1 m.
     density=5e-5 * 1e9 / SPIN**2,
     thickness=1e-4,
 )
 EXACT = {  # Hz
     "square": (6.363363, 10.06136, 10.06136, 12.726726),
+    # (ω/Ω)² of the paper, in the frame of the disc.
     "circle": (7.233104, 15.446646, 16.602991),
     "hub": SPIN
     / (2 * math.pi)
     * np.sqrt((0.733432, 1.158668, 1.158668, 2.276136, 2.276136, 3.843137, 3.843137)),
+    # Of Lamb and Southwell, for (n, s) = (2, 0), (0, 1), (3, 0).
     "free disc": SPIN / (2 * math.pi) * np.sqrt((2.35, 3.3, 6.1)),
 }
 
@@ -68,13 +76,19 @@ def film_of(comm: MPI.Comm, scene: str, order: int, cells: int) -> gx.Scene:
             order=order,
         )
         return gx.Scene(film, gx.Fixed(film, "hub"), gx.loads.Centrifugal(film, (0.0, 0.0, SPIN)))
-    law, stretch = (TENSIONED, STRETCH) if scene == "circle" else (SPUN, 0.0)
+    # The circle is stretched, the disc is spun.
+    law = SPUN
+    stretch = 0.0
+    if scene == "circle":
+        law = TENSIONED
+        stretch = STRETCH
     film = gx.Membrane(
         quarter_disc(comm, cells, 1.0, order),
         law,
         order=order,
         displacement=lambda X: stretch * X,
     )
+    # A quarter with two planes of symmetry.
     held = [gx.Fixed(film, "x axis", components=(1,)), gx.Fixed(film, "y axis", components=(0,))]
     last = (
         gx.Fixed(film, "rim") if scene == "circle" else gx.loads.Centrifugal(film, (0.0, 0.0, SPIN))
@@ -99,6 +113,7 @@ def problem(comm: MPI.Comm, scene: str, element: str, nodes: int) -> dict[str, f
     ratios = np.array([mode.frequency for mode in modes]) / exact
     return {
         "lowest/exact": ratios[0],
+        # The worst of the other modes.
         "others/exact": ratios[1:][abs(ratios[1:] - 1).argmax()],
         "growth": max(mode.growth for mode in modes),
         "iterations": found.iterations,

@@ -1,20 +1,23 @@
-"""A sheared film that wrinkles: as a plate, whose wrinkles are resolved, and as a tension field, for comparison.
+"""A sheared film that wrinkles: as a plate, whose wrinkles are resolved, and as a tension field,
+for comparison.
 
-Kapton, L × H = 380 × 128 mm, t = 25 µm; both long edges are clamped, and one is moved by δ = 3 mm along itself (Wong &
-Pellegrino, J. Mech. Mater. Struct. 1 (2006) 3, 27, 63).  With γ = δ/H their theory has
-wrinkles at 45° of length √2 H, and
+Kapton, L × H = 380 × 128 mm, t = 25 µm; both long edges are clamped, and one is moved by δ = 3 mm
+along itself (Wong & Pellegrino, J. Mech. Mater. Struct. 1 (2006) 3, 27, 63).  With γ = δ/H their
+theory has wrinkles at 45° of length √2 H, and
 
     half wavelength  λ = (πHt)^½ (3(1-ν²)γ)^(-¼) = 6.31 mm
     amplitude        a = (λ/π) (2(1-ν)γ)^½ = 0.361 mm
     number           L/(2√2 λ) = 21.3;  about 19 were counted
     force            E t L γ/4 (1 - c H/L), c near 1: the corners at the free ends are slack
 
-λ and a are measured on the middle line in the middle 40 % of the length, away from the fans at the ends; "counted" are
-the wrinkles of the whole line, fans included.  The cells of the plate are long along the wrinkles and short across:
-four across half a wrinkle.  With two the wrinkles come out 1.7 times as long, with three 1.5 times: cells that cannot
-follow a wrinkle without stretching resist it.  The plate starts from small wrinkles of the theory's length ("theory"),
-of 1.3 times that ("long"), or from waves of 0.02 mm in all directions ("noise").  From "long" it comes to 1.09 times
-the theory's length: 19.5 wrinkles, 1.22 times its amplitude, and an energy that is less by 3e-5 of itself.
+λ and a are measured on the middle line in the middle 40 % of the length, away from the fans at the
+ends; "counted" are the wrinkles of the whole line, fans included.  The cells of the plate are long
+along the wrinkles and short across: four across half a wrinkle.  With two the wrinkles come out 1.7
+times as long, with three 1.5 times: cells that cannot follow a wrinkle without stretching resist
+it.  The plate starts from small wrinkles of the theory's length ("theory"), of 1.3 times that
+("long"), or from waves of 0.02 mm in all directions ("noise").  From "long" it comes to 1.09 times
+the theory's length: 19.5 wrinkles, 1.22 times its amplitude, and an energy that is less by 3e-5 of
+itself.
 """
 
 from __future__ import annotations
@@ -35,6 +38,7 @@ HEIGHT = 0.128
 SHEAR = 3e-3
 FILM = {"E": 3.5e9, "nu": 0.31, "density": 1420.0, "thickness": 25e-6}
 GAMMA = SHEAR / HEIGHT
+# Half wavelength λ, amplitude a and force of the module's formulas.
 LAMBDA = (
     math.sqrt(math.pi * HEIGHT * FILM["thickness"]) * (3 * (1 - FILM["nu"] ** 2) * GAMMA) ** -0.25
 )
@@ -70,6 +74,7 @@ def noisy(X: np.ndarray) -> np.ndarray:
     """Sheared, with waves of 0.02 mm in all directions, 5 mm long and longer."""
     random = np.random.default_rng(1)
     w = 0 * X[0]
+    # Sixty waves with random directions.
     for kx, ky, phase, size in random.normal(size=(60, 4)):
         w += 5e-6 * size * np.sin((kx * X[0] + ky * X[1]) * math.pi / 5e-3 + 6 * phase)
     return sheared(X) + np.stack([0 * w, 0 * w, w * np.sin(math.pi * X[1] / HEIGHT)])
@@ -80,6 +85,7 @@ def wrinkled(X: np.ndarray, scale: float) -> np.ndarray:
     k = math.pi / (scale * LAMBDA)
     a = scale * AMPLITUDE
     across = (X[0] - X[1]) / math.sqrt(2)
+    # No height at the clamped edges.
     height = a * np.sqrt(np.maximum(np.sin(math.pi * np.clip(X[1] / HEIGHT, 0, 1)), 0))
     shift = (
         -(height**2) * k / 8 * np.sin(2 * k * across) / math.sqrt(2)
@@ -88,9 +94,11 @@ def wrinkled(X: np.ndarray, scale: float) -> np.ndarray:
 
 
 def problem(comm: MPI.Comm, start: str, cells: int) -> dict[str, float]:
-    """A plate with `cells` to a centimetre along the sheet, as long as they lie along the wrinkles; and a film."""
+    """A plate with `cells` to a centimetre along the sheet, as long as they lie along the wrinkles;
+    and a film."""
     scale = STARTS[start]
     shape = noisy if scale is None else lambda X: wrinkled(X, scale)
+    # The cells lean with the wrinkles, and are long along them.
     mesh = leaning_sheet(
         comm,
         38 * cells,
@@ -116,6 +124,7 @@ def problem(comm: MPI.Comm, start: str, cells: int) -> dict[str, float]:
     measured = wrinkles(plate, equilibrium)
     force = equilibrium.reaction(clamps[1])[0][0]
 
+    # The film for comparison: fewer cells, order 2.
     mesh = sheet(comm, 48, 16, LENGTH, HEIGHT)
     film = gx.Membrane(
         mesh,
@@ -149,14 +158,20 @@ def wrinkles(plate: gx.Plate, equilibrium: gx.Equilibrium) -> dict[str, float]:
     """Number, half wavelength and amplitude of the wrinkles on the middle line."""
     z = equilibrium.system.q0.array_r[2::3]
     X = plate.space.tabulate_dof_coordinates()[: len(z)]
+    # Nodes of the middle line, of all ranks.
     middle = abs(X[:, 1] - HEIGHT / 2) < 1e-9
     parts = plate.comm.allgather(np.column_stack([X[middle, 0], z[middle]]))
     x, w = np.array(sorted(map(tuple, np.concatenate(parts)))).T
+    # Changes of sign, and the zeros between by linear interpolation.
     i = np.flatnonzero(w[:-1] * w[1:] < 0)
     zeros = x[i] - w[i] * (x[i + 1] - x[i]) / (w[i + 1] - w[i])
     low, high = (share * LENGTH for share in CENTRE)
     central = zeros[(zeros > low) & (zeros < high)]
-    half = float(np.diff(central).mean()) / math.sqrt(2) if len(central) > 1 else math.nan
+    # Along the sheet; across the wrinkles the distance is shorter by √2.
+    half = math.nan
+    if len(central) > 1:
+        half = float(np.diff(central).mean()) / math.sqrt(2)
+    # Amplitude of a sine from its standard deviation.
     amplitude = math.sqrt(2) * float(w[(x > low) & (x < high)].std())
     return {
         "number": LENGTH / (2 * math.sqrt(2) * half),

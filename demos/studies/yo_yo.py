@@ -1,8 +1,8 @@
 """The yo-yo of `demos/yo_yo.py`: error of the hub's spin over the cells of a cord and the steps.
 
-The closed form has cords without mass that do not stretch and leave the cylinder along its tangent; here they are
-polygons with mass, so that an error remains.  It is over the first spin, until half the cords are unwound, and to the
-end.
+The closed form has cords without mass that do not stretch and leave the cylinder along its tangent;
+here they are polygons with mass, so that an error remains.  It is over the first spin, until half
+the cords are unwound, and to the end.
 """
 
 from __future__ import annotations

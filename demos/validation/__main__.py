@@ -2,11 +2,11 @@
 
 A case is a TOML file of demos/validation/cases, or one of your own of the same form.  For each test
 this prints predicted and measured values, the error of a peer and ours; it writes FOLDER/NAME.json,
-.md and .png.  Tests whose results are stored are not computed again.  Ends with code 1 if an error is
-larger than the case asks, or, in the quick form, if a test fails.
+.md and .png.  Tests whose results are stored are not computed again.  Ends with code 1 if an error
+is larger than the case asks, or, in the quick form, if a test fails.
 
-With --set the tests have other inputs; with --sensitivity each input is changed in turn and the errors are
-printed.
+With --set the tests have other inputs; with --sensitivity each input is changed in turn and the
+errors are printed.
 
 With --store the results are those that docs/measured.md shows: they go to demos/validation/results,
 and the table of the page is made again from all that is there.
@@ -45,7 +45,8 @@ def main(words: list[str] | None = None) -> int:
     wanted = _parser().parse_args(words)
     check(
         not wanted.store or (not wanted.quick and wanted.name in (*NAMES, "all")),
-        "--store is for full forms of the cases of demos/validation; leave --quick or the file out.",
+        "--store is for full forms of the cases of demos/validation; leave --quick or the file "
+        "out.",
     )
     check(
         not (wanted.store and wanted.set),

@@ -1,8 +1,8 @@
 """Dual numbers: values with derivatives, for formulas that are written once and used for both.
 
-A dual number is x + Σ_i x_i ε_i with ε_i ε_j = 0: a value x and its derivatives x_i with respect to k
-variables.  Sums, products and powers follow the rules of differentiation (forward mode of automatic
-differentiation; Griewank & Walther, Evaluating Derivatives, 2nd ed., SIAM 2008, ch. 3).
+A dual number is x + Σ_i x_i ε_i with ε_i ε_j = 0: a value x and its derivatives x_i with respect to
+k variables.  Sums, products and powers follow the rules of differentiation (forward mode of
+automatic differentiation; Griewank & Walther, Evaluating Derivatives, 2nd ed., SIAM 2008, ch. 3).
 
 Values may be complex.  A formula that itself takes a derivative by a complex step is then
 differentiated exactly, which a second complex step could not do.
@@ -24,7 +24,8 @@ Numbers = npt.NDArray[Any]  # of real or complex numbers
 class Dual:
     """A value and its derivatives with respect to k variables.
 
-    Comparisons compare real parts of values, so that a formula takes the same branches as for numbers.
+    Comparisons compare real parts of values, so that a formula takes the same branches as for
+    numbers.
 
     Args:
         value: x, real or complex.

@@ -80,8 +80,8 @@ class Numbering:
         local_starts: for each block the index of its first unknown in the local part of a vector;
             the last entry is `size_local`.
         indices: for each block the global indices of its owned and ghost unknowns.
-        block_size: unknowns of a node if all nodes have equally many; otherwise 3 if all nodes consist
-            of vectors, and 1 if some do not.
+        block_size: unknowns of a node if all nodes have equally many; otherwise 3 if all nodes
+            consist of vectors, and 1 if some do not.
         full: whether matrices are dense.
     """
 
@@ -107,8 +107,8 @@ class Numbering:
         self._node_starts = [np.array(comm.allgather(b.index_map.local_range[0])) for b in blocks]
         self.indices = [self._block_indices(k) for k in range(len(blocks))]
 
-        # dolfinx enters the unknowns of a node as one block, which PETSc accepts if its own blocks have
-        # the same size.
+        # dolfinx enters the unknowns of a node as one block, which PETSc accepts if its own blocks
+        # have the same size.
         self.block_size = _common_block_size({b.size for b in blocks})
 
         largest = max((b.size for b in blocks), default=0)
@@ -193,8 +193,8 @@ class Numbering:
 def _common_block_size(sizes: set[int]) -> int:
     """Size of the blocks of a matrix whose nodes have these numbers of unknowns.
 
-    A hub has four vectors and its multipliers two, so that one of them in a scene of films leaves the
-    blocks of three.
+    A hub has four vectors and its multipliers two, so that one of them in a scene of films leaves
+    the blocks of three.
     """
     if len(sizes) == 1:
         return next(iter(sizes))

@@ -1,8 +1,10 @@
-"""Measures of vectors attached to bodies: how they follow from the unknowns, as arrays over many of them.
+"""Measures of vectors attached to bodies: how they follow from the unknowns, as arrays over many of
+them.
 
-A port is a constant linear map of the unknowns of one body (`model.body.Port`).  A measure is a quadratic
-function of a few ports, such as half the squared distance of two points.  Springs, joints, ropes and ties
-are made of such measures; a kind of terms evaluates all of its measures at once.
+A port is a constant linear map of the unknowns of one body (`model.body.Port`).  A measure is a
+quadratic function of a few ports, such as half the squared distance of two points.  Springs,
+joints, ropes and ties are made of such measures; a kind of terms evaluates all of its measures at
+once.
 
 Sizes in this file:
 
@@ -26,8 +28,8 @@ from gossamer_fx.algebra.numbering import GlobalIndices, Numbering
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array, Attached, Body, Ground, Port
 
-# Entries of a dense block, per block, from which PETSc takes blocks one by one faster than all in one call:
-# the call with all of them first sorts the rows.
+# Entries of a dense block, per block, from which PETSc takes blocks one by one faster than all in
+# one call: the call with all of them first sorts the rows.
 LARGE_BLOCK = 50
 
 # Singular values below this fraction of the largest one count as zero.
@@ -37,7 +39,8 @@ Ports = tuple[Attached, ...]
 
 
 def is_evaluated_here(ports: Ports) -> bool:
-    """Whether this rank evaluates a tuple of ports: it owns the first node of the first port of a body."""
+    """Whether this rank evaluates a tuple of ports: it owns the first node of the first port of a
+    body."""
     first = next(port for port in ports if isinstance(port, Port))
     start, end = first.body.block.index_map.local_range
     return bool(start <= first.nodes[0] < end)
@@ -49,7 +52,8 @@ def evaluated_here(tuples: Sequence[Ports]) -> list[int]:
 
 
 def translation_weight(port: Attached) -> float:
-    """How far a port moves when all bodies move by one: 1 for a point, 0 for a director or a difference."""
+    """How far a port moves when all bodies move by one: 1 for a point, 0 for a director or a
+    difference."""
     if isinstance(port, Ground):
         return 1.0
     # A port without vectors means the positions of its nodes.
@@ -67,7 +71,8 @@ def attach(
     """How the stacked vectors of a tuple of ports follow from the unknowns: X = P q + offset.
 
     Returns:
-        Global indices (D,) of the unknowns, P (3k, D), and the offset (3k,) [m] that ports of the ground have.
+        Global indices (D,) of the unknowns, P (3k, D), and the offset (3k,) [m] that ports of the
+        ground have.
 
     Raises:
         InputError: a port whose nodes, weights and vectors do not belong together.
@@ -83,7 +88,8 @@ def attach(
         same_length = len(port.nodes) == len(port.weights) == len(vectors)
         check(
             same_length and bool((vectors * 3 < port.body.block.size).all()),
-            f"A port of '{port.body.name}' has {len(port.nodes)} nodes, {len(port.weights)} weights and vectors "
+            f"A port of '{port.body.name}' has {len(port.nodes)} nodes, {len(port.weights)} "
+            "weights and vectors "
             f"{port.vectors}; give one weight and one existing vector for each node.",
         )
         nodes = np.array(port.nodes, dtype=np.int64)
@@ -136,8 +142,8 @@ class PointMeasure:
     """Quadratic measures e_i = ½ X·H_i X + L_i·X + c_i of the stacked vectors X (3k,) of k ports.
 
     Args:
-        ports: n tuples of k ports, not all of them `Ground`.  A tuple is evaluated on the rank of its first
-            port; each rank may list all tuples, or its own only.
+        ports: n tuples of k ports, not all of them `Ground`.  A tuple is evaluated on the rank of
+            its first port; each rank may list all tuples, or its own only.
         H: (m, 3k, 3k), symmetric.
         L: (m, 3k).
         c: (m,), or (n, m) where the tuples differ.
@@ -167,16 +173,17 @@ def nodes_of(measure: PointMeasure) -> int:
 
 
 class PointMeasures:
-    """Point measures that this rank evaluates, as arrays: e_i = ½ Y·H_i Y + L_i·Y + c_i, Y = P (q - z).
+    """Point measures that this rank evaluates, as arrays: e_i = ½ Y·H_i Y + L_i·Y + c_i, Y = P (q -
+    z).
 
     Measures of one kind become one array if they have as many measures m and unknowns D.
 
-    z (n, D) is where the measures are stationary, if there is ground: ½|x - g|² of a point g far from the
-    origin would otherwise be a small difference of large numbers.
+    z (n, D) is where the measures are stationary, if there is ground: ½|x - g|² of a point g far
+    from the origin would otherwise be a small difference of large numbers.
 
-    P is kept only where it has fewer rows than columns.  Else H and L are those of q - z: products with P
-    would cost more than they save.  Vectors that depend on many unknowns, as the points of a reduced film
-    do, would have large matrices, and keep P.
+    P is kept only where it has fewer rows than columns.  Else H and L are those of q - z: products
+    with P would cost more than they save.  Vectors that depend on many unknowns, as the points of a
+    reduced film do, would have large matrices, and keep P.
 
     Args:
         numbering, bodies: of the system.
@@ -187,7 +194,8 @@ class PointMeasures:
         n, m, D: see the module.
         indices: (n, D) global indices of the unknowns.
         c: (n, m).
-        share_unknowns: whether all tuples depend on the same unknowns, as those of a reduced film do.
+        share_unknowns: whether all tuples depend on the same unknowns, as those of a reduced film
+            do.
         is_linear: whether no measure is quadratic.
     """
 
@@ -244,7 +252,8 @@ class PointMeasures:
         L: Array,
         offset: Array,
     ) -> Array:
-        """z (n, D): zero without ground; with it, the least-squares stationary point of the measures."""
+        """z (n, D): zero without ground; with it, the least-squares stationary point of the
+        measures."""
         z = np.zeros((self.n, self.D))
         slope_of_vectors = np.einsum("nmab,nb->nma", H, offset) + L
         slope = np.einsum("nax,nma->nmx", P, slope_of_vectors)
@@ -334,6 +343,7 @@ class Gather:
     """
 
     def __init__(self, numbering: Numbering, indices: Sequence[GlobalIndices]) -> None:
+        """Make the scatter to this rank from the owners of the unknowns.  Collective."""
         self._shapes = [some.shape for some in indices]
         # The empty array gives the result a type if there are no others.
         nothing = np.zeros(0, dtype=PETSc.IntType)
@@ -354,7 +364,8 @@ class Gather:
         return found
 
     def add(self, values: Array, r: PETSc.Vec) -> None:
-        """Add values of all arrays, one after the other, to a vector at their indices.  Collective."""
+        """Add values of all arrays, one after the other, to a vector at their indices.
+        Collective."""
         self._values.array[:] = values.ravel()
         self._scatter.scatter(
             self._values,

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-# Messages of one exchange have one tag: exchanges come in the same order on all ranks, and MPI keeps
-# the order of messages between two ranks.
+# Messages of one exchange have one tag: exchanges come in the same order on all ranks, and MPI
+# keeps the order of messages between two ranks.
 TAG = 1729
 
 
@@ -38,12 +38,14 @@ class RankExchange:
         self.message_count = sum(rank != comm.rank for rank, _ in self._sent_parts)
 
     def send(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Return the rows (r, ...) that this rank gets of the values (n, ...) of all; collective."""
+        """Return the rows (r, ...) that this rank gets of the values (n, ...) of all;
+        collective."""
         ordered = np.ascontiguousarray(values[self._order])
         return self._transfer(ordered, self._sent_parts, self._received_parts, len(self.source))
 
     def answer(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Send values (r, ...) of the received rows back; return those (n, ...) of this rank's rows.
+        """Send values (r, ...) of the received rows back; return those (n, ...) of this rank's
+        rows.
 
         Collective.
         """

@@ -47,7 +47,8 @@ def rotations(axes: Array, angle: float) -> Array:
 
 
 def perpendicular_pair(n: Array) -> tuple[Array, Array]:
-    """Two unit vectors p and q (3,) that form a right-handed triad (p, q, n) with a unit vector n (3,).
+    """Two unit vectors p and q (3,) that form a right-handed triad (p, q, n) with a unit vector n
+    (3,).
 
     >>> import numpy as np
     >>> p, q = perpendicular_pair(np.array([0.0, 0.0, 1.0]))

@@ -1,11 +1,11 @@
 """Rest angle and stiffness of a crease, from a strip that hangs folded under weights.
 
-Problem.  A strip with a crease in its middle hangs by one end, free to turn at both ends; a weight hangs
-at the lower end.  Measured are the angle of the crease and the distance of the ends under some weights;
-wanted are the rest angle θr and the stiffness k of the crease.
+Problem.  A strip with a crease in its middle hangs by one end, free to turn at both ends; a weight
+hangs at the lower end.  Measured are the angle of the crease and the distance of the ends under
+some weights; wanted are the rest angle θr and the stiffness k of the crease.
 
-Model.  The two panels are inextensible elasticas of bending stiffness B per width, φ the angle of the
-tangent from the vertical, connected by a linear rotational spring:
+Model.  The two panels are inextensible elasticas of bending stiffness B per width, φ the angle of
+the tangent from the vertical, connected by a linear rotational spring:
 
     B φ'' = T(s) sin φ                                                                        (1)
     φ' = 0                    at both ends                                                    (2)
@@ -15,11 +15,12 @@ The tension T(s) per width is that of the weight and of the part of the strip be
 
 Algorithm.
 
-1. Solve (1) to (3) for each weight, with s scaled to [0, 1] in each panel (`HangingStrip.equilibrium`).
+1. Solve (1) to (3) for each weight, with s scaled to [0, 1] in each panel
+   (`HangingStrip.equilibrium`).
 2. Fit θr and ln k by weighted least squares (`identify_crease`).
 
-The experiment is that of Miyazaki, final report of grant 19360384 of the Japan Society for the Promotion
-of Science (2009), fig. 6.
+The experiment is that of Miyazaki, final report of grant 19360384 of the Japan Society for the
+Promotion of Science (2009), fig. 6.
 
 Limits.  Of a crease that is much stiffer or much softer than the panels only the rest angle can be
 identified; the standard deviation of the stiffness is then large.
@@ -92,7 +93,8 @@ class HangingStrip:
         check_positive(self, "bending_stiffness", "N m")
         check(
             math.isfinite(self.area_density) and self.area_density >= 0,
-            f"HangingStrip '{self.name}': area_density is {self.area_density!r} kg/m²; give zero or a positive number.",
+            f"HangingStrip '{self.name}': area_density is {self.area_density!r} kg/m²; give zero "
+            "or a positive number.",
         )
 
     def equilibrium(
@@ -177,7 +179,8 @@ class HangingStrip:
         )
         if not found.success:
             raise NoEquilibrium(
-                f"No equilibrium of '{self.name}' under {weight:.3g} N with the rest angle {rest_angle:.3g} rad and "
+                f"No equilibrium of '{self.name}' under {weight:.3g} N with the rest angle "
+                f"{rest_angle:.3g} rad and "
                 f"the stiffness {stiffness:.3g} N m/m/rad: {found.message}"
             )
         θ = float(found.y[2, 0] - found.y[0, -1])
@@ -197,8 +200,8 @@ class IdentifiedCrease:
         rest_angle_error: standard deviation [rad].
         stiffness_error: standard deviation [N m/m/rad].
         correlation: of both errors, between -1 and 1.
-        misfit: √(Σ ((measured - computed)/uncertainty)²/(2n - 2)) for n weights; about 1 if the model
-            and the uncertainties are right.
+        misfit: √(Σ ((measured - computed)/uncertainty)²/(2n - 2)) for n weights; about 1 if the
+            model and the uncertainties are right.
 
     Example:
         >>> crease = gx.analysis.IdentifiedCrease(
@@ -233,8 +236,9 @@ def identify_crease(
 ) -> IdentifiedCrease:
     """Identify the rest angle and the stiffness of a crease by weighted least squares.
 
-    The errors are those of the linearised problem: the covariance is (JᵀJ)⁻¹, J being the derivatives of
-    the residuals over their uncertainties, times the square of the misfit if that is above 1.
+    The errors are those of the linearised problem: the covariance is (JᵀJ)⁻¹, J being the
+    derivatives of the residuals over their uncertainties, times the square of the misfit if that is
+    above 1.
 
     Args:
         strip: the strip that was measured.
@@ -307,15 +311,18 @@ def identify_crease(
 
 
 def _check_measurements(W: Array, θ: Array, d: Array) -> None:
-    """Refuse measurements of different number, of too few weights, or with numbers without meaning."""
+    """Refuse measurements of different number, of too few weights, or with numbers without
+    meaning."""
     check(
         W.ndim == 1 and len(W) >= 2 and W.shape == θ.shape == d.shape,
-        f"identify_crease: there are {W.size} weights, {θ.size} angles and {d.size} distances; give as many of each, "
+        f"identify_crease: there are {W.size} weights, {θ.size} angles and {d.size} distances; "
+        "give as many of each, "
         "two or more.",
     )
     check(
         bool(np.isfinite([W, θ, d]).all() and (W >= 0).all()),
-        "identify_crease: what was measured holds numbers that are not finite, or negative weights; correct it.",
+        "identify_crease: what was measured holds numbers that are not finite, or negative "
+        "weights; correct it.",
     )
 
 

@@ -1,7 +1,8 @@
-"""A result and its limits as functions of one vector of scaled numbers, for methods of minimisation.
+"""A result and its limits as functions of one vector of scaled numbers, for methods of
+minimisation.
 
-The numbers are those of the parameters over their size, so that their changes are comparable.  A field
-has a number for each entry on each rank, or a few amounts of given changes, its basis,
+The numbers are those of the parameters over their size, so that their changes are comparable.  A
+field has a number for each entry on each rank, or a few amounts of given changes, its basis,
 
     θ = θ_start + Σ_j amount_j column_j,    dJ/d(amount_j) = Σ_i dJ/dθ_i column_ij.             (1)
 
@@ -94,7 +95,8 @@ class RunSource:
     """Results of runs that a function makes with given parameters.
 
     Args:
-        evaluate: takes values by name, makes a run with them, and returns the gradient of its result.
+        evaluate: takes values by name, makes a run with them, and returns the gradient of its
+            result.
         start: first values, numbers or arrays (k,).
         comm: of the runs.
     """
@@ -130,19 +132,22 @@ class RunSource:
         found = self._evaluate(self.values())
         check(
             isinstance(found, Gradient),
-            f"minimise_runs: evaluate returned a {type(found).__name__}; return what gx.analysis.gradient returns.",
+            f"minimise_runs: evaluate returned a {type(found).__name__}; return what "
+            "gx.analysis.gradient returns.",
         )
         known = {derivative.name: derivative for derivative in found}
         for name, value in self._values.items():
             check(
                 name in known,
-                f"minimise_runs: the gradient has no derivative by '{name}'; it has: {', '.join(known)}.",
+                f"minimise_runs: the gradient has no derivative by '{name}'; it has: "
+                f"{', '.join(known)}.",
             )
             size = len(known[name].values)
             check_on_all(
                 self.comm,
                 size == len(value),
-                f"minimise_runs: '{name}' has {len(value)} values and its derivative has {size}; give as many.",
+                f"minimise_runs: '{name}' has {len(value)} values and its derivative has {size}; "
+                "give as many.",
             )
         self._found = found
         return found
@@ -259,12 +264,13 @@ class DesignProblem:
         check_on_all(
             self.comm,
             basis.ndim == 2 and basis.shape[0] == len(values) and basis.shape[1] > 0,
-            f"{self.who}: the basis of '{name}' has the shape {basis.shape}; give columns of the {len(values)} values "
+            f"{self.who}: the basis of '{name}' has the shape {basis.shape}; give columns of the "
+            f"{len(values)} values "
             "that the rank has.",
         )
         return DesignVariable(name, values, 1.0, basis, False)
 
-    # ---- the vector ------------------------------------------------------------------------------------
+    # ---- the vector ------------------------------------------------------------------------------
 
     @property
     def start(self) -> Array:
@@ -317,11 +323,12 @@ class DesignProblem:
             highs.append(np.full(variable.size, np.asarray(high, dtype=float) / variable.scale))
             check(
                 bool((lows[-1] <= highs[-1]).all()),
-                f"{self.who}: the bounds of '{variable.name}' are {low!r} and {high!r}; give the smaller one first.",
+                f"{self.who}: the bounds of '{variable.name}' are {low!r} and {high!r}; give the "
+                "smaller one first.",
             )
         return np.concatenate(lows), np.concatenate(highs)
 
-    # ---- results ---------------------------------------------------------------------------------------
+    # ---- results ---------------------------------------------------------------------------------
 
     def move_to(self, x: Array) -> None:
         """Set the parameters, unless they are set already.  Collective."""
@@ -334,7 +341,8 @@ class DesignProblem:
         self._known = {}
 
     def evaluate(self, objective: Any, x: Array) -> tuple[float, Array]:
-        """A result, and its derivative with respect to the scaled numbers of this rank.  Collective."""
+        """A result, and its derivative with respect to the scaled numbers of this rank.
+        Collective."""
         self.move_to(x)
         if id(objective) not in self._known:
             found = self._source.gradient(objective)
@@ -355,7 +363,7 @@ class DesignProblem:
         value, slope = self.evaluate(self._of, x)
         return value / self._scale_of_value, slope / self._scale_of_value
 
-    # ---- the record ------------------------------------------------------------------------------------
+    # ---- the record ------------------------------------------------------------------------------
 
     def note(self, x: Array) -> None:
         """Log an iteration, and write its parameters."""
@@ -385,7 +393,7 @@ class DesignProblem:
         """The values of a record.
 
         Raises:
-            InputError: there is no file, or it was written for another scene.
+            InputError: the file does not exist, or it was written for another scene.
         """
         path = self._record
         # Numbers are in the file of rank 0, which all ranks read.
@@ -405,6 +413,7 @@ class DesignProblem:
             check_on_all(
                 self.comm,
                 len(found[name]) == len(values),
-                f"{self.who}: the record has {len(found[name])} values of '{name}'; the scene has {len(values)}.",
+                f"{self.who}: the record has {len(found[name])} values of '{name}'; the scene has "
+                f"{len(values)}.",
             )
         return found

@@ -1,36 +1,39 @@
 """Static equilibrium, also of films that wrinkle, from a first guess that need not be near.
 
-Problem.  Without inertia the tangent of slack or wrinkled film is singular or indefinite, and Newton's
-iteration for De(q)ᵀψ'(e(q)) = F(q) converges only from a state close to the solution.
+Problem.  Without inertia the tangent of slack or wrinkled film is singular or indefinite, and
+Newton's iteration for De(q)ᵀψ'(e(q)) = F(q) converges only from a state close to the solution.
 
 Idea.  Pseudo-transient continuation (Kelley & Keyes, SIAM J. Numer. Anal. 35 (1998) 508,
 doi:10.1137/S0036142996304796): backward Euler steps from rest, with stress and loads at their end,
 
     M (q1 - q0)/h² + De(q1)ᵀψ'(e(q1)) = F(q1)                                                 (1)
 
-The mass is the only regularisation.  With growing pseudo-steps h, (1) becomes the equation of equilibrium.
+The mass is the only regularisation.  With growing pseudo-steps h, (1) becomes the equation of
+equilibrium.
 
 Algorithm.
 
 1. Solve (1) by Newton's iteration (`solvers.newton`) to the relative tolerance `inner_tolerance`.
-2. If it fails, shorten h, and let a ceiling for h grow slowly from below the step that failed.  If it
-   took few iterations, let h grow up to the ceiling.
+2. If it fails, shorten h, and let a ceiling for h grow slowly from below the step that failed.  If
+   it took few iterations, let h grow up to the ceiling.
 3. Repeat until the unbalanced force without inertia is `tolerance` times the external force.
 4. Solve once more without inertia, to see whether the tangent is regular.
 
-A plate, or any film that resists compression, has an indefinite tangent until its wrinkles are nearly
-those at rest.  Therefore a pseudo-step that fails is repeated with the geometric stiffness of tension
-only.  This tangent bounds that of the energy from above, so that the iteration is slow but goes down in
-energy.  If it helps, the following pseudo-steps use it from the start (`_TensionOnly`).
+A plate, or any film that resists compression, has an indefinite tangent until its wrinkles are
+nearly those at rest.  Therefore a pseudo-step that fails is repeated with the geometric stiffness
+of tension only.  This tangent bounds that of the energy from above, so that the iteration is slow
+but goes down in energy.  If it helps, the following pseudo-steps use it from the start
+(`_TensionOnly`).
 
 Cost.  A spinning film takes 5 pseudo-steps of one iteration each, a clamped plate under pressure 15
 with 36 iterations in all; plates that wrinkle take many more.
 
-Progress.  A search of more than three seconds writes lines on the standard error (`search_progress`).
-SIGINT (Ctrl-C) and SIGTERM end it after the present pseudo-step, whose state is then that of the system.
+Progress.  A search of more than three seconds writes lines on the standard error
+(`search_progress`). SIGINT (Ctrl-C) and SIGTERM end it after the present pseudo-step, whose state
+is then that of the system.
 
-Limits.  The path passes through states that are not in equilibrium, so that of several equilibria the
-one that is found depends on the first guess and on the pseudo-steps.
+Limits.  The path passes through states that are not in equilibrium, so that of several equilibria
+the one that is found depends on the first guess and on the pseudo-steps.
 """
 
 from __future__ import annotations
@@ -74,18 +77,19 @@ MAX_RELATIVE_DISPLACEMENT = 1e3
 # Size of the scene [m] that is assumed if all coordinates are smaller.
 MIN_SCENE_SIZE = 1e-3
 
-# Largest round-off of the inner forces, over the load, that may count as equilibrium.  In a slender beam
-# or cable the forces are known to fewer digits than `Continuation.tolerance`.
+# Largest round-off of the inner forces, over the load, that may count as equilibrium.  In a slender
+# beam or cable the forces are known to fewer digits than `Continuation.tolerance`.
 MAX_ROUND_OFF = 1e-3
 
 # Tangents at the start of a pseudo-step with the geometric stiffness of tension only: all of them.
 ALL_TANGENTS = 10**6
 
-# Largest number of pseudo-steps for which the geometric stiffness of tension only is used, or not tried.
+# Largest number of pseudo-steps for which the geometric stiffness of tension only is used, or not
+# tried.
 MAX_DELAY_STEPS = 16
 
-# Pseudo-steps over the first one.  Above the largest the inertia is round-off; below the smallest the
-# continuation has failed.
+# Pseudo-steps over the first one.  Above the largest the inertia is round-off; below the smallest
+# the continuation has failed.
 MAX_STEP_RATIO = 1e9
 MIN_STEP_RATIO = 1e-6
 
@@ -93,17 +97,17 @@ MIN_STEP_RATIO = 1e-6
 INNER_TOLERANCE = 1e-8
 FINAL_TOLERANCE = 1e-10
 
-# The residual that Newton's iteration without inertia must reach, over that of the equilibrium, and the
-# number of iterations that it has: a regular tangent needs two or three.
+# The residual that Newton's iteration without inertia must reach, over that of the equilibrium, and
+# the number of iterations that it has: a regular tangent needs two or three.
 FINAL_REDUCTION = 1e-2
 FINAL_ITERATIONS = 10
 
-# Smallest load [N]: against division by zero, and so that a tolerance times it is still a number of a
-# size that `Tolerances` accepts.
+# Smallest load [N]: against division by zero, and so that a tolerance times it is still a number of
+# a size that `Tolerances` accepts.
 TINY = 1e-80
 
-# Loads over the estimated round-off of the inner forces, below which the equilibrium may not show them.  Cantilevers
-# of thin plates were right down to 6e-6, and had not moved at 5e-6 and less.
+# Loads over the estimated round-off of the inner forces, below which the equilibrium may not show
+# them.  Cantilevers of thin plates were right down to 6e-6, and had not moved at 5e-6 and less.
 LOST_LOAD = 1e-4
 
 LOG = logging.getLogger("gossamer_fx")
@@ -116,9 +120,10 @@ class Continuation:
 
     Args:
         tolerance: unbalanced force over that of loads and supports (Euclidean norms) at which
-            equilibrium is reached.  The forces in a slender beam or cable may be known to fewer digits;
-            their round-off is then enough.
-        first_step: first pseudo-step [s]; about the time in which the load moves the film by its own size.
+            equilibrium is reached.  The forces in a slender beam or cable may be known to fewer
+            digits; their round-off is then enough.
+        first_step: first pseudo-step [s]; about the time in which the load moves the film by its
+            own size.
         growth_factor: factor of the pseudo-step after at most `fast_iterations` iterations.
         fast_iterations: Newton iterations up to which a pseudo-step grows.
         cut_factor: factor of the pseudo-step after a failure.
@@ -184,15 +189,18 @@ class EquilibriumResult:
         steps: pseudo-steps, including failed ones.
         cuts: failed pseudo-steps.
         seconds: CPU time of this rank [s], without compilation.
-        totals: energies.  The kinetic energy is zero; `supplied` is the work of loads and supports along
-            the path of the continuation, which is exact for dead loads and prescribed pressure.
-        regular: whether Newton's iteration converges without inertia and the tangent is not singular.
-        free: rigid motions that no support or load resists, of each part that moves independently; the
-            equilibrium is unique at most up to these.
-        within_tolerance: whether the residual reached the tolerance of the search.  Otherwise round-off of
-            the inner forces has ended it earlier.
+        totals: energies.  The kinetic energy is zero; `supplied` is the work of loads and supports
+            along the path of the continuation, which is exact for dead loads and prescribed
+            pressure.
+        regular: whether Newton's iteration converges without inertia and the tangent is not
+            singular.
+        free: rigid motions that no support or load resists, of each part that moves independently;
+            the equilibrium is unique at most up to these.
+        within_tolerance: whether the residual reached the tolerance of the search.  Otherwise
+            round-off of the inner forces has ended it earlier.
 
-    An equilibrium that is not regular, or not within its tolerance, is also reported by a warning in the log.
+    An equilibrium that is not regular, or not within its tolerance, is also reported by a warning
+    in the log.
 
     Example:
         >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
@@ -233,11 +241,12 @@ class EquilibriumResult:
 
 @check_arguments
 class Equilibrium:
-    """Finds the static equilibrium of a scene; its state is then in `system`, for `fields` and `modes`.
+    """Finds the static equilibrium of a scene; its state is then in `system`, for `fields` and
+    `modes`.
 
     Openings between chambers flow and damping resists in the pseudo-time of the continuation; at
-    equilibrium both have ceased.  The gas of a closed chamber changes from its initial state by the process
-    `gas`: "adiabatic" as in a run, so that it cools while a film unfolds; "isothermal", its
+    equilibrium both have ceased.  The gas of a closed chamber changes from its initial state by the
+    process `gas`: "adiabatic" as in a run, so that it cools while a film unfolds; "isothermal", its
     temperature is constant; "held pressure", a blower holds its pressure.
 
     Args:
@@ -268,6 +277,7 @@ class Equilibrium:
         *,
         gas: GasProcess = "adiabatic",
     ) -> None:
+        """Check the arguments, which the class describes, and compile the scene.  Collective."""
         check(
             bool(scene.bodies),
             "Equilibrium: the scene has no body to move; add a film, cable, beam or mass.",
@@ -293,18 +303,20 @@ class Equilibrium:
         self.compile_seconds = time.perf_counter() - started
 
     def find(self, at: float = 0.0, *, progress: bool = True) -> EquilibriumResult:
-        """Find the equilibrium under the loads and prescribed positions of a time, from the present state.
+        """Find the equilibrium under the loads and prescribed positions of a time, from the present
+        state.
 
         For increments of load call it several times, with loads that are functions of time.
 
         Args:
             at: time of loads and prescribed positions [s].
-            progress: whether a search of more than three seconds writes lines on the standard error.
+            progress: whether a search of more than three seconds writes lines on the standard
+                error.
 
         Raises:
             InputError: `at` is not a finite number.
-            NoEquilibrium: with the residual that was reached, the reason, where it is largest, and what may
-                help.
+            NoEquilibrium: with the residual that was reached, the reason, where it is largest, and
+                what may help.
             Interrupted: a signal came; the system has the state of the last pseudo-step.
         """
         started = time.process_time()
@@ -343,14 +355,16 @@ class Equilibrium:
         self._warn_of_quality(self.result)
         return self.result
 
-    # ---- the result ------------------------------------------------------------------------------------
+    # ---- the result ------------------------------------------------------------------------------
 
     def reaction(
         self, support: NamedPart, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> tuple[Array, Array]:
-        """Force [N] and moment [N m] that a support exerts in the equilibrium found last, (3,) each.
+        """Force [N] and moment [N m] that a support exerts in the equilibrium found last, (3,)
+        each.
 
-        Supports that hold the same coordinate of a node, e.g. of a corner, bear equal parts of its force.
+        Supports that hold the same coordinate of a node, e.g. of a corner, bear equal parts of its
+        force.
 
         Args:
             support: an item of the scene that fixes or prescribes coordinates.
@@ -416,7 +430,7 @@ class Equilibrium:
         )
         return chambers[name]
 
-    # ---- the search ------------------------------------------------------------------------------------
+    # ---- the search ------------------------------------------------------------------------------
 
     def _continue(self, at: float, signals: Listener) -> None:
         """Make pseudo-steps until the residual without inertia is small.
@@ -482,8 +496,10 @@ class Equilibrium:
             is_exhausted = max(self._iterations, self._steps) > search.total_iterations
             if is_exhausted or h < MIN_STEP_RATIO * search.first_step:
                 raise NoEquilibrium(
-                    f"No equilibrium after {self._iterations} Newton iterations in {self._steps} pseudo-steps: the "
-                    f"unbalanced force is {residual:.1e} of the load, pseudo-step {h:.1e} s, largest in "
+                    f"No equilibrium after {self._iterations} Newton iterations in {self._steps} "
+                    "pseudo-steps: the "
+                    f"unbalanced force is {residual:.1e} of the load, pseudo-step {h:.1e} s, "
+                    "largest in "
                     f"{self.system.locate(self._residual)}; last failure: {reason}."
                     f"{remedies(self.system, self.chambers)}"
                 )
@@ -501,7 +517,8 @@ class Equilibrium:
         interrupted = Interrupted(number)
         if self.comm.rank == 0:
             LOG.warning(
-                "The search for an equilibrium was stopped by %s after %d Newton iterations in %d pseudo-steps, with "
+                "The search for an equilibrium was stopped by %s after %d Newton iterations in %d "
+                "pseudo-steps, with "
                 "%.1e of the load unbalanced; the system has the state of the last pseudo-step.",
                 interrupted.signal.name,
                 self._iterations,
@@ -516,7 +533,8 @@ class Equilibrium:
             return
         if not result.within_tolerance:
             LOG.warning(
-                "The equilibrium was found to %.1e of the load, not to the tolerance %.1e: the inner forces have a "
+                "The equilibrium was found to %.1e of the load, not to the tolerance %.1e: the "
+                "inner forces have a "
                 "round-off of %.1e N.",
                 result.residual,
                 self.search.tolerance,
@@ -524,13 +542,16 @@ class Equilibrium:
             )
         if result.free:
             LOG.warning(
-                "The equilibrium is not unique: nothing resists %s; hold it by gx.Fixed if it must not move.",
+                "The equilibrium is not unique: nothing resists %s; hold it by gx.Fixed if it must "
+                "not move.",
                 ", ".join(result.free),
             )
         elif not result.regular:
             LOG.warning(
-                "The equilibrium is not regular: its tangent is singular or Newton's iteration without inertia does "
-                "not converge, as in slack film or at a limit load; shape and modes of such parts are not unique."
+                "The equilibrium is not regular: its tangent is singular or Newton's iteration "
+                "without inertia does "
+                "not converge, as in slack film or at a limit load; shape and modes of such parts "
+                "are not unique."
             )
 
     def _announce_load(self, at: float) -> None:
@@ -563,8 +584,8 @@ class Equilibrium:
             NotConverged: the state of the system is unchanged.
         """
         system = self.system
-        # Gas flows and dampers resist in the pseudo-time.  Without inertia it is so long that they do
-        # not count.
+        # Gas flows and dampers resist in the pseudo-time.  Without inertia it is so long that they
+        # do not count.
         duration = h if math.isfinite(h) else self.search.first_step / MIN_STEP_RATIO
         system.time = at - duration
         y = system.begin_step(duration)
@@ -601,22 +622,26 @@ class Equilibrium:
     def _warn_of_lost_loads(self) -> None:
         """Warn if the loads are so small that the round-off of the inner forces hides them.
 
-        The residual is then small wherever the scene is, so that an equilibrium is found that is too stiff by any
-        factor: a plate bends with the cube of its thickness, and round-off is that of its membrane forces.
+        The residual is then small wherever the scene is, so that an equilibrium is found that is
+        too stiff by any factor: a plate bends with the cube of its thickness, and round-off is that
+        of its membrane forces.
         """
         load = float(self.system.load_forces().norm())
         round_off = self.newton.round_off
         if 0 < load < LOST_LOAD * round_off and self.comm.rank == 0:
             LOG.warning(
-                "The equilibrium does not show the loads: their %.1e N are far below the round-off of the inner "
-                "forces, %.1e N, so that displacements may be too small by any factor; a plate this thin needs cells "
+                "The equilibrium does not show the loads: their %.1e N are far below the round-off "
+                "of the inner "
+                "forces, %.1e N, so that displacements may be too small by any factor; a plate "
+                "this thin needs cells "
                 "of aspect near one, or is a Membrane.",
                 load,
                 round_off,
             )
 
     def _measure_scene(self) -> float:
-        """Largest coordinate of the initial state [m]: the size of the scene and its distance from the origin."""
+        """Largest coordinate of the initial state [m]: the size of the scene and its distance from
+        the origin."""
         largest = 0.0
         for body in self.system.bodies:
             positions = body.initial_state()[0]
@@ -624,7 +649,8 @@ class Equilibrium:
         return max(self.comm.allreduce(largest, op=MPI.MAX), MIN_SCENE_SIZE)
 
     def _check_displacement(self) -> None:
-        """Check that nothing flies off: what is not held moves the farther, the longer the pseudo-step.
+        """Check that nothing flies off: what is not held moves the farther, the longer the
+        pseudo-step.
 
         Raises:
             NoEquilibrium: names the body that has moved farthest.
@@ -638,11 +664,12 @@ class Equilibrium:
         k = int(farthest.argmax())
         if farthest[k] > MAX_RELATIVE_DISPLACEMENT * self._scene_size:
             raise NoEquilibrium(
-                f"No equilibrium: '{system.bodies[k].name}' has moved by {farthest[k]:.1e} m and moves on; hold it, or "
+                f"No equilibrium: '{system.bodies[k].name}' has moved by {farthest[k]:.1e} m and "
+                "moves on; hold it, or "
                 "let the loads on it balance each other."
             )
 
-    # ---- uniqueness ------------------------------------------------------------------------------------
+    # ---- uniqueness ------------------------------------------------------------------------------
 
     def _assess(self, at: float) -> tuple[tuple[str, ...], bool]:
         """Whether the equilibrium that was found is unique, with the loads of the time `at` [s].
@@ -650,8 +677,8 @@ class Equilibrium:
         Newton's method is started once more without inertia, from the solution.
 
         Returns:
-            rigid motions that nothing resists, in words, e.g. "translation z"; and whether the tangent
-            without inertia is regular.
+            rigid motions that nothing resists, in words, e.g. "translation z"; and whether the
+            tangent without inertia is regular.
         """
         converges = self._solve_without_inertia(at)
         system = self.system
@@ -664,12 +691,14 @@ class Equilibrium:
         free = free_motions(system, K, unbalanced * (load or 1.0), stiffnesses)
         if free or not converges:
             return free, False
-        # With scalar unknowns K is only a block of the matrix, and may be singular in a regular one.
+        # With scalar unknowns K is only a block of the matrix, and may be singular in a regular
+        # one.
         is_regular = bool(system.scalar_unknowns) or not factorisation.is_singular(K)
         return free, is_regular
 
     def _solve_without_inertia(self, at: float) -> bool:
-        """Whether Newton's iteration without inertia converges to a residual a hundred times smaller."""
+        """Whether Newton's iteration without inertia converges to a residual a hundred times
+        smaller."""
         self.newton.geometric_stiffness_delay = 0
         residual, load = self._unbalanced()
         target = FINAL_REDUCTION * min(residual, self.search.tolerance) * load
@@ -686,9 +715,9 @@ class Equilibrium:
 class _TensionOnly:
     """Decides whether pseudo-steps have the geometric stiffness of tension only.
 
-    It is tried after a failure.  The first time that it helps, it is dropped after one pseudo-step; each
-    further failure doubles the number of pseudo-steps, up to `MAX_DELAY_STEPS`.  If it has never helped,
-    it is not tried again for `MAX_DELAY_STEPS` pseudo-steps.
+    It is tried after a failure.  The first time that it helps, it is dropped after one pseudo-step;
+    each further failure doubles the number of pseudo-steps, up to `MAX_DELAY_STEPS`.  If it has
+    never helped, it is not tried again for `MAX_DELAY_STEPS` pseudo-steps.
 
     Args:
         is_possible: whether the scene has terms that resist compression; otherwise there is no

@@ -1,7 +1,7 @@
 """Form-finding: the shape that a film of prescribed tension takes between its supports.
 
-Problem.  A film in uniform tension n0 is a minimal surface; its shape follows from its supports and is
-not known before.
+Problem.  A film in uniform tension n0 is a minimal surface; its shape follows from its supports and
+is not known before.
 
 Idea (updated reference strategy, Bletzinger & Ramm, Int. J. Space Structures 14 (1999) 131).  With
 n0 as constant second Piola-Kirchhoff stress, equilibrium is a linear problem, that of a
@@ -14,8 +14,8 @@ Algorithm.
 2. Move the mesh to the equilibrium.
 3. Repeat until no node moves by more than `change`.
 
-Limits.  A film that pinches off, such as a catenoid between rings that are too far apart, has no minimal
-surface of the assumed topology; its mesh degenerates and the iteration does not end.
+Limits.  A film that pinches off, such as a catenoid between rings that are too far apart, has no
+minimal surface of the assumed topology; its mesh degenerates and the iteration does not end.
 """
 
 from __future__ import annotations
@@ -104,8 +104,8 @@ class ConstantTension:
 class EdgeCable:
     """Cable along edges of a film with a prescribed force N: W = N Σ L ½(λ² - 1).
 
-    L are the lengths of the edges in the reference shape, λ their stretches.  A film of tension n0 pulls
-    the cable into an arc of radius N/n0.
+    L are the lengths of the edges in the reference shape, λ their stretches.  A film of tension n0
+    pulls the cable into an arc of radius N/n0.
 
     Args:
         body: the film along whose edges the cable runs.
@@ -174,7 +174,8 @@ def find_form(
 
     Raises:
         InputError: the film has another law or order.
-        NoEquilibrium: the shape still moves after the last update, as that of a film that pinches off.
+        NoEquilibrium: the shape still moves after the last update, as that of a film that pinches
+            off.
 
     Example:
         >>> law = gx.analysis.Prestress(1e9, 0.3, density=1400.0, thickness=1e-4, tension=100.0)
@@ -208,7 +209,8 @@ def find_form(
 
 
 def _move_mesh(film: Membrane, search: Equilibrium) -> float:
-    """Move the mesh to the equilibrium; returns the largest change of a coordinate [m] on all ranks."""
+    """Move the mesh to the equilibrium; returns the largest change of a coordinate [m] on all
+    ranks."""
     positions = search.system.state[film].local_positions()
     geometry = film.space.mesh.geometry
     before = geometry.x.copy()

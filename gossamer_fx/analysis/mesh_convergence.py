@@ -1,13 +1,13 @@
 """Convergence of a quantity with the mesh: errors, orders and run times, as a table and a picture.
 
-With the values v of meshes of size h, the error of each is |v - v*|, v* the exact value.  If that is not
-known, it is estimated from the three finest meshes, whose values change by Δ1 and then by Δ2
+With the values v of meshes of size h, the error of each is |v - v*|, v* the exact value.  If that
+is not known, it is estimated from the three finest meshes, whose values change by Δ1 and then by Δ2
 (Richardson extrapolation):
 
     v* = v3 + Δ2/((h2/h3)^p - 1),    Δ1/Δ2 = ((h1/h2)^p - 1)/(1 - (h3/h2)^p)                  (1)
 
-where the second equation gives the order p; for sizes of one ratio r it is p = log(Δ1/Δ2)/log r.  The
-estimate exists if Δ1 and Δ2 have the same sign and the second is smaller.
+where the second equation gives the order p; for sizes of one ratio r it is p = log(Δ1/Δ2)/log r.
+The estimate exists if Δ1 and Δ2 have the same sign and the second is smaller.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ class Convergence:
     """Values of quantities on meshes of different size, from the coarsest to the finest.
 
     Attributes:
-        sizes: h of the meshes (n,) [m]: the root of twice the mean area of triangles, or the mean length of
-            line elements; or the numbers that were given.
+        sizes: h of the meshes (n,) [m]: the root of twice the mean area of triangles, or the mean
+            length of line elements; or the numbers that were given.
         cells: numbers of cells (n,); zeros where they are not known.
         seconds: CPU time of each computation (n,) [s], of rank 0.
         values: of each quantity (n,), by name.
@@ -87,7 +87,8 @@ class Convergence:
         return found
 
     def table(self) -> str:
-        """A table in Markdown: size, number of cells, value, relative error, order and CPU time of each mesh."""
+        """A table in Markdown: size, number of cells, value, relative error, order and CPU time of
+        each mesh."""
         return "\n".join(self._lines())
 
     def _lines(self) -> Iterator[str]:
@@ -114,9 +115,15 @@ class Convergence:
             yield "| " + " | ".join(cells) + " |"
         for name, is_extrapolated in self.is_extrapolated.items():
             if is_extrapolated:
-                yield f"\nErrors of {name} refer to {self.exact[name]:.6g}, extrapolated from the three finest meshes."
+                yield (
+                    f"\nErrors of {name} refer to {self.exact[name]:.6g}, extrapolated from the "
+                    "three finest meshes."
+                )
             elif name not in self.exact:
-                yield f"\n{name} has no errors: its values do not approach a limit yet; give finer meshes, or `exact`."
+                yield (
+                    f"\n{name} has no errors: its values do not approach a limit yet; give finer "
+                    "meshes, or `exact`."
+                )
 
     def plot(
         self, path: str | Path, *, others: Mapping[str, Convergence] | None = None, name: str = ""
@@ -199,17 +206,20 @@ def convergence(
     The coarsest mesh is computed once more before, so that its time is without compilation.
 
     Args:
-        quantity: a function of one of the meshes that returns a number, or numbers by name; e.g. it builds
-            a scene, finds its equilibrium and reads a displacement.
-        meshes: two or more: each a `Mesh`, or anything else that the function takes, e.g. numbers of cells.
-        sizes: h of each; default: of a `Mesh` its mean size of cells, of a number n its inverse 1/n.
+        quantity: a function of one of the meshes that returns a number, or numbers by name; e.g. it
+            builds a scene, finds its equilibrium and reads a displacement.
+        meshes: two or more: each a `Mesh`, or anything else that the function takes, e.g. numbers
+            of cells.
+        sizes: h of each; default: of a `Mesh` its mean size of cells, of a number n its inverse
+            1/n.
         exact: exact value, or values by name; default: extrapolated from the three finest meshes.
 
     Raises:
         InputError: fewer than two meshes, no sizes, or a quantity that is not a finite number.
 
     Example:
-        The tip of a bar of length 1 that hangs by its weight, with a uniform displacement in each cell:
+        The tip of a bar of length 1 that hangs by its weight, with a uniform displacement in each
+        cell:
 
         >>> def lowest(mesh):
         ...     rope = gx.Cable(mesh, gx.CableLaw(1e3, 0.1), name="rope")
@@ -239,7 +249,8 @@ def convergence(
     for row in rows:
         check(
             list(row) == names,
-            f"convergence: the quantities are {', '.join(names)} and then {', '.join(row)}; return the same names.",
+            f"convergence: the quantities are {', '.join(names)} and then {', '.join(row)}; return "
+            "the same names.",
         )
     values = {name: np.array([row[name] for row in rows]) for name in names}
     exact_values = {}
@@ -269,7 +280,8 @@ def convergence(
 
 
 def extrapolated(h: Array, values: Array) -> float:
-    """The limit of values on meshes of falling size h by (1), from the last three; NaN if there is none."""
+    """The limit of values on meshes of falling size h by (1), from the last three; NaN if there is
+    none."""
     if len(values) < 3:
         return math.nan
     first = float(values[-2] - values[-3])
@@ -304,7 +316,8 @@ def _sizes(meshes: Sequence[Any], given: Sequence[float]) -> Array:
         found = np.asarray(given, dtype=float)
         check(
             len(found) == len(meshes) and bool((found > 0).all()),
-            f"convergence: sizes is {list(given)!r}; give a positive number for each of the {len(meshes)} meshes.",
+            f"convergence: sizes is {list(given)!r}; give a positive number for each of the "
+            f"{len(meshes)} meshes.",
         )
         return found
     sizes_of_meshes = []
@@ -315,7 +328,8 @@ def _sizes(meshes: Sequence[Any], given: Sequence[float]) -> Array:
             sizes_of_meshes.append(1.0 / mesh)
         else:
             raise InputError(
-                f"convergence: the size of {mesh!r} is not known; give sizes, or meshes as Mesh or numbers of cells."
+                f"convergence: the size of {mesh!r} is not known; give sizes, or meshes as Mesh or "
+                "numbers of cells."
             )
     return np.array(sizes_of_meshes)
 

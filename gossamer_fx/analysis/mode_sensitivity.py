@@ -4,8 +4,8 @@ With K φ = ω² M φ and φ·M φ = 1 at an equilibrium r(q, θ) = 0,
 
     d(ω²)/dθ = φ·(∂K/∂θ - ω² ∂M/∂θ) φ - λ·∂r/∂θ,    Kᵀ λ = ∂(φ·K φ)/∂q                           (1)
 
-The second term is the share of the equilibrium that moves.  K φ·φ is the second derivative of the energy
-forms along φ, from which UFL derives the rest.
+The second term is the share of the equilibrium that moves.  K φ·φ is the second derivative of the
+energy forms along φ, from which UFL derives the rest.
 """
 
 from __future__ import annotations
@@ -28,11 +28,12 @@ from gossamer_fx.model import roles
 from gossamer_fx.model.body import MeshBody, has_nodal_unknowns, is_on_mesh
 from gossamer_fx.system.system import System
 
-# Relative difference of neighbouring frequencies below which a mode is not unique, and its frequency has
-# no derivative.
+# Relative difference of neighbouring frequencies below which a mode is not unique, and its
+# frequency has no derivative.
 SMALLEST_DISTANCE = 1e-6
 
-# Largest |Kφ - Kᵀφ| over |Kφ|.  Loads that follow the film make K unsymmetric; (1) needs left eigenvectors then.
+# Largest |Kφ - Kᵀφ| over |Kφ|.  Loads that follow the film make K unsymmetric; (1) needs left
+# eigenvectors then.
 MAX_ASYMMETRY = 1e-8
 
 
@@ -45,8 +46,8 @@ class Frequency:
         number: of the mode, from the lowest, which is 0.
 
     Raises:
-        InputError: when derived: the scene has springs or other forces between points, loads make the
-            stiffness unsymmetric, the mode has no frequency, or another mode has the same one.
+        InputError: when derived: the scene has springs or other forces between points, loads make
+            the stiffness unsymmetric, the mode has no frequency, or another mode has the same one.
 
     Example:
         >>> edges = [gx.Fixed(film, edge) for edge in ("bottom", "right", "top", "left")]
@@ -75,27 +76,30 @@ class Frequency:
         """The mode, which is to be the only one of its frequency.  Collective."""
         check(
             not self._equilibrium.system.scalar_unknowns,
-            "Frequency: the scene has gas chambers, by whose state it is not derived; give their pressure as Pressure.",
+            "Frequency: the scene has gas chambers, by whose state it is not derived; give their "
+            "pressure as Pressure.",
         )
         found = modes(self._equilibrium, self.number + 2)
         mode = found[self.number]
         check(
             mode.frequency > 0,
-            f"Frequency: mode {self.number} has none, as it is a rigid motion or not stable; choose another mode.",
+            f"Frequency: mode {self.number} has none, as it is a rigid motion or not stable; "
+            "choose another mode.",
         )
         for k in (self.number - 1, self.number + 1):
             if k >= 0:
                 distance = abs(found[k].frequency - mode.frequency) / mode.frequency
                 check(
                     distance > SMALLEST_DISTANCE,
-                    f"Frequency: modes {self.number} and {k} have the same frequency, {mode.frequency:.6g} Hz, which "
+                    f"Frequency: modes {self.number} and {k} have the same frequency, "
+                    f"{mode.frequency:.6g} Hz, which "
                     "has no derivative; choose another mode, or break the symmetry.",
                 )
         return mode
 
     def forms(self, system: System) -> list[ufl.Form]:
-        """φ·(K - ω² M) φ/(8π² f), whose derivatives at a given φ are those of f; the mode is that of the last
-        `add_derivative`.
+        """φ·(K - ω² M) φ/(8π² f), whose derivatives at a given φ are those of f; the mode is that
+        of the last `add_derivative`.
         """
         if self._forms is not None:
             return self._forms
@@ -162,13 +166,15 @@ def _check_made_of_forms(system: System) -> None:
         on_mesh = isinstance(kind, roles.ResidualForms | roles.OnMeshes)
         check(
             on_mesh or not isinstance(kind, roles.Forces),
-            f"Frequency: the scene has {type(kind).__name__}, whose second derivatives are not known; leave out what "
+            f"Frequency: the scene has {type(kind).__name__}, whose second derivatives are not "
+            "known; leave out what "
             "acts on points.",
         )
 
 
 def _check_symmetric(system: System, shape: PETSc.Vec) -> None:
-    """Raise `InputError` if the stiffness of the present equilibrium acts on a mode as an unsymmetric one."""
+    """Raise `InputError` if the stiffness of the present equilibrium acts on a mode as an
+    unsymmetric one."""
     system.set_inertia(0.0)
     K = system.tangent()
     force = shape.duplicate()
@@ -178,6 +184,7 @@ def _check_symmetric(system: System, shape: PETSc.Vec) -> None:
     transposed.axpy(-1.0, force)
     check(
         transposed.norm() <= MAX_ASYMMETRY * force.norm(),
-        "Frequency: loads make the stiffness unsymmetric, so that its frequencies have no derivative here; hold the "
+        "Frequency: loads make the stiffness unsymmetric, so that its frequencies have no "
+        "derivative here; hold the "
         "rim of what is under pressure.",
     )

@@ -14,8 +14,8 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array
 
-# The real or imaginary part of a mode is left out below this fraction of its largest component: the film
-# does not move in it, or it is round-off.
+# The real or imaginary part of a mode is left out below this fraction of its largest component: the
+# film does not move in it, or it is round-off.
 NEGLIGIBLE_PART = 1e-6
 
 
@@ -23,10 +23,10 @@ NEGLIGIBLE_PART = 1e-6
 class ModeShapes:
     """Shapes x0 ± h φ of a film in modes φ about an equilibrium x0, for `reduce`.
 
-    A complex mode gives the shapes of its real and of its imaginary part.  Modes represent frequencies
-    better than a recording in which they are hardly excited.  They are motions of infinitesimal height:
-    the in-plane motion that belongs to a wave of finite height is only in recordings.  Therefore give
-    both to `reduce`.
+    A complex mode gives the shapes of its real and of its imaginary part.  Modes represent
+    frequencies better than a recording in which they are hardly excited.  They are motions of
+    infinitesimal height: the in-plane motion that belongs to a wave of finite height is only in
+    recordings.  Therefore give both to `reduce`.
 
     Args:
         body: in the scene of the equilibrium.

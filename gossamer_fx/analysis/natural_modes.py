@@ -1,29 +1,31 @@
 """Small vibrations about an equilibrium, at rest or in a frame that turns with it.
 
-With the tangent K, the constant mass M and, in a frame that turns with ω, the Coriolis matrix G = 2 M ω×,
+With the tangent K, the constant mass M and, in a frame that turns with ω, the Coriolis matrix G = 2
+M ω×,
 
     (λ² M + λ G + K) φ = 0,    λ = growth + 2πi frequency                                     (1)
 
 K contains the geometric stiffness of stresses and the stiffness of loads that follow the body; the
-centrifugal force is a load of the equilibrium.  Lagrange multipliers of joints, rigid bodies and beams
-remain unknowns: they have no mass, so that their eigenvalues are infinite.
+centrifugal force is a load of the equilibrium.  Lagrange multipliers of joints, rigid bodies and
+beams remain unknowns: they have no mass, so that their eigenvalues are infinite.
 
 Gas in closed films vibrates with them.  A vibration is fast, so that no gas flows and no heat is
-exchanged: a change ΔV of the volume changes the pressure by -κ ΔV, κ = γ p/V, which adds the stiffness
-κ g⊗g with the gradient g of the volume.  It couples all nodes of the film and is therefore not in K; the
-formula of Sherman, Morrison and Woodbury adds it to the inverse:
+exchanged: a change ΔV of the volume changes the pressure by -κ ΔV, κ = γ p/V, which adds the
+stiffness κ g⊗g with the gradient g of the volume.  It couples all nodes of the film and is
+therefore not in K; the formula of Sherman, Morrison and Woodbury adds it to the inverse:
 
     (A + U κ Uᵀ)⁻¹ = A⁻¹ - A⁻¹ U (κ⁻¹ + Uᵀ A⁻¹ U)⁻¹ Uᵀ A⁻¹,    U = (g of each chamber)         (3)
 
 Contact keeps the pairs of the equilibrium, with the stiffness of their potential.
 
-Modes near a frequency are found by inversion there (shift and invert) with SLEPc's Krylov-Schur method:
+Modes near a frequency are found by inversion there (shift and invert) with SLEPc's Krylov-Schur
+method:
 
     G = 0:   K φ = ω² M φ,   the largest eigenvalues θ = 1/(ω² - σ) of (K - σ M)⁻¹ M          (2)
     G ≠ 0:   see `analysis.turning_modes`
 
-Cost.  One factorisation, of twice the size for a frequency other than zero in a turning frame, and one
-solution with it for each Krylov vector.
+Cost.  One factorisation, of twice the size for a frequency other than zero in a turning frame, and
+one solution with it for each Krylov vector.
 """
 
 from __future__ import annotations
@@ -50,11 +52,12 @@ Shape = npt.NDArray[np.complex128]
 
 AT_REST = (0.0, 0.0, 0.0)
 
-# Rigid motions make K singular.  The shift is then moved from zero by this fraction of |K|/|M|, which is
-# at most the square of the largest frequency, to where no mode is.
+# Rigid motions make K singular.  The shift is then moved from zero by this fraction of |K|/|M|,
+# which is at most the square of the largest frequency, to where no mode is.
 SHIFT_RATIO = 1e-12
 
-# Tolerance of the eigenvalue solver, relative to the eigenvalue, and its largest number of restarts.
+# Tolerance of the eigenvalue solver, relative to the eigenvalue, and its largest number of
+# restarts.
 EIGENVALUE_TOLERANCE = 1e-9
 MAX_RESTARTS = 500
 
@@ -74,9 +77,9 @@ DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
 class Mode:
     """A vibration q(t) = q0 + Re(φ e^(λt)) about an equilibrium q0.
 
-    φ is scaled to the modal mass φᴴMφ = 1 kg; of a mode at rest it is real, with its largest component
-    positive.  With the rigid motions r of the scene, translations along x, y, z and rotations about the
-    axes through the centre of mass,
+    φ is scaled to the modal mass φᴴMφ = 1 kg; of a mode at rest it is real, with its largest
+    component positive.  With the rigid motions r of the scene, translations along x, y, z and
+    rotations about the axes through the centre of mass,
 
         participation     Γ = rᵀ M φ/(φᴴ M φ)
         effective mass    |rᵀ M φ|²/(φᴴ M φ)
@@ -86,12 +89,12 @@ class Mode:
     Attributes:
         frequency: [Hz], zero or positive.
         growth: [1/s]; positive for an equilibrium that is not stable.
-        shape: this rank's part of φ, (unknowns of this rank,), a NumPy array of complex numbers; in the
-            order of `system.state`, with multipliers of constraints behind the coordinates.
+        shape: this rank's part of φ, (unknowns of this rank,), a NumPy array of complex numbers; in
+            the order of `system.state`, with multipliers of constraints behind the coordinates.
         displacements: the parts of φ at the nodes that this rank owns, (n, 3), by the names of the
             bodies; of beams and rigid bodies without the directors.
-        participation: factors of translations and rotations about x, y, z, (2, 3); in the units that
-            belong to φ.
+        participation: factors of translations and rotations about x, y, z, (2, 3); in the units
+            that belong to φ.
         effective_mass: of translations along x, y, z, (3,) [kg].
         effective_inertia: of rotations about x, y, z through the centre of mass, (3,) [kg m²].
 
@@ -137,12 +140,13 @@ def modes(
     Args:
         equilibrium: the state about which the scene vibrates; `find` was called.
         count: number of modes.
-        spin: ω of the frame [rad/s].  The scene then contains `Centrifugal` forces of the same spin.
+        spin: ω of the frame [rad/s].  The scene then contains `Centrifugal` forces of the same
+            spin.
         above: frequency [Hz]; the default finds the lowest modes.
 
     Raises:
-        InputError: a value is out of its range, the scene has gas in a turning frame or scalar unknowns other
-            than gas, or no equilibrium was found.
+        InputError: a value is out of its range, the scene has gas in a turning frame or scalar
+            unknowns other than gas, or no equilibrium was found.
         NoEquilibrium: the stiffness is singular, or the eigenvalue solver found fewer modes.
 
     Example:
@@ -182,7 +186,8 @@ def modes(
         found = _modes_in_turning_frame(K, G, M, count, shift)
     if len(found) < count:
         raise NoEquilibrium(
-            f"Only {len(found)} of {count} modes converged; ask for fewer, or check the equilibrium."
+            f"Only {len(found)} of {count} modes converged; ask for fewer, or check the "
+            "equilibrium."
         )
 
     def distance(mode: Mode) -> float:
@@ -199,12 +204,14 @@ def modes(
 
 
 def _gas_stiffnesses(system: System, is_turning: bool) -> list[tuple[Array, float]]:
-    """Pairs (g, κ) of the stiffness κ g⊗g of each closed film; this rank's part of g, 0 at fixed coordinates."""
+    """Pairs (g, κ) of the stiffness κ g⊗g of each closed film; this rank's part of g, 0 at fixed
+    coordinates."""
     found = []
     for scalars in system.scalar_unknowns:
         check(
             isinstance(scalars, ChangesWithVolume),
-            "modes: the scene has scalar unknowns whose stiffness is not known here; leave them out.",
+            "modes: the scene has scalar unknowns whose stiffness is not known here; leave them "
+            "out.",
         )
         assert isinstance(scalars, ChangesWithVolume)
         for gradient, stiffness in scalars.vibration_stiffness():
@@ -213,14 +220,16 @@ def _gas_stiffnesses(system: System, is_turning: bool) -> list[tuple[Array, floa
             found.append((values, stiffness))
     check(
         not (found and is_turning),
-        "modes: the scene has gas chambers, whose stiffness is not known in a turning frame; give their pressure as "
+        "modes: the scene has gas chambers, whose stiffness is not known in a turning frame; give "
+        "their pressure as "
         "Pressure, or leave spin out.",
     )
     return found
 
 
 def _least_gas_square(M: PETSc.Mat, stiffnesses: Sequence[tuple[Array, float]]) -> float:
-    """Smallest κ (g·g)²/(g·M g) of the closed films [1/s²]: the square of a frequency of gas and film."""
+    """Smallest κ (g·g)²/(g·M g) of the closed films [1/s²]: the square of a frequency of gas and
+    film."""
     comm = M.comm.tompi4py()
     squares = []
     for gradient, stiffness in stiffnesses:
@@ -236,7 +245,8 @@ def _least_gas_square(M: PETSc.Mat, stiffnesses: Sequence[tuple[Array, float]]) 
 
 
 def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
-    """Warn of frequencies that are zero within round-off [rad²/s²]: slack film and free motions have them."""
+    """Warn of frequencies that are zero within round-off [rad²/s²]: slack film and free motions
+    have them."""
     result = equilibrium.result
     assert result is not None
     limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least) / (2 * math.pi)
@@ -246,7 +256,8 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
         if result.free:
             reason = f"nothing resists {', '.join(result.free)}, or film is slack"
         LOG.warning(
-            "modes: %d of %d frequencies are zero within round-off (below %.1e Hz), as %s; prestress the film, give it "
+            "modes: %d of %d frequencies are zero within round-off (below %.1e Hz), as %s; "
+            "prestress the film, give it "
             "a residual stiffness, hold what is free, or ask for modes above a frequency.",
             zeros,
             len(found),
@@ -256,13 +267,16 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
 
 
 def _warn_of_growth(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
-    """Warn of modes that grow faster than round-off [rad²/s²] explains: the equilibrium is not stable."""
+    """Warn of modes that grow faster than round-off [rad²/s²] explains: the equilibrium is not
+    stable."""
     limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least)
     growing = [mode.growth for mode in found if mode.growth > limit]
     if growing and equilibrium.comm.rank == 0:
         LOG.warning(
-            "modes: the equilibrium is not stable: %d of %d modes grow, the fastest by %.3g/s; a small disturbance "
-            "leads to another equilibrium. Compressed film (a residual stiffness) or beams may have buckled: start "
+            "modes: the equilibrium is not stable: %d of %d modes grow, the fastest by %.3g/s; a "
+            "small disturbance "
+            "leads to another equilibrium. Compressed film (a residual stiffness) or beams may "
+            "have buckled: start "
             "from a disturbed shape, or mesh finer.",
             len(growing),
             len(found),
@@ -339,7 +353,8 @@ class ModalMasses:
         )
 
     def _phase(self, shape: Shape) -> complex:
-        """The factor of size one by which the largest component of a shape differs from a positive number."""
+        """The factor of size one by which the largest component of a shape differs from a positive
+        number."""
         coordinates = shape[: self._size]
         own = complex(0.0)
         if len(coordinates):
@@ -357,6 +372,14 @@ class _ShiftedInverse:
     def __init__(
         self, K: PETSc.Mat, M: PETSc.Mat, σ: float, stiffnesses: Sequence[tuple[Array, float]]
     ) -> None:
+        """Factorise K - σ M, and solve with it for g of each chamber, see (3).  Collective.
+
+        Args:
+            K: tangent stiffness.
+            M: mass matrix, of the same rows.
+            σ: shift [rad²/s²].
+            stiffnesses: (g, κ) of each chamber, with this rank's part of g.
+        """
         shifted = K.copy()
         shifted.axpy(-σ, M, DIFFERENT_PATTERN)
         self._M = M
@@ -402,7 +425,8 @@ def _check_inverse(problem: str) -> None:
     """Raise `NoEquilibrium` if a factorisation has failed."""
     if problem:
         raise NoEquilibrium(
-            f"modes: the stiffness is singular at the frequency asked for, {problem}; choose another."
+            f"modes: the stiffness is singular at the frequency asked for, {problem}; choose "
+            "another."
         )
 
 

@@ -1,8 +1,9 @@
-"""Minimisation of a result of an equilibrium or of runs by its exact gradients, with methods of SciPy and of PETSc.
+"""Minimisation of a result of an equilibrium or of runs by its exact gradients, with methods of
+SciPy and of PETSc.
 
-The parameters are divided by their size, so that their changes are comparable.  In each evaluation of an
-equilibrium the parameters of the compiled scene are set, the equilibrium is found again from the last
-one, and one transposed system is solved for the result and one for each constraint.
+The parameters are divided by their size, so that their changes are comparable.  In each evaluation
+of an equilibrium the parameters of the compiled scene are set, the equilibrium is found again from
+the last one, and one transposed system is solved for the result and one for each constraint.
 """
 
 from __future__ import annotations
@@ -59,14 +60,16 @@ class Limit:
     def __post_init__(self) -> None:
         check(
             self.low <= self.high and (self.low > -math.inf or self.high < math.inf),
-            f"Limit: low is {self.low!r} and high is {self.high!r}; give one of them, or both in this order.",
+            f"Limit: low is {self.low!r} and high is {self.high!r}; give one of them, or both in "
+            "this order.",
         )
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Optimum:
-    """What a minimisation has found; of an equilibrium, the scene has its parameters and stands in it.
+    """What a minimisation has found; of an equilibrium, the scene has its parameters and stands in
+    it.
 
     Attributes:
         value: the result.
@@ -108,32 +111,34 @@ def minimise(
 ) -> Optimum:
     """Change parameters of a scene so that a result of its equilibrium gets least.
 
-    It finds a local minimum near the start.  A field has a number for each of its entries, or with a
-    basis the amounts of a few given changes of it.
+    It finds a local minimum near the start.  A field has a number for each of its entries, or with
+    a basis the amounts of a few given changes of it.
 
-    Methods: "L-BFGS-B" and, with limits, "SLSQP" of `scipy.optimize`; the bounded quasi-Newton methods
-    "blmvm" and "bqnls" of PETSc's TAO, for fields that are distributed over ranks, which are never gathered.
-    Without a name it is "L-BFGS-B", with limits "SLSQP", of fields on several ranks "blmvm".
+    Methods: "L-BFGS-B" and, with limits, "SLSQP" of `scipy.optimize`; the bounded quasi-Newton
+    methods "blmvm" and "bqnls" of PETSc's TAO, for fields that are distributed over ranks, which
+    are never gathered. Without a name it is "L-BFGS-B", with limits "SLSQP", of fields on several
+    ranks "blmvm".
 
     Args:
         equilibrium: its scene is changed; `find` is called by the minimisation.
         of: a result with derivatives, see `gx.analysis.gradient`.
         by: names of the parameters.
-        bounds: for parameters by name the smallest and the largest value, numbers or arrays of this rank;
-            with a basis, of its amounts.
+        bounds: for parameters by name the smallest and the largest value, numbers or arrays of this
+            rank; with a basis, of its amounts.
         limits: results that are to stay within limits.
-        basis: for fields by name an array (k, m) of m changes of the k values that this rank has.  The field
-            is its start plus a sum of amounts of them, which is zero at the start.
+        basis: for fields by name an array (k, m) of m changes of the k values that this rank has.
+            The field is its start plus a sum of amounts of them, which is zero at the start.
         method: see above.
         iterations: at most.
         tolerance: relative change of the result at which the search ends.
-        record: file to which the parameters are written after each iteration (JSON).  Rank 0 writes; of
-            fields on several ranks each rank writes a file with its part.
+        record: file to which the parameters are written after each iteration (JSON).  Rank 0
+            writes; of fields on several ranks each rank writes a file with its part.
         restart: whether to start from the parameters in this file, on as many ranks.
 
     Raises:
-        InputError: a name that the scene has not, bounds or a basis of something else, no file to restart
-            from, a method of SciPy with a field on several ranks, or limits with a method of TAO.
+        InputError: a name that the scene has not, bounds or a basis of something else, no file to
+            restart from, a method of SciPy with a field on several ranks, or limits with a method
+            of TAO.
         NoEquilibrium: parameters without an equilibrium.
 
     Example:
@@ -177,25 +182,28 @@ def minimise_runs(
     restart: bool = False,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
 ) -> Optimum:
-    """Change parameters of a run so that a result of it gets least; each evaluation makes a new run.
+    """Change parameters of a run so that a result of it gets least; each evaluation makes a new
+    run.
 
-    It finds a local minimum near the start, by "L-BFGS-B" of `scipy.optimize`, or by "blmvm" or "bqnls" of
-    PETSc's TAO.
+    It finds a local minimum near the start, by "L-BFGS-B" of `scipy.optimize`, or by "blmvm" or
+    "bqnls" of PETSc's TAO.
 
     Args:
-        evaluate: function of the values of the parameters by name, arrays (k,), that makes a scene with
-            them, records a run and returns `gx.analysis.gradient(tape, of=..., by=...)`.
+        evaluate: function of the values of the parameters by name, arrays (k,), that makes a scene
+            with them, records a run and returns `gx.analysis.gradient(tape, of=..., by=...)`.
         start: first values by name, numbers or arrays.
         bounds: for parameters by name the smallest and the largest value.
         method: see above; for fields on several ranks one of TAO.
         iterations: at most.
         tolerance: relative change of the result at which the search ends.
-        record: file to which the parameters are written after each iteration (JSON), see `minimise`.
+        record: file to which the parameters are written after each iteration (JSON), see
+            `minimise`.
         restart: whether to start from the parameters in this file.
         comm: ranks of the runs.
 
     Raises:
-        InputError: no gradient, one that lacks a parameter, no parameter, or what `minimise` refuses.
+        InputError: no gradient, one that lacks a parameter, no parameter, or what `minimise`
+            refuses.
         StepFailure: parameters with which a step fails.
 
     Example:
@@ -211,7 +219,9 @@ def minimise_runs(
         ...     height = gx.probes.Position(ball.port(), "z")
         ...     return gx.analysis.gradient(tape, of=height, by=["spring.stiffness"])
         >>> found = gx.analysis.minimise_runs(
-        ...     height_after_a_second, {"spring.stiffness": 30.0}, bounds={"spring.stiffness": (20.0, 60.0)}
+        ...     height_after_a_second,
+        ...     {"spring.stiffness": 30.0},
+        ...     bounds={"spring.stiffness": (20.0, 60.0)},
         ... )
         >>> round(found.value, 2), found.parameters["spring.stiffness"].round()
         (-1.0, array([40.]))
@@ -260,7 +270,8 @@ def _search(
     )
     check(
         with_tao or not distributed,
-        f"{who}: '{', '.join(distributed)}' is a field, which is distributed over {problem.comm.size} ranks; use "
+        f"{who}: '{', '.join(distributed)}' is a field, which is distributed over "
+        f"{problem.comm.size} ranks; use "
         "method='blmvm' without limits, give a basis, or use one rank.",
     )
     # Two libraries, since SciPy's methods need the whole vector on each rank.

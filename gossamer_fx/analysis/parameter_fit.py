@@ -1,21 +1,23 @@
-"""Parameters of a scene from measured results, by least squares with exact derivatives, and their uncertainty.
+"""Parameters of a scene from measured results, by least squares with exact derivatives, and their
+uncertainty.
 
-Problem.  Results J_i(θ) of one equilibrium, or of runs and equilibria that a function makes, shall be
-those that were measured, y_i, within their uncertainties σ_i:
+Problem.  Results J_i(θ) of one equilibrium, or of runs and equilibria that a function makes, shall
+be those that were measured, y_i, within their uncertainties σ_i:
 
     minimise Σ r_i²,    r_i = (J_i(θ) - y_i)/σ_i
 
-Algorithm.  The trust-region method of `scipy.optimize.least_squares` takes the Jacobian ∂r_i/∂θ, each row
-of which is one transposed solve with known factors.  Near the solution it converges as Newton's method
-does, also where the parameters are so nearly dependent that a method with gradients only takes hundreds
-of iterations.
+Algorithm.  The trust-region method of `scipy.optimize.least_squares` takes the Jacobian ∂r_i/∂θ,
+each row of which is one transposed solve with known factors.  Near the solution it converges as
+Newton's method does, also where the parameters are so nearly dependent that a method with gradients
+only takes hundreds of iterations.
 
-Uncertainty.  For small and independent errors of what was measured the covariance of the parameters is
+Uncertainty.  For small and independent errors of what was measured the covariance of the parameters
+is
 
     C = (JᵀJ)⁻¹ max(1, s²),    s² = Σ r_i²/(m - n)                                            (1)
 
-for m results and n numbers.  The scatter s is about 1 if model and uncertainties are right; a larger one
-shows that they are not, and widens the errors.
+for m results and n numbers.  The scatter s is about 1 if model and uncertainties are right; a
+larger one shows that they are not, and widens the errors.
 
 Source: W. H. Press et al., Numerical Recipes, 3rd ed. (2007), section 15.4.
 """
@@ -106,14 +108,16 @@ def fit(
         measured: their values (m,), in the units of the results.
         by: names of the parameters.
         uncertainty: standard deviation of what was measured, one number or one for each result.
-        bounds: for parameters by name the smallest and the largest value; with a basis, of its amounts.
+        bounds: for parameters by name the smallest and the largest value; with a basis, of its
+            amounts.
         basis: for fields by name the changes (k, m) that are combined, see `minimise`.
         iterations: at most.
-        tolerance: relative change of the sum of squares, and of the parameters, at which the fit ends.
+        tolerance: relative change of the sum of squares, and of the parameters, at which the fit
+            ends.
 
     Raises:
-        InputError: lists of different length, fewer results than numbers, parameters that the results do not
-            determine, or a field on several ranks without a basis.
+        InputError: lists of different length, fewer results than numbers, parameters that the
+            results do not determine, or a field on several ranks without a basis.
         NoEquilibrium: parameters without an equilibrium.
 
     Example:
@@ -158,14 +162,16 @@ def fit_runs(
     """Fit parameters to measured results of runs, or of several equilibria, by least squares.
 
     Args:
-        evaluate: function of the values of the parameters by name, arrays (k,), that makes runs or equilibria
-            with them and returns the gradients of all results in the order of `measured`.
+        evaluate: function of the values of the parameters by name, arrays (k,), that makes runs or
+            equilibria with them and returns the gradients of all results in the order of
+            `measured`.
         start: first values by name, numbers or arrays.
         measured: values of the results (m,), in their units.
         uncertainty: standard deviation of what was measured, one number or one for each result.
         bounds: for parameters by name the smallest and the largest value.
         iterations: at most.
-        tolerance: relative change of the sum of squares, and of the parameters, at which the fit ends.
+        tolerance: relative change of the sum of squares, and of the parameters, at which the fit
+            ends.
         comm: ranks of the runs.
 
     Raises:
@@ -176,7 +182,9 @@ def fit_runs(
         ...     side = values["square.side"]
         ...     slope = gx.analysis.Derivative("square.side", "m", 2 * side, None)
         ...     return [gx.analysis.Gradient(float(side[0] ** 2), "m²", (slope,))] * 2
-        >>> found = gx.analysis.fit_runs(areas, {"square.side": 1.0}, measured=[3.9, 4.1], uncertainty=0.1)
+        >>> found = gx.analysis.fit_runs(
+        ...     areas, {"square.side": 1.0}, measured=[3.9, 4.1], uncertainty=0.1
+        ... )
         >>> found.parameters["square.side"].round(6), round(found.scatter, 3)
         (array([2.]), 1.414)
     """
@@ -219,7 +227,8 @@ class _Series(RunSource):
         self._series = list(self._all(values))
         check(
             len(self._series) == self._count,
-            f"fit_runs: evaluate returned {len(self._series)} gradients; {self._count} values were measured.",
+            f"fit_runs: evaluate returned {len(self._series)} gradients; {self._count} values were "
+            "measured.",
         )
         return self._series[0]
 
@@ -317,7 +326,8 @@ def _check(
     check(0 < tolerance < 1, f"{who}: tolerance is {tolerance!r}; give a number between 0 and 1.")
     check(
         bool(np.isfinite(y).all() and np.isfinite(σ).all() and (σ > 0).all()),
-        f"{who}: measured and uncertainty have values that are not finite, or uncertainties that are not positive; "
+        f"{who}: measured and uncertainty have values that are not finite, or uncertainties that "
+        "are not positive; "
         "correct them.",
     )
     count = sum(1 for _ in evaluate(problem.start))
@@ -328,10 +338,12 @@ def _check(
     distributed = problem.distributed()
     check(
         not distributed,
-        f"{who}: '{', '.join(distributed)}' is a field, which is distributed over {problem.comm.size} ranks; give a "
+        f"{who}: '{', '.join(distributed)}' is a field, which is distributed over "
+        f"{problem.comm.size} ranks; give a "
         "basis, or use one rank.",
     )
     check(
         problem.size <= len(y),
-        f"{who}: {problem.size} numbers are fitted to {len(y)} results; fit fewer, or measure more.",
+        f"{who}: {problem.size} numbers are fitted to {len(y)} results; fit fewer, or measure "
+        "more.",
     )

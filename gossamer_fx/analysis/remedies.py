@@ -1,4 +1,5 @@
-"""Advice for scenes whose equilibrium was not found: likely causes, from what the scene contains."""
+"""Advice for scenes whose equilibrium was not found: likely causes, from what the scene
+contains."""
 
 from __future__ import annotations
 
@@ -15,10 +16,12 @@ from gossamer_fx.mesh.quality import area_vectors
 from gossamer_fx.model.body import Array
 from gossamer_fx.system.system import System
 
-# Residual stiffness below which the wrinkles of a film of order 2 have no equilibrium on many meshes.
+# Residual stiffness below which the wrinkles of a film of order 2 have no equilibrium on many
+# meshes.
 SOFT_RESIDUAL_STIFFNESS = 1e-2
 
-# Temperature of a gas over that of its start, below which it has expanded into a volume that it does not fill.
+# Temperature of a gas over that of its start, below which it has expanded into a volume that it
+# does not fill.
 COOLED = 0.95
 
 # Sum of the loads over the sum of their magnitudes, below which they balance each other.
@@ -61,7 +64,10 @@ def _unsupported(system: System) -> Iterator[str]:
     sums = np.append(of_positions.sum(axis=0), np.abs(of_positions).sum())
     total: Array = system.comm.allreduce(sums, op=MPI.SUM)
     if np.linalg.norm(total[:3]) > BALANCED * total[3]:
-        yield "Nothing in the scene is supported, and its loads do not balance each other: hold it by gx.Fixed."
+        yield (
+            "Nothing in the scene is supported, and its loads do not balance each other: hold it "
+            "by gx.Fixed."
+        )
 
 
 def _inward_pressures(system: System) -> Iterator[str]:
@@ -75,14 +81,16 @@ def _inward_pressures(system: System) -> Iterator[str]:
             if volume < 0:
                 side = "inwards"
             yield (
-                f"'{item.name}' presses the closed film '{item.body.name}' together, as the normals of its mesh "
+                f"'{item.name}' presses the closed film '{item.body.name}' together, as the "
+                "normals of its mesh "
                 f"point {side}: change the sign of the pressure, or turn the "
                 "normals (orient=True, or gmsh: model.mesh.reverse)."
             )
 
 
 def _enclosed_volume(system: System, film: Membrane) -> float:
-    """Volume [m³] that a film encloses at the start, negative if its normals point inwards; 0 if open or flat."""
+    """Volume [m³] that a film encloses at the start, negative if its normals point inwards; 0 if
+    open or flat."""
     space = film.space
     owned = space.mesh.topology.index_map(2).size_local
     corners = space.tabulate_dof_coordinates()[cell_nodes(space)[:owned, :3]]
@@ -110,8 +118,10 @@ def _gas_that_cooled(chambers: Mapping[str, Any]) -> Iterator[str]:
         if state.temperature < COOLED * before:
             yield (
                 f"The gas of '{name}' expands adiabatically and has cooled from {before:.0f} K to "
-                f"{state.temperature:.0f} K, its pressure is {state.pressure:.4g} Pa: it does not fill the film.  "
-                'Give Equilibrium(..., gas="isothermal") if it has time to warm up, gas="held pressure" if a blower '
+                f"{state.temperature:.0f} K, its pressure is {state.pressure:.4g} Pa: it does not "
+                "fill the film.  "
+                'Give Equilibrium(..., gas="isothermal") if it has time to warm up, '
+                'gas="held pressure" if a blower '
                 "holds its pressure, or more gas."
             )
 
@@ -124,6 +134,7 @@ def _soft_films(system: System) -> Iterator[str]:
         stiffness = getattr(body.law, "residual_stiffness", None)
         if stiffness is not None and stiffness < SOFT_RESIDUAL_STIFFNESS:
             yield (
-                f"'{body.name}' is of order 2 and resists compression by {stiffness:.0e} of its stiffness only: take "
+                f"'{body.name}' is of order 2 and resists compression by {stiffness:.0e} of its "
+                "stiffness only: take "
                 f"order=1 with a finer mesh, or residual_stiffness={SOFT_RESIDUAL_STIFFNESS:g}."
             )

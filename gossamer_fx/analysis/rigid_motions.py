@@ -1,19 +1,23 @@
 """Rigid motions of parts of a scene that nothing resists.
 
-Problem.  An equilibrium is unique at most up to rigid motions that neither stiffness nor supports nor
-loads resist.  A scene may consist of several parts, each with its own rigid motions about any axis.
+Problem.  An equilibrium is unique at most up to rigid motions that neither stiffness nor supports
+nor loads resist.  A scene may consist of several parts, each with its own rigid motions about any
+axis.
 
 Algorithm, with the tangent K without inertia from which fixed coordinates were taken out.
 
-1. The parts are the connected components of the graph of K: parts do not exert forces on each other.
-2. Each part has six rigid motions about its centre, three translations and three rotations, the columns
-   of R (unknowns, 6).  A rotation ω moves a position by ω × (q - centre) and a director d by ω × d.
-3. The free motions R c satisfy K R c = 0 to round-off.  With the round-off D of the rows of K they are
+1. The parts are the connected components of the graph of K: parts do not exert forces on each
+   other.
+2. Each part has six rigid motions about its centre, three translations and three rotations, the
+   columns of R (unknowns, 6).  A rotation ω moves a position by ω × (q - centre) and a director d
+   by ω × d.
+3. The free motions R c satisfy K R c = 0 to round-off.  With the round-off D of the rows of K they
+   are
 
        c with |D⁻¹ K R c|² < n,    |R c|² = n                                                 (1)
 
-   for a part with n unknowns, found by a singular value decomposition.  A motion that would move a fixed
-   coordinate is resisted, because K has no columns of these.
+   for a part with n unknowns, found by a singular value decomposition.  A motion that would move a
+   fixed coordinate is resisted, because K has no columns of these.
 4. The free motions are described in words, along coordinate axes where possible.
 
 Cost.  Six products with K, and a QR decomposition of six columns for each part.
@@ -48,8 +52,8 @@ NEGLIGIBLE_ENTRY = 1e-14
 # Round-off of the rows of constraints [m, or 1 for directions], which are satisfied to 1e-12.
 CONSTRAINT_ROUND_OFF = 1e-10
 
-# A motion that moves less than this, over the motion that moves most, moves nothing: the rotation of a
-# straight line about its axis.
+# A motion that moves less than this, over the motion that moves most, moves nothing: the rotation
+# of a straight line about its axis.
 NO_MOTION = 1e-8
 
 # Rotations below the first number, over the largest one, count as none; so do all below the second.
@@ -59,8 +63,8 @@ NO_ROTATION = 1e-8
 # Translations below this, over the largest one, are round-off of their basis.
 NEGLIGIBLE_TRANSLATION = 1e-8
 
-# For words: coordinates below this fraction of the largest one are printed as zero, and directions that
-# differ by less from an axis are named after it.
+# For words: coordinates below this fraction of the largest one are printed as zero, and directions
+# that differ by less from an axis are named after it.
 PRINTED_ZERO = 1e-6
 ALONG_AXIS = 1e-9
 
@@ -69,7 +73,8 @@ TINY = 1e-300  # against division by zero
 
 @dataclass
 class _Nodes:
-    """The nodes of one body that this rank has; each has s vectors: a position, and directors if s > 1.
+    """The nodes of one body that this rank has; each has s vectors: a position, and directors if s
+    > 1.
 
     Attributes:
         unknowns: indices of the unknowns in the numbering of this rank, (n, s, 3).
@@ -107,7 +112,8 @@ def free_motions(
         system: compiled scene in equilibrium.
         K: tangent without inertia, with fixed coordinates taken out.
         unbalanced: norm of the residual [N], which K R c cannot be distinguished from.
-        stiffnesses: pairs (g, κ) of a stiffness κ g⊗g in addition to K, as of gas; this rank's part of g.
+        stiffnesses: pairs (g, κ) of a stiffness κ g⊗g in addition to K, as of gas; this rank's part
+            of g.
 
     Returns:
         Descriptions such as "translation z of 'film'"; the same on every rank.
@@ -126,18 +132,20 @@ def free_motions(
     return tuple(found)
 
 
-# ---- parts ---------------------------------------------------------------------------------------------
+# ---- parts ---------------------------------------------------------------------------------------
 
 
 def parts(system: System, K: PETSc.Mat) -> tuple[Labels, int]:
-    """The part of every unknown of this rank, -1 where it is fixed, and the number of parts on all ranks."""
+    """The part of every unknown of this rank, -1 where it is fixed, and the number of parts on all
+    ranks."""
     numbering = system.numbering
     n = numbering.size_local
     rows, columns, _ = _entries(K)
     is_fixed = np.zeros(n, dtype=bool)
     is_fixed[system.supports.held] = True
 
-    # Edges between unknowns of this rank, numbered from 0, and those of other ranks, numbered from n.
+    # Edges between unknowns of this rank, numbered from 0, and those of other ranks, numbered from
+    # n.
     is_own = (columns >= numbering.start) & (columns < numbering.start + n)
     others, index = np.unique(columns[~is_own], return_inverse=True)
     targets = columns.copy()
@@ -167,7 +175,8 @@ def _edges_within_nodes(
     system: System,
     is_fixed: npt.NDArray[np.bool_],
 ) -> tuple[Labels, Labels]:
-    """Edges between consecutive free components of each node: local indices of both ends, (m,) each."""
+    """Edges between consecutive free components of each node: local indices of both ends, (m,)
+    each."""
     sources: list[Labels] = []
     targets: list[Labels] = []
     for body in system.bodies:
@@ -232,7 +241,7 @@ def _entries(K: PETSc.Mat) -> tuple[Labels, Labels, Array]:
     return rows[kept].astype(np.int64), columns[kept].astype(np.int64), values[kept]
 
 
-# ---- free motions of each part -------------------------------------------------------------------------
+# ---- free motions of each part -------------------------------------------------------------------
 
 
 def _motions(
@@ -249,6 +258,9 @@ def _motions(
         Names of the bodies, centre (3,) [m], and k free motions (6, k): velocity of the centre and
         angular velocity.
     """
+    # Where all unknowns are fixed there is no part, and nothing can move.
+    if count == 0:
+        return
     comm = system.comm
     nodes = [_nodes_of(system, k, part) for k in range(len(system.bodies))]
     names = _names(system, nodes, count)
@@ -301,7 +313,8 @@ def _nodes_of(system: System, k: int, part: Labels) -> _Nodes:
 
 
 def _names(system: System, nodes: Sequence[_Nodes], count: int) -> list[list[str]]:
-    """Names of the bodies, in quotes, that have free nodes in each of the `count` connected parts of a scene."""
+    """Names of the bodies, in quotes, that have free nodes in each of the `count` connected parts
+    of a scene."""
     has_nodes = np.zeros((len(nodes), count), dtype=bool)
     for k, one in enumerate(nodes):
         has_nodes[k, one.part[one.is_free]] = True
@@ -342,14 +355,16 @@ def _rigid_motions(
     centre: Array,
     radius: Array,
 ) -> Array:
-    """Rᵀ (6, unknowns): three translations, and three rotations that move the farthest node by one."""
+    """Rᵀ (6, unknowns): three translations, and three rotations that move the farthest node by
+    one."""
     R = np.zeros((6, system.numbering.size_local))
     for i, axis in enumerate(np.eye(3)):
         for one in nodes:
             # A translation moves positions and does not turn directors.
             translation = np.zeros_like(one.vectors)
             translation[:, 0] = axis
-            # Translations and rotations of the same size make (1) independent of the unit of length.
+            # Translations and rotations of the same size make (1) independent of the unit of
+            # length.
             scale = radius[np.maximum(one.part, 0)]
             rotation = np.cross(axis, one.arms(centre)) / scale[:, None, None]
             unknowns = one.unknowns[one.is_free]
@@ -359,7 +374,8 @@ def _rigid_motions(
 
 
 def _round_off(system: System, K: PETSc.Mat, unbalanced: float) -> Array:
-    """D of (1): error of each row of K R, (unknowns,); `unbalanced` [N/m] is that of the equilibrium."""
+    """D of (1): error of each row of K R, (unknowns,); `unbalanced` [N/m] is that of the
+    equilibrium."""
     rows, _, values = _entries(K)
     sum_of_row = np.zeros(system.numbering.size_local)
     np.add.at(sum_of_row, rows, np.abs(values))
@@ -399,7 +415,7 @@ def _null_space(forces: Array, moved: Array, n: int) -> Array:
     return found
 
 
-# ---- words ---------------------------------------------------------------------------------------------
+# ---- words ---------------------------------------------------------------------------------------
 
 
 def _describe(motions: Array, centre: Array) -> list[str]:
@@ -504,7 +520,8 @@ def _reduced(vectors: Array) -> list[Array]:
 
 
 def _direction(d: Array) -> str:
-    """A direction (3,) in words: the name of an axis, or components with the largest one positive."""
+    """A direction (3,) in words: the name of an axis, or components with the largest one
+    positive."""
     d = d / np.linalg.norm(d)
     k = int(np.abs(d).argmax())
     if abs(d[k]) > 1 - ALONG_AXIS:

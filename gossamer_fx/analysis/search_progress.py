@@ -85,9 +85,11 @@ class SearchProgress:
         seconds_per_iteration = elapsed / max(state.iterations, 1)
         remaining = seconds_per_iteration * max(state.limit - state.iterations, 0)
         return (
-            f"equilibrium of {self._unknowns} unknowns: residual {state.residual:.1e} of {state.tolerance:.0e}, "
+            f"equilibrium of {self._unknowns} unknowns: residual {state.residual:.1e} of "
+            f"{state.tolerance:.0e}, "
             f"iteration {state.iterations} of at most {state.limit}, pseudo-step {state.steps} of "
-            f"{state.step:.1e} s, pseudo-time {state.pseudo_time:.1e} s, {elapsed:.0f} s so far, at most "
+            f"{state.step:.1e} s, pseudo-time {state.pseudo_time:.1e} s, {elapsed:.0f} s so far, "
+            "at most "
             f"{remaining:.0f} s left"
         )
 

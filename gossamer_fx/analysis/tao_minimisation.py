@@ -1,11 +1,12 @@
-"""Minimisation by PETSc's TAO: bounded quasi-Newton methods for fields that are distributed over ranks.
+"""Minimisation by PETSc's TAO: bounded quasi-Newton methods for fields that are distributed over
+ranks.
 
 Each rank has the numbers of its part of the fields; numbers that all ranks share belong to rank 0.
 Nothing is gathered: a method exchanges scalar products only.
 
 Sources: S. Benson, J. Moré, A limited-memory variable-metric algorithm for bound-constrained
-minimization, Argonne preprint ANL/MCS-P909-0901 (2001): `blmvm`.  `bqnls` is the bounded quasi-Newton
-line search of the TAO users manual.
+minimization, Argonne preprint ANL/MCS-P909-0901 (2001): `blmvm`.  `bqnls` is the bounded
+quasi-Newton line search of the TAO users manual.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ class TaoResult:
 
 
 class _Layout:
-    """Between the numbers of a rank, with those that all share, and a distributed vector without repetition."""
+    """Between the numbers of a rank, with those that all share, and a distributed vector without
+    repetition."""
 
     def __init__(self, problem: DesignProblem) -> None:
         self._comm = problem.comm

@@ -1,7 +1,7 @@
 """Modes of a scene in a turning frame, near a frequency, in real arithmetic.
 
-Problem.  (λ² M + λ G + K) φ = 0 is quadratic in λ, and its solutions are complex although K, G and M
-are real.
+Problem.  (λ² M + λ G + K) φ = 0 is quadratic in λ, and its solutions are complex although K, G and
+M are real.
 
 Idea.  With z = (φ, λ φ) it is linear, (A - λ B) z = 0, and shift and invert at σ gives
 
@@ -121,7 +121,8 @@ class Inverse:
         out[n:] = self._x.array_r + σu
 
     def pair(self, z: Shape) -> tuple[complex, Shape]:
-        """λ [1/s], and this rank's part of φ, of this rank's part of an eigenvector z = (φ, λ φ)."""
+        """λ [1/s], and this rank's part of φ, of this rank's part of an eigenvector z = (φ, λ
+        φ)."""
         φ = z[: self.n]
         λφ = z[self.n :]
         comm = self._M.comm.tompi4py()

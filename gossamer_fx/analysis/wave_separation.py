@@ -1,19 +1,21 @@
-"""Waves that run around an axis, forward and backward, from the Fourier coefficients of points in time.
+"""Waves that run around an axis, forward and backward, from the Fourier coefficients of points in
+time.
 
-Problem.  n waves around an axis, w = a(t) cos n θ + b(t) sin n θ, are the sum of waves that run in the sense of
-positive rotation and against it, of unknown frequencies.
+Problem.  n waves around an axis, w = a(t) cos n θ + b(t) sin n θ, are the sum of waves that run in
+the sense of positive rotation and against it, of unknown frequencies.
 
 Algorithm.
 
 1. With z = a + i b a forward wave F cos(n θ - ω t + φ) is z = F exp(i (ω t - φ)), a backward wave
    B cos(n θ + ω t + φ) is z = B exp(-i (ω t + φ)): the sign of the frequency tells them apart.
-2. The series is interpolated linearly to even times, its mean is removed, and a Hann window applied.
-3. The highest line of the Fourier transform on each side is the wave.  Its frequency lies between two lines:
-   with the ratio r of the higher neighbour to the peak it is (2 r - 1)/(1 + r) lines away, exactly so for one
-   wave under a Hann window.
+2. The series is interpolated linearly to even times, its mean is removed, and a Hann window
+   applied.
+3. The highest line of the Fourier transform on each side is the wave.  Its frequency lies between
+   two lines: with the ratio r of the higher neighbour to the peak it is (2 r - 1)/(1 + r) lines
+   away, exactly so for one wave under a Hann window.
 
-Limits.  Waves that are less than two lines apart, i.e. two periods over the whole time, are not resolved; waves of
-one sense that are weaker than another one of this sense are not reported.
+Limits.  Waves that are less than two lines apart, i.e. two periods over the whole time, are not
+resolved; waves of one sense that are weaker than another one of this sense are not reported.
 """
 
 from __future__ import annotations
@@ -39,11 +41,13 @@ class TravellingWaves:
 
     Attributes:
         forward, backward: amplitudes, in the unit of the coefficients.
-        forward_frequency, backward_frequency: ω [rad/s], positive both.  The phase of n waves goes around
-            with the speed ω/n [rad/s].
+        forward_frequency, backward_frequency: ω [rad/s], positive both.  The phase of n waves goes
+            around with the speed ω/n [rad/s].
 
     Example:
-        >>> waves = gx.analysis.TravellingWaves(0.02, 0.0, forward_frequency=12.0, backward_frequency=0.0)
+        >>> waves = gx.analysis.TravellingWaves(
+        ...     0.02, 0.0, forward_frequency=12.0, backward_frequency=0.0
+        ... )
         >>> waves.forward_frequency / 2
         6.0
     """
@@ -78,7 +82,8 @@ def travelling_waves(
     b = np.asarray(sine, dtype=float)
     check(
         t.ndim == 1 and len(t) >= LEAST_SAMPLES and t.shape == a.shape == b.shape,
-        f"travelling_waves: time, cosine and sine have the shapes {t.shape}, {a.shape} and {b.shape}; give "
+        f"travelling_waves: time, cosine and sine have the shapes {t.shape}, {a.shape} and "
+        f"{b.shape}; give "
         f"{LEAST_SAMPLES} or more values of each.",
     )
     check(
@@ -105,7 +110,8 @@ def travelling_waves(
 
 
 def _strongest(lines: Array) -> tuple[float, float]:
-    """Amplitude and place, in lines, of the strongest wave of a one-sided spectrum under a Hann window."""
+    """Amplitude and place, in lines, of the strongest wave of a one-sided spectrum under a Hann
+    window."""
     # Line 0 is the mean, which was removed.
     peak = 1 + int(np.argmax(lines[1:-1]))
     height = float(lines[peak])

@@ -35,13 +35,14 @@ if TYPE_CHECKING:
 
 @check_arguments
 class InflatableTube:
-    """A closed tube of film with gas in compartments: an assembly of film, chambers, passages and supports.
+    """A closed tube of film with gas in compartments: an assembly of film, chambers, passages and
+    supports.
 
     Attributes that were not asked for are None or empty.  In a scene the tube brings all of them.
 
     Args:
-        mesh: of the film, with the groups of `gossamer_fx.meshes.tube.flat_tube`: if there are several
-            compartments, "compartment 1" and so on and "ring 1" and so on.
+        mesh: of the film, with the groups of `gossamer_fx.meshes.tube.flat_tube`: if there are
+            several compartments, "compartment 1" and so on and "ring 1" and so on.
         law: of the film.
         properties: numbers of the law that differ along the tube, see `Membrane`.
         gas: in it.
@@ -52,8 +53,8 @@ class InflatableTube:
         laminar: relative difference of pressures below which passages are laminar, see `Orifice`.
         outside: gas outside; default vacuum.
         clamp: group of the mesh that is fixed; None: the tube is free.
-        caps: what ends of the tube are fixed to, by the group of the end: a rigid body, e.g. a satellite, or
-            the mass [kg] of a bar along the flat end, which is made.
+        caps: what ends of the tube are fixed to, by the group of the end: a rigid body, e.g. a
+            satellite, or the mass [kg] of a bar along the flat end, which is made.
         rod_width: side of the square section of such bars [m].
         folds: map with which the tube starts folded; default flat.
         origin: position of the folded shape [m], see `FoldMap.start`.
@@ -61,9 +62,10 @@ class InflatableTube:
         crease_stiffness: of creases at the fold lines [N m/m/rad]; zero: none.
         set_angle_ratio: rest angle of creases over the angle of their folds, 0 to 1.
         yield_angle: of creases [rad], see `Crease`; None: elastic.
-        contact_distance: activation distance of contact of the film with itself [m]; zero: no contact.
-        contact_stiffness: its stiffness [N/m³]; None: from closing speeds, see `Contact`.  Gradients of
-            runs need a number.
+        contact_distance: activation distance of contact of the film with itself [m]; zero: no
+            contact.
+        contact_stiffness: its stiffness [N/m³]; None: from closing speeds, see `Contact`.
+            Gradients of runs need a number.
         obstacles: solids that the film touches, too.
         name: for messages and outputs; the parts have names that begin with it.
 
@@ -77,13 +79,14 @@ class InflatableTube:
         start, creases, contact: initial shape, creases and contact.
 
     Raises:
-        InputError: obstacles without contact, creases without folds, a cap that is neither a rigid body nor a
-            positive mass, or what the parts refuse.
+        InputError: obstacles without contact, creases without folds, a cap that is neither a rigid
+            body nor a positive mass, or what the parts refuse.
 
     Example:
         >>> from gossamer_fx.meshes.tube import flat_tube
         >>> law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6)
-        >>> tube = gx.assemblies.InflatableTube(flat_tube(comm, 0.25, 0.03, 6, compartments=3), law, gas=air)
+        >>> mesh = flat_tube(comm, 0.25, 0.03, 6, compartments=3)
+        >>> tube = gx.assemblies.InflatableTube(mesh, law, gas=air)
         >>> supply = gx.Tank(2e-6, gas=air, pressure=1.5e6, temperature=293.0, name="supply")
         >>> scene = gx.Scene(tube, tube.inlet(supply, area=1e-7))
         >>> len(tube.chambers)
@@ -129,7 +132,8 @@ class InflatableTube:
         )
         check(
             crease_stiffness >= 0,
-            f"{who}: crease_stiffness is {crease_stiffness!r} N m/m/rad; give zero or a positive number.",
+            f"{who}: crease_stiffness is {crease_stiffness!r} N m/m/rad; give zero or a positive "
+            "number.",
         )
         check(
             contact_distance >= 0,
@@ -206,7 +210,8 @@ class InflatableTube:
         )
         check(
             contact_stiffness is None or contact_distance > 0,
-            f"{who}: contact_stiffness is given, but there is no contact; give contact_distance, too.",
+            f"{who}: contact_stiffness is given, but there is no contact; give contact_distance, "
+            "too.",
         )
         self.contact: Contact | None = None
         if contact_distance:
@@ -280,7 +285,8 @@ class InflatableTube:
         )
 
     def inlet(self, source: Tank | Reservoir, area: float | Callable[[float], float]) -> Orifice:
-        """The valve from a tank or reservoir into the first compartment, of an area [m²] or a function of time [s]."""
+        """The valve from a tank or reservoir into the first compartment, of an area [m²] or a
+        function of time [s]."""
         return Orifice(
             source,
             self.chambers[0],
@@ -290,7 +296,8 @@ class InflatableTube:
         )
 
     def vent(self, outside: Ambient, area: float | Callable[[float], float]) -> Orifice:
-        """The hole from the last compartment to the surroundings, of an area [m²] or a function of time [s]."""
+        """The hole from the last compartment to the surroundings, of an area [m²] or a function of
+        time [s]."""
         return Orifice(
             self.chambers[-1],
             outside,

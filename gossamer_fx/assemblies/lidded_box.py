@@ -27,14 +27,16 @@ if TYPE_CHECKING:
 
 @check_arguments
 class LiddedBox:
-    """A box that is open at the top, +z, with a lid on a hinge, which a latch holds shut until it is released.
+    """A box that is open at the top, +z, with a lid on a hinge, which a latch holds shut until it
+    is released.
 
-    The hinge is along y at the edge -x of the opening.  A spring turns the lid about it; without other forces
-    by φ(t) = φr (1 - cos ωt), ω² = k/I with the lid's moment of inertia I about the hinge.  The stop is a cord
-    from rim to lid, which is tight at the largest angle.  The latch bears the spring's moment, and does no
-    work.  The box is fixed in space, or a part of a rigid body: then hinge, spring, stop and latch act between
-    this body and the lid, so that momentum and angular momentum of both stay as they are.  The moment of the
-    latch has a constant direction in space: the body must not turn noticeably before the release.
+    The hinge is along y at the edge -x of the opening.  A spring turns the lid about it; without
+    other forces by φ(t) = φr (1 - cos ωt), ω² = k/I with the lid's moment of inertia I about the
+    hinge.  The stop is a cord from rim to lid, which is tight at the largest angle.  The latch
+    bears the spring's moment, and does no work.  The box is fixed in space, or a part of a rigid
+    body: then hinge, spring, stop and latch act between this body and the lid, so that momentum and
+    angular momentum of both stay as they are.  The moment of the latch has a constant direction in
+    space: the body must not turn noticeably before the release.
 
     Args:
         sizes: inner lengths along x, y, z [m].
@@ -47,15 +49,18 @@ class LiddedBox:
         damping: of the hinge [N m s/rad].
         max_angle: angle at the stop [rad]; None: no stop.
         stop_stiffness: of the stop's cord [N/m].
-        body: the rigid body that carries the box; None: the box is fixed in space.  The mass of the walls
-            counts as that of the body, the lid's is added.
-        turn: rotation vector [rad] of the box about its centre; x, y, z above are the axes of the turned box.
+        body: the rigid body that carries the box; None: the box is fixed in space.  The mass of the
+            walls counts as that of the body, the lid's is added.
+        turn: rotation vector [rad] of the box about its centre; x, y, z above are the axes of the
+            turned box.
         name: for messages and outputs; the parts have names that begin with it.
 
     Attributes:
         lid: the body that moves.
-        hinge, spring, damper, latch, stop: the parts between lid and space or body; None if not asked for.
-        latch_reaction: the opposite moment on the body that carries the box; None for a box fixed in space.
+        hinge, spring, damper, latch, stop: the parts between lid and space or body; None if not
+            asked for.
+        latch_reaction: the opposite moment on the body that carries the box; None for a box fixed
+            in space.
         obstacles: walls and lid, for a `Contact`.
 
     Raises:
@@ -126,7 +131,8 @@ class LiddedBox:
         )
         check(
             math.isfinite(damping) and damping >= 0,
-            f"LiddedBox '{name}': damping is {damping!r} N m s/rad; give zero or a positive number.",
+            f"LiddedBox '{name}': damping is {damping!r} N m s/rad; give zero or a positive "
+            "number.",
         )
         x, y, _ = 2 * self._half
         # Of a cuboid about its centre [kg m²].
@@ -182,7 +188,8 @@ class LiddedBox:
         return float(x), float(y), float(z)
 
     def _lid(self, mass: float, inertia: Array, local: Vector) -> RigidBody:
-        """The lid about a point of the box [m], which moves as the carrying body does at the start."""
+        """The lid about a point of the box [m], which moves as the carrying body does at the
+        start."""
         position = self._at(local)
         given: dict[str, Any] = {}
         if self._body is not None:
@@ -223,7 +230,8 @@ class LiddedBox:
 
     @property
     def obstacles(self) -> tuple[Box, ...]:
-        """Four walls and the floor, which stand still or move with the carrying body, and the lid."""
+        """Four walls and the floor, which stand still or move with the carrying body, and the
+        lid."""
         # Imported here: a box that nothing touches does not load contact.
         from gossamer_fx.contact.obstacles import Box
 

@@ -33,11 +33,11 @@ SLOWS = 0.1  # s in which the damper takes the ring's speed along the axis
 class RotationGuides:
     """Upright rods on a ring that turns about the z axis of a hub against a brake.
 
-    Each arm of a sail is wound on the hub up to its rod, and stands out from there.  Its pull turns the ring,
-    and as far as the ring turns, arms are unwound.  The brake has the moment c (ω_ring - ω_hub), whose work is
-    dissipated.  Nothing else acts between ring and hub about the axis, so that the angular momentum of the
-    whole is conserved.  To release the arms, a reel on the axis draws ring and rods down along the hub, against
-    a damper.
+    Each arm of a sail is wound on the hub up to its rod, and stands out from there.  Its pull turns
+    the ring, and as far as the ring turns, arms are unwound.  The brake has the moment c (ω_ring -
+    ω_hub), whose work is dissipated.  Nothing else acts between ring and hub about the axis, so
+    that the angular momentum of the whole is conserved.  To release the arms, a reel on the axis
+    draws ring and rods down along the hub, against a damper.
 
     Args:
         hub: a rigid body whose axes are those of space at the start.
@@ -48,8 +48,8 @@ class RotationGuides:
         mass: of the ring with its rods [kg], on that circle.
         brake_damping: c [N m s/rad].
         first_angle: angle of the first rod from the x axis [rad].
-        drawn: displacement of the ring by the reel [m], a function of time [s] that is zero at the start;
-            None: the height of the ring is constant.
+        drawn: displacement of the ring by the reel [m], a function of time [s] that is zero at the
+            start; None: the height of the ring is constant.
         reel_depth: of the reel below the ring [m]; `drawn` stays below it.
         name: for messages and outputs; the parts have names that begin with it.
 
@@ -61,8 +61,8 @@ class RotationGuides:
         rod_positions: (x, y) [m] of the axis of each rod at the start.
 
     Raises:
-        InputError: a number is not positive, the rods reach into the axis of the hub, or `drawn` is not a
-            function.
+        InputError: a number is not positive, the rods reach into the axis of the hub, or `drawn` is
+            not a function.
 
     Example:
         >>> guides = gx.assemblies.RotationGuides(hub, 4, radius=0.8, mass=2.0)
@@ -103,11 +103,13 @@ class RotationGuides:
             require_positive(f"RotationGuides '{name}': {what}", value, unit)
         check(
             rod_radius < radius,
-            f"RotationGuides '{name}': rods of {rod_radius:g} m are too thick for a circle of {radius:g} m; give less.",
+            f"RotationGuides '{name}': rods of {rod_radius:g} m are too thick for a circle of "
+            f"{radius:g} m; give less.",
         )
         check(
             drawn is None or callable(drawn),
-            f"RotationGuides '{name}': drawn is {drawn!r}; give a function of time, as lambda t: 0.1 * t, or None.",
+            f"RotationGuides '{name}': drawn is {drawn!r}; give a function of time, as lambda t: "
+            "0.1 * t, or None.",
         )
         self.hub, self._height, self._rod_radius = hub, height, rod_radius
         # A thin ring: its whole mass is at the radius.  Half of the polar moment is that about a

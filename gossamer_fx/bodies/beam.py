@@ -14,7 +14,7 @@ from dolfinx.mesh import Mesh as DolfinxMesh
 from gossamer_fx.algebra.point_measures import PointMeasure
 from gossamer_fx.bodies.curve import Curve
 from gossamer_fx.bodies.frames import Frame
-from gossamer_fx.bodies.initial_strain import Numbers
+from gossamer_fx.bodies.initial_strain import Numbers, prestress_parameters
 from gossamer_fx.bodies.meshed import PointFunction, checked
 from gossamer_fx.bodies.ports import global_node
 from gossamer_fx.bodies.rigid_body import orthonormality
@@ -48,22 +48,23 @@ class Beam(Curve):
 
         ε = ½(x'·x' - 1)   γ_i = x'·d_i   κ_i = x'·d_i'   τ = ½(d2'·d3 - d3'·d2)
 
-    less those of the mesh, to which an initial axial strain may be added; W = ½(EA ε² + GA_i γ_i² + EI_i κ_i² + GJ τ²)
-    per length; kinetic energy
-    ½∫(μ|ẋ|² + ρI_i |ḋ_i|²) dS.  The directors stay orthonormal at the nodes, by multipliers: imposed between nodes it
-    would lock.  See Simo, CMAME 49 (1985) 55, and Betsch & Steinmann, IJNME 54 (2002) 1775, for
-    beams in directors.
+    less those of the mesh, to which an initial axial strain may be added; W = ½(EA ε² + GA_i γ_i² +
+    EI_i κ_i² + GJ τ²) per length; kinetic energy ½∫(μ|ẋ|² + ρI_i |ḋ_i|²) dS.  The directors stay
+    orthonormal at the nodes, by multipliers: imposed between nodes it would lock.  See Simo, CMAME
+    49 (1985) 55, and Betsch & Steinmann, IJNME 54 (2002) 1775, for beams in directors.
 
     Args:
         mesh: line elements in space, straight or curved: the stress-free shape.
         section: stiffness and inertia, e.g. `tube(...)`.
         normal: direction of d2, made normal to the beam; it must not be along the beam.
         thermal: thermal expansion along the beam, with its temperature; default none.
-        initial_tension: axial force N0 [N] of the beam in the shape of its mesh, negative for compression: a number;
-            {group: number} of curves of the mesh, elsewhere none; or a function of points (3, n) that returns (n,).
+        initial_tension: axial force N0 [N] of the beam in the shape of its mesh, negative for
+            compression: a number; {group: number} of curves of the mesh, elsewhere none; or a
+            function of points (3, n) that returns (n,).
         initial_strain: axial strain in place of a force, given in the same way.
-        velocity: initial velocity [m/s], a function of the points (3, n) that returns (3, n); directors move with
-            the difference that it makes over their length, which is exact for rigid motions.  Default: at rest.
+        velocity: initial velocity [m/s], a function of the points (3, n) that returns (3, n);
+            directors move with the difference that it makes over their length, which is exact for
+            rigid motions.  Default: at rest.
         name: name in messages and output.
 
     Example:
@@ -85,6 +86,9 @@ class Beam(Curve):
         velocity: PointFunction | None = None,
         name: str = "beam",
     ) -> None:
+        """Check the arguments, which the class describes, and make space, section and initial
+        state.  Collective.
+        """
         super().__init__("Beam", name, mesh, 2, 9)
         self.section = section
         self._take_expansion("Beam", thermal)
@@ -114,7 +118,8 @@ class Beam(Curve):
         check_on_all(
             self.comm,
             bool((length > PARALLEL * np.linalg.norm(normal)).all()),
-            f"Beam '{self.name}': its normal {normal.tolist()} is along the beam somewhere; choose another direction.",
+            f"Beam '{self.name}': its normal {normal.tolist()} is along the beam somewhere; choose "
+            "another direction.",
         )
         d2 = d2 / length
         q = fem.Function(self.space)
@@ -157,6 +162,9 @@ class Beam(Curve):
         """
         yield KineticEnergy(self, self.mass)
         thermal = self._thermal_strain("Beam", components=6)
+        stored = prestress_parameters(self.constants)
+        if thermal is not None:
+            stored += thermal.parameters
         yield StoredEnergy(
             self.name,
             self,
@@ -165,7 +173,7 @@ class Beam(Curve):
             self.dx,
             quadratic=True,
             thermal=thermal,
-            parameters=() if thermal is None else thermal.parameters,
+            parameters=stored,
         )
         # One constraint for each owned node; its multipliers keep sections rigid in every iterate.
         first, end = self.block.index_map.local_range

@@ -1,4 +1,5 @@
-"""What joins two sides or acts between them: points or frames of two bodies, or of a body and the ground."""
+"""What joins two sides or acts between them: points or frames of two bodies, or of a body and the
+ground."""
 
 from __future__ import annotations
 
@@ -39,7 +40,8 @@ class Between:
         """Check the arguments, which the class describes; raises `InputError`."""
         check(
             bool(list(bodies_of(self.a, self.b))),
-            f"{type(self).__name__} '{self.name}' joins the ground to itself; give a port of a body.",
+            f"{type(self).__name__} '{self.name}' joins the ground to itself; give a port of a "
+            "body.",
         )
 
     @property
@@ -62,9 +64,11 @@ class FrameJoint(Between):
         super().__post_init__()
         a = self.a.origin
         b = self.b.origin
-        # The distance of two points of one body follows from its stiffness: a joint would be a support.
+        # The distance of two points of one body follows from its stiffness: a joint would be a
+        # support.
         if isinstance(a, Port) and isinstance(b, Port):
             check(
                 a.body is not b.body,
-                f"{type(self).__name__} '{self.name}' joins '{a.body.name}' to itself; join two bodies.",
+                f"{type(self).__name__} '{self.name}' joins '{a.body.name}' to itself; join two "
+                "bodies.",
             )

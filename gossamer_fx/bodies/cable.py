@@ -13,7 +13,7 @@ import ufl
 from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.bodies.curve import Curve
-from gossamer_fx.bodies.initial_strain import Numbers
+from gossamer_fx.bodies.initial_strain import Numbers, prestress_parameters
 from gossamer_fx.bodies.meshed import PointFunction, checked, positions
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
@@ -67,7 +67,8 @@ class BarLaw:
 @check_arguments
 @dataclass(frozen=True)
 class CableLaw(BarLaw):
-    """St. Venant-Kirchhoff bar: W = ½ EA ε² per reference length, ε = ½(λ² - 1); its tension is N = EA ε λ.
+    """St. Venant-Kirchhoff bar: W = ½ EA ε² per reference length, ε = ½(λ² - 1); its tension is N =
+    EA ε λ.
 
     Args:
         EA: axial stiffness [N], positive.
@@ -127,26 +128,29 @@ class TensionOnly(CableLaw):
 class Cable(Curve):
     """A cable whose stress-free shape is the mesh, unless it is prestressed or shortened.
 
-    Kinetic energy ½∫μ|v|² dS, stored energy ∫W(ε + ε0) dS with the Green-Lagrange strain ε = ½(x'·x' - 1) and the
-    initial strain ε0; dS is the natural length and x' the derivative with respect to it.
+    Kinetic energy ½∫μ|v|² dS, stored energy ∫W(ε + ε0) dS with the Green-Lagrange strain ε =
+    ½(x'·x' - 1) and the initial strain ε0; dS is the natural length and x' the derivative with
+    respect to it.
 
     Args:
         mesh: line elements in space.
         law: `CableLaw`, `TensionOnly` or `TabulatedCable`.
         order: 1 (constant strain) or 2.
         thermal: thermal expansion, with the temperature of the cable; default none.
-        length_factor: natural length over that of the mesh; below 1 for a cable that is cut shorter than the line on
-            which it is mounted, e.g. a foreshortened tendon.
-        initial_tension: tension N0 [N] of the cable at its natural length, of a `CableLaw` or `TensionOnly`: a number;
-            {group: number} of curves of the mesh, elsewhere none; or a function of points (3, n) that returns (n,).
+        length_factor: natural length over that of the mesh; below 1 for a cable that is cut shorter
+            than the line on which it is mounted, e.g. a foreshortened tendon.
+        initial_tension: tension N0 [N] of the cable at its natural length, of a `CableLaw` or
+            `TensionOnly`: a number; {group: number} of curves of the mesh, elsewhere none; or a
+            function of points (3, n) that returns (n,).
         initial_strain: ε0 in place of a tension, given in the same way.
-        displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
+        displacement: initial displacement [m], a function of the points (3, n) that returns (3, n);
+            default none.
         velocity: initial velocity [m/s], given in the same way.
         name: name in messages and output.
 
     Raises:
-        InputError: a mesh, order or length_factor out of range, both initial tension and strain, an initial tension
-            with a law that does not say which strain has it.
+        InputError: a mesh, order or length_factor out of range, both initial tension and strain, an
+            initial tension with a law that does not say which strain has it.
 
     Example:
         >>> law = gx.CableLaw(1e4, 0.01)
@@ -169,6 +173,9 @@ class Cable(Curve):
         velocity: PointFunction | None = None,
         name: str = "cable",
     ) -> None:
+        """Check the arguments, which the class describes, and make space, law and initial state.
+        Collective.
+        """
         check(order in (1, 2), f"Cable '{name}': order is {order!r}; use 1 or 2.")
         super().__init__("Cable", name, mesh, order, 3)
         self.law = law
@@ -184,7 +191,8 @@ class Cable(Curve):
             self._length_ratio = constant(self.mesh.domain, length_factor)
         check(
             initial_tension is None or isinstance(law, CableLaw),
-            f"'{name}': its initial_tension is given, but {type(law).__name__} does not say which strain has it; give "
+            f"'{name}': its initial_tension is given, but {type(law).__name__} does not say which "
+            "strain has it; give "
             "initial_strain.",
         )
         self._take_prestress(initial_tension, initial_strain)
@@ -192,7 +200,8 @@ class Cable(Curve):
         self._velocity = checked(velocity, f"Cable '{name}': its velocity", mesh.comm)
 
     def measure(self, x: Expr) -> Expr:
-        """Strain (ε,) of the law at the positions x: from the natural length, and the initial one."""
+        """Strain (ε,) of the law at the positions x: from the natural length, and the initial
+        one."""
         strain = bar_strain(x)[0]
         if self._length_ratio is not None:
             # x' with respect to the natural length is that of the mesh over the ratio of both.
@@ -219,6 +228,9 @@ class Cable(Curve):
             parameters=numbers,
         )
         thermal = self._thermal_strain("Cable", components=1)
+        stored = numbers + prestress_parameters(self.constants)
+        if thermal is not None:
+            stored += thermal.parameters
         yield StoredEnergy(
             self.name,
             self,
@@ -228,7 +240,7 @@ class Cable(Curve):
             self.law.quadratic,
             lambda e0, e1: self.law.pieces(e0, e1, self.constants),
             thermal=thermal,
-            parameters=numbers if thermal is None else numbers + thermal.parameters,
+            parameters=stored,
         )
 
     def density(self, e: Expr) -> Expr:

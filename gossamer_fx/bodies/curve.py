@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 class Curve(Meshed):
     """A body on line elements: `size` numbers a node, Lagrange elements of an `order`."""
 
-    constants: SimpleNamespace  # of its law or section, as coefficients of forms; EA [N] where there is one
+    # of its law or section, as coefficients of forms; EA [N] where there is one
+    constants: SimpleNamespace
 
     def __init__(
         self,
@@ -49,7 +50,8 @@ class Curve(Meshed):
         domain = self.mesh.domain
         check(
             domain.topology.dim == 1 and domain.geometry.dim == 3,
-            f"{kind} '{name}': the mesh has cells of dimension {domain.topology.dim} in {domain.geometry.dim}-D space; "
+            f"{kind} '{name}': the mesh has cells of dimension {domain.topology.dim} in "
+            f"{domain.geometry.dim}-D space; "
             "give line elements in 3-D.",
         )
         self.name, self.comm, self.order = name, domain.comm, order
@@ -60,7 +62,8 @@ class Curve(Meshed):
         self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})
 
     def _take_prestress(self, tension: Numbers | None, strain: Numbers | None) -> None:
-        """Add an initial axial strain to the constants, from the force [N] or the strain that was given."""
+        """Add an initial axial strain to the constants, from the force [N] or the strain that was
+        given."""
         # A restart compares these arguments, see `outputs.arguments`.
         self._initial_tension = tension
         self._initial_strain = strain
@@ -95,7 +98,8 @@ class Curve(Meshed):
             check_no_gradient(thermal, f"{kind} '{self.name}'")
 
     def _thermal_strain(self, kind: str, components: int) -> ThermalStrain | None:
-        """The thermal strain, the first of `components`, for one compiled scene; None without expansion."""
+        """The thermal strain, the first of `components`, for one compiled scene; None without
+        expansion."""
         if self.thermal is None:
             return None
         from gossamer_fx.bodies.thermal_expansion import metric_strain, thermal_strain

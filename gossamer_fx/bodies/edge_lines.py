@@ -1,8 +1,8 @@
 """Lines of edges of films, in order, with their arc length: what is sewn to what.
 
 A line is a named group of curves of a film's mesh that is connected and has no branches, open or
-closed.  Points of it are found by the fraction σ of its arc length on the mesh, 0 <= σ <= 1, which is
-the cut pattern.  Every rank knows all of a line, in the same order for any number of ranks.
+closed.  Points of it are found by the fraction σ of its arc length on the mesh, 0 <= σ <= 1, which
+is the cut pattern.  Every rank knows all of a line, in the same order for any number of ranks.
 """
 
 from __future__ import annotations
@@ -52,7 +52,8 @@ class EdgeLine:
 
     @cached_property
     def edge_lengths(self) -> Array:
-        """Length (n,) [m] of each edge on the mesh; curved ones as the chords between their nodes."""
+        """Length (n,) [m] of each edge on the mesh; curved ones as the chords between their
+        nodes."""
         chords: Array = np.linalg.norm(np.diff(self.X, axis=1), axis=2)
         return chords.sum(axis=1)
 
@@ -115,7 +116,8 @@ class EdgeLine:
         return k, float(np.clip((fraction - start) / width, 0.0, 1.0))
 
     def port(self, fraction: float) -> Port:
-        """The point at σ as a combination of the nodes of its edge; a node, if it is next to one."""
+        """The point at σ as a combination of the nodes of its edge; a node, if it is next to
+        one."""
         k, ξ = self.locate(fraction)
         # A port at a node depends on one node instead of two or three: fewer entries of the matrix.
         nearest = round(ξ * self.order)
@@ -149,7 +151,8 @@ class SewnEdges(Protocol):
         ...
 
     def lines(self, start: State) -> tuple[EdgeLine, EdgeLine]:
-        """Both edges, so that points of like fractions of arc length belong together.  Collective."""
+        """Both edges, so that points of like fractions of arc length belong together.
+        Collective."""
         ...
 
 
@@ -209,10 +212,11 @@ def edge_line(body: Meshed, group: str, user: str) -> EdgeLine:
 
 
 def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[np.bool_], bool]:
-    """The edges (n,) in the order of a walk, whether each is passed forwards, and whether it is closed.
+    """The edges (n,) in the order of a walk, whether each is passed forwards, and whether it is
+    closed.
 
-    The walk begins at the end with the lowest coordinates, or at the lowest vertex of a closed line,
-    there along the edge to the lower neighbour: that is the same for any numbering.
+    The walk begins at the end with the lowest coordinates, or at the lowest vertex of a closed
+    line, there along the edge to the lower neighbour: that is the same for any numbering.
     """
     edges_at: dict[int, list[int]] = {}
     point: dict[int, Array] = {}
@@ -227,7 +231,8 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
     ends = [vertex for vertex, meeting in edges_at.items() if len(meeting) == 1]
     check(
         most <= 2 and len(ends) in (0, 2),
-        f"{what} is not one line: it branches or has several parts; name one line for each side of a seam.",
+        f"{what} is not one line: it branches or has several parts; name one line for each side of "
+        "a seam.",
     )
     coordinates = np.array(list(point.values()))
     low = coordinates.min(axis=0)
@@ -264,7 +269,8 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
 
 
 def aligned(a: EdgeLine, b: EdgeLine, start: State) -> EdgeLine:
-    """The line b, turned so that points of like σ are near those of a in the initial state.  Collective.
+    """The line b, turned so that points of like σ are near those of a in the initial state.
+    Collective.
 
     Of a closed line the beginning is chosen, too: the vertex for which the mean squared distance is
     least.

@@ -20,8 +20,8 @@ from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_constraints import PointConstraint
 
-# Components of unit vectors that differ by less are equal.  The round-off of a direction that a user
-# computes is far below, an error of the direction far above.
+# Components of unit vectors that differ by less are equal.  The round-off of a direction that a
+# user computes is far below, an error of the direction far above.
 SAME_DIRECTION = 1e-9
 
 # Coordinates of a frame: a point and three directors.
@@ -64,7 +64,8 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A point of a body and one director: a straight edge, whose rotation about itself means nothing."""
+    """A point of a body and one director: a straight edge, whose rotation about itself means
+    nothing."""
 
     origin: Attached
     directors: tuple[Attached, ...]
@@ -94,14 +95,16 @@ def ground_frame(point: Vector = (0.0, 0.0, 0.0)) -> Frame:
 
 
 def along(direction: Array, frame: Frame, where: Callable[[Attached], Array] = INITIAL) -> Attached:
-    """The vector fixed in a frame that is `direction` (3,) at the start, or where a function says the vectors are.
+    """The vector fixed in a frame that is `direction` (3,) at the start, or where a function says
+    the vectors are.
 
     Raises:
         InputError: the frame has two directors and the direction is not in their plane.
     """
     check(
         lies_in(direction, frame, where),
-        f"A frame has no direction {direction.tolist()} in the plane of its directors; give one with three directors.",
+        f"A frame has no direction {direction.tolist()} in the plane of its directors; give one "
+        "with three directors.",
     )
     components = [float(where(director) @ direction) for director in frame.directors]
     return combine(components, frame.directors)
@@ -124,16 +127,16 @@ def is_normal(axis: Array, side: Frame, where: Callable[[Attached], Array] = INI
 class SectionFrame:
     """A massless body that follows a section of a beam and has its normal as third director.
 
-    Problem.  Products of the directors of two sections in one plane do not change to first order when
-    one of them tilts; a joint needs products with the normal of a section.
+    Problem.  Products of the directors of two sections in one plane do not change to first order
+    when one of them tilts; a joint needs products with the normal of a section.
 
-    Idea.  The body has a point x and directors n, d2, d3, which are constrained to the point x_s and the
-    directors s2, s3 of the section:
+    Idea.  The body has a point x and directors n, d2, d3, which are constrained to the point x_s
+    and the directors s2, s3 of the section:
 
-        x - x_s = 0   d2 - s2 = 0   d3 - s3 = 0   ½(n·n - 1) = 0   n·s2 = n·s3 = 0                 (1)
+        x - x_s = 0   d2 - s2 = 0   d3 - s3 = 0   ½(n·n - 1) = 0   n·s2 = n·s3 = 0               (1)
 
-    These measures are quadratic and objective, so that joints of beams conserve the same quantities as
-    those of rigid bodies.
+    These measures are quadratic and objective, so that joints of beams conserve the same quantities
+    as those of rigid bodies.
 
     Args:
         section: frame with the two directors s2, s3.

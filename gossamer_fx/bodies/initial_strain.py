@@ -1,8 +1,9 @@
 """Initial strain of films and lines: prestress.
 
-A body's law is a function of the strain e(x) + e0.  e(x) is the strain from the mesh to the positions x,
-and e0 the initial strain: the body in the shape of its mesh has the stress W'(e0).  As e0 does not depend
-on x, the sum is quadratic in x like e(x), so that steps conserve energy and momenta as without it.
+A body's law is a function of the strain e(x) + e0.  e(x) is the strain from the mesh to the
+positions x, and e0 the initial strain: the body in the shape of its mesh has the stress W'(e0).  As
+e0 does not depend on x, the sum is quadratic in x like e(x), so that steps conserve energy and
+momenta as without it.
 
 An initial stress is converted to the strain that has it, by the stiffness of taut film.
 """
@@ -25,9 +26,10 @@ from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.mesh.quality import area_vectors, corner_points
 from gossamer_fx.model.body import Array
+from gossamer_fx.model.parameters import Parameter
 
-# A tensor (3, 3), or a number for one that is the same in all directions; {group: tensor or number}; or a
-# function of points (3, n) that returns (3, 3, n) or (n,).
+# A tensor (3, 3), or a number for one that is the same in all directions; {group: tensor or
+# number}; or a function of points (3, n) that returns (3, 3, n) or (n,).
 Tensors = (
     float | Array | Sequence[Sequence[float]] | Mapping[str, Any] | Callable[[Array], Array] | None
 )
@@ -39,6 +41,20 @@ Numbers = float | Mapping[str, float] | Callable[[Array], Array]
 COMPRESSION_TOLERANCE = 1e-9
 
 
+# SI units of the coefficients of prestress, by their names among the constants of a body.
+PRESTRESS_UNITS = {"initial_strain": "", "initial_stress": "Pa", "initial_tension": "N"}
+
+
+def prestress_parameters(constants: Any) -> tuple[Parameter, ...]:
+    """The prestress of a body as parameters of its stored energy; empty without prestress."""
+    found = []
+    for name, unit in PRESTRESS_UNITS.items():
+        coefficient = getattr(constants, name, None)
+        if coefficient is not None:
+            found.append(Parameter(name, unit, coefficient))
+    return tuple(found)
+
+
 def check_one_given(name: str, strain: Any, stress: Any, stress_name: str) -> None:
     """Refuse an initial strain in addition to an initial stress or tension."""
     check(
@@ -47,11 +63,12 @@ def check_one_given(name: str, strain: Any, stress: Any, stress_name: str) -> No
     )
 
 
-# ---- films -----------------------------------------------------------------------------------------------
+# ---- films ---------------------------------------------------------------------------------------
 
 
 def film_tensors(mesh: Mesh, given: Tensors, what: str) -> fem.Function:
-    """A function of symmetric tensors (3, 3), constant in each cell, from what a user gave.  Collective.
+    """A function of symmetric tensors (3, 3), constant in each cell, from what a user gave.
+    Collective.
 
     `what` begins messages about it.
     """
@@ -71,7 +88,8 @@ def check_stress(mesh: Mesh, stresses: fem.Function, law: FilmLaw, what: str) ->
     """
     check(
         type(law).taut_strain is not FilmLaw.taut_strain,
-        f"{what} is given, but {type(law).__name__} does not say which strain has it; give initial_strain.",
+        f"{what} is given, but {type(law).__name__} does not say which strain has it; give "
+        "initial_strain.",
     )
     if not law.quadratic:
         _check_tensile(mesh, stresses, what)
@@ -84,7 +102,8 @@ def strain_in_frame(tensors: fem.Function, frame: Expr) -> Expr:
 
 
 def strain_of_stress(stresses: fem.Function, frame: Expr, law: FilmLaw, constants: Any) -> Expr:
-    """Strain (E11, E22, 2 E12) of taut film in its frame (3, 2), of stresses (3, 3) in space [Pa]."""
+    """Strain (E11, E22, 2 E12) of taut film in its frame (3, 2), of stresses (3, 3) in space
+    [Pa]."""
     stress = _in_frame(stresses, frame)
     shear = (stress[0, 1] + stress[1, 0]) / 2
     S = ufl.as_vector([stress[0, 0], stress[1, 1], shear])
@@ -92,7 +111,8 @@ def strain_of_stress(stresses: fem.Function, frame: Expr, law: FilmLaw, constant
 
 
 class _GivenTensors:
-    """A tensor, a number or a function of points, as a function of points (3, n) that returns (3, 3, n)."""
+    """A tensor, a number or a function of points, as a function of points (3, n) that returns (3,
+    3, n)."""
 
     def __init__(self, given: Tensors, what: str) -> None:
         self._function = given if callable(given) else None
@@ -101,7 +121,8 @@ class _GivenTensors:
             self._tensor = _tensor(given, what)
 
     def __call__(self, points: Array) -> Any:
-        """Tensors (3, 3, n) at points (3, n); numbers (n,) of a user's function become multiples of the unit tensor."""
+        """Tensors (3, 3, n) at points (3, n); numbers (n,) of a user's function become multiples of
+        the unit tensor."""
         count = points.shape[1]
         if self._function is None:
             return np.repeat(self._tensor[:, :, None], count, axis=2)
@@ -120,7 +141,8 @@ def _tensor(value: Any, what: str) -> Array:
     numbers = real_numbers(value)
     if numbers is None or numbers.shape not in ((), (3, 3)) or not np.isfinite(numbers).all():
         raise InputError(
-            f"{what} is {value!r}; give a number (the same in all directions) or a symmetric tensor (3, 3)."
+            f"{what} is {value!r}; give a number (the same in all directions) or a symmetric "
+            "tensor (3, 3)."
         )
     if numbers.shape == ():
         return np.asarray(float(numbers) * np.eye(3))
@@ -137,7 +159,8 @@ def _in_frame(tensors: fem.Function, frame: Expr) -> Expr:
 
 
 def _check_tensile(mesh: Mesh, stresses: fem.Function, what: str) -> None:
-    """Check that film which bears no compression is not compressed by its initial stress.  Collective."""
+    """Check that film which bears no compression is not compressed by its initial stress.
+    Collective."""
     owned = mesh.domain.topology.index_map(2).size_local
     nodes = cell_nodes(stresses.function_space)[:owned].ravel()
     tensors = stresses.x.array.reshape(-1, 3, 3)[nodes]
@@ -151,12 +174,13 @@ def _check_tensile(mesh: Mesh, stresses: fem.Function, what: str) -> None:
     check_on_all(
         mesh.comm,
         smallest >= -COMPRESSION_TOLERANCE * largest,
-        f"{what} is compressive ({smallest:.3g} Pa), but the film wrinkles then; give a tensile stress, or a law "
+        f"{what} is compressive ({smallest:.3g} Pa), but the film wrinkles then; give a tensile "
+        "stress, or a law "
         "without wrinkles such as Linear.",
     )
 
 
-# ---- cables and beams ------------------------------------------------------------------------------------
+# ---- cables and beams ----------------------------------------------------------------------------
 
 
 def line_numbers(mesh: Mesh, given: Numbers, what: str) -> fem.Function:

@@ -15,6 +15,7 @@ from gossamer_fx.bodies.initial_strain import (
     check_one_given,
     check_stress,
     film_tensors,
+    prestress_parameters,
     strain_in_frame,
     strain_of_stress,
 )
@@ -47,29 +48,32 @@ if TYPE_CHECKING:
 class Membrane(Meshed):
     """A film whose stress-free shape is the mesh, unless it is prestressed.
 
-    Kinetic energy ½∫ρt |v|² dA, stored energy ∫W(E + E0) dA with the Green-Lagrange strain E of the surface from the
-    mesh and the initial strain E0; dA is the reference area.
+    Kinetic energy ½∫ρt |v|² dA, stored energy ∫W(E + E0) dA with the Green-Lagrange strain E of the
+    surface from the mesh and the initial strain E0; dA is the reference area.
 
     Args:
         mesh: triangles in space, flat or curved.
         law: energy per unit area, e.g. `Miyazaki`.
         order: 1 (constant strain) or 2.
-        properties: numbers of the law that differ from cell to cell, by "E", "nu", "density", "thickness": {group:
-            value} for surfaces of the mesh (elsewhere the law's own), or a function of the cells' midpoints (3, n) that
-            returns (n,).  E.g. devices on a sail: {"density": {"device": 2000.0}, "thickness": {"device": 25e-6}}.
+        properties: numbers of the law that differ from cell to cell, by "E", "nu", "density",
+            "thickness": {group: value} for surfaces of the mesh (elsewhere the law's own), or a
+            function of the cells' midpoints (3, n) that returns (n,).  E.g. devices on a sail:
+            {"density": {"device": 2000.0}, "thickness": {"device": 25e-6}}.
         thermal: thermal expansion, with the temperature of the film; default none.
-        initial_stress: stress [Pa] of the film in the shape of the mesh: a number (the same in all directions) or a
-            tensor (3, 3), whose part in the film counts; {group: number or tensor} of surfaces of the mesh, elsewhere
-            none; or a function of points (3, n) that returns (n,) or (3, 3, n).  Tensile for laws that wrinkle.
+        initial_stress: stress [Pa] of the film in the shape of the mesh: a number (the same in all
+            directions) or a tensor (3, 3), whose part in the film counts; {group: number or tensor}
+            of surfaces of the mesh, elsewhere none; or a function of points (3, n) that returns
+            (n,) or (3, 3, n).  Tensile for laws that wrinkle.
         initial_strain: E0 in place of a stress, given in the same way.
-        displacement: initial displacement [m], a function of the points (3, n) that returns (3, n), or {group:
-            function} of surfaces or lines of the mesh, elsewhere none, e.g. to open layers that coincide; default none.
+        displacement: initial displacement [m], a function of the points (3, n) that returns (3, n),
+            or {group: function} of surfaces or lines of the mesh, elsewhere none, e.g. to open
+            layers that coincide; default none.
         velocity: initial velocity [m/s], given in the same way.
         name: name in messages and output.
 
     Raises:
-        InputError: a mesh or order that does not fit, both initial stress and strain, a compressive initial stress
-            of film that wrinkles.
+        InputError: a mesh or order that does not fit, both initial stress and strain, a compressive
+            initial stress of film that wrinkles.
 
     Example:
         >>> law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6)
@@ -94,18 +98,24 @@ class Membrane(Meshed):
         velocity: PointFunction | None = None,
         name: str = "film",
     ) -> None:
+        """Check the arguments, which the class describes, and make space, law and initial state.
+        Collective.
+        """
         self.mesh = mesh if isinstance(mesh, Mesh) else Mesh(mesh)
         domain = self.mesh.domain
         check(
             domain.topology.dim == 2 and domain.geometry.dim == 3,
-            f"Membrane '{name}': the mesh has cells of dimension {domain.topology.dim} in {domain.geometry.dim}-D "
+            f"Membrane '{name}': the mesh has cells of dimension {domain.topology.dim} in "
+            f"{domain.geometry.dim}-D "
             "space; give triangles in 3-D.",
         )
         check(order in (1, 2), f"Membrane '{name}': order is {order!r}; use 1 or 2.")
         check(
             order >= domain.geometry.cmap.degree,
-            f"Membrane '{name}': a film of order {order} cannot take the curved shape of a mesh of order "
-            f"{domain.geometry.cmap.degree} without stress; use order=2, or mesh with plane triangles.",
+            f"Membrane '{name}': a film of order {order} cannot take the curved shape of a mesh of "
+            "order "
+            f"{domain.geometry.cmap.degree} without stress; use order=2, or mesh with plane "
+            "triangles.",
         )
         self.name, self.law, self.order, self.comm = name, law, order, domain.comm
         self.space = fem.functionspace(domain, ("Lagrange", order, (3,)))
@@ -197,8 +207,8 @@ class Membrane(Meshed):
     def measure(self, x: Expr) -> Expr:
         """Strain (E11, E22, 2 E12) at the positions x: from the mesh, and the initial one.
 
-        Thermal strain is part of it: that depends on the time of a scene.  The fields `elastic_strain1` and
-        `elastic_strain2` of a run have it subtracted.
+        Thermal strain is part of it: that depends on the time of a scene.  The fields
+        `elastic_strain1` and `elastic_strain2` of a run have it subtracted.
         """
         strain = self.strain_from_mesh(x)
         initial = self.initial_strain
@@ -239,6 +249,9 @@ class Membrane(Meshed):
         # the geometric stiffness indefinite; the iteration may leave it out.
         pulling = tension if self.law.quadratic else None
         thermal = self._thermal_strain()
+        stored = numbers + prestress_parameters(self.constants)
+        if thermal is not None:
+            stored += thermal.parameters
         yield StoredEnergy(
             self.name,
             self,
@@ -250,7 +263,7 @@ class Membrane(Meshed):
             pulling,
             c_law=self.law.c_law(self.constants, self.comm),
             thermal=thermal,
-            parameters=numbers if thermal is None else numbers + thermal.parameters,
+            parameters=stored,
         )
 
     @cached_property

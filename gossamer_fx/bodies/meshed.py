@@ -1,4 +1,5 @@
-"""What films, cables and beams have in common: named groups of a mesh, ports on it, motions given as functions."""
+"""What films, cables and beams have in common: named groups of a mesh, ports on it, motions given
+as functions."""
 
 from __future__ import annotations
 
@@ -36,7 +37,8 @@ class Meshed(ABC):
     @cached_property
     @abstractmethod
     def _start(self) -> tuple[Array, Array]:
-        """Owned coordinates [m] and velocities [m/s], flattened, node by node: the user's functions are asked once."""
+        """Owned coordinates [m] and velocities [m/s], flattened, node by node: the user's functions
+        are asked once."""
 
     def initial_state(self) -> tuple[Array, Array]:
         return self._start
@@ -83,7 +85,8 @@ def checked(function: PointFunction | None, what: str, comm: MPI.Intracomm) -> P
 
 
 def checked_function(function: PointFunction, what: str, comm: MPI.Intracomm) -> PointFunction:
-    """The function, with a check of what it returns on all ranks; each calls it with its own points."""
+    """The function, with a check of what it returns on all ranks; each calls it with its own
+    points."""
     check(
         callable(function),
         f"{what} is {function!r}; give a function of the points (3, n) that returns (3, n).",

@@ -56,28 +56,34 @@ Tensor = Sequence[Sequence[float]]  # 3x3
 
 @check_arguments
 class Plate(Membrane):
-    """A film with bending stiffness D = E t³/(12 (1-ν²)) [N m]; strains are small, motions of any size.
+    """A film with bending stiffness D = E t³/(12 (1-ν²)) [N m]; strains are small, motions of any
+    size.
 
     To the energies of `Membrane` comes ½ a(x, x) of `forms.bending`, or with a rest curvature H0
-    ½∫ (κ - H0):D:(κ - H0) dA, κ = n·D²x.  Its membrane strain is `forms.tied_strain`, which does not lock however thin
-    the plate is.  The rim is free, simply held by `Fixed`, or clamped by `Fixed(..., rotation=True)`.
+    ½∫ (κ - H0):D:(κ - H0) dA, κ = n·D²x.  Its membrane strain is `forms.tied_strain`, which does
+    not lock however thin the plate is.  The rim is free, simply held by `Fixed`, or clamped by
+    `Fixed(..., rotation=True)`.
 
-    Bending matters for wrinkles of a few cells or longer: cells of size h carry compressive strains of up to
-    (π t/h)²/(48 (1-ν²)), and for t/h < 1e-4 that is nothing: take a `Membrane`, which costs less.
+    Bending matters for wrinkles of a few cells or longer: cells of size h carry compressive strains
+    of up to (π t/h)²/(48 (1-ν²)), and for t/h < 1e-4 that is nothing: take a `Membrane`, which
+    costs less.
 
     Args:
-        mesh: plane triangles with straight edges; neighbours lie in one plane unless a hinge is between them.
-        law: energy per unit area, e.g. `Linear` or `LinearOrthotropic`; its moduli and thickness give the bending
-            stiffness, D_ij = A_ij t²/12 of an orthotropic one.
-        order: 2.  (Order 1 is refused: D²x is zero in its cells, and the jumps of the slope alone converge to a
-            stiffness that depends on the pattern of the mesh.)
+        mesh: plane triangles with straight edges; neighbours lie in one plane unless a hinge is
+            between them.
+        law: energy per unit area, e.g. `Linear` or `LinearOrthotropic`; its moduli and thickness
+            give the bending stiffness, D_ij = A_ij t²/12 of an orthotropic one.
+        order: 2.  (Order 1 is refused: D²x is zero in its cells, and the jumps of the slope alone
+            converge to a stiffness that depends on the pattern of the mesh.)
         hinges: names of groups of interior edges that transmit no bending moment.
-        bending: D11, D12, D22, D66 [N m] in the axes of an orthotropic law, for laminates and sandwiches; there is no
-            coupling of bending with membrane strain (B = 0, a symmetric laminate).
-        rest_curvature: H0 [1/m], a symmetric tensor (3, 3) in the plane of the mesh; or {group: tensor} of surfaces
-            of the mesh; or a function of points (3, n) that returns (3, 3, n).  H0 is positive where the plate without
-            moments bends towards the normal of the mesh.
-        thermal: thermal expansion; its `gradient` across the thickness changes the curvature without moments.
+        bending: D11, D12, D22, D66 [N m] in the axes of an orthotropic law, for laminates and
+            sandwiches; there is no coupling of bending with membrane strain (B = 0, a symmetric
+            laminate).
+        rest_curvature: H0 [1/m], a symmetric tensor (3, 3) in the plane of the mesh; or {group:
+            tensor} of surfaces of the mesh; or a function of points (3, n) that returns (3, 3, n).
+            H0 is positive where the plate without moments bends towards the normal of the mesh.
+        thermal: thermal expansion; its `gradient` across the thickness changes the curvature
+            without moments.
         properties, initial_stress, initial_strain, displacement, velocity: as of `Membrane`.
         name: name in messages and output.
 
@@ -114,7 +120,8 @@ class Plate(Membrane):
         """Check the arguments, which the class describes, and make the constants of bending."""
         check(
             order == 2,
-            f"Plate '{name}': order is {order!r}; use 2 (of order 1 the curvature is zero in every cell, and the "
+            f"Plate '{name}': order is {order!r}; use 2 (of order 1 the curvature is zero in every "
+            "cell, and the "
             "angles between cells alone give a stiffness that depends on the pattern of the mesh).",
         )
         super().__init__(
@@ -132,14 +139,16 @@ class Plate(Membrane):
         domain = self.mesh.domain
         check(
             domain.geometry.cmap.degree == 1,
-            f"Plate '{name}': its mesh is of order {domain.geometry.cmap.degree}; use plane triangles with straight "
+            f"Plate '{name}': its mesh is of order {domain.geometry.cmap.degree}; use plane "
+            "triangles with straight "
             "edges (order 1).",
         )
         self.hinges = tuple(hinges)
         repeated = sorted({group for group in self.hinges if self.hinges.count(group) > 1})
         check(
             not repeated,
-            f"Plate '{name}': the hinge group '{repeated[0] if repeated else ''}' is given twice; give it once.",
+            f"Plate '{name}': the hinge group '{repeated[0] if repeated else ''}' is given twice; "
+            "give it once.",
         )
         # A restart compares this argument, see `outputs.arguments`.
         self._rest_curvature = rest_curvature
@@ -163,12 +172,14 @@ class Plate(Membrane):
         c = self.constants
         check(
             hasattr(c, "cosine"),
-            f"Plate '{self.name}': bending is given, but {type(self.law).__name__} has no axes; use LinearOrthotropic.",
+            f"Plate '{self.name}': bending is given, but {type(self.law).__name__} has no axes; "
+            "use LinearOrthotropic.",
         )
         D11, D12, D22, D66 = bending
         check(
             D11 > 0 and D22 > 0 and D66 > 0 and D12**2 < D11 * D22,
-            f"Plate '{self.name}': its bending stiffnesses {bending!r} N m are not positive definite; give D11, D22, "
+            f"Plate '{self.name}': its bending stiffnesses {bending!r} N m are not positive "
+            "definite; give D11, D22, "
             "D66 > 0 and D12² < D11 D22.",
         )
         domain = self.mesh.domain
@@ -212,11 +223,13 @@ class Plate(Membrane):
 
     @property
     def has_thermal_curvature(self) -> bool:
-        """Whether a difference of temperature across the thickness changes the curvature without moments."""
+        """Whether a difference of temperature across the thickness changes the curvature without
+        moments."""
         return self.thermal is not None and self.thermal.gradient is not None
 
     def _rest_energy(self, name: str, dx: ufl.Measure, dS: ufl.Measure) -> TripleProductEnergy:
-        """What the curvature without moments adds to the energy: that at rest, and the thermal one."""
+        """What the curvature without moments adds to the energy: that at rest, and the thermal
+        one."""
         domain = self.mesh.domain
         bending = self.bending
         varying = None
@@ -233,7 +246,8 @@ class Plate(Membrane):
         def scaled(
             vectors: Callable[[Expr], Any], scale: Expr
         ) -> Callable[[Expr], tuple[Expr, Expr, Expr]]:
-            """Vectors (u, v, s/scale), which are dimensionless, as a function of the coordinates."""
+            """Vectors (u, v, s/scale), which are dimensionless, as a function of the
+            coordinates."""
 
             def dimensionless(x: Expr) -> tuple[Expr, Expr, Expr]:
                 u, v, s = vectors(x)
@@ -284,7 +298,8 @@ class Plate(Membrane):
         check_on_all(
             self.comm,
             bool((np.linalg.norm(np.cross(left, right), axis=1) < FLAT).all()),
-            f"Plate '{self.name}': its mesh is curved, or folded elsewhere than at its hinges; mesh its flat "
+            f"Plate '{self.name}': its mesh is curved, or folded elsewhere than at its hinges; "
+            "mesh its flat "
             "development, and give the shape as rest_curvature and displacement.",
         )
 
@@ -297,7 +312,8 @@ class Plate(Membrane):
                 tensor = np.zeros(0)
             check(
                 tensor.shape == (3, 3),
-                f"{what} is not an array (3, 3) of real numbers; give a tensor in 1/m, a function of the "
+                f"{what} is not an array (3, 3) of real numbers; give a tensor in 1/m, a function "
+                "of the "
                 "points, or those of groups.",
             )
             given = _Uniform(tensor)
@@ -312,7 +328,8 @@ class Plate(Membrane):
         check_on_all(
             self.comm,
             bool(asymmetry <= size and out_of_plane <= size),
-            f"{what} is not a symmetric tensor in the plane of the mesh; give κ e⊗e with e in that plane.",
+            f"{what} is not a symmetric tensor in the plane of the mesh; give κ e⊗e with e in that "
+            "plane.",
         )
         return ufl.dot(self._frame.T, ufl.dot(H, self._frame))
 

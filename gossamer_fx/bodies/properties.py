@@ -41,7 +41,8 @@ def vary(
     """Replace some of a law's `constants` by functions that are constant in each cell.
 
     Raises:
-        InputError: a number that the law has not, or that would change derived ones; values out of their limits.
+        InputError: a number that the law has not, or that would change derived ones; values out of
+            their limits.
     """
     # Numbers that a law computes from its arguments would stay those of the constant ones.
     derived = [f.name for f in fields(law) if not f.init]
@@ -49,11 +50,13 @@ def vary(
     for what, given in properties.items():
         check(
             what in may_vary,
-            f"Membrane '{name}': there is no property {what!r} that may vary; choose from {', '.join(may_vary)}.",
+            f"Membrane '{name}': there is no property {what!r} that may vary; choose from "
+            f"{', '.join(may_vary)}.",
         )
         check(
             not derived or what == "density",
-            f"Membrane '{name}': {type(law).__name__} has numbers derived from its {what} ({', '.join(derived)}), so "
+            f"Membrane '{name}': {type(law).__name__} has numbers derived from its {what} "
+            f"({', '.join(derived)}), so "
             "it cannot vary; use another law.",
         )
         function = cellwise(mesh, given, getattr(law, what), (), f"Membrane '{name}': its {what}")
@@ -79,10 +82,12 @@ def cellwise(
     shape: tuple[int, ...],
     what: str,
 ) -> fem.Function:
-    """A function, constant in each cell, of values by group or of a function of the cells' midpoints.
+    """A function, constant in each cell, of values by group or of a function of the cells'
+    midpoints.
 
     Args:
-        given: {group: value}, the others have `base`; or a function of points (3, n) that returns (*shape, n).
+        given: {group: value}, the others have `base`; or a function of points (3, n) that returns
+            (*shape, n).
     """
     function = fem.Function(fem.functionspace(mesh.domain, ("Discontinuous Lagrange", 0, shape)))
     dim = mesh.domain.topology.dim
@@ -115,7 +120,8 @@ def _cells(mesh: Mesh, group: str, what: str) -> Indices:
     if mesh.domain.topology.dim == 1:
         check(
             dim == 1,
-            f"{what}: the group '{group}' is not a group of line elements; name a curve of the mesh.",
+            f"{what}: the group '{group}' is not a group of line elements; name a curve of the "
+            "mesh.",
         )
         return cells
     check(

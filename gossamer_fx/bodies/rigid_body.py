@@ -57,8 +57,9 @@ def orthonormality(count: int) -> tuple[Array, Array, Array]:
 class RigidBody:
     """A rigid body: position x of its centre of mass and three directors, its axes d1, d2, d3.
 
-    Kinetic energy ½ m |ẋ|² + ½ Σ_ij E_ij ḋ_i·ḋ_j with Euler's tensor E = ½ tr(I) 1 - I (∫X Xᵀ dm in body axes); the
-    directors stay orthonormal by six multipliers (Betsch & Steinmann, IJNME 50 (2001) 1931).
+    Kinetic energy ½ m |ẋ|² + ½ Σ_ij E_ij ḋ_i·ḋ_j with Euler's tensor E = ½ tr(I) 1 - I (∫X Xᵀ dm in
+    body axes); the directors stay orthonormal by six multipliers (Betsch & Steinmann, IJNME 50
+    (2001) 1931).
 
     Args:
         mass: [kg].
@@ -69,8 +70,9 @@ class RigidBody:
         spin: angular velocity in *space* axes [rad/s].
 
     Raises:
-        InputError: mass or inertia not positive definite, an inertia that no body has, or an attitude that is no
-            rotation.  (A plate without thickness has a director without mass, which the constraints determine.)
+        InputError: mass or inertia not positive definite, an inertia that no body has, or an
+            attitude that is no rotation.  (A plate without thickness has a director without mass,
+            which the constraints determine.)
 
     Example:
         >>> top = gx.RigidBody(2.0, (0.1, 0.1, 0.2), spin=(0.0, 0.0, 3.0), comm=comm)
@@ -91,6 +93,7 @@ class RigidBody:
         comm: MPI.Intracomm = MPI.COMM_WORLD,
         name: str = "body",
     ) -> None:
+        """Check the arguments, which the class describes; the coordinates are on rank 0."""
         check(
             math.isfinite(mass) and mass > 0,
             f"RigidBody '{name}': mass is {mass!r} kg; give a positive number.",
@@ -107,13 +110,15 @@ class RigidBody:
         )
         check(
             is_symmetric,
-            f"RigidBody '{name}': inertia is {tensor.tolist()} kg m²; give three numbers or a symmetric (3, 3).",
+            f"RigidBody '{name}': inertia is {tensor.tolist()} kg m²; give three numbers or a "
+            "symmetric (3, 3).",
         )
         self.euler_tensor = np.trace(tensor) / 2 * np.eye(3) - tensor
         principal = np.linalg.eigvalsh(tensor)
         check(
             bool(principal[0] > SINGULAR_INERTIA * principal[2]),
-            f"RigidBody '{name}': the inertia is singular, its principal values are {principal.tolist()} kg m²; give a "
+            f"RigidBody '{name}': the inertia is singular, its principal values are "
+            f"{principal.tolist()} kg m²; give a "
             "rod its thickness.",
         )
         # Euler's tensor has the eigenvalue (I1 + I2 - I3)/2 along the axis of the largest inertia
@@ -121,7 +126,8 @@ class RigidBody:
         excess = principal[0] + principal[1] - principal[2]
         check(
             bool(excess >= -INERTIA_TOLERANCE * principal[2]),
-            f"RigidBody '{name}': no body has the principal inertias {principal.tolist()} kg m²; the largest is at "
+            f"RigidBody '{name}': no body has the principal inertias {principal.tolist()} kg m²; "
+            "the largest is at "
             "most the sum of the two others.",
         )
         R = np.asarray(attitude, dtype=float)
@@ -132,7 +138,8 @@ class RigidBody:
         )
         check(
             is_rotation,
-            f"RigidBody '{name}': the attitude is not a rotation matrix; give orthonormal columns of determinant 1.",
+            f"RigidBody '{name}': the attitude is not a rotation matrix; give orthonormal columns "
+            "of determinant 1.",
         )
         self.mass = mass
         self.name = name
@@ -159,6 +166,16 @@ class RigidBody:
         """
         here = 12 * self.block.index_map.size_local
         return self._q.ravel()[:here].copy(), self._v.ravel()[:here].copy()
+
+    @property
+    def velocity(self) -> Array:
+        """Velocity (3,) [m/s] of the centre of mass at the start."""
+        return self._velocity
+
+    @property
+    def spin(self) -> Array:
+        """Angular velocity (3,) [rad/s] in space axes at the start."""
+        return self._spin
 
     def terms(self, start: State) -> Iterable[Term]:
         """The kinetic energy, and the constraint that the directors stay orthonormal."""

@@ -25,14 +25,16 @@ SMALLEST_EXTENT = 1e-300
 
 
 class RigidPiece:
-    """Position x and directors d_i, orthonormal by multipliers, without mass: what is tied to it decides its motion.
+    """Position x and directors d_i, orthonormal by multipliers, without mass: what is tied to it
+    decides its motion.
 
     Args:
         name: in messages.
         owner: the body that is tied to it.
         start: positions (1 + k, 3) of x and the k directors, orthonormal.
         rates: their velocities.
-        rigid: whether lengths and angles of the directors are constant; one director alone may else change its length.
+        rigid: whether lengths and angles of the directors are constant; one director alone may else
+            change its length.
     """
 
     def __init__(
@@ -119,7 +121,8 @@ def directors_of(covariance: Array, flat: float = FLAT) -> Array:
     """Directors (k, 3) of points with this covariance (3, 3) [m²]: as many as the points have
     dimensions.
 
-    One along a line; two in a plane, right-handed with its normal; the axes of space for points in space.
+    One along a line; two in a plane, right-handed with its normal; the axes of space for points in
+    space.
     """
     # Eigenvalues are in ascending order.  Round-off may make the least of them negative.
     squares, vectors = np.linalg.eigh(covariance)

@@ -15,8 +15,8 @@ in compression.  Its potential is piecewise quadratic,
     W(x) = Σ_i ½ c_i ⟨s_i (x - x_i)⟩²,                                                        (2)
 
 and its average from x0 to x1 follows term by term from that of ⟨y⟩, which has a closed form
-(`terms.one_sided`).  The strain measure of the step is ε = ½(λ² - 1).  Since Δε = ½(λ0 + λ1) Δx, the
-stress with S Δε = ΔW is the averaged force over the mean of both stretches,
+(`terms.one_sided`).  The strain measure of the step is ε = ½(λ² - 1).  Since Δε = ½(λ0 + λ1) Δx,
+the stress with S Δε = ΔW is the averaged force over the mean of both stretches,
 
     S = N_mean / (½(λ0 + λ1)).                                                                (3)
 
@@ -64,12 +64,12 @@ FORCE_UNITS = {"N": 1.0, "mN": 1e-3, "kN": 1e3}
 class TabulatedCable(BarLaw):
     """A bar whose force is piecewise linear between measured points (strain, force).
 
-    Its force N(x) depends on the engineering strain x = λ - 1, the change of length over the natural
-    length.  The stored energy per natural length is W = ∫ N dx, piecewise quadratic, and is
+    Its force N(x) depends on the engineering strain x = λ - 1, the change of length over the
+    natural length.  The stored energy per natural length is W = ∫ N dx, piecewise quadratic, and is
     integrated exactly also where a step passes corners of the table.
 
-    Beyond its last point the table goes on with its last slope.  In compression a table that begins at
-    zero strain bears nothing; one with negative strains goes on with its first slope.
+    Beyond its last point the table goes on with its last slope.  In compression a table that begins
+    at zero strain bears nothing; one with negative strains goes on with its first slope.
 
     Args:
         strain: engineering strains, rising, above -1; zero lies among or between them.
@@ -77,8 +77,8 @@ class TabulatedCable(BarLaw):
         line_density: mass per natural length [kg/m], positive.
 
     Raises:
-        InputError: columns of different length, fewer than two points, strains that do not rise, forces that
-            fall, a force at zero strain.
+        InputError: columns of different length, fewer than two points, strains that do not rise,
+            forces that fall, a force at zero strain.
 
     Example:
         A rope that stiffens beyond 2 % and bears no compression:
@@ -106,16 +106,16 @@ class TabulatedCable(BarLaw):
     def from_csv(path: str | Path, *, line_density: float) -> TabulatedCable:
         """Read a table with two columns, "strain [%]" and "force [kN]".
 
-        The header names both with their units: 1, -, m/m, mm/m or % for the strain, N, mN or kN for the
-        force.  Lines that begin with # are comments.
+        The header names both with their units: 1, -, m/m, mm/m or % for the strain, N, mN or kN for
+        the force.  Lines that begin with # are comments.
 
         Args:
             path: path of the file; every rank reads it.
             line_density: mass per natural length [kg/m], positive.
 
         Raises:
-            InputError: the file does not exist, a unit is missing or unknown, a line has no two numbers, or
-                what is wrong with the table.
+            InputError: the file does not exist, a unit is missing or unknown, a line has no two
+                numbers, or what is wrong with the table.
         """
         strain, force = _read_csv(Path(path))
         return TabulatedCable(strain, force, line_density=line_density)
@@ -227,7 +227,8 @@ class TabulatedBars:
         return self.lengths * self.corners.energy(_stretch(e[:, 0]) - 1)
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """Mean stress (n, 1) [N m] of a step between strains e0, e1 (n, 1), and its derivative (n, 1, 1) by e1."""
+        """Mean stress (n, 1) [N m] of a step between strains e0, e1 (n, 1), and its derivative (n,
+        1, 1) by e1."""
         λ0 = _stretch(e0[:, 0])
         λ1 = _stretch(e1[:, 0])
         mean_stretch = (λ0 + λ1) / 2
@@ -268,37 +269,43 @@ def _check_table(strain: Array, force: Array) -> None:
     """Raise `InputError` unless the points are a force law; see `TabulatedCable`."""
     check(
         strain.ndim == 1 and strain.shape == force.shape and len(strain) >= 2,
-        f"TabulatedCable: strain has the shape {strain.shape} and force {force.shape}; give two columns of "
+        f"TabulatedCable: strain has the shape {strain.shape} and force {force.shape}; give two "
+        "columns of "
         "equal length with two points or more.",
     )
     bad = np.flatnonzero(np.diff(strain) <= 0)
     check(
         not len(bad),
-        f"TabulatedCable: the strains do not rise from point {_first(bad)} to the next; sort the points and leave "
+        f"TabulatedCable: the strains do not rise from point {_first(bad)} to the next; sort the "
+        "points and leave "
         "out repeated strains.",
     )
     check(
         strain[0] > -1 and strain[0] <= 0 < strain[-1],
-        f"TabulatedCable: the strains go from {strain[0]:g} to {strain[-1]:g}; begin at zero or between -1 and "
+        f"TabulatedCable: the strains go from {strain[0]:g} to {strain[-1]:g}; begin at zero or "
+        "between -1 and "
         "zero, and end in tension.",
     )
     falls = np.flatnonzero(np.diff(force) < 0)
     check(
         not len(falls),
-        f"TabulatedCable: the force falls from point {_first(falls)} to the next; give forces that do not fall "
+        f"TabulatedCable: the force falls from point {_first(falls)} to the next; give forces that "
+        "do not fall "
         "with the strain.",
     )
     at_rest = float(np.interp(0.0, strain, force))
     largest = float(np.abs(force).max())
     check(
         largest > 0 and abs(at_rest) <= ZERO_FORCE * largest,
-        f"TabulatedCable: the force at zero strain is {at_rest:g} N and the largest {largest:g} N; give zero there, "
+        f"TabulatedCable: the force at zero strain is {at_rest:g} N and the largest {largest:g} N; "
+        "give zero there, "
         "and a force elsewhere.",
     )
     zero = int(np.searchsorted(strain, 0.0, side="right"))
     check(
         force[zero] > 0,
-        f"TabulatedCable: the force is zero up to the strain {strain[zero]:g}; begin to pull at zero strain (a "
+        f"TabulatedCable: the force is zero up to the strain {strain[zero]:g}; begin to pull at "
+        "zero strain (a "
         "longer cable has its slack in its mesh).",
     )
 
@@ -330,7 +337,8 @@ def _read_csv(path: Path) -> tuple[list[float], list[float]]:
             unit = header[column].split("[")[1].rstrip("] ")
         check(
             unit in units,
-            f"The table '{path}' has no column '{name} [unit]' with one of the units {', '.join(units)}; begin it "
+            f"The table '{path}' has no column '{name} [unit]' with one of the units "
+            f"{', '.join(units)}; begin it "
             "with a header such as 'strain [%], force [kN]'.",
         )
         factors[column] = units[unit]
@@ -342,7 +350,8 @@ def _read_csv(path: Path) -> tuple[list[float], list[float]]:
             values = []
         check(
             len(values) == 2,
-            f"The table '{path}' has the row {number} '{', '.join(row)}'; give two numbers in each row.",
+            f"The table '{path}' has the row {number} '{', '.join(row)}'; give two numbers in each "
+            "row.",
         )
         for values_so_far, value in zip(columns, values, strict=True):
             values_so_far.append(value)

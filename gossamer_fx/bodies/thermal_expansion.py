@@ -1,4 +1,5 @@
-"""Thermal expansion of bodies on meshes: strains and curvatures of a temperature in space and time."""
+"""Thermal expansion of bodies on meshes: strains and curvatures of a temperature in space and
+time."""
 
 from __future__ import annotations
 
@@ -62,7 +63,8 @@ class TemperatureInTime:
         self.in_time = any(not isinstance(value, Real) for value, _, _ in self._parts)
 
     def set(self, function: fem.Function, t: float) -> None:
-        """Set a function, discontinuous between cells, to the temperatures at time t [s].  Collective."""
+        """Set a function, discontinuous between cells, to the temperatures at time t [s].
+        Collective."""
         space = function.function_space
         values = function.x.array
         values[:] = self._elsewhere
@@ -77,7 +79,8 @@ class TemperatureInTime:
         check_on_all(
             self._comm,
             is_possible,
-            f"{self._what} is below {self._lowest:g} K at t = {t:.6g} s; give absolute temperatures.",
+            f"{self._what} is below {self._lowest:g} K at t = {t:.6g} s; give absolute "
+            "temperatures.",
         )
 
     def _ask(self, value: Any, points: Array, t: float, what: str) -> Array:
@@ -100,7 +103,8 @@ def _cells(mesh: Mesh, group: str, what: str) -> Indices:
     wanted = mesh.domain.topology.dim
     check(
         dim == wanted,
-        f"{what}: the group '{group}' has dimension {dim}; name a group of the cells, of dimension {wanted}.",
+        f"{what}: the group '{group}' has dimension {dim}; name a group of the cells, of dimension "
+        f"{wanted}.",
     )
     return cells
 
@@ -118,7 +122,8 @@ def check_expansion(thermal: ThermalExpansion | None, what: str, *, has_axes: bo
 
 
 def check_no_gradient(thermal: ThermalExpansion | None, what: str) -> None:
-    """Check that a body without bending stiffness has no difference of temperature across its thickness.
+    """Check that a body without bending stiffness has no difference of temperature across its
+    thickness.
 
     Raises:
         InputError: it has.

@@ -1,18 +1,21 @@
-"""Energies that are triple products (u×v)·s of three vectors linear in the coordinates: those of rest curvatures.
+"""Energies that are triple products (u×v)·s of three vectors linear in the coordinates: those of
+rest curvatures.
 
 They are cubic, so the gradient at q̄ keeps both momenta but not the energy: with Δ = q1 - q0
 
     Δ((u×v)·s) = ∂((u×v)·s)(q̄)·Δ + ¼ (Δu×Δv)·Δs.
 
-What is missing is given back at every quadrature point along the gradients at q̄ of six invariants of the three vectors,
+What is missing is given back at every quadrature point along the gradients at q̄ of six invariants
+of the three vectors,
 
     g = (½ u·u, u·v, ½ v·v, u·s, v·s, (u×v)·s),      force = missing Σ (g_i'·Δ) g_i' / Σ (g_i'·Δ)²:
 
-all are invariant to rigid motions, so the momenta stay, and one of them changes in every motion that is not rigid.  The
-tangent leaves this part out: it is of third order in the step.
+all are invariant to rigid motions, so the momenta stay, and one of them changes in every motion
+that is not rigid.  The tangent leaves this part out: it is of third order in the step.
 
-A function of time c, on which one of the three vectors depends linearly, such as a temperature, has the value
-(1 - α) c0 + α c1 in a step from c0 to c1.  With the energy E(q; c) what changes c supplies
+A function of time c, on which one of the three vectors depends linearly, such as a temperature, has
+the value (1 - α) c0 + α c1 in a step from c0 to c1.  With the energy E(q; c) what changes c
+supplies
 
     (1 - α) (E(q1; c1) - E(q1; c0)) + α (E(q0; c1) - E(q0; c0)),
 
@@ -196,10 +199,12 @@ class Varying:
 class TripleProductEnergy:
     """Stored energy Σ ∫ scale (u×v)·s, and a constant.
 
-    products: for each the scale, the vectors (u, v, s) as a linear function of the coordinates, dimensionless, and the
+    products: for each the scale, the vectors (u, v, s) as a linear function of the coordinates,
+    dimensionless, and the
         measure, of cells or of interior edges.
     constant: energy [J] that does not depend on the coordinates, a form.
-    varying: a function of time on which one vector of each product depends linearly; None if there is none.
+    varying: a function of time on which one vector of each product depends linearly; None if there
+    is none.
     """
 
     name: str

@@ -1,9 +1,10 @@
 """The arguments of public classes and functions are of the types in their annotations.
 
-`check_arguments` is put on a class or function where it is defined, so that the check is the same by
-every import path and comes before the function does anything.  It refuses, in one sentence, arguments
-that are missing or unknown, and values of another type, infinite numbers and NaN included, and numbers so
-large or small that their powers overflow.  What values mean is checked by those who take them.
+`check_arguments` is put on a class or function where it is defined, so that the check is the same
+by every import path and comes before the function does anything.  It refuses, in one sentence,
+arguments that are missing or unknown, and values of another type, infinite numbers and NaN
+included, and numbers so large or small that their powers overflow.  What values mean is checked by
+those who take them.
 
 Annotations are read as a user of NumPy reads them: an integer is a float, a NumPy number a number,
 a list or an array is a tuple.  Type checkers such as beartype refuse these, and take 130 ms to
@@ -87,8 +88,8 @@ class Kind:
 def check_arguments[T: Callable[..., Any]](thing: T) -> T:
     """Let a class or function check its arguments before it acts; a decorator.
 
-    Of a class the arguments of its constructor are checked.  A subclass that defines a constructor of
-    its own needs the decorator, too.
+    Of a class the arguments of its constructor are checked.  A subclass that defines a constructor
+    of its own needs the decorator, too.
 
     Raises, when the class or function is called:
         InputError: an argument that is missing, unknown, or not of the type in its annotation.
@@ -230,8 +231,8 @@ def resolved(function: Callable[..., Any], argument: str) -> Any:
 def _module_of(function: Callable[..., Any], argument: str) -> types.ModuleType:
     """The module in which the annotation of an argument was written.
 
-    It is that of the function, but for the constructor of a dataclass, which takes fields, with their
-    annotations, from base classes of other modules.
+    It is that of the function, but for the constructor of a dataclass, which takes fields, with
+    their annotations, from base classes of other modules.
     """
     module = sys.modules[function.__module__]
     owner = vars(module).get(function.__qualname__.split(".")[0])
@@ -279,8 +280,8 @@ def kind_of(hint: Any) -> Kind | None:
     """
     if hint is Any or hint is object or isinstance(hint, TypeVar):
         return None
-    # Before other aliases: newer versions of NumPy define it as an alias of a union of protocols, which says
-    # less than "numbers".
+    # Before other aliases: newer versions of NumPy define it as an alias of a union of protocols,
+    # which says less than "numbers".
     if hint is npt.ArrayLike:
         return Kind(_is_numeric, "numbers")
     if isinstance(hint, typing.TypeAliasType):
@@ -425,7 +426,8 @@ def _class(kind: type) -> Kind:
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a value is a finite number; True and False, which Python counts as numbers, are not."""
+    """Whether a value is a finite number; True and False, which Python counts as numbers, are
+    not."""
     if not isinstance(value, Real) or isinstance(value, bool):
         return False
     number = real_numbers(value)
@@ -457,7 +459,8 @@ def _is_infinite(value: Any) -> bool:
 
 
 def _range(value: Any) -> str:
-    """The sizes that numbers may have, for a message about a value that has another one; else nothing."""
+    """The sizes that numbers may have, for a message about a value that has another one; else
+    nothing."""
     numbers = real_numbers(value)
     if isinstance(value, bool) or numbers is None or not np.isfinite(numbers).all():
         # A whole number beyond all floats cannot be an array.

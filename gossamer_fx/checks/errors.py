@@ -20,14 +20,17 @@ from mpi4py import MPI
 
 from gossamer_fx.checks.real_numbers import real_numbers
 
-# Seconds for which a rank that could not write a file waits for the others: longer than a large file takes.
+# Seconds for which a rank that could not write a file waits for the others: longer than a large
+# file takes.
 WRITE_PATIENCE = 60.0
 
 
 class InputError(ValueError):
-    """A scene, mesh or option that cannot be computed; the message names the culprit, the value and the remedy.
+    """A scene, mesh or option that cannot be computed; the message names the culprit, the value and
+    the remedy.
 
-    The message is one line, also if a name in it has line breaks or other characters that cannot be shown.
+    The message is one line, also if a name in it has line breaks or other characters that cannot be
+    shown.
 
     Example:
         >>> gx.PointMass(-1.0, comm=comm)
@@ -196,8 +199,9 @@ def write_on_all[T](comm: MPI.Intracomm, path: Path, task: Callable[[], T]) -> T
     Raises:
         OutputFailure: on all ranks, if the task raised OSError or RuntimeError on one of them.
 
-    The task may itself wait for other ranks, as those of ADIOS2 do.  Where it has failed on one rank and the others
-    have not returned from it after `WRITE_PATIENCE`, that rank prints the message and ends the program.
+    The task may itself wait for other ranks, as those of ADIOS2 do.  Where it has failed on one
+    rank and the others have not returned from it after `WRITE_PATIENCE`, that rank prints the
+    message and ends the program.
     """
     result = None
     reason = ""
@@ -205,7 +209,8 @@ def write_on_all[T](comm: MPI.Intracomm, path: Path, task: Callable[[], T]) -> T
         result = task()
     except (OSError, RuntimeError) as error:
         reason = _reason(error)
-    # A first message only asks whether there is a reason at all, so that a rank with one can stop waiting.
+    # A first message only asks whether there is a reason at all, so that a rank with one can stop
+    # waiting.
     has_reason = np.array([bool(reason)])
     request = comm.Iallreduce(MPI.IN_PLACE, has_reason, op=MPI.LOR)
     if reason:
@@ -213,7 +218,9 @@ def write_on_all[T](comm: MPI.Intracomm, path: Path, task: Callable[[], T]) -> T
             comm,
             request,
             patience=WRITE_PATIENCE,
-            message=f"{_cannot_write(path, reason)} Rank {comm.rank} failed alone, and the run ends.",
+            message=(
+                f"{_cannot_write(path, reason)} Rank {comm.rank} failed alone, and the run ends."
+            ),
             exit_code=1,
         )
     else:
@@ -226,13 +233,15 @@ def write_on_all[T](comm: MPI.Intracomm, path: Path, task: Callable[[], T]) -> T
 
 def _cannot_write(path: Path, reason: str) -> str:
     return (
-        f"Cannot write '{path}' ({reason}); what was written before is kept: make room or mend the folder, then "
+        f"Cannot write '{path}' ({reason}); what was written before is kept: make room or mend the "
+        "folder, then "
         "restart from the last checkpoint, or start again if there is none."
     )
 
 
 def _reason(error: Exception) -> str:
-    """Why something could not be written, in the words of the operating system if they are known."""
+    """Why something could not be written, in the words of the operating system if they are
+    known."""
     system_message = getattr(error, "strerror", None)
     if system_message:
         return str(system_message)
@@ -252,7 +261,8 @@ def wait_for_others(
     message: str,
     exit_code: int,
 ) -> None:
-    """Wait for a request; after `patience` seconds print the message and end the program on all ranks."""
+    """Wait for a request; after `patience` seconds print the message and end the program on all
+    ranks."""
     deadline = time.monotonic() + patience
     while not request.Test():
         if time.monotonic() > deadline:

@@ -1,6 +1,8 @@
-"""Public names of a package, read from its stub `__init__.pyi` and imported at their first use (SPEC 1).
+"""Public names of a package, read from its stub `__init__.pyi` and imported at their first use
+(SPEC 1).
 
-A scene therefore imports only the modules of what it contains, and each public name is written once.
+A scene therefore imports only the modules of what it contains, and each public name is written
+once.
 """
 
 from __future__ import annotations

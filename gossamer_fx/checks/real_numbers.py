@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-# Kinds of NumPy's types that are real numbers: truth values, whole numbers and floating-point numbers.
+# Kinds of NumPy's types that are real numbers: truth values, whole numbers and floating-point
+# numbers.
 REAL_KINDS = "biuf"
 
-# Sizes of numbers, other than zero, with which the package computes, in SI units: cubes of these, and
-# ratios of their squares, are floating-point numbers.
+# Sizes of numbers, other than zero, with which the package computes, in SI units: cubes of these,
+# and ratios of their squares, are floating-point numbers.
 LARGEST = 1e100
 SMALLEST = 1e-100
 

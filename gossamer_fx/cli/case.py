@@ -1,4 +1,5 @@
-"""A case: a scene, how it is moved, for how long, and what is looked at.  A scene file builds one."""
+"""A case: a scene, how it is moved, for how long, and what is looked at.  A scene file builds
+one."""
 
 from __future__ import annotations
 
@@ -33,8 +34,8 @@ class Case:
         until: end time [s].
         title: a line for pictures and reports.
         fields: names of fields by the names of films, see `Recording`.
-        probes: functions of the run by name, see `outputs.Probes`; "tip x [m]" and "tip y [m]" are drawn as
-            the curves x and y of "tip [m]".
+        probes: functions of the run by name, see `outputs.Probes`; "tip x [m]" and "tip y [m]" are
+            drawn as the curves x and y of "tip [m]".
         frames: approximate number of times at which fields are written.
         control: see `Simulation`.
         events: see `Simulation`.
@@ -110,7 +111,8 @@ class Case:
         restart: str | Path | None = None,
         changes: Sequence[str] = (),
     ) -> Simulation:
-        """The run, ready to start; it has the given outputs and the case's own; the rest as that of `Simulation`.
+        """The run, ready to start; it has the given outputs and the case's own; the rest as that of
+        `Simulation`.
 
         Raises:
             InputError: what is wrong with the scene or the outputs.

@@ -102,7 +102,8 @@ def main(words: Sequence[str]) -> int:
             raise
         end_program(
             comm,
-            f"{type(error).__name__}: {error}; look for memory and disk space, or for the file that it names.",
+            f"{type(error).__name__}: {error}; look for memory and disk space, or for the file "
+            "that it names.",
         )
     return 0
 
@@ -135,7 +136,8 @@ def script() -> int:
 
 
 def _with_values(words: Sequence[str]) -> list[str]:
-    """The words with --restart=newest where what follows --restart is the scene, an argument of it, or an option."""
+    """The words with --restart=newest where what follows --restart is the scene, an argument of it,
+    or an option."""
     rest = list(words)
     given: list[str] = []
     # argparse would take the scene for the optional value of --restart.
@@ -305,7 +307,7 @@ def _positive(word: str) -> int:
     return int(word)
 
 
-# ---- run -----------------------------------------------------------------------------------------------------------
+# ---- run -----------------------------------------------------------------------------------------
 
 
 def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
@@ -324,7 +326,8 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     check(
         # Rank 0 decides, as other ranks may see the folder later.
         comm.bcast(free),
-        f"'{folder}' holds a run already; give another folder with --output, go on with --restart, or replace it with "
+        f"'{folder}' holds a run already; give another folder with --output, go on with --restart, "
+        "or replace it with "
         "--overwrite.",
     )
     case = _case(wanted, comm)
@@ -367,7 +370,8 @@ def _show(case: Case, comm: MPI.Intracomm) -> None:
         steps = case.until / case.stepper.dt
         print("\n".join(lines(about)))
         print(
-            f"about {steps:.6g} steps of {case.stepper.dt:.6g} s to t = {case.until:.6g} s; nothing was computed"
+            f"about {steps:.6g} steps of {case.stepper.dt:.6g} s to t = {case.until:.6g} s; "
+            "nothing was computed"
         )
         for words in strange:
             print(f"warning: {words}")
@@ -377,7 +381,8 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
     """What the scene file builds.
 
     Raises:
-        InputError: the file does not exist, it has no `build`, or `build` has other arguments or another result.
+        InputError: the file does not exist, it has no `build`, or `build` has other arguments or
+            another result.
     """
     import inspect
 
@@ -447,7 +452,8 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         design = getattr(module, "SWEEP", None)
     check(
         isinstance(design, RobustDesign | Factorial),
-        f"'{path}' has no SWEEP; let it be a gx.sweep.RobustDesign or gx.sweep.Factorial, or vary the "
+        f"'{path}' has no SWEEP; let it be a gx.sweep.RobustDesign or gx.sweep.Factorial, or vary "
+        "the "
         "arguments of a scene file with --over.",
     )
     if isinstance(design, Factorial):
@@ -474,7 +480,7 @@ def _scene_sweep(wanted: argparse.Namespace, module: ModuleType) -> object:
     return scene_sweep(build, wanted.design, wanted.over, wanted.list, progress)
 
 
-# ---- plot and report -----------------------------------------------------------------------------------------------
+# ---- plot and report -----------------------------------------------------------------------------
 
 
 def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:

@@ -1,4 +1,5 @@
-"""Run a program of the folder `demos`: gossamer demo [NAME] [ARGUMENTS], gossamer validate NAME [ARGUMENTS]."""
+"""Run a program of the folder `demos`: gossamer demo [NAME] [ARGUMENTS], gossamer validate NAME
+[ARGUMENTS]."""
 
 from __future__ import annotations
 
@@ -45,7 +46,8 @@ def main(words: Sequence[str]) -> int:
 
 
 def validate(words: Sequence[str]) -> int:
-    """Replace this process by the comparison with measurements; returns an exit code if there is none.
+    """Replace this process by the comparison with measurements; returns an exit code if there is
+    none.
 
     Args:
         words: a case or a case file, then the options of `demos/validation`.

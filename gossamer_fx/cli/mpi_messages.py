@@ -19,7 +19,8 @@ REPETITIONS = (
 )
 # Messages of one line, which are written in one piece:
 # 1. of MPICH about MPI_Abort; it writes nothing about a code that is not zero;
-# 2. of PMIx, which starts Open MPI's ranks, where a rank that has ended cannot be told that others have.
+# 2. of PMIx, which starts Open MPI's ranks, where a rank that has ended cannot be told that others
+#    have.
 LINES = re.compile(
     rb"Abort\(\d+\) on node \d+ [^\n]*application called MPI_Abort[^\n]*\n"
     rb"|\[\S+:\d+\] PMIX ERROR: PMIX_ERR_UNREACH in file [^\n]*\n"
@@ -35,8 +36,8 @@ class MessageFilter:
 
     A rank that fails explains why in one sentence and ends with a code that is not zero.  Open MPI
     then writes that a process has ended with such a code, or has called MPI_Abort, as MPICH does,
-    and hides the sentence.  Other messages, e.g. that a rank was killed, are passed on.  If the ranks themselves
-    write nothing, everything is passed on.
+    and hides the sentence.  Other messages, e.g. that a rank was killed, are passed on.  If the
+    ranks themselves write nothing, everything is passed on.
 
     Args:
         write: takes the bytes that are passed on.

@@ -35,7 +35,8 @@ def values_of(words: Sequence[str]) -> dict[str, list[Any]]:
         values = [_value(part) for part in text.split(",")]
         check(
             bool(equals) and name.isidentifier() and "" not in values,
-            f"'{word}' is not of the form NAME=VALUE,VALUE; give arguments of build like cells=4,8,16.",
+            f"'{word}' is not of the form NAME=VALUE,VALUE; give arguments of build like "
+            "cells=4,8,16.",
         )
         check(name not in over, f"--over has {name} twice; give all its values at once.")
         over[name] = values
@@ -72,8 +73,8 @@ def check_arguments_of(build: Build, path: Path, names: Sequence[str]) -> None:
 def check_same_scene(comm: MPI.Intracomm, path: Path, folder: Path) -> None:
     """Refuse a folder whose runs are of another scene file, or of this one before it was changed.
 
-    The results of runs are found by the values of their arguments, which do not tell the scene.  A new
-    folder gets the checksum of the file.
+    The results of runs are found by the values of their arguments, which do not tell the scene.  A
+    new folder gets the checksum of the file.
 
     Raises:
         InputError: names both files.
@@ -88,7 +89,8 @@ def check_same_scene(comm: MPI.Intracomm, path: Path, folder: Path) -> None:
             about = json.loads(mark.read_text(encoding="utf-8"))
             check(
                 about.get("sha256") == digest,
-                f"'{folder}' holds runs of '{about.get('file')}' as it was before a change, or of another "
+                f"'{folder}' holds runs of '{about.get('file')}' as it was before a change, or of "
+                "another "
                 "scene; give another folder with --output, or remove this one.",
             )
         else:
@@ -100,9 +102,9 @@ def check_same_scene(comm: MPI.Intracomm, path: Path, folder: Path) -> None:
 class SceneOutcome:
     """Makes one run of a scene file; its numbers are those of the probes, and how the run went.
 
-    For each probe it returns the value at the end, the smallest and the largest one, and for each chamber the
-    last pressure.  The run is recorded
-    in its folder with checkpoints, from which it continues if it was killed.
+    For each probe it returns the value at the end, the smallest and the largest one, and for each
+    chamber the last pressure.  The run is recorded in its folder with checkpoints, from which it
+    continues if it was killed.
 
     Args:
         build: the function of the scene file.
@@ -143,7 +145,8 @@ class SceneOutcome:
 
 
 def _probe_numbers(folder: Path) -> dict[str, float]:
-    """Last, smallest and largest value of each probe of a run, and the last pressure of each chamber."""
+    """Last, smallest and largest value of each probe of a run, and the last pressure of each
+    chamber."""
     from gossamer_fx.plot.run_reader import RunReader
 
     run = RunReader(folder)

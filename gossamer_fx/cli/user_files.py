@@ -1,4 +1,5 @@
-"""Python files of users: they are executed, and what is wrong with them is reported in one sentence, with its line."""
+"""Python files of users: they are executed, and what is wrong with them is reported in one
+sentence, with its line."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
 
 
 def option(word: str) -> tuple[str, Any]:
-    """Name and value of a word NAME=VALUE; values are Python's numbers, tuples, ..., or else words."""
+    """Name and value of a word NAME=VALUE; values are Python's numbers, tuples, ..., or else
+    words."""
     name, equals, text = word.partition("=")
     check(
         bool(equals) and name.isidentifier(),
@@ -64,7 +66,8 @@ def build_of(path: Path, module: ModuleType) -> Callable[..., Any]:
 
 
 def unknown_arguments(build: Callable[..., Any], names: Iterable[str]) -> list[str]:
-    """Those of some names that are not arguments of a function, its first one not counted: the communicator."""
+    """Those of some names that are not arguments of a function, its first one not counted: the
+    communicator."""
     parameters = inspect.signature(build).parameters
     # A function with **options takes any name.
     if any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
@@ -114,7 +117,8 @@ def guarded[T](
             words = str(error).splitlines()[0]
         end_program(
             comm,
-            f"{location}: {type(error).__name__} ({words}); correct the file, or see more with --debug.",
+            f"{location}: {type(error).__name__} ({words}); correct the file, or see more with "
+            "--debug.",
             2,
         )
 

@@ -44,15 +44,15 @@ _GAUSS = {1: ([0.5], [1.0]), 2: ([0.5 - 12**-0.5, 0.5 + 12**-0.5], [0.5, 0.5])}
 class Crease:
     """A fold along edges of a film: the moment m = k (θ - θr) per length about the fold.
 
-    θ is the angle between the panels, zero where they continue each other, and measured at each edge
-    (order 1) or at its two Gauss points (order 2) of the film as it moves; ±π is pressed shut.  It is
-    positive for a valley fold: the panels have turned towards the normal of the film (the side from
-    which its triangles run counterclockwise); negative for a mountain fold.  Energy and angular momentum
-    are conserved exactly; see `algebra.dihedral_angle`.
+    θ is the angle between the panels, zero where they continue each other, and measured at each
+    edge (order 1) or at its two Gauss points (order 2) of the film as it moves; ±π is pressed shut.
+    It is positive for a valley fold: the panels have turned towards the normal of the film (the
+    side from which its triangles run counterclockwise); negative for a mountain fold.  Energy and
+    angular momentum are conserved exactly; see `algebra.dihedral_angle`.
 
-    With a yield angle φ the rest angle follows as soon as |θ - θr| > φ, at the moment k φ; the loss is
-    counted as dissipated.  On a `Plate` the edges are also one of its `hinges`: then the crease alone
-    carries the moment.
+    With a yield angle φ the rest angle follows as soon as |θ - θr| > φ, at the moment k φ; the loss
+    is counted as dissipated.  On a `Plate` the edges are also one of its `hinges`: then the crease
+    alone carries the moment.
 
     Args:
         body: a film or plate, with plane triangles.
@@ -60,14 +60,15 @@ class Crease:
         stiffness: k [N m/m/rad], moment per length and angle, positive.
         rest_angle: θr [rad], in [-π, π], at which the crease is at rest.
         yield_angle: φ [rad], the largest |θ - θr|, positive; None: elastic.
-        initial_fold: VALLEY (1) or MOUNTAIN (-1), the sign of a fold that starts pressed shut, where the
-            positions do not tell it; None: that of the rest angle, and VALLEY for a rest angle of zero.
+        initial_fold: VALLEY (1) or MOUNTAIN (-1), the sign of a fold that starts pressed shut,
+            where the positions do not tell it; None: that of the rest angle, and VALLEY for a rest
+            angle of zero.
         name: name in messages and output.
 
     Raises:
-        InputError: a group that is not a line of interior edges, triangles whose normals change sides
-            at it, a stiffness or yield angle that is not positive, a rest angle beyond half a turn,
-            curved triangles.
+        InputError: a group that is not a line of interior edges, triangles whose normals change
+            sides at it, a stiffness or yield angle that is not positive, a rest angle beyond half a
+            turn, curved triangles.
 
     Source: of the model, Lechenault, Thiria & Adda-Bedia, Phys. Rev. Lett. 112 (2014) 244301,
     doi:10.1103/PhysRevLett.112.244301.
@@ -92,25 +93,30 @@ class Crease:
         who = f"Crease '{self.name}'"
         check(
             math.isfinite(self.rest_angle) and abs(self.rest_angle) <= math.pi,
-            f"{who}: rest_angle is {self.rest_angle!r} rad; stay within half a turn, between -π and π.",
+            f"{who}: rest_angle is {self.rest_angle!r} rad; stay within half a turn, between -π "
+            "and π.",
         )
         φ = self.yield_angle
         check(
             φ is None or (math.isfinite(φ) and φ > 0),
-            f"{who}: yield_angle is {φ!r} rad; give a positive number, or None for a crease that does not yield.",
+            f"{who}: yield_angle is {φ!r} rad; give a positive number, or None for a crease that "
+            "does not yield.",
         )
         check(
             self.initial_fold in (None, VALLEY, MOUNTAIN),
-            f"{who}: initial_fold is {self.initial_fold!r}; give 1 for a valley fold, -1 for a mountain fold, or None.",
+            f"{who}: initial_fold is {self.initial_fold!r}; give 1 for a valley fold, -1 for a "
+            "mountain fold, or None.",
         )
         check(
             self.body.space.mesh.geometry.cmap.degree == 1,
-            f"{who}: the triangles of '{self.body.name}' are curved; mesh it with plane triangles (order 1).",
+            f"{who}: the triangles of '{self.body.name}' are curved; mesh it with plane triangles "
+            "(order 1).",
         )
         self._check_edges(who)
         check(
             not isinstance(self.body, Plate) or self.edges in self.body.hinges,
-            f"{who}: the plate '{self.body.name}' transmits bending at '{self.edges}' itself; give it "
+            f"{who}: the plate '{self.body.name}' transmits bending at '{self.edges}' itself; give "
+            "it "
             f"hinges=['{self.edges}'].",
         )
 
@@ -125,22 +131,26 @@ class Crease:
         n, rim, unknown = self.body.comm.allreduce(counts).tolist()
         check(
             n > 0,
-            f"{who}: the group '{self.edges}' has no edges; name a line between triangles of the mesh.",
+            f"{who}: the group '{self.edges}' has no edges; name a line between triangles of the "
+            "mesh.",
         )
         check(
             rim == 0,
-            f"{who}: {rim} of the {n} edges of '{self.edges}' lie on the rim of '{self.body.name}' or where more than "
+            f"{who}: {rim} of the {n} edges of '{self.edges}' lie on the rim of '{self.body.name}' "
+            "or where more than "
             "two triangles meet; a crease has one triangle on each side.",
         )
         check(
             unknown == 0,
-            f"{who}: the mesh of '{self.body.name}' was distributed without neighbours; read it with read_mesh or "
+            f"{who}: the mesh of '{self.body.name}' was distributed without neighbours; read it "
+            "with read_mesh or "
             "gmsh_mesh.",
         )
         check_on_all(
             self.body.comm,
             bool(_passed_both_ways(table, owned).all()),
-            f"{who}: the normals of '{self.body.name}' change sides at '{self.edges}', so that the sign of the fold is "
+            f"{who}: the normals of '{self.body.name}' change sides at '{self.edges}', so that the "
+            "sign of the fold is "
             "not defined; turn the triangles of one side (gmsh: model.mesh.reverse).",
         )
 
@@ -271,7 +281,8 @@ def _passed_both_ways(table: EdgeTable, edges: Indices) -> np.ndarray[Any, np.dt
 
 
 def _inwards(corners: Array, t: Array, sides: Indices) -> Array:
-    """Unit vectors (n, 3) in triangles (n, 3, 3), normal to one of their edges along t, away from it."""
+    """Unit vectors (n, 3) in triangles (n, 3, 3), normal to one of their edges along t, away from
+    it."""
     n = np.arange(len(t))
     away = corners[n, sides] - corners[n, _ENDS[sides, 0]]
     away = away - np.einsum("nc,nc->n", away, t)[:, None] * t

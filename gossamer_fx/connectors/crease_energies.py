@@ -102,7 +102,8 @@ class CreaseEnergies(
             add_blocks(A, points.indices, points.indices, blocks)
 
     def inadmissible(self) -> str:
-        """Why the step must be rejected: a fold turns by nearly half a turn.  Empty if none does."""
+        """Why the step must be rejected: a fold turns by nearly half a turn.  Empty if none
+        does."""
         rotations = [points.largest_rotation(q) for points, q in self._at_end()]
         largest = max(rotations, default=(0.0, ""))
         angle, name = max(self._system.comm.allgather(largest))
@@ -149,7 +150,7 @@ class CreaseEnergies(
             values.append(np.repeat(angles, 2))
         return np.concatenate(cells), np.concatenate(values)
 
-    # ---- sensitivities ---------------------------------------------------------------------------------
+    # ---- sensitivities ---------------------------------------------------------------------------
 
     def get_number(self, term: CreaseEnergy, key: str) -> Array:
         """Present value (1,) of the parameter `key` of a term."""
@@ -183,7 +184,10 @@ class CreaseEnergies(
     def without_gradient(self) -> str:
         """Why the scene has no gradient: a fold yields.  Empty if none does."""
         for i in self._yielding:
-            return f"'{self.terms[i].name}' yields, so that its rest angle depends on the path; give it no yield_angle"
+            return (
+                f"'{self.terms[i].name}' yields, so that its rest angle depends on the path; give "
+                "it no yield_angle"
+            )
         return ""
 
     def save_history(self) -> list[Array]:
@@ -362,7 +366,8 @@ class _Points:
         return blocks.reshape(n, D, D)
 
     def forces_by_number(self, q: Array, key: str, stiffness: float) -> Array:
-        """Derivatives (n, D) of the forces of folds that do not yield; their moment is k (θ_mean - θr)."""
+        """Derivatives (n, D) of the forces of folds that do not yield; their moment is k (θ_mean -
+        θr)."""
         X = self.vectors(q)
         θ1 = self._end(X)
         moment = -self._k

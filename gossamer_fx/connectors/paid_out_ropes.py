@@ -83,7 +83,7 @@ class PaidOutRopes(
         self._l: Array = np.zeros(self._at.n)
         self._begun = False
 
-    # ---- a step -----------------------------------------------------------------------------------------------------
+    # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self, t: float) -> None:
         """Evaluate the given lengths L1 at the end of the step whose forces are those at time t
@@ -178,7 +178,8 @@ class PaidOutRopes(
         return np.asarray(self._system.comm.allreduce(found))
 
     def tensions(self) -> Array:
-        """Tension (n,) [N] of the rope of each term in the accepted state, the same on every rank."""
+        """Tension (n,) [N] of the rope of each term in the accepted state, the same on every
+        rank."""
         found = np.zeros(len(self._terms))
         found[self._at.owner] = self._k * np.maximum(self._l - self.length, 0.0)
         return np.asarray(self._system.comm.allreduce(found))
@@ -192,7 +193,7 @@ class PaidOutRopes(
         self.length = np.array(state["lengths"])[self._at.owner]
         self._next = self.length
 
-    # ---- the law ----------------------------------------------------------------------------------------------------
+    # ---- the law ---------------------------------------------------------------------------------
 
     def _lengths(self, q: Array) -> Array:
         """Distances l (n,) [m] of the ends at unknowns q (n, D)."""
@@ -206,16 +207,18 @@ class PaidOutRopes(
         return np.where(self._brakes, remaining, 0.0)
 
     def _slip(self, l1: Array) -> Array:
-        """Lengths ΔL (n,) [m] that brakes let out in a step that ends with the distances l1 (n,) [m]."""
+        """Lengths ΔL (n,) [m] that brakes let out in a step that ends with the distances l1 (n,)
+        [m]."""
         beyond = np.clip(l1 - self._next - self._yield, 0.0, self._room())
         slip: Array = np.where(self._brakes, beyond, 0.0)
         return slip
 
     def _pull(self, y: Array) -> Array:
-        """Tensions (n,) [N] of ropes stretched by y (n,) [m] beyond their lengths at the start of the step.
+        """Tensions (n,) [N] of ropes stretched by y (n,) [m] beyond their lengths at the start of
+        the step.
 
-        They are k y, but no more than the brake force B as long as rope remains on the reel, and zero
-        for a slack rope.
+        They are k y, but no more than the brake force B as long as rope remains on the reel, and
+        zero for a slack rope.
         """
         slip = np.clip(y - self._yield, 0.0, self._room())
         beyond = np.where(self._brakes, slip, 0.0)

@@ -26,7 +26,8 @@ from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class RopeBundle:
-    """Ropes without mass, each as a `Rope`, that are evaluated at once and have one line in the ledger.
+    """Ropes without mass, each as a `Rope`, that are evaluated at once and have one line in the
+    ledger.
 
     Args:
         ends: pairs of ports, or of a port and a `Ground`.
@@ -36,8 +37,8 @@ class RopeBundle:
         name: name in messages and output.
 
     Raises:
-        InputError: no rope, not as many lengths as pairs, a number that is not positive, a pair without a
-            body.
+        InputError: no rope, not as many lengths as pairs, a number that is not positive, a pair
+            without a body.
 
     Example:
         >>> corners = [film.port("top left"), film.port("top right")]
@@ -58,19 +59,22 @@ class RopeBundle:
         """Check the arguments, which the class describes; raises `InputError`."""
         check(
             bool(len(self.ends)) and len(self.ends) == len(self.lengths),
-            f"RopeBundle '{self.name}' has {len(self.ends)} pairs and {len(self.lengths)} lengths; give as many of "
+            f"RopeBundle '{self.name}' has {len(self.ends)} pairs and {len(self.lengths)} lengths; "
+            "give as many of "
             "both, and at least one.",
         )
         for k, (pair, length) in enumerate(zip(self.ends, self.lengths, strict=True)):
             check(
                 bool(list(bodies_of(*pair))),
-                f"RopeBundle '{self.name}': rope {k} joins the ground to itself; give a port of a body.",
+                f"RopeBundle '{self.name}': rope {k} joins the ground to itself; give a port of a "
+                "body.",
             )
             require_positive(f"RopeBundle '{self.name}': length {k}", length, "m")
         check_positive(self, "stiffness", "N/m")
         check(
             math.isfinite(self.damping) and self.damping >= 0,
-            f"RopeBundle '{self.name}': damping is {self.damping!r} N s/m; give none or a positive one.",
+            f"RopeBundle '{self.name}': damping is {self.damping!r} N s/m; give none or a positive "
+            "one.",
         )
 
     def requires(self) -> Iterable[Any]:

@@ -47,10 +47,12 @@ class Quadratic:
 
 @dataclass(frozen=True)
 class LengthSpring:
-    """ψ = ½ k (l - L)² of the length l = √(2e), e = ½|x_a - x_b|²; none where l - L has not the sign of `side`.
+    """ψ = ½ k (l - L)² of the length l = √(2e), e = ½|x_a - x_b|²; none where l - L has not the
+    sign of `side`.
 
-    `side` 1 pulls only (a rope), -1 pushes only (a stop), 0 does both.  With l0 and l1 at the ends of the step,
-    S_mean = Δψ/Δe = k (1 - 2L/(l0 + l1)) while it acts; in a step that passes the natural length, the quotient itself.
+    `side` 1 pulls only (a rope), -1 pushes only (a stop), 0 does both.  With l0 and l1 at the ends
+    of the step, S_mean = Δψ/Δe = k (1 - 2L/(l0 + l1)) while it acts; in a step that passes the
+    natural length, the quotient itself.
     """
 
     k: float
@@ -79,7 +81,8 @@ class LengthSpring:
         else:
             pull = mean_length - self.L
             slope = np.full(pull.shape, 0.5)
-        # Δe = mean_length Δl, so that the stress is the mean force over the mean length; d/de1 = d/dl1 / l1.
+        # Δe = mean_length Δl, so that the stress is the mean force over the mean length; d/de1 =
+        # d/dl1 / l1.
         S = self.k * pull / mean_length
         D = self.k * (slope - pull / mean_length / 2) / mean_length / l1
         return S[:, None], D[:, None, None]
@@ -105,8 +108,8 @@ class LengthDamper:
 class RopeDamper:
     """Viscous force f = c ds/dt of a rope of length L, with its stretch s = max(l - L, 0).
 
-    f is not below minus the mean tension k s_mean of the step, so that the rope pulls or is slack.  With
-    S_mean = 2 f/(l0 + l1) the loss f Δl is never negative.
+    f is not below minus the mean tension k s_mean of the step, so that the rope pulls or is slack.
+    With S_mean = 2 f/(l0 + l1) the loss f Δl is never negative.
     """
 
     c: float
@@ -213,8 +216,8 @@ class Rope(Between):
         a, b: ports of bodies; one of them may be a `Ground`.
         stiffness: k = EA/L [N/m], positive.
         length: L [m], positive.
-        damping: c [N s/m], zero or positive.  The tension of a stretched rope is k (l - L) + c dl/dt,
-            but never negative.
+        damping: c [N s/m], zero or positive.  The tension of a stretched rope is k (l - L) + c
+            dl/dt, but never negative.
         name: name in messages and output.
 
     Raises:
@@ -255,8 +258,8 @@ class Rope(Between):
         measure = half_distance_squared(self.a, self.b)
         yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
         if self.damping:
-            # It knows stiffness and length: a damper that pushed would slacken the rope, so that the
-            # whole tension is kept from falling below zero.
+            # It knows stiffness and length: a damper that pushed would slacken the rope, so that
+            # the whole tension is kept from falling below zero.
             loss = RopeDamper(self.damping, self.stiffness, self.length)
             numbers = (STIFFNESS, LENGTH, Parameter("damping", "N s/m", "c"))
             yield PointDissipation(f"{self.name} damping", measure, loss, numbers)
@@ -265,11 +268,12 @@ class Rope(Between):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Stop(Between):
-    """Keeps two points from coming nearer than a length: the force is k (L - l) below it, else zero.
+    """Keeps two points from coming nearer than a length: the force is k (L - l) below it, else
+    zero.
 
-    Two spheres touch at the sum of their radii.  An impact takes as long as half an oscillation on the
-    spring and returns all of its energy (π √(m/k), m = m_a m_b/(m_a + m_b), for two free bodies); time
-    steps must resolve that.
+    Two spheres touch at the sum of their radii.  An impact takes as long as half an oscillation on
+    the spring and returns all of its energy (π √(m/k), m = m_a m_b/(m_a + m_b), for two free
+    bodies); time steps must resolve that.
 
     Args:
         a, b: ports of bodies; one of them may be a `Ground`.
@@ -307,7 +311,8 @@ class Stop(Between):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Damper(Between):
-    """An axial damper between two points: a force c dl/dt along the line between them, l their distance.
+    """An axial damper between two points: a force c dl/dt along the line between them, l their
+    distance.
 
     Its loss counts as dissipated.
 
@@ -340,7 +345,8 @@ class Damper(Between):
         distance = float(np.linalg.norm(start.vector(self.a) - start.vector(self.b)))
         check(
             distance > 0,
-            f"Damper '{self.name}': its two points coincide, so it has no direction; separate them.",
+            f"Damper '{self.name}': its two points coincide, so it has no direction; separate "
+            "them.",
         )
         yield PointDissipation(
             self.name,
@@ -378,7 +384,8 @@ class AxialSpring:
         check_positive(self, "stiffness", "N/m")
         check(
             any(self.direction),
-            f"AxialSpring '{self.name}': direction is {self.direction!r}; give its axis, of any length but zero.",
+            f"AxialSpring '{self.name}': direction is {self.direction!r}; give its axis, of any "
+            "length but zero.",
         )
 
     def requires(self) -> Iterable[Any]:

@@ -25,8 +25,8 @@ from gossamer_fx.terms.one_sided import one_sided_average, one_sided_energy
 from gossamer_fx.terms.point_energies import PointDensity, PointStoredEnergy
 from gossamer_fx.terms.point_masses import AttachedKineticEnergy
 
-# Length of an edge over that of the longest one below which its two nodes coincide: far above round-off of
-# coordinates, far below any cell.
+# Length of an edge over that of the longest one below which its two nodes coincide: far above
+# round-off of coordinates, far below any cell.
 SHORTEST_EDGE = 1e-9
 
 
@@ -47,8 +47,8 @@ class OneSided:
 class Tape:
     """Bars along a line of a film, each between two points of it that move with the film.
 
-    Stored energy Σ L W(ε) with ε = ½(λ² - 1) of each bar, and its consistent mass.  `along_edges` takes the
-    edges of the film's mesh, `through` any line across it, also between nodes.
+    Stored energy Σ L W(ε) with ε = ½(λ² - 1) of each bar, and its consistent mass.  `along_edges`
+    takes the edges of the film's mesh, `through` any line across it, also between nodes.
 
     Args:
         body: the film or plate that it is bonded to.
@@ -100,13 +100,15 @@ class Tape:
         ends = np.concatenate([chains[:, [k, k + 1]] for k in range(chains.shape[1] - 1)])
         own = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
         names = space.dofmap.index_map.local_to_global(ends.ravel()).reshape(-1, 2)
-        # Bars name global nodes and are the same on every rank; a line is short compared with a film.
+        # Bars name global nodes and are the same on every rank; a line is short compared with a
+        # film.
         own_bars = list(zip(names[:, 0].tolist(), names[:, 1].tolist(), own.tolist(), strict=True))
         rows = body.comm.allgather(own_bars)
         bars = [row for part in rows for row in part]
         check(
             len(bars) > 0,
-            f"Tape '{name}' on '{body.name}': the group '{edges}' has no edges of the mesh; put a line of its "
+            f"Tape '{name}' on '{body.name}': the group '{edges}' has no edges of the mesh; put a "
+            "line of its "
             "edges into the group.",
         )
         midpoints = (x[ends[:, 0]] + x[ends[:, 1]]) / 2
@@ -125,7 +127,8 @@ class Tape:
         length_factor: float = 1.0,
         name: str = "tape",
     ) -> Tape:
-        """Through `points` [m] of the film's mesh, `bars_per_segment` bars of equal length from each to the next.
+        """Through `points` [m] of the film's mesh, `bars_per_segment` bars of equal length from
+        each to the next.
 
         `length_factor` is the natural length over that of the line.
         """
@@ -151,11 +154,13 @@ class Tape:
         object.__setattr__(self, "lengths", lengths)
         check(
             len(self.bars) > 0 and bool((lengths > 0).all()),
-            f"Tape '{self.name}' has no bars, or one without length; give a line of different points.",
+            f"Tape '{self.name}' has no bars, or one without length; give a line of different "
+            "points.",
         )
         check(
             lengths.shape == (len(self.bars),),
-            f"Tape '{self.name}' has {len(self.bars)} bars and lengths of shape {lengths.shape}; give one each.",
+            f"Tape '{self.name}' has {len(self.bars)} bars and lengths of shape {lengths.shape}; "
+            "give one each.",
         )
 
     def requires(self) -> Iterable[Any]:
@@ -213,7 +218,8 @@ def _stretch(a: Port, b: Port, square: float) -> Port:
 def _refuse_edges_without_length(
     body: Membrane, edges: str, lengths: Array, midpoints: Array, name: str
 ) -> None:
-    """Name the first edge (of lengths (n,) and midpoints (n, 3) [m] of this rank) whose ends coincide.  Collective.
+    """Name the first edge (of lengths (n,) and midpoints (n, 3) [m] of this rank) whose ends
+    coincide.  Collective.
 
     Raises:
         InputError: an edge is shorter than round-off of the line.
@@ -228,6 +234,7 @@ def _refuse_edges_without_length(
     x, y, z = (round(coordinate, 9) + 0.0 for coordinate in places[0])
     raise InputError(
         f"Tape '{name}' on '{body.name}': the group '{edges}' has an edge without length at "
-        f"({x:.6g}, {y:.6g}, {z:.6g}) m, as a revolved mesh has at its pole; merge the nodes there, or leave "
+        f"({x:.6g}, {y:.6g}, {z:.6g}) m, as a revolved mesh has at its pole; merge the nodes "
+        "there, or leave "
         "this edge out of the group."
     )

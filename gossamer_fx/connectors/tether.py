@@ -20,12 +20,13 @@ from gossamer_fx.model.terms import Term
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Tether(Between):
-    """A rope without mass from a reel at one of two points: tension k (l - L) beyond its length L, else none.
+    """A rope without mass from a reel at one of two points: tension k (l - L) beyond its length L,
+    else none.
 
-    Either L is a function of time, and the work of the reel counts as supplied (negative while it pays
-    out under tension), or a brake holds the reel and slips where the tension would exceed B: the loss
-    B ΔL counts as dissipated.  A brake torque M on a reel of radius r is B = M/r.  Energy closes
-    exactly; momentum and angular momentum are kept.
+    Either L is a function of time, and the work of the reel counts as supplied (negative while it
+    pays out under tension), or a brake holds the reel and slips where the tension would exceed B:
+    the loss B ΔL counts as dissipated.  A brake torque M on a reel of radius r is B = M/r.  Energy
+    closes exactly; momentum and angular momentum are kept.
 
     Args:
         a, b: ports of bodies; one of them may be a `Ground`.
@@ -36,7 +37,8 @@ class Tether(Between):
         name: name in messages and output.
 
     Raises:
-        InputError: a length that is not positive, a brake in addition to a function, a number without a brake.
+        InputError: a length that is not positive, a brake in addition to a function, a number
+            without a brake.
 
     Example:
         >>> reel = hub.port((0.0, 0.0, 0.1))
@@ -70,7 +72,8 @@ class Tether(Between):
         check_positive(self, "length", "m")
         check(
             self.brake_force is not None,
-            f"Tether '{self.name}': its length is a number; give a brake, or a function of time, or take a Rope.",
+            f"Tether '{self.name}': its length is a number; give a brake, or a function of time, "
+            "or take a Rope.",
         )
         check_positive(self, "brake_force", "N")
         check(

@@ -1,11 +1,12 @@
 """Torsional springs and dampers about the axis of a hinge.
 
-With a direction a of one side and the pair b, c of the other, normal to the axis, the measures are cos φ = a·b and
-sin φ = a·c.  A law of the angle has the stress
+With a direction a of one side and the pair b, c of the other, normal to the axis, the measures are
+cos φ = a·b and sin φ = a·c.  A law of the angle has the stress
 
     S_mean = m_mean t,   t = Δφ/(2 sin(Δφ/2)) (-sin φm, cos φm),   φm = (φ0 + φ1)/2
 
-in them, with t·(Δcos, Δsin) = Δφ, so that S_mean·Δe = m_mean Δφ is the work of the moment m_mean exactly.
+in them, with t·(Δcos, Δsin) = Δφ, so that S_mean·Δe = m_mean Δφ is the work of the moment m_mean
+exactly.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ def angles(e0: Array, e1: Array) -> tuple[Array, Array]:
     """
     φ0 = np.arctan2(e0[:, 1], e0[:, 0])
     φ1 = np.arctan2(e1[:, 1], e1[:, 0])
-    # The shorter way round: a step that turns by more than half a turn cannot be told from one back.
+    # The shorter way round: a step that turns by more than half a turn cannot be told from one
+    # back.
     Δφ = np.remainder(φ1 - φ0 + np.pi, 2 * np.pi) - np.pi
     return φ0, Δφ
 
@@ -86,7 +88,8 @@ def stress(
 
 @dataclass(frozen=True)
 class AngularSpring:
-    """ψ = ½ k (φ - change)², |φ| < π; `change` [rad] is that of the rest angle, which φ counts from."""
+    """ψ = ½ k (φ - change)², |φ| < π; `change` [rad] is that of the rest angle, which φ counts
+    from."""
 
     k: float
     change: float = 0.0
@@ -116,7 +119,8 @@ class AngularDamper:
 
 
 def across(axis: Vector, side: Frame) -> Frame:
-    """A frame that holds the normals of an axis: the side of a hinge, with the normal of its section if it needs it."""
+    """A frame that holds the normals of an axis: the side of a hinge, with the normal of its
+    section if it needs it."""
     return side if is_normal(unit(axis), side) else side.complete
 
 
@@ -137,8 +141,8 @@ def hinge_angle(
     """
     p, q = perpendicular_pair(unit(axis))
     moving = along(p, b)
-    # Vectors of a at the rest angle and a quarter turn beyond it: the angle counts from rest, and its
-    # jump from π to -π is opposite to it.
+    # Vectors of a at the rest angle and a quarter turn beyond it: the angle counts from rest, and
+    # its jump from π to -π is opposite to it.
     c = math.cos(rest)
     s = math.sin(rest)
     zero = along(c * p + s * q, a)
@@ -181,10 +185,11 @@ class TorsionSpring(AboutHinge):
 
     Args:
         a, b: frames, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.
-        axis: direction in space at the start, of any length; angles count in its right-handed sense.
+        axis: direction in space at the start, of any length; angles count in its right-handed
+            sense.
         stiffness: k [N m/rad], positive.
-        rest_angle: angle of b against a [rad], from the start, at which the spring is at rest; between -π
-            and π.
+        rest_angle: angle of b against a [rad], from the start, at which the spring is at rest;
+            between -π and π.
         name: name in messages and output.
 
     Raises:
@@ -214,7 +219,8 @@ class TorsionSpring(AboutHinge):
         check_positive(self, "stiffness", "N m/rad")
         check(
             abs(self.rest_angle) < math.pi,
-            f"TorsionSpring '{self.name}': rest_angle is {self.rest_angle!r} rad; stay within half a turn.",
+            f"TorsionSpring '{self.name}': rest_angle is {self.rest_angle!r} rad; stay within half "
+            "a turn.",
         )
 
     def terms(self, start: State) -> Iterable[Term]:
@@ -233,7 +239,8 @@ class TorsionSpring(AboutHinge):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class TorsionDamper(AboutHinge):
-    """A torsional damper about the axis of a hinge: the moment is -c dφ/dt; its loss counts as dissipated.
+    """A torsional damper about the axis of a hinge: the moment is -c dφ/dt; its loss counts as
+    dissipated.
 
     Args:
         a, b: frames, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.
@@ -242,7 +249,8 @@ class TorsionDamper(AboutHinge):
         name: name in messages and output.
 
     Raises:
-        InputError: two frames of the ground, an axis of length zero, a damping that is not positive.
+        InputError: two frames of the ground, an axis of length zero, a damping that is not
+            positive.
 
     Example:
         >>> gx.connectors.TorsionDamper(

@@ -23,11 +23,12 @@ from gossamer_fx.terms.supports import Support
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Driven:
-    """A rigid body whose position is fixed and that turns about an axis as prescribed, as a hub on a motor.
+    """A rigid body whose position is fixed and that turns about an axis as prescribed, as a hub on
+    a motor.
 
     The directors are d(t) = R(axis, angle(t)) d(0); the work of the motor counts as supplied.  The
-    scene gives the body the rate at which the angle begins, e.g. by `RigidMotion`: a difference stays, as
-    of `Fixed` with a motion.
+    scene gives the body the rate at which the angle begins, e.g. by `RigidMotion`: a difference
+    stays, as of `Fixed` with a motion.
 
     Args:
         body: what turns.

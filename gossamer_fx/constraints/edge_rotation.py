@@ -1,7 +1,7 @@
 """Clamped edges: edges of plates whose slope is fixed or prescribed.
 
-The slope is held by Nitsche's method (`forms.bending`).  The energy of that is part of the plate's bending
-energy; the work of what turns the edge counts as supplied.
+The slope is held by Nitsche's method (`forms.bending`).  The energy of that is part of the plate's
+bending energy; the work of what turns the edge counts as supplied.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.quadratic_energies import QuadraticEnergy
 
-# Smallest sine of the angle between a clamped edge and the direction of the plate across it: 6 degrees.
+# Smallest sine of the angle between a clamped edge and the direction of the plate across it: 6
+# degrees.
 MIN_SINE = 0.1
 
 
@@ -60,7 +61,8 @@ class EdgeRotation:
             self._check_is_across(start, lambda midpoints: self._directions(midpoints, 0.0))
             check(
                 not self.plate.has_thermal_curvature,
-                f"'{self.name}' turns with time, but '{self.plate.name}' has a gradient of temperature; clamp it in a "
+                f"'{self.name}' turns with time, but '{self.plate.name}' has a gradient of "
+                "temperature; clamp it in a "
                 "constant direction, or leave the gradient out.",
             )
 
@@ -113,14 +115,16 @@ class EdgeRotation:
         check_on_all(
             self.plate.comm,
             is_right and bool(np.linalg.norm(d, axis=0).all()),
-            f"'{self.name}': its direction at t = {t:.6g} s is not finite, or zero, somewhere, or of shape "
+            f"'{self.name}': its direction at t = {t:.6g} s is not finite, or zero, somewhere, or "
+            "of shape "
             f"{d.shape} instead of {X.shape}; correct its function.",
         )
         unit_directions: Array = (d / np.linalg.norm(d, axis=0)).T
         return unit_directions
 
     def _check_is_across(self, start: State, directions: Callable[[Array], Array]) -> None:
-        """Refuse a direction that lies along the edge, to which the plate is tangent there in any case.
+        """Refuse a direction that lies along the edge, to which the plate is tangent there in any
+        case.
 
         Args:
             start: the initial state.
@@ -154,7 +158,8 @@ class EdgeRotation:
         sine, direction, point = min(self.plate.comm.allgather(worst))
         check(
             sine >= MIN_SINE,
-            f"'{self.name}': its direction ({_three(direction)}) lies along the edge at ({_three(point)}) m; give the "
+            f"'{self.name}': its direction ({_three(direction)}) lies along the edge at "
+            f"({_three(point)}) m; give the "
             "direction across the edge, to which the plate is tangent there.",
         )
 

@@ -27,37 +27,39 @@ ALL_COMPONENTS = (0, 1, 2)
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Fixed:
-    """A support: positions of the nodes of a group, and rotations if asked, are fixed or prescribed.
+    """A support: positions of the nodes of a group, and rotations if asked, are fixed or
+    prescribed.
 
-    The work of what moves or turns the nodes counts as supplied.  Their initial velocity is that of the
-    body; where it differs from the rate of the motion, the midpoint rule carries the difference on as an
-    oscillation of the velocity from step to step.
+    The work of what moves or turns the nodes counts as supplied.  Their initial velocity is that of
+    the body; where it differs from the rate of the motion, the midpoint rule carries the difference
+    on as an oscillation of the velocity from step to step.
 
-    The rotation of a beam is that of its sections; that of a plate is its slope across an edge of its rim.
-    Films and cables have none.  A section is turned by the shortest rotation from its normal to
-    `direction`, then about it by `twist`.  A function of time should begin at the initial direction: where
-    it does not, the section jumps in the first step.
+    The rotation of a beam is that of its sections; that of a plate is its slope across an edge of
+    its rim. Films and cables have none.  A section is turned by the shortest rotation from its
+    normal to `direction`, then about it by `twist`.  A function of time should begin at the initial
+    direction: where it does not, the section jumps in the first step.
 
     Args:
         body: a film, plate, cable or beam.
         group: name of points, curves or surfaces of its mesh; with the rotation of a plate, curves.
         components: which of x, y, z (0, 1, 2) are fixed or moved; the others are free.
-        normal: instead of components, the one direction along which the nodes do not move: they slide in
-            the plane with this normal, e.g. a plane of symmetry.  Multipliers hold them, so that the
-            matrix is factorised.
-        motion: displacement [m] of the points (3, n) of the stress-free shape at a time [s], of shape
-            (3, n).  None: they stay where they start.
+        normal: instead of components, the one direction along which the nodes do not move: they
+            slide in the plane with this normal, e.g. a plane of symmetry.  Multipliers hold them,
+            so that the matrix is factorised.
+        motion: displacement [m] of the points (3, n) of the stress-free shape at a time [s], of
+            shape (3, n).  None: they stay where they start.
         rotation: whether the rotation is fixed, too; also with a direction or twist.
-        direction: of a beam the normal of the sections, of a plate the vector to which it is tangent at the
-            edge, across it; three numbers of any length, or a function of the points (3, n) of the
-            stress-free shape and the time [s] that returns (3, n).  None: as it starts.
+        direction: of a beam the normal of the sections, of a plate the vector to which it is
+            tangent at the edge, across it; three numbers of any length, or a function of the points
+            (3, n) of the stress-free shape and the time [s] that returns (3, n).  None: as it
+            starts.
         twist: angle [rad] of the sections of a beam about the direction, or a function of time [s].
         name: name in messages and output.
 
     Raises:
         InputError: a group that the mesh does not have or that is empty, components that are not
-            coordinates, a direction of length zero, a rotation of what has none; during a run, a motion or
-            direction that is not finite or of another shape.
+            coordinates, a direction of length zero, a rotation of what has none; during a run, a
+            motion or direction that is not finite or of another shape.
 
     Example:
         >>> gx.Fixed(film, "left").name
@@ -101,12 +103,14 @@ class Fixed:
             )
             check(
                 self.motion is None,
-                f"'{self.name}': normal and motion are given; leave one of them out, or give components.",
+                f"'{self.name}': normal and motion are given; leave one of them out, or give "
+                "components.",
             )
         if self.direction is not None and not callable(self.direction):
             check(
                 any(self.direction),
-                f"'{self.name}': direction is {self.direction!r}; give three numbers, not all zero.",
+                f"'{self.name}': direction is {self.direction!r}; give three numbers, not all "
+                "zero.",
             )
         if self.rotation:
             self._check_rotation()
@@ -130,7 +134,8 @@ class Fixed:
 
         check(
             isinstance(self.body, Beam | Plate),
-            f"'{self.name}': '{self.body.name}' has no stiffness in bending, so its rotation cannot be fixed; use a "
+            f"'{self.name}': '{self.body.name}' has no stiffness in bending, so its rotation "
+            "cannot be fixed; use a "
             "Beam or a Plate, or leave rotation, direction and twist out.",
         )
         if isinstance(self.body, Plate):
@@ -138,13 +143,15 @@ class Fixed:
 
             check(
                 not callable(self.twist) and self.twist == 0,
-                f"'{self.name}': twist is given, but '{self.body.name}' is a plate; turn its edge by direction.",
+                f"'{self.name}': twist is given, but '{self.body.name}' is a plate; turn its edge "
+                "by direction.",
             )
             check_is_rim(self.body, self.group)
         else:
             check(
                 self.components == ALL_COMPONENTS and self.normal is None,
-                f"'{self.name}': components or normal are given, but a clamped section of a beam has all of its "
+                f"'{self.name}': components or normal are given, but a clamped section of a beam "
+                "has all of its "
                 "coordinates fixed; leave them out.",
             )
 

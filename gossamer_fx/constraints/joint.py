@@ -1,16 +1,19 @@
 """Joints: constraints between points and frames of any two bodies, or of a body and the ground.
 
-Each is a set of quadratic measures that stay zero (`PointConstraint`); the multipliers do no work.  With the vectors
-a and b attached to the two sides, and p, q, n directions that are fixed in one of them,
+Each is a set of quadratic measures that stay zero (`PointConstraint`); the multipliers do no work.
+With the vectors a and b attached to the two sides, and p, q, n directions that are fixed in one of
+them,
 
     ball       x_a - x_b = 0
     link       ½(|x_a - x_b|² - l²) = 0
-    fixed      ball, and g2·p1 = g3·p1 = g2·p3 = 0 for the axes p of one side that coincide with those of the other
+    fixed      ball, and g2·p1 = g3·p1 = g2·p3 = 0 for the axes p of one side that coincide with
+               those of the other
     revolute   ball, and n·p = n·q = 0: the axis n of one side is normal to p, q of the other
     prismatic  the rotations of fixed, and (x_b - x_a)·p = (x_b - x_a)·q = 0
     cylindrical  n·p = n·q = 0 of revolute, and (x_b - x_a)·p = (x_b - x_a)·q = 0 of prismatic
 
-A beam's section has two directors; where a joint needs its normal too, it is brought along (`Frame.complete`).
+A beam's section has two directors; where a joint needs its normal too, it is brought along
+(`Frame.complete`).
 """
 
 from __future__ import annotations
@@ -48,7 +51,8 @@ def check_coincide(
     distance = float(np.linalg.norm(start.vector(a) - start.vector(b)))
     check(
         distance <= COINCIDE,
-        f"Joint '{name}': its two points are {distance:.6g} m apart at the start; let them coincide.",
+        f"Joint '{name}': its two points are {distance:.6g} m apart at the start; let them "
+        "coincide.",
     )
 
 
@@ -247,8 +251,8 @@ class FixedJoint(FrameJoint):
     """The relative position and rotation of two frames are constant: a weld.
 
     Args:
-        a, b: frames of two bodies that have one origin at the start; one may be `ground_frame()`.  One of
-            them has three directors (a rigid body or the ground), or is completed to three.
+        a, b: frames of two bodies that have one origin at the start; one may be `ground_frame()`.
+            One of them has three directors (a rigid body or the ground), or is completed to three.
         name: name in messages and output.
 
     Raises:
@@ -296,7 +300,8 @@ class RevoluteJoint(AxisJoint):
         name: name in messages and output.
 
     Raises:
-        InputError: frames of one body, an axis of length zero; when the scene is compiled: origins that are apart.
+        InputError: frames of one body, an axis of length zero; when the scene is compiled: origins
+            that are apart.
 
     Example:
         >>> ground = gx.ground_frame()

@@ -1,4 +1,5 @@
-"""Energies ½ a(t; q, q) of a quadratic form that changes with time, such as those of clamps that turn or heat up."""
+"""Energies ½ a(t; q, q) of a quadratic form that changes with time, such as those of clamps that
+turn or heat up."""
 
 from __future__ import annotations
 
@@ -37,8 +38,9 @@ class MovingEnergies(
 ):
     """All `MovingEnergy` terms of a scene.
 
-    With the matrices K0, K1 of both ends of a step the force is ½ (K0 + K1) q_mid; what changes the form supplies
-    ¼ (q1·(K1 - K0) q1 + q0·(K1 - K0) q0), and both together change the energy exactly.
+    With the matrices K0, K1 of both ends of a step the force is ½ (K0 + K1) q_mid; what changes the
+    form supplies ¼ (q1·(K1 - K0) q1 + q0·(K1 - K0) q0), and both together change the energy
+    exactly.
     """
 
     def __init__(self, terms: Sequence[MovingEnergy], system: Assembly) -> None:
@@ -111,9 +113,11 @@ class MovingEnergies(
 
 @dataclass(frozen=True, eq=False)
 class MovingEnergy:
-    """Stored energy ½ a(d; q, q) of a symmetric bilinear form, written form(q, w, d), with a function d of time.
+    """Stored energy ½ a(d; q, q) of a symmetric bilinear form, written form(q, w, d), with a
+    function d of time.
 
-    `set` gives a function of `space` the values of d at a time [s].  The work of what changes d is supplied.
+    `set` gives a function of `space` the values of d at a time [s].  The work of what changes d is
+    supplied.
     """
 
     name: str

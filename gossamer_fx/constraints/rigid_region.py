@@ -50,18 +50,18 @@ class RigidRegion:
     Args:
         body: a film, plate or cable; the slope of a plate is free there.
         group: name of points, curves or surfaces of its mesh, with two nodes at least.
-        rigid_body: a rigid body that the nodes are fixed to, e.g. a hub with its mass; None: a piece
-            without mass.
-        sliding: whether the nodes slide in the plane that the piece carries, as on an end plate without
-            friction; those on a straight line stay on it and spread evenly.  Otherwise the
+        rigid_body: a rigid body that the nodes are fixed to, e.g. a hub with its mass; None: a
+            piece without mass.
+        sliding: whether the nodes slide in the plane that the piece carries, as on an end plate
+            without friction; those on a straight line stay on it and spread evenly.  Otherwise the
             distances between them are constant.
-        fixed_components: which of x, y, z (0, 1, 2) the piece does not move along, nor its axes: (2,)
-            where all of the body is held in the plane z = const.
+        fixed_components: which of x, y, z (0, 1, 2) the piece does not move along, nor its axes:
+            (2,) where all of the body is held in the plane z = const.
         name: name in messages and output.
 
     Raises:
-        InputError: a beam, a group of one point, one that slides but fills space, or slides on a rigid
-            body.
+        InputError: a beam, a group of one point, one that slides but fills space, or slides on a
+            rigid body.
 
     Example:
         >>> edge = gx.RigidRegion(film, "right")
@@ -83,7 +83,8 @@ class RigidRegion:
         object.__setattr__(self, "fixed_components", tuple(map(int, self.fixed_components)))
         check(
             not isinstance(self.body, Beam),
-            f"RigidRegion: '{self.body.name}' is a beam, whose sections are rigid by themselves; use "
+            f"RigidRegion: '{self.body.name}' is a beam, whose sections are rigid by themselves; "
+            "use "
             "their frame.",
         )
         check_support("RigidRegion", self.body, self.group, self.fixed_components or (0,))
@@ -98,10 +99,11 @@ class RigidRegion:
         check(count > 0, f"'{self.name}' is one point; apply forces to its port.")
         check(
             not (self.sliding and count == 3),
-            f"'{self.name}' slides, but its nodes are not in one plane; leave sliding out, or name a plane edge.",
+            f"'{self.name}' slides, but its nodes are not in one plane; leave sliding out, or name "
+            "a plane edge.",
         )
 
-    # ---- what it is loaded and joined by ------------------------------------------------------------------------
+    # ---- what it is loaded and joined by ---------------------------------------------------------
 
     def port(self) -> Port:
         """The centre of its nodes."""
@@ -121,7 +123,8 @@ class RigidRegion:
         directors = self.piece.directors
         check(
             len(directors) > 1,
-            f"The nodes of '{self.name}' are on one line, about which it has no rotation; apply torques to its line.",
+            f"The nodes of '{self.name}' are on one line, about which it has no rotation; apply "
+            "torques to its line.",
         )
         return Frame(self.piece.port(), directors, name=self.name)
 
@@ -134,7 +137,8 @@ class RigidRegion:
         """
         check(
             self.rigid_body is None and len(self.piece.directors) == 1,
-            f"The nodes of '{self.name}' are not on one line, or fixed to a rigid body; apply torques to its frame.",
+            f"The nodes of '{self.name}' are not on one line, or fixed to a rigid body; apply "
+            "torques to its frame.",
         )
         return Line(self.piece.port(), self.piece.directors)
 
@@ -151,7 +155,7 @@ class RigidRegion:
         """The piece, as the second side of a joint: `joint_force` is what the body exerts on it."""
         return self.port()
 
-    # ---- the equations -------------------------------------------------------------------------------------------
+    # ---- the equations ---------------------------------------------------------------------------
 
     @cached_property
     def piece(self) -> RigidPiece:

@@ -6,12 +6,13 @@ start, are curved differently, and their meshes may differ.
 Idea.  Points of both edges belong together by the fraction σ of arc length on the cut pattern.  The
 distance of a pair shrinks as a function of time,
 
-    x_a(σ, t) - x_b(σ, t) = (1 - s(t)) (X_a(σ) - X_b(σ)),                                         (1)
+    x_a(σ, t) - x_b(σ, t) = (1 - s(t)) (X_a(σ) - X_b(σ)),                                        (1)
 
-with X the positions at the start of the scene and s rising from 0 to 1.  This is a linear constraint
-with a moving right-hand side: the work of its multipliers counts as supplied, and it keeps
-momentum, as both sides bear opposite forces.  An open gap has the direction that it had at the start,
-so that something outside bears a moment until it is closed.  With s = 1 it is the ordinary tie.
+with X the positions at the start of the scene and s rising from 0 to 1.  This is a linear
+constraint with a moving right-hand side: the work of its multipliers counts as supplied, and it
+keeps momentum, as both sides bear opposite forces.  An open gap has the direction that it had at
+the start, so that something outside bears a moment until it is closed.  With s = 1 it is the
+ordinary tie.
 
 Algorithm.
 
@@ -54,16 +55,16 @@ class Seam:
     connected, and `Chamber(seams=...)` takes the seam as closed.  Where several seams meet, one of
     their ties follows from the others and is left out.
 
-    In an `Equilibrium`, close the seam in steps: `find(at=t)` for rising t.  A cord or load tape on the
-    seam is a `connectors.Tape` along one of its edges.
+    In an `Equilibrium`, close the seam in steps: `find(at=t)` for rising t.  A cord or load tape on
+    the seam is a `connectors.Tape` along one of its edges.
 
     Args:
         a: a film or plate.
         edge_a: name of a line of its mesh.
         b: another one, or the same.
         edge_b: name of a line of its mesh.
-        closing: times [s] at which the sewing begins and ends; None: the edges coincide at the start,
-            e.g. after `StartFrom`.
+        closing: times [s] at which the sewing begins and ends; None: the edges coincide at the
+            start, e.g. after `StartFrom`.
         max_ease: largest difference of the lengths of both edges, over the shorter one.
         name: name in messages and output.
 
@@ -99,7 +100,8 @@ class Seam:
             begin, end = self.closing
             check(
                 0 <= begin < end,
-                f"Seam '{self.name}': closing is from {begin:g} to {end:g} s; give two times that rise, from 0 on.",
+                f"Seam '{self.name}': closing is from {begin:g} to {end:g} s; give two times that "
+                "rise, from 0 on.",
             )
         check(
             self.max_ease >= 0,
@@ -108,13 +110,15 @@ class Seam:
         line_a, line_b = self._lines
         check(
             line_a.is_closed == line_b.is_closed,
-            f"Seam '{self.name}': one of its edges is closed and the other is open; cut both alike.",
+            f"Seam '{self.name}': one of its edges is closed and the other is open; cut both "
+            "alike.",
         )
         # Relative to the shorter line, so that the order of the edges does not matter.
         difference = max(self.ease, 1 / (1 + self.ease) - 1)
         check(
             difference <= self.max_ease,
-            f"Seam '{self.name}': its edges are {line_a.length:.4g} m and {line_b.length:.4g} m long, "
+            f"Seam '{self.name}': its edges are {line_a.length:.4g} m and {line_b.length:.4g} m "
+            "long, "
             f"{difference:.1%} apart; cut them alike, or allow it by max_ease={difference:.2g}.",
         )
 
@@ -132,7 +136,8 @@ class Seam:
         return line_a.length / line_b.length - 1
 
     def lines(self, start: State) -> tuple[EdgeLine, EdgeLine]:
-        """Both edges, turned so that points of like fractions of arc length belong together.  Collective."""
+        """Both edges, turned so that points of like fractions of arc length belong together.
+        Collective."""
         line_a, line_b = self._lines
         return line_a, aligned(line_a, line_b, start)
 
@@ -150,7 +155,8 @@ class Seam:
         yield self.b
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The constraint that nodes of the finer line meet their points of the other one, during `closing`."""
+        """The constraint that nodes of the finer line meet their points of the other one, during
+        `closing`."""
         pairs = self._pairs(start)
         difference = np.hstack([np.eye(3), -np.eye(3)])
         measure = PointMeasure(pairs, np.zeros((3, 6, 6)), difference, np.zeros(3))

@@ -16,7 +16,8 @@ from gossamer_fx.terms.supports import Support
 
 PointMotion = Callable[[Array, float], Array]
 
-# 1 + cosine of two directions below which they are opposite: no rotation between them is the shortest.
+# 1 + cosine of two directions below which they are opposite: no rotation between them is the
+# shortest.
 OPPOSITE = 1e-6
 
 
@@ -24,8 +25,8 @@ OPPOSITE = 1e-6
 class SectionRotation:
     """How the sections at nodes of a beam move and turn.
 
-    A section with the normal n is turned by the shortest rotation from n to `direction`, then about it by
-    `twist`.  See `Fixed` for the arguments.
+    A section with the normal n is turned by the shortest rotation from n to `direction`, then about
+    it by `twist`.  See `Fixed` for the arguments.
     """
 
     name: str
@@ -74,7 +75,8 @@ class SectionRotation:
         check_on_all(
             self.beam.comm,
             bool((length > 0).all() and (cosine > OPPOSITE - 1).all()),
-            f"The direction {when} is zero, or opposite to that of the section, so that no turn is the shortest; go "
+            f"The direction {when} is zero, or opposite to that of the section, so that no turn is "
+            "the shortest; go "
             "there by a function of time.",
         )
         # Rodrigues' formula with sine and cosine taken from the two directions.

@@ -31,12 +31,14 @@ def check_support(
     owned = int((nodes < body.block.index_map.size_local).sum())
     check(
         body.comm.allreduce(owned) > 0,
-        f"{kind}: the group '{group}' has no node of '{body.name}', so that nothing would be held; name another group.",
+        f"{kind}: the group '{group}' has no node of '{body.name}', so that nothing would be held; "
+        "name another group.",
     )
 
 
 def dofs_of(body: Meshed, nodes: Indices, components: tuple[int, ...]) -> Indices:
-    """Scalar indices (n · components,) of components of the positions of nodes (n,), node by node."""
+    """Scalar indices (n · components,) of components of the positions of nodes (n,), node by
+    node."""
     # The position is the first vector of a node, whatever else it has.
     dofs: Indices = (body.block.size * nodes[:, None] + np.array(components)).ravel()
     return dofs.astype(np.int32)

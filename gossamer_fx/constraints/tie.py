@@ -28,25 +28,28 @@ NODE = 1e-9
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Tie:
-    """A tie: the nodes of a line of one film or cable stay where they are at the start on a line of another.
+    """A tie: the nodes of a line of one film or cable stay where they are at the start on a line of
+    another.
 
-        x_k - (1 - s) x_i - s x_j = 0   for every node k of the first, between nodes i and j of the second
+        x_k - (1 - s) x_i - s x_j = 0   for every node k of the first, between nodes i and j of the
+                                        second
 
-    Meshes may differ: tie the finer line to the coarser one.  Three films on a line: tie two of them to
-    the third.  Multipliers do no work and keep both momenta.  Matching lines are found where the scene
-    starts, also of a folded film, as long as no other part of the second line is at the same point.
-    `Contact` takes what is tied as connected.
+    Meshes may differ: tie the finer line to the coarser one.  Three films on a line: tie two of
+    them to the third.  Multipliers do no work and keep both momenta.  Matching lines are found
+    where the scene starts, also of a folded film, as long as no other part of the second line is at
+    the same point. `Contact` takes what is tied as connected.
 
     Args:
         a: a film or cable, whose nodes are tied.
         b: a film or cable, or the same one.
-        group_a: name of a curve (of a cable also of points) of the mesh of `a`; None: all of a cable.
+        group_a: name of a curve (of a cable also of points) of the mesh of `a`; None: all of a
+            cable.
         group_b: name of a curve of the mesh of `b`; None: all of a cable.
         name: name in messages and output.
 
     Raises:
-        InputError: beams (join their ends by joints), a film without a group, a line tied to itself;
-            when the scene is compiled: nodes that are not on the other line.
+        InputError: beams (join their ends by joints), a film without a group, a line tied to
+            itself; when the scene is compiled: nodes that are not on the other line.
 
     Example:
         >>> hem = gx.Cable(curve, gx.CableLaw(1e4, 0.01), name="hem")
@@ -112,19 +115,22 @@ class Tie:
         ends, segments = self._segments(start)
         check(
             len(ends) > 0,
-            f"'{self.name}': the group '{self.group_b}' has no edges; name a line of '{self.b.name}'.",
+            f"'{self.name}': the group '{self.group_b}' has no edges; name a line of "
+            f"'{self.b.name}'.",
         )
         count = comm.allreduce(len(own))
         check(
             count > 0,
-            f"'{self.name}': the group '{self.group_a}' has no nodes; name a line of '{self.a.name}'.",
+            f"'{self.name}': the group '{self.group_a}' has no nodes; name a line of "
+            f"'{self.a.name}'.",
         )
         which, fractions, distance = _nearest(x, segments)
         far = comm.allreduce(float(distance.max(initial=0.0)), op=MPI.MAX)
         check_on_all(
             comm,
             far <= COINCIDE,
-            f"'{self.name}': nodes of the first are up to {far:.3g} m away from the second line at the start; let them "
+            f"'{self.name}': nodes of the first are up to {far:.3g} m away from the second line at "
+            "the start; let them "
             "lie on it.",
         )
         numbers = index_map.local_to_global(own)

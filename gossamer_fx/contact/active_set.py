@@ -9,25 +9,28 @@ from gossamer_fx.contact.narrow_phase.ccd import find_violations
 from gossamer_fx.contact.narrow_phase.closest_points import PairDistances, approach_bounds
 from gossamer_fx.contact.pair_table import CandidatePairs, is_wall
 
-# Activation distance of a point over its gap at the start of a run, and in the course of it.  Layers that
-# are packed closer than contact begins have no energy at first, and get their distance back as they part.
+# Activation distance of a point over its gap at the start of a run, and in the course of it.
+# Layers that are packed closer than contact begins have no energy at first, and get their distance
+# back as they part.
 INITIAL_ACTIVATION = 0.9
 GROWN_ACTIVATION = 0.999
 
 # Gap over the activation distance from which a pair is none of a step.
 FAR = 1.5
 
-# Part of the change of a gap in a step by which its end may be wrong, as the step is only predicted.
+# Part of the change of a gap in a step by which its end may be wrong, as the step is only
+# predicted.
 PREDICTION_MARGIN = 0.3
 
-# Gaps over the activation distance up to which a pair is active that is near at the start of a step, and
-# up to which one that was left out has to be added at its end.
+# Gaps over the activation distance up to which a pair is active that is near at the start of a
+# step, and up to which one that was left out has to be added at its end.
 NEAR_AT_START = 1.05
 NEAR_AT_END = 1.02
 
 
 class Activation:
-    """Activation distances of candidates; they follow from those of points and are kept while both stay."""
+    """Activation distances of candidates; they follow from those of points and are kept while both
+    stay."""
 
     def __init__(self) -> None:
         self._candidates: CandidatePairs | None = None
@@ -35,7 +38,8 @@ class Activation:
         self._of_pairs: Array = np.zeros(0)
 
     def of(self, candidates: CandidatePairs, of_points: Array) -> Array:
-        """Return the gap (n,) [m] below which each pair has energy: the least of its points (m,) [m]."""
+        """Return the gap (n,) [m] below which each pair has energy: the least of its points (m,)
+        [m]."""
         if candidates is not self._candidates or of_points is not self._of_points:
             self._candidates = candidates
             self._of_points = of_points
@@ -46,7 +50,8 @@ class Activation:
 
 
 def initial_activation(activation_distance: float, nearest: Array) -> Array:
-    """Return the activation distance (m,) [m] of points whose gap to what is nearest is (m,) [m]."""
+    """Return the activation distance (m,) [m] of points whose gap to what is nearest is (m,)
+    [m]."""
     return np.minimum(activation_distance, INITIAL_ACTIVATION * nearest)
 
 
@@ -98,7 +103,8 @@ class StepDistances:
         )
 
     def may_touch(self, activation_distance: Array) -> MaskArray:
-        """Return which pairs (n,) are near at the start, may be at the end, or would pass through."""
+        """Return which pairs (n,) are near at the start, may be at the end, or would pass
+        through."""
         start = self.start.gap
         end = self.end.gap
         is_near = start < NEAR_AT_START * activation_distance
@@ -108,7 +114,8 @@ class StepDistances:
         return is_near
 
     def missing(self, activation_distance: Array, active: MaskArray) -> MaskArray:
-        """Return which pairs (n,) are not active though they are near at the end or would pass through."""
+        """Return which pairs (n,) are not active though they are near at the end or would pass
+        through."""
         left_out = ~active
         is_missing = (self.end.gap < NEAR_AT_END * activation_distance) & left_out
         is_missing[self.violations(activation_distance, among=left_out)] = True

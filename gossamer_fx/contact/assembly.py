@@ -1,12 +1,12 @@
 """Assembly of the tangent of contact: 3 x 3 blocks between block rows, summed over pairs.
 
-Which block rows are coupled changes from step to step, and most of what may touch does not.  Blocks on
-the diagonal go into the matrix of the system, whose pattern stays that of a scene without contact.
-Blocks between two block rows make a separate matrix, which is built in every iteration of those
-that are not zero, and multiplied in addition to the other.
+Which block rows are coupled changes from step to step, and most of what may touch does not.  Blocks
+on the diagonal go into the matrix of the system, whose pattern stays that of a scene without
+contact. Blocks between two block rows make a separate matrix, which is built in every iteration of
+those that are not zero, and multiplied in addition to the other.
 
-A *block row* is a vector of three unknowns (`geometry.contact_points`).  A *block index* is the row of
-a block in the array `blocks`.
+A *block row* is a vector of three unknowns (`geometry.contact_points`).  A *block index* is the row
+of a block in the array `blocks`.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ from gossamer_fx.contact.kernels.library import library
 from gossamer_fx.contact.system_view import ContactAssembly
 from gossamer_fx.forms.c_source import check_indices
 
-# Norm of a block over the geometric mean of the two on its diagonal from which a preconditioner needs
-# it.  In the inflating tube of docs/theory/contact.md, without them a solve takes 3 to 42 iterations, with
-# those above a tenth 1 to 13, with those above 3 % 1 to 10, at more than twice the fill.
+# Norm of a block over the geometric mean of the two on its diagonal from which a preconditioner
+# needs it.  In the inflating tube of docs/theory/contact.md, without them a solve takes 3 to 42
+# iterations, with those above a tenth 1 to 13, with those above 3 % 1 to 10, at more than twice the
+# fill.
 STRONG_COUPLING = 0.1
 
 # Blocks are numbered by 32 bits in C.
@@ -41,8 +42,8 @@ class BlockAssembly:
         system: to whose tangent the blocks belong.
 
     Attributes:
-        blocks: the b blocks (b, 9) [N/m] of this rank's pairs, row by row.  On another rank's block rows
-            they are sent to that rank.
+        blocks: the b blocks (b, 9) [N/m] of this rank's pairs, row by row.  On another rank's block
+            rows they are sent to that rank.
     """
 
     blocks: Array
@@ -191,7 +192,8 @@ class BlockAssembly:
         self._gather = Gather(self._numbering, [self._row_dof[:, None] + np.arange(3)])
 
     def _values_at(self, q: PETSc.Vec) -> Array:
-        """Return the entries (k, 3) of a vector at the block rows of the coupling matrix; collective."""
+        """Return the entries (k, 3) of a vector at the block rows of the coupling matrix;
+        collective."""
         if self._comm.size == 1:
             return self._points.of_block_rows(q)
         return self._gather(q)[0]
@@ -199,7 +201,8 @@ class BlockAssembly:
     # ---- the matrix of the system ----
 
     def reserve_diagonal(self, A: PETSc.Mat) -> None:
-        """Enter zeros, so that the pattern of a matrix holds the blocks on the diagonal of all points."""
+        """Enter zeros, so that the pattern of a matrix holds the blocks on the diagonal of all
+        points."""
         self._enter(A, self._order, np.zeros((len(self._order), 9)))
 
     def add_diagonal(self, A: PETSc.Mat) -> None:
@@ -217,7 +220,8 @@ class BlockAssembly:
     # ---- the matrix of couplings ----
 
     def coupling(self, diagonal: PETSc.Vec | None) -> PETSc.Mat | None:
-        """Return the matrix of the blocks between two block rows, zero at fixed coordinates; collective.
+        """Return the matrix of the blocks between two block rows, zero at fixed coordinates;
+        collective.
 
         Args:
             diagonal: of the tangent; with it, only blocks that are strong in comparison, which a
@@ -275,11 +279,12 @@ class BlockAssembly:
         blocks: Array,
         first_dof: Int64Array,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Array]:
-        """Return blocks (k, 9), sorted by rows, as compressed rows; `first_dof` is that of block rows.
+        """Return blocks (k, 9), sorted by rows, as compressed rows; `first_dof` is that of block
+        rows.
 
         Returns:
-            the rows that have entries, where the entries of each begin and end, their columns, and their
-            values.  A matrix without blocks of three has three rows for a row of blocks.
+            the rows that have entries, where the entries of each begin and end, their columns, and
+            their values.  A matrix without blocks of three has three rows for a row of blocks.
         """
         first = np.flatnonzero(np.diff(block_rows, prepend=-1))
         counts = np.diff(np.append(first, len(block_rows)))
@@ -316,7 +321,8 @@ def _unrolled(
         first, counts: the first block of each row of blocks, and how many it has.
     """
     total = len(columns)
-    # Entry (c, d) of the j-th of n blocks in a row of blocks stands n entries of 3 after (c - 1, d).
+    # Entry (c, d) of the j-th of n blocks in a row of blocks stands n entries of 3 after (c - 1,
+    # d).
     start = np.repeat(first, counts)
     count = np.repeat(counts, counts)
     row_in_block = np.arange(3)[:, None]

@@ -17,6 +17,7 @@ from gossamer_fx.contact.contact_set import ContactSet
 from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.contact.history import ContactHistory
 from gossamer_fx.contact.obstacles import Obstacle
+from gossamer_fx.contact.pair_table import ActivePairs
 from gossamer_fx.contact.potential import ContactLaw
 from gossamer_fx.contact.system_view import ContactAssembly
 from gossamer_fx.drawing.solids import Solid
@@ -73,7 +74,8 @@ class CompiledContacts(
     Reversible,
     CompiledTerms["ContactEnergy"],
 ):
-    """All `ContactEnergy` terms of a scene; the roles of `model.roles` are shared out to contact sets.
+    """All `ContactEnergy` terms of a scene; the roles of `model.roles` are shared out to contact
+    sets.
 
     Attributes:
         contact_sets: by the item of the scene.
@@ -145,15 +147,21 @@ class CompiledContacts(
             for item, contact_set in self.contact_sets.items()
         }
 
-    # ---- sensitivities ---------------------------------------------------------------------------------
+    # ---- sensitivities ---------------------------------------------------------------------------
 
     def without_gradient(self) -> str:
         """Why a contact of the scene has no gradient, in one sentence; empty if all have one."""
         for item, contact_set in self.contact_sets.items():
             if contact_set.friction is not None:
-                return f"'{item.name}' has friction, which has no gradient yet; set its friction to zero"
+                return (
+                    f"'{item.name}' has friction, which has no gradient yet; set its friction to "
+                    "zero"
+                )
             if not contact_set.has_given_stiffness:
-                return f"'{item.name}' derives its stiffness from the motion, without a gradient; give it a stiffness"
+                return (
+                    f"'{item.name}' derives its stiffness from the motion, without a gradient; "
+                    "give it a stiffness"
+                )
         return ""
 
     def save_history(self) -> list[Any]:
@@ -162,6 +170,17 @@ class CompiledContacts(
     def load_history(self, saved: list[Any]) -> None:
         for contact_set, of_set in zip(self.contact_sets.values(), saved, strict=True):
             contact_set.load_history(of_set)
+
+    def save_active_set(self) -> list[ActivePairs | None]:
+        return [contact_set.save_active_set() for contact_set in self.contact_sets.values()]
+
+    def load_active_set(self, saved: list[ActivePairs | None]) -> None:
+        for contact_set, pairs in zip(self.contact_sets.values(), saved, strict=True):
+            contact_set.load_active_set(pairs)
+
+    def activate_present(self) -> None:
+        for contact_set in self.contact_sets.values():
+            contact_set.activate_present()
 
     def exchange_ends(self) -> None:
         for contact_set in self.contact_sets.values():
@@ -195,7 +214,8 @@ class CompiledContacts(
 
 
 def _corners_of_all(contact_set: ContactSet) -> Array:
-    """Return the corners (2, 3) [m] of the box round the bodies of a contact, of all ranks; collective."""
+    """Return the corners (2, 3) [m] of the box round the bodies of a contact, of all ranks;
+    collective."""
     x = contact_set.x0[: contact_set.points.body_count]
     corners = np.concatenate([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
     corners = maximum_over_ranks(contact_set.mesh.comm, corners)
@@ -203,7 +223,8 @@ def _corners_of_all(contact_set: ContactSet) -> Array:
 
 
 def _examine_repeated_contacts(terms: Sequence[ContactEnergy], system: Assembly) -> None:
-    """Refuse a contact that is in the scene twice; warn of films that two contacts keep apart from themselves.
+    """Refuse a contact that is in the scene twice; warn of films that two contacts keep apart from
+    themselves.
 
     Raises:
         InputError: all bodies and obstacles of one contact are in another one, too.
@@ -220,12 +241,14 @@ def _examine_repeated_contacts(terms: Sequence[ContactEnergy], system: Assembly)
             is_in_all = len(shared) == len(other.bodies) and all(o in obstacles for o in others)
             check(
                 not has_all and not is_in_all,
-                f"Contacts {names} are the same: all of one is in the other, so that pairs would repel each other "
+                f"Contacts {names} are the same: all of one is in the other, so that pairs would "
+                "repel each other "
                 "twice; leave one of them out.",
             )
             if shared and system.comm.rank == 0:
                 LOG.warning(
-                    "Contacts %s both keep '%s' apart from itself, which doubles the stiffness there; put all bodies "
+                    "Contacts %s both keep '%s' apart from itself, which doubles the stiffness "
+                    "there; put all bodies "
                     "and obstacles into one contact.",
                     names,
                     shared[0].name,
@@ -240,7 +263,8 @@ def _arguments(obstacle: Obstacle) -> tuple[type[Obstacle], str]:
 
 @dataclass(frozen=True, eq=False)
 class ContactEnergy:
-    """Stored energy and friction of the pairs between bodies and obstacles; see `contact.potential`.
+    """Stored energy and friction of the pairs between bodies and obstacles; see
+    `contact.potential`.
 
     Attributes:
         item: of the scene.

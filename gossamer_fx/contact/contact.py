@@ -22,12 +22,12 @@ from gossamer_fx.model.terms import Term
 
 LAWS = {"barrier": ContactLaw.BARRIER, "penalty": ContactLaw.PENALTY}
 
-# Activation distance and diameter of a body, over its shortest edge, at most: neighbours on one film would
-# otherwise begin to touch each other.
+# Activation distance and diameter of a body, over its shortest edge, at most: neighbours on one
+# film would otherwise begin to touch each other.
 MAX_REACH = 0.5
 
-# Least and largest slip velocity [m/s].  Below, all that sticks would slide by round-off; nothing that is
-# above ever rubs fully.
+# Least and largest slip velocity [m/s].  Below, all that sticks would slide by round-off; nothing
+# that is above ever rubs fully.
 SLIP_VELOCITIES = (1e-12, 1e6)
 
 
@@ -40,30 +40,33 @@ class Contact:
 
         barrier   b(x) = (1 - x)³/(4x)     penalty   b(x) = (1 - √x)²/2
 
-    Steps conserve energy, momentum and angular momentum.  A step in which something would pass through
-    something else is rejected and solved again in two halves.  Layers that are nearer to each other than
-    d at the start begin to touch at nine tenths of their gap, which grows back to d as they part.  Where
-    a `Tie` or a `BallJoint` connects bodies they do not touch, just as neighbouring cells of one film.
+    Steps conserve energy, momentum and angular momentum.  A step in which something would pass
+    through something else is rejected and solved again in two halves.  Layers that are nearer to
+    each other than d at the start begin to touch at nine tenths of their gap, which grows back to d
+    as they part.  Where a `Tie` or a `BallJoint` connects bodies they do not touch, just as
+    neighbouring cells of one film.
 
     Args:
         bodies: films, cables and beams, and obstacles (`Plane`, `Sphere`, `Cylinder`, `Box`).
-        distance: gap d [m] at which contact begins, at most half of the shortest edge; about the spacing
-            that packed layers shall keep.
+        distance: gap d [m] at which contact begins, at most half of the shortest edge; about the
+            spacing that packed layers shall keep.
         stiffness: K [N/m³], pressure over closing: k = K d² A of a pair that stands for the area A.
-            None: k = 4 σ v² A of each pair, with the area density σ and the closing speed v, which stops
-            what comes at this speed within d; in an equilibrium k = 10 p d A, with the mean pressure p of
-            the loads.
+            None: k = 4 σ v² A of each pair, with the area density σ and the closing speed v, which
+            stops what comes at this speed within d; in an equilibrium k = 10 p d A, with the mean
+            pressure p of the loads.
         law: "barrier" or "penalty".
-        friction: coefficient μ of Coulomb friction; obstacles may have their own.  The work of friction is
-            dissipated, in the ledger under the name of the contact.  An equilibrium has no friction.
+        friction: coefficient μ of Coulomb friction; obstacles may have their own.  The work of
+            friction is dissipated, in the ledger under the name of the contact.  An equilibrium has
+            no friction.
         slip_velocity: speed [m/s] below which parts that stick may slide: friction grows up to it.
         radius: of cables and beams, and of films if they shall have one, by name of the body [m].
         name: name in messages and outputs.
 
     Raises:
-        InputError: no body, one twice, a distance that is not positive or larger than half an edge, a
-            negative stiffness or friction, a slip velocity out of its range, a cable without a radius;
-            when the scene is compiled: layers that intersect, or that coincide and are not tied.
+        InputError: no body, one twice, a distance that is not positive or larger than half an edge,
+            a negative stiffness or friction, a slip velocity out of its range, a cable without a
+            radius; when the scene is compiled: layers that intersect, or that coincide and are not
+            tied.
 
     Example:
         >>> import gossamer_fx as gx
@@ -101,7 +104,8 @@ class Contact:
         slowest, fastest = SLIP_VELOCITIES
         check(
             slowest <= slip_velocity <= fastest,
-            f"Contact '{name}': slip_velocity is {slip_velocity!r} m/s; give a speed between {slowest:g} and "
+            f"Contact '{name}': slip_velocity is {slip_velocity!r} m/s; give a speed between "
+            f"{slowest:g} and "
             f"{fastest:g} m/s.",
         )
         self._check_bodies(bodies)
@@ -122,18 +126,21 @@ class Contact:
             is_given_before = any(body is other for other in bodies[:k])
             check(
                 not is_given_before,
-                f"Contact '{self.name}': '{getattr(body, 'name', body)}' is given twice; give it once, which "
+                f"Contact '{self.name}': '{getattr(body, 'name', body)}' is given twice; give it "
+                "once, which "
                 "covers its contact with itself.",
             )
             if isinstance(body, Obstacle):
                 continue
             check(
                 is_body(body) and is_on_mesh(body),
-                f"Contact '{self.name}': {body!r} has no surface; give films, cables, beams and obstacles.",
+                f"Contact '{self.name}': {body!r} has no surface; give films, cables, beams and "
+                "obstacles.",
             )
             check(
                 has_nodal_unknowns(body),
-                f"Contact '{self.name}': '{body.name}' is reduced, without nodes that touch; give the film itself.",
+                f"Contact '{self.name}': '{body.name}' is reduced, without nodes that touch; give "
+                "the film itself.",
             )
 
     def _radii(self, given: Mapping[str, float]) -> list[float]:
@@ -141,7 +148,8 @@ class Contact:
         unknown = sorted(set(given) - {body.name for body in self.bodies})
         check(
             not unknown,
-            f"Contact '{self.name}': radius is given for {', '.join(map(repr, unknown))}, which is not among its "
+            f"Contact '{self.name}': radius is given for {', '.join(map(repr, unknown))}, which is "
+            "not among its "
             "bodies; give the names of films, cables and beams of this contact.",
         )
         return [self._radius(body, float(given.get(body.name, 0.0))) for body in self.bodies]
@@ -152,7 +160,8 @@ class Contact:
         is_allowed = radius > 0 or (radius == 0 and not is_line)
         check(
             math.isfinite(radius) and is_allowed,
-            f"Contact '{self.name}': the radius of '{body.name}' is {radius!r} m; give radius={{'{body.name}': ...}}.",
+            f"Contact '{self.name}': the radius of '{body.name}' is {radius!r} m; give "
+            f"radius={{'{body.name}': ...}}.",
         )
         # Every rank knows its own facets.
         facets = facets_of(body)
@@ -161,8 +170,10 @@ class Contact:
         shortest = float(body.comm.allreduce(lengths.min(initial=np.inf), op=MPI.MIN))
         check(
             self.distance + 2 * radius <= MAX_REACH * shortest,
-            f"Contact '{self.name}': a distance of {self.distance:g} m and a radius of {radius:g} m are too much for "
-            f"'{body.name}', whose shortest edge is {shortest:.3g} m: distance + 2 radius is at most half of it; give "
+            f"Contact '{self.name}': a distance of {self.distance:g} m and a radius of {radius:g} "
+            "m are too much for "
+            f"'{body.name}', whose shortest edge is {shortest:.3g} m: distance + 2 radius is at "
+            "most half of it; give "
             "less, or mesh coarser.",
         )
         return radius

@@ -11,7 +11,8 @@ from gossamer_fx.model.body import Body
 
 
 def pressures_on(body: Body, contact_set: ContactSet) -> tuple[Int64Array, Array]:
-    """Return global nodes (k,) of a body and the pressure [N/m²] (k,) there; none without this body.
+    """Return global nodes (k,) of a body and the pressure [N/m²] (k,) there; none without this
+    body.
 
     Collective; each node has its pressure on one rank.
     """
@@ -25,11 +26,12 @@ def pressures_on(body: Body, contact_set: ContactSet) -> tuple[Int64Array, Array
 
 
 def pressures(contact_set: ContactSet) -> Array:
-    """Return the pressure (n,) [N/m²] on the points of bodies that this rank knows at q0; collective.
+    """Return the pressure (n,) [N/m²] on the points of bodies that this rank knows at q0;
+    collective.
 
-    It is the sum of the sizes of all pairs' forces on a point, over the area of the stress-free shape for
-    which the point stands: pressures on both sides of a film add up.  The area of cables and beams is
-    that of their shadow.
+    It is the sum of the sizes of all pairs' forces on a point, over the area of the stress-free
+    shape for which the point stands: pressures on both sides of a film add up.  The area of cables
+    and beams is that of their shadow.
     """
     contact_set.stored_energy()
     pairs = contact_set.pairs_with_energy()

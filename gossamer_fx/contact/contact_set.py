@@ -2,8 +2,8 @@
 
 A step from x0 to x1 goes through
 
-    begin_step          broad phase, if points have left their bounds; gaps at x0; growth of activation
-                        distances; active set for the predicted end
+    begin_step          broad phase, if points have left their bounds; gaps at x0; growth of
+                        activation distances; active set for the predicted end
     add_forces,         potential and friction of the active pairs, in each Newton iteration
     add_tangents
     extend_active_set   after the iteration: pairs that are near at its end and were left out
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -59,13 +60,18 @@ if TYPE_CHECKING:
     # A scene without friction does not load it.
     from gossamer_fx.contact.friction.friction import Friction
 
-# Way of a node in one Newton update, over the activation distance, at most.  Longer updates put layers on
-# the wrong side of others, and the iteration does not come back: docs/theory/contact.md has the figures.
+# Way of a node in one Newton update, over the activation distance, at most.  Longer updates put
+# layers on the wrong side of others, and the iteration does not come back: docs/theory/contact.md
+# has the figures.
 MAX_UPDATE = 4.0
 
-# How far the motion of an obstacle may be from a straight and uniform one in a step, over the activation
-# distance.  A jump of half of this distance is refused, however short the step is.
+# How far the motion of an obstacle may be from a straight and uniform one in a step, over the
+# activation distance.  A jump of half of this distance is refused, however short the step is.
 MAX_DEVIATION = 0.25
+
+# Scaled distance beyond the range of a pair up to which a tape records it, against the round-off of
+# points that are placed again.
+SCALED_MARGIN = 1e-6
 
 # No length: divisions by smaller ones are meaningless.
 TINY = 1e-300
@@ -135,6 +141,11 @@ class ContactSet:
         self._start_time = 0.0  # of x0
         self._end_time = 0.0
         self._push_back = PUSH_BACK
+        self._accepted_pairs: ActivePairs | None = None
+        # Whether the pairs of the step are those of a tape, which are complete.
+        self._is_recorded = False
+        # What both tables of pairs do at the last residual; None before the first one.
+        self._last_states: tuple[ByteArray, ByteArray] | None = None
         # Distances at both ends of the last step: its end is the start of the next one.
         self._known_distances: list[PairDistances] = []
 
@@ -181,7 +192,9 @@ class ContactSet:
             order = np.argsort(identifier)
             history.identifier = identifier[order]
             history.stiffness = self.pairs.stiffness[has_energy][order]
-        # In statics the residual of the accepted state is asked for, too: whether it is in equilibrium.
+        self._accepted_pairs = self.pairs
+        # In statics the residual of the accepted state is asked for, too: whether it is in
+        # equilibrium.
         if self._alpha < 1:
             self.pairs = None
 
@@ -202,8 +215,54 @@ class ContactSet:
         history.reference_speed = speed
         history.restored += 1
 
+    def save_active_set(self) -> ActivePairs | None:
+        """Return those pairs of the last accepted step that have energy at one of its ends.
+
+        The others have neither force nor tangent.  Starts are left out: they follow from the
+        points. None: there was no step, or the pairs are to be searched again.
+        """
+        pairs = self._accepted_pairs
+        # On several ranks a search changes which points a rank knows, and with them the rows of
+        # pairs.
+        if pairs is None or self._comm.size > 1:
+            return None
+        assert pairs.start is not None, "a step has the starts of its pairs"
+        # Starts have squared distances with rounded edges; `x0` is the end of the accepted step.
+        scaled_at_start = (pairs.start[:, 3] - pairs.offset) / pairs.width
+        _, scaled_at_end = energy_of_pairs(pairs, self.x0, self.law)
+        is_near = np.minimum(scaled_at_start, scaled_at_end) < 1 + SCALED_MARGIN
+        return replace(pairs.rows(is_near), start=None)
+
+    def load_active_set(self, pairs: ActivePairs | None) -> None:
+        """Start a step from the accepted state with pairs of `save_active_set`; search them if
+        None."""
+        if pairs is None:
+            self.begin_step()
+            return
+        self._is_recorded = True
+        self._end_time = self._system.time + self._system.h
+        # The step was accepted: whatever separates fast in it does not count as passed.
+        self._push_back = 0.0
+        self._activate(pairs)
+
+    def activate_present(self) -> None:
+        """Start a step of no length from the accepted state, with the pairs that have energy
+        there."""
+        self.stored_energy()
+        self._end_time = self._system.time
+        self._activate(self.pairs_with_energy())
+
+    def _activate(self, pairs: ActivePairs) -> None:
+        """Let pairs without starts take part in a step from x0."""
+        pairs = replace(pairs, start=pair_starts(pairs, self.x0, *closest_points(pairs, self.x0)))
+        self.pairs = pairs
+        self._lay_out(pairs)
+        self._last_end = self.x0
+        self._last_states = None
+
     def _known_parameters(self, pairs: ActivePairs) -> Array | None:
-        """Return the parameters (n, 2) of the active pairs' closest points at x0, if they are known."""
+        """Return the parameters (n, 2) of the active pairs' closest points at x0, if they are
+        known."""
         distances = self._distances_at(self.x0)
         if distances is None:
             return None
@@ -247,6 +306,7 @@ class ContactSet:
         Raises:
             Inadmissible: the motion of an obstacle jumps in the step.
         """
+        self._is_recorded = False
         self._push_back = PUSH_BACK
         system = self._system
         self.stored_energy()
@@ -280,15 +340,16 @@ class ContactSet:
         return np.ascontiguousarray(self.x0 + self._system.h * self._v)
 
     def _are_within_bounds(self, end: Array) -> bool:
-        """Return whether the candidates are complete for a step from x0 to points (m, 3); collective."""
+        """Return whether the candidates are complete for a step from x0 to points (m, 3);
+        collective."""
         search = self.search
         return search.holds(self.x0, self._system.time) and search.holds(end, self._end_time)
 
     def _search(self, end: Callable[[], Array]) -> None:
         """Find candidates for a step that ends at points (m, 3) [m]; collective.
 
-        The search may change which points this rank knows: whatever has a row for each point is asked
-        for again.
+        The search may change which points this rank knows: whatever has a row for each point is
+        asked for again.
         """
         system = self._system
 
@@ -315,7 +376,8 @@ class ContactSet:
         self._take_points()
 
     def _take_points(self) -> None:
-        """Read the history variables of the points that this rank knows since a search; collective."""
+        """Read the history variables of the points that this rank knows since a search;
+        collective."""
         of_own = self.history.activation_distance
         # The only rank knows the same points as before.
         if self._comm.size == 1:
@@ -378,15 +440,16 @@ class ContactSet:
         self.pairs = pairs
         self._lay_out(pairs)
         self._last_end = self.x0
-        self._last_states: tuple[ByteArray, ByteArray] | None = None
+        self._last_states = None
 
     def _lay_out(self, pairs: ActivePairs) -> None:
         """Choose the pattern of the tangent.
 
-        Pairs between bodies couple their four points.  Points of obstacles are combinations of block rows,
-        which are coupled instead.
+        Pairs between bodies couple their four points.  Points of obstacles are combinations of
+        block rows, which are coupled instead.
         """
         is_of_bodies = between_bodies(pairs.points, self.points.body_count)
+        self._is_of_bodies = is_of_bodies
         self._body_pairs = pairs.rows(is_of_bodies)
         self._obstacle_pairs = pairs.rows(~is_of_bodies)
         block_rows, self._row_weights = self.points.block_rows_of(self._obstacle_pairs.points)
@@ -400,7 +463,8 @@ class ContactSet:
     def exchange_ends(self) -> None:
         """Reverse the step: q0 and the time of the system are its new start, and the pairs stay.
 
-        The force is symmetric in the ends of a step if pairs, stiffness and activation distances are.
+        The force is symmetric in the ends of a step if pairs, stiffness and activation distances
+        are.
         """
         pairs = self.pairs
         if pairs is None:
@@ -410,22 +474,27 @@ class ContactSet:
         self._end_time = self._system.time + self._system.h
         start = pair_starts(pairs, self.x0, *closest_points(pairs, self.x0))
         if pairs.start is not None:
-            # The closest points of the original start stay the origin of the pairs' vectors: the force
-            # depends on that origin where it is corrected along the change of the measures.
+            # The closest points of the original start stay the origin of the pairs' vectors: the
+            # force depends on that origin where it is corrected along the change of the measures.
             start[:, :2] = pairs.start[:, :2]
-        pairs.start = start
-        self._lay_out(pairs)
+        # The pattern of the tangent stays, too.
+        self.pairs = replace(pairs, start=start)
+        self._body_pairs = replace(self._body_pairs, start=start[self._is_of_bodies])
+        self._obstacle_pairs = replace(self._obstacle_pairs, start=start[~self._is_of_bodies])
         self._last_end = self.x0
         self._last_states = None
         # Pairs that separate fast would count as too steep when they approach as fast.
         self._push_back = 0.0
 
     def extend_active_set(self) -> bool:
-        """Add pairs that are near at the end of a step, or were passed on the way, and were left out.
+        """Add pairs that are near at the end of a step, or were passed on the way, and were left
+        out.
 
         Returns:
             whether any rank has added one: the step is then solved again from where it ended.
         """
+        if self._is_recorded:
+            return False
         x1 = self._end_points()
         if not self.search.holds(x1, self._end_time):
             identifier = self.candidates.identifier[self._active]
@@ -434,7 +503,8 @@ class ContactSet:
             self._start = PairDistances.of(self.candidates, self.x0)
             self._active = np.isin(self.candidates.identifier, identifier)
             if self._comm.size > 1:
-                # The points of the pairs have other numbers now; forces are those of the last residual.
+                # The points of the pairs have other numbers now; forces are those of the last
+                # residual.
                 self._set_active(self._active)
                 self._compute_forces(x1)
         step = StepDistances(self._start, x1, FAR * self.activation_distance)
@@ -453,7 +523,8 @@ class ContactSet:
         return self.points.at(self._system.q1, self._end_time)
 
     def find_penetration(self) -> str:
-        """Return in words what passed through something else in the step, or all but did; else nothing."""
+        """Return in words what passed through something else in the step, or all but did; else
+        nothing."""
         x1 = self._end_points()
         # What is added here is found below.
         if self._comm.allreduce(not np.array_equal(x1, self._solved.end.x)):
@@ -574,7 +645,8 @@ class ContactSet:
         self.assembly.add_diagonal(A)
 
     def _add_through_block_rows(self, tangents: Array) -> None:
-        """Add tangents (n, 144) of pairs with obstacles to the blocks of the block rows behind them."""
+        """Add tangents (n, 144) of pairs with obstacles to the blocks of the block rows behind
+        them."""
         weights = self._row_weights
         by_points = tangents.reshape(-1, 4, 3, 4, 3)
         by_rows = np.einsum("npi,npaqb,nqj->nijab", weights, by_points, weights, optimize=True)

@@ -1,4 +1,5 @@
-"""History variables of contact: what a step takes over from those before, and what a checkpoint holds."""
+"""History variables of contact: what a step takes over from those before, and what a checkpoint
+holds."""
 
 from __future__ import annotations
 
@@ -23,8 +24,8 @@ def _no_identifiers() -> Int64Array:
 class ContactHistory:
     """History variables of one contact.
 
-    Energy is conserved if a pair that has energy has a constant stiffness, and if the activation distance of
-    a pair changes only while it has none.
+    Energy is conserved if a pair that has energy has a constant stiffness, and if the activation
+    distance of a pair changes only while it has none.
 
     Attributes:
         activation_distance: gap (m,) [m] of each point below which its pairs have energy, of those
@@ -32,8 +33,8 @@ class ContactHistory:
         has_begun: whether the initial state is known.
         identifier: of pairs that have energy (k,), sorted; at least those of this rank.
         stiffness: k [J] of these pairs (k,).
-        reference_speed: least closing speed [m/s] for which stiffness is chosen; zero before the first
-            step.
+        reference_speed: least closing speed [m/s] for which stiffness is chosen; zero before the
+            first step.
         restored: how often a state was restored.
         comm: of the contact, once it is known.
     """

@@ -19,7 +19,8 @@ CIRCLES = 9
 # A plane is drawn as a square grid with this number of fields along each side.
 GRID_FIELDS = 6
 
-# Side of the grid over the largest size of the shapes for which it is drawn: they should not reach its edge.
+# Side of the grid over the largest size of the shapes for which it is drawn: they should not reach
+# its edge.
 GRID_SIZE = 1.2
 
 # Lines along a cylinder, evenly spaced.

@@ -1,8 +1,9 @@
-"""Obstacles that films, cables and beams touch: fixed, moved as prescribed, or parts of rigid bodies.
+"""Obstacles that films, cables and beams touch: fixed, moved as prescribed, or parts of rigid
+bodies.
 
 An obstacle is made of walls, off which points are kept, and of solids: corners, edges and triangles
-like those of films, with a radius around them.  Planes and rooms are walls; a sphere is a corner with a
-radius, a cylinder an edge with a radius, a box eight corners.
+like those of films, with a radius around them.  Planes and rooms are walls; a sphere is a corner
+with a radius, a cylinder an edge with a radius, a box eight corners.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ class ObstacleWall:
 
 @dataclass(frozen=True)
 class ObstacleSolid:
-    """Corners, and edges (e, 2) and triangles (t, 3) between them, with a radius [m] around all of them."""
+    """Corners, and edges (e, 2) and triangles (t, 3) between them, with a radius [m] around all of
+    them."""
 
     corners: tuple[Attached, ...]
     edges: tuple[tuple[int, int], ...] = ()
@@ -63,15 +65,15 @@ class Obstacle:
 
     Args:
         body: the rigid body of which it is a part; None: it stays, or moves as prescribed.
-        motion: displacement [m] of the obstacle, three numbers, over the time [s]; its work is supplied
-            energy.  It is continuous: steps in which it jumps are refused.
+        motion: displacement [m] of the obstacle, three numbers, over the time [s]; its work is
+            supplied energy.  It is continuous: steps in which it jumps are refused.
         friction: coefficient of Coulomb friction with it; None: that of the contact.
         name: in messages and outputs.
 
     Raises:
-        InputError: a vector that is not three finite numbers, a radius that is not positive, a negative
-            friction, or both `body` and `motion`; in a run: a motion that raises or returns something
-            other than three finite numbers.
+        InputError: a vector that is not three finite numbers, a radius that is not positive, a
+            negative friction, or both `body` and `motion`; in a run: a motion that raises or
+            returns something other than three finite numbers.
     """
 
     body: RigidBody | None = None
@@ -88,7 +90,8 @@ class Obstacle:
             check_friction(owner, self.friction)
         check(
             self.body is None or self.motion is None,
-            f"{owner}: a part of a rigid body moves with that body; leave out one of 'body' and 'motion'.",
+            f"{owner}: a part of a rigid body moves with that body; leave out one of 'body' and "
+            "'motion'.",
         )
         for attribute in ("point", "normal", "centre", "start", "end", "sizes"):
             value = getattr(self, attribute, (0.0, 0.0, 0.0))
@@ -141,7 +144,8 @@ def check_friction(owner: str, friction: float) -> None:
 
 
 def _unit(vector: Vector | Array, owner: str) -> Array:
-    """Return a vector of length one; the owner is named in the message about one without a length."""
+    """Return a vector of length one; the owner is named in the message about one without a
+    length."""
     direction = np.asarray(vector, dtype=float)
     length = np.linalg.norm(direction)
     check(bool(length > 0), f"{owner} has no length; give a direction.")

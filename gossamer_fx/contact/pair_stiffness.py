@@ -14,8 +14,8 @@ from gossamer_fx.contact.system_view import ContactAssembly
 # Closing speed over that at the start of the step: a pair may be faster when it meets.
 SPEED_RESERVE = 1.25
 
-# The reference speed crosses this part of the activation distance in the first step: a pair that hardly
-# moves is not so soft that a step compresses it altogether.
+# The reference speed crosses this part of the activation distance in the first step: a pair that
+# hardly moves is not so soft that a step compresses it altogether.
 REFERENCE_WAY = 0.5
 
 # Part of a step over which the closing speed is a difference quotient.
@@ -34,8 +34,8 @@ class PairStiffness:
 
     Args:
         mesh: what touches.
-        stiffness: K [N/m³]: k = K d² A of a pair that stands for the area A.  None: k = 4 σ v² A with the
-            area density σ of both sides and the closing speed v.
+        stiffness: K [N/m³]: k = K d² A of a pair that stands for the area A.  None: k = 4 σ v² A
+            with the area density σ of both sides and the closing speed v.
         activation_distance: d [m].
         system: with the masses of the bodies.
 
@@ -62,7 +62,8 @@ class PairStiffness:
         self.static_pressure = 0.0
 
     def reference_speed(self, step: float) -> float:
-        """Return the least closing speed [m/s] for which stiffness is derived; step is its length [s]."""
+        """Return the least closing speed [m/s] for which stiffness is derived; step is its length
+        [s]."""
         return REFERENCE_WAY * self._activation_distance / step
 
     def choose(
@@ -94,8 +95,8 @@ class PairStiffness:
             return self._stiffness * self._activation_distance**2 * pairs.area
         if self.static_pressure:
             return STATIC_FACTOR * self.static_pressure * self._activation_distance * pairs.area
-        # The density that acts between two free sides, twice the harmonic sum; that of one side, doubled,
-        # against an obstacle.
+        # The density that acts between two free sides, twice the harmonic sum; that of one side,
+        # doubled, against an obstacle.
         both_sides = 2 / np.maximum((1 / density).sum(axis=1), TINY)
         speed = np.maximum(reference_speed, SPEED_RESERVE * np.abs(rate))
         return STOPPING_FACTOR * both_sides * speed**2 * pairs.area

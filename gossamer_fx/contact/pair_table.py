@@ -9,8 +9,9 @@ Its four points stand in a fixed order:
     POINT_IN_SPHERE    the point, the centre three times
     POINT_IN_CYLINDER  the point, an origin on the axis, two directions across the axis
 
-The table is a structure of arrays, since the C functions and NumPy work on columns.  The broad phase
-makes `CandidatePairs`, of which the active set makes `ActivePairs` with the columns of the energy.
+The table is a structure of arrays, since the C functions and NumPy work on columns.  The broad
+phase makes `CandidatePairs`, of which the active set makes `ActivePairs` with the columns of the
+energy.
 """
 
 from __future__ import annotations
@@ -88,8 +89,8 @@ class CandidatePairs(PairTable):
     """Pairs that may come near in the next steps.
 
     Attributes:
-        identifier: numbers (n,) that are the same on every rank and in every search, by which history
-            variables find their pair again; see `CollisionMesh.identifiers`.
+        identifier: numbers (n,) that are the same on every rank and in every search, by which
+            history variables find their pair again; see `CollisionMesh.identifiers`.
         area: for which each pair stands [m²] (n,).
         radius: of both sides together [m] (n,), for cables, beams and round obstacles.
         wall_radius: of the sphere or cylinder that holds the point [m] (n,); zero for other pairs.
@@ -103,15 +104,18 @@ class CandidatePairs(PairTable):
 
 @dataclass
 class ActivePairs(PairTable):
-    """Pairs that may have energy k b(x) in a step, x = (s - offset)/width of the squared distance s.
+    """Pairs that may have energy k b(x) in a step, x = (s - offset)/width of the squared distance
+    s.
 
     Attributes:
         identifier: as those of candidates (n,).
         stiffness: k [J] (n,).
-        width: change of s over which the energy falls to zero [m²] (n,); for planes s is a distance [m].
+        width: change of s over which the energy falls to zero [m²] (n,); for planes s is a distance
+            [m].
         offset: s at which x is zero [m²] (n,); for planes [m].
-        start: at the start of the step (n, 4): parameters u, v of the closest points, distance [m], and
-            squared distance with rounded edges [m²].  None: not computed yet; see `potential.pair_starts`.
+        start: at the start of the step (n, 4): parameters u, v of the closest points, distance [m],
+            and squared distance with rounded edges [m²].  None: not computed yet; see
+            `potential.pair_starts`.
     """
 
     identifier: Int64Array

@@ -1,23 +1,24 @@
 """The contact potential: energy, forces and tangents of pairs, conserving in every step.
 
-Problem.  A time step of this package conserves energy and momenta exactly if energies are functions of
-measures that are quadratic in the coordinates (`terms.discrete_gradient`).  The distance of two
-primitives, e.g. of a point and a triangle, is not such a measure: it depends on where the closest points
-are, and they move.
+Problem.  A time step of this package conserves energy and momenta exactly if energies are functions
+of measures that are quadratic in the coordinates (`terms.discrete_gradient`).  The distance of two
+primitives, e.g. of a point and a triangle, is not such a measure: it depends on where the closest
+points are, and they move.
 
-Idea.  A pair is three vectors, linear in its four points: r between the two sides, a and b along them.
-Points of the two sides are r + u a + v b apart.  The squared distance of the sides
+Idea.  A pair is three vectors, linear in its four points: r between the two sides, a and b along
+them. Points of the two sides are r + u a + v b apart.  The squared distance of the sides
 
     s(e) = min over (u, v) of φ(u, v)·e,    e = (r·r, r·a, r·b, a·a, a·b, b·b),
                                             φ = (1, 2u, 2v, u², 2uv, v²)                        (0)
 
-is a minimum of functions that are linear in the six quadratic measures e.  A minimum of linear functions
-is concave.  An energy k b(x), x = (s - offset)/width, of a falling convex b is therefore convex in e, and
-can be treated as any stored energy.
+is a minimum of functions that are linear in the six quadratic measures e.  A minimum of linear
+functions is concave.  An energy k b(x), x = (s - offset)/width, of a falling convex b is therefore
+convex in e, and can be treated as any stored energy.
 
     law       b(x), zero for x ≥ 1
     BARRIER   (1 - x)³/(4x)     nothing gets through, whatever the stiffness
-    PENALTY   (1 - √x)²/2       linear in the distance; of walls (1 - x)²/2, where s is a distance itself
+    PENALTY   (1 - √x)²/2       linear in the distance; of walls (1 - x)²/2, where s is a distance
+              itself
 
 Algorithm, for a step from e0 = e(q0) to e1 = e(q1) with the change Δe = e1 - e0:
 
@@ -29,24 +30,26 @@ Algorithm, for a step from e0 = e(q0) to e1 = e(q1) with the change Δe = e1 - e
        k (b(x1) - b(x0)); it has no resultant and no moment, as e does not change in rigid motions.
 
 Parallel edges.  Their closest points are anywhere along them and jump when they turn.  Adding
-ε ((u - ½)² + (v - ½)²), ε = ROUNDING width, to the form rounds s and leaves it concave.  Where edges
-cross, s may then be ε/2; the offset of barriers is larger by this much, so that they are infinite there.
+ε ((u - ½)² + (v - ½)²), ε = ROUNDING width, to the form rounds s and leaves it concave.  Where
+edges cross, s may then be ε/2; the offset of barriers is larger by this much, so that they are
+infinite there.
 
-Iterates of Newton's method may pass through something.  Such pairs are pushed back by a parabola of the
-signed distance (`kernels/pass_through.h`).  For edges with a barrier, x must not fall below a fiftieth of
-its value at the start of the step.  Below it b is continued as a parabola of x, so that the iteration has
-a finite force; a step that ends there is refused.
+Iterates of Newton's method may pass through something.  Such pairs are pushed back by a parabola of
+the signed distance (`kernels/pass_through.h`).  For edges with a barrier, x must not fall below a
+fiftieth of its value at the start of the step.  Below it b is continued as a parabola of x, so that
+the iteration has a finite force; a step that ends there is refused.
 
-Cost: three searches for closest points for each pair and evaluation, at e1 and at the two Gauss points;
-those of e0 are known from the start of the step.  All is in C, and pairs out of range are left out.
+Cost: three searches for closest points for each pair and evaluation, at e1 and at the two Gauss
+points; those of e0 are known from the start of the step.  All is in C, and pairs out of range are
+left out.
 
-Limits: the tangent of a step is not symmetric, since (3) treats both ends differently from the middle.
-The measures at the Gauss points are those of no configuration, so that their closest points follow from
-the measures alone.
+Limits: the tangent of a step is not symmetric, since (3) treats both ends differently from the
+middle. The measures at the Gauss points are those of no configuration, so that their closest points
+follow from the measures alone.
 
 References: the discrete energy rule, Simo & Tarnow, Z. angew. Math. Phys. 43 (1992) 757,
-doi:10.1007/BF00913408; barriers of distances, Li et al., "Incremental potential contact", ACM Trans.
-Graph. 39 (2020) 49, doi:10.1145/3386569.3392425.
+doi:10.1007/BF00913408; barriers of distances, Li et al., "Incremental potential contact", ACM
+Trans. Graph. 39 (2020) 49, doi:10.1145/3386569.3392425.
 """
 
 from __future__ import annotations
@@ -63,12 +66,12 @@ from gossamer_fx.contact.narrow_phase.closest_points import closest_points
 from gossamer_fx.contact.pair_table import ActivePairs, CandidatePairs, PairKind, is_room
 from gossamer_fx.forms.c_source import CStruct
 
-# ε over the width of a pair of edges.  With a fiftieth of it, barriers near the ends of edges are so
-# steep that a fine sail needs 40 % more steps (docs/theory/contact.md).
+# ε over the width of a pair of edges.  With a fiftieth of it, barriers near the ends of edges are
+# so steep that a fine sail needs 40 % more steps (docs/theory/contact.md).
 ROUNDING = 0.05
 
-# Stiffness by which pairs that passed through are pushed back, over their own: more than the parabola
-# of the pair, so that the next iterate comes back to the right side.
+# Stiffness by which pairs that passed through are pushed back, over their own: more than the
+# parabola of the pair, so that the next iterate comes back to the right side.
 PUSH_BACK = 4.0
 
 
@@ -229,14 +232,16 @@ def evaluate(
         pairs: with the column `start`; without it, closest points at the start are computed.
         x0, x1: points (m, 3) [m] at the start and at the end.
         law: of the energy.
-        alpha: weight of the end in the configuration where forces act; with 1 they are the gradient of
-            the energy in the state x1.
+        alpha: weight of the end in the configuration where forces act; with 1 they are the gradient
+            of the energy in the state x1.
         point_forces: array (m, 3) [N] to which the forces are added.
-        block_index, blocks: arrays (n, 16) and (b, 9); the 3 x 3 blocks [N/m] of the tangent between any
-            two points of a pair are added to the rows of `blocks` that block_index names.
+        block_index, blocks: arrays (n, 16) and (b, 9); the 3 x 3 blocks [N/m] of the tangent
+            between any two points of a pair are added to the rows of `blocks` that block_index
+            names.
         by_pair: whether forces are returned pair by pair.
         tangents_by_pair: whether tangents are, too.
-        geometric_share: share of the geometric stiffness in tangents, which may make them indefinite.
+        geometric_share: share of the geometric stiffness in tangents, which may make them
+            indefinite.
         known_state: of an earlier call for the same step; pairs without contact are then left out.
         push_back: stiffness of pairs that passed through, over their own; zero for a step that was
             accepted, whose pairs are then treated alike in both directions of time.
@@ -284,7 +289,8 @@ def evaluate(
 
 
 def _active_pairs(pairs: ActivePairs, start: Array | None, law: ContactLaw) -> CStruct:
-    """The C structure of n pairs; `start` (n, 4) may be None where the function does not read it."""
+    """The C structure of n pairs; `start` (n, 4) may be None where the function does not read
+    it."""
     c = library()
     count = len(pairs)
     return c.struct(

@@ -11,8 +11,8 @@ from gossamer_fx.contact.arrays import Array, Int32Array
 
 LOG = logging.getLogger("gossamer_fx")
 
-# A pair with the area density σ and the closing speed v is stopped within the activation distance d if
-# its stiffness K d² per area is this multiple of σ v²; the derived stiffness is just that.
+# A pair with the area density σ and the closing speed v is stopped within the activation distance d
+# if its stiffness K d² per area is this multiple of σ v²; the derived stiffness is just that.
 STOPPING_FACTOR = 4
 
 
@@ -62,8 +62,10 @@ class StiffnessWarning:
             largest = float(needed[row])
             one, other = (self._names[number] for number in bodies[row])
             message = (
-                f"Contact: a stiffness of {self._stiffness:.3g} N/m³ is too soft to stop '{one}' and '{other}', "
-                f"which close at {speed[row]:.3g} m/s; give {largest / self._activation_distance**2:.2g} N/m³ at "
+                f"Contact: a stiffness of {self._stiffness:.3g} N/m³ is too soft to stop '{one}' "
+                f"and '{other}', "
+                f"which close at {speed[row]:.3g} m/s; give "
+                f"{largest / self._activation_distance**2:.2g} N/m³ at "
                 "least, or leave it out."
             )
         _, message = max(self._comm.allgather((largest, message)))

@@ -13,9 +13,17 @@ from gossamer_fx.bodies.between import bodies_of
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
-from gossamer_fx.control.rotation import euler_angles, euler_axes, position_gradient, rotation
+from gossamer_fx.control.rotation import (
+    euler_angles,
+    euler_axes,
+    position_gradient,
+    position_gradient_derivative,
+    rotation,
+    rotation_derivative,
+)
 from gossamer_fx.loads.force import Couple
 from gossamer_fx.model.body import Array, Port, Vector
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.ports import combine
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
@@ -59,12 +67,16 @@ def patch(centre: Port, points: Sequence[Port]) -> Frame:
 
 
 class _SampledTorque(Couple):
-    """The torque of an `AttitudeControl` that is computed once a period and held constant in between.
+    """The torque of an `AttitudeControl` that is computed once a period and held constant in
+    between.
 
     Args:
         control: which computes the torque.
         reference: the frame's vectors at the start, (k, 3).
     """
+
+    # What is held depends on earlier states, so that it has no gradient.
+    depends_on_position_only = False
 
     def __init__(self, control: AttitudeControl, reference: Array) -> None:
         super().__init__()
@@ -109,8 +121,9 @@ class _SampledTorque(Couple):
 class _ContinuousTorque(Couple):
     """The torque of an `AttitudeControl` that follows the motion within the step.
 
-    Angles are those at the middle of the step, rates are differences over it.  The damping then does the
-    work -K_d (Δα)²/h on each angle α: it dissipates at every frequency and for every step length h.
+    Angles are those at the middle of the step, rates are differences over it.  The damping then
+    does the work -K_d (Δα)²/h on each angle α: it dissipates at every frequency and for every step
+    length h.
 
     Args:
         control: which computes the torque.
@@ -124,6 +137,7 @@ class _ContinuousTorque(Couple):
         self._reference = reference
         self._h = 1.0
         self._X0: Array = reference.ravel()
+        self._has_begun = False
 
     def begin(
         self,
@@ -132,40 +146,81 @@ class _ContinuousTorque(Couple):
         X: Array,
         V: Array,
     ) -> None:
-        """Start a step from the vectors X (3k,) and their rates V; its middle is `lag` seconds later."""
+        """Start a step from the vectors X (3k,) and their rates V; its middle is `lag` seconds
+        later."""
         self._h = 2 * lag
         self._X0 = X
+        self._has_begun = True
         # For the attributes of the control, which hold the values at the start of the step.
         self._control.sample(X, V, self._reference)
 
     def force(self, X: Array) -> Array:
         """Forces (3k,) on the vectors, for their values X (3k,) in the middle of the step."""
         control = self._control
-        X1 = 2 * X - self._X0
-        middle = control.angles_of(X, self._reference)
-        before = control.angles_of(self._X0, self._reference)
-        after = control.angles_of(X1, self._reference)
-        rates = wrapped(after - before) / self._h
-        self.torque = control.in_space(middle, control.law(middle, rates))
+        torques, _ = self._torques(X)
+        self.torque = control.in_space(control.angles_of(X, self._reference), torques)
         return super().force(X)
 
     def tangent(self, X: Array) -> Array:
-        """Derivatives (3k, 3k) of the forces with respect to X.
-
-        Those of the torque are of the rotation of vectors that do not stretch,
-        δω = (tr S 1 - S)⁻¹ Σ r_i × δr_i with S = Σ r_i r_iᵀ.
-        """
+        """Derivatives (3k, 3k) of the forces with respect to X; gradients of runs need all of
+        them."""
+        # The pattern of the tangent is made before the first step, without vectors.
+        if not self._has_begun:
+            return np.zeros((X.size, X.size))
         control = self._control
+        torques, _ = self._torques(X)
+        angles = control.angles_of(X, self._reference)
+        of_middle = control.angles_by_vectors(X, self._reference)
+        # A change of X in the middle is twice as large at the end, from which the rate is computed.
+        of_end = 2 * control.angles_by_vectors(2 * X - self._X0, self._reference)
+        of_torques = -control.stiffness[:, None] * of_middle
+        of_torques -= (control.damping / self._h)[:, None] * of_end
+        axes = euler_axes(angles) @ control.axes.T
+        # The axes of the first two angles turn with the angles behind them.
+        turn_of_second = np.outer(axes[2], of_middle[2])
+        turn_of_first = turn_of_second + np.outer(axes[1], of_middle[1])
+        change_of_torque = axes.T @ of_torques
+        change_of_torque += torques[0] * np.cross(turn_of_first, axes[0], axisa=0, axisc=0)
+        change_of_torque += torques[1] * np.cross(turn_of_second, axes[1], axisa=0, axisc=0)
+        self.torque = control.in_space(angles, torques)
+        return super().tangent(X) + self._forces_of_torque(X) @ change_of_torque
+
+    def _torques(self, X: Array) -> tuple[Array, Array]:
+        """Torques (3,) [N m] about the axes of the angles, and the rates (3,) [rad/s] of the
+        angles."""
+        control = self._control
+        middle = control.angles_of(X, self._reference)
+        before = control.angles_of(self._X0, self._reference)
+        after = control.angles_of(2 * X - self._X0, self._reference)
+        rates = wrapped(after - before) / self._h
+        return control.law(middle, rates), rates
+
+    def _forces_of_torque(self, X: Array) -> Array:
+        """The matrix (3k, 3) of the forces on the vectors X (3k,) for torques in space."""
         r = X.reshape(-1, 3)
         inverse, _ = self._spread(r)
         arms = np.hstack(tuple(cross_matrices(r)))
-        rotation_of_change = inverse @ arms  # δω of δX
-        axes = euler_axes(control.angles_of(X, self._reference)) @ control.axes.T
-        # A change of X in the middle is twice as large at the end, from which the rate is computed.
-        gain = control.stiffness + 2 * control.damping / self._h
-        change_of_angles = np.linalg.solve(axes.T, rotation_of_change)
-        change_of_torque = -axes.T @ (gain[:, None] * change_of_angles)
-        return super().tangent(X) + arms.T @ inverse @ change_of_torque
+        forces: Array = arms.T @ inverse
+        return forces
+
+    def get_number(self, key: str) -> Array:
+        """The gains (3,) named `key`."""
+        return np.array(getattr(self._control, key))
+
+    def with_number(self, key: str, value: Array) -> _ContinuousTorque:
+        """The same torque: gains belong to the control, whose angles and torques users read."""
+        setattr(self._control, key, np.array(value))
+        return self
+
+    def force_by_number(self, key: str, X: Array) -> Array:
+        """Derivatives (3k, 3) of the forces by the gains named `key`."""
+        control = self._control
+        angles = control.angles_of(X, self._reference)
+        by_gain = wrapped(control.target - angles)
+        if key == "damping":
+            by_gain = -self._torques(X)[1]
+        axes = euler_axes(angles) @ control.axes.T
+        return self._forces_of_torque(X) @ (axes.T * by_gain)
 
 
 def wrapped(angles: Array) -> Array:
@@ -189,13 +244,13 @@ def _three_by_three(axes: object) -> Array:
 class AttitudeControl:
     """Proportional-derivative torque on a body whose attitude is that of its position gradient.
 
-    The position gradient F at the frame is decomposed, F = R U, and R into Euler angles relative to the
-    start, R = R_w(γ) R_v(β) R_u(θ).  About the axis of each angle α acts the torque
+    The position gradient F at the frame is decomposed, F = R U, and R into Euler angles relative to
+    the start, R = R_w(γ) R_v(β) R_u(θ).  About the axis of each angle α acts the torque
 
         T = K_p (target - α) - K_d dα/dt,                                                     (1)
 
-    with target - α between -π and π (the shorter way).  It acts on the frame's vectors, and its work
-    counts as supplied.
+    with target - α between -π and π (the shorter way).  It acts on the frame's vectors, and its
+    work counts as supplied.
 
     Args:
         frame: of a rigid body, a beam's section, or a `patch` of a film.
@@ -203,8 +258,8 @@ class AttitudeControl:
         stiffness: K_p [N m/rad], one number or three.
         damping: K_d [N m s/rad], one number or three.
         axes: rotation matrix whose columns are u, v, w in space at the start.
-        period: time for which a sampled torque is held [s]; 0 lets it follow the motion also within a
-            step.
+        period: time for which a sampled torque is held [s]; 0 lets it follow the motion also within
+            a step.
         name: for messages.
 
     Attributes:
@@ -239,7 +294,8 @@ class AttitudeControl:
         """Check the arguments, which the class describes; one gain stands for all three angles."""
         check(
             len(frame.directors) >= 2,
-            f"'{name}' acts on something without position gradient; give the frame of a rigid body or beam, or a patch "
+            f"'{name}' acts on something without position gradient; give the frame of a rigid body "
+            "or beam, or a patch "
             "of a film.",
         )
         check(
@@ -254,14 +310,16 @@ class AttitudeControl:
         self.damping = np.broadcast_to(np.asarray(damping, dtype=float), 3)
         check(
             bool((self.stiffness >= 0).all() and (self.damping >= 0).all()),
-            f"'{name}': gains {self.stiffness.tolist()} N m/rad and {self.damping.tolist()} N m s/rad; none may be "
+            f"'{name}': gains {self.stiffness.tolist()} N m/rad and {self.damping.tolist()} N m "
+            "s/rad; none may be "
             "negative.",
         )
         self.axes = _three_by_three(axes)
         is_orthonormal = np.allclose(self.axes.T @ self.axes, np.eye(3), atol=ORTHONORMALITY)
         check(
             bool(is_orthonormal and np.linalg.det(self.axes) > 0),
-            f"'{name}': its axes are not right-handed and orthonormal; give a rotation matrix with columns u, v, w.",
+            f"'{name}': its axes are not right-handed and orthonormal; give a rotation matrix with "
+            "columns u, v, w.",
         )
         self.angles: Array = np.zeros(3)
         self.torques: Array = np.zeros(3)
@@ -273,10 +331,15 @@ class AttitudeControl:
     def terms(self, start: State) -> Iterable[Term]:
         """One load on the frame's vectors."""
         reference = self.reference()
-        torque: Couple = _ContinuousTorque(self, reference)
         if self.period > 0:
-            torque = _SampledTorque(self, reference)
-        yield PointLoad(self.name, self.frame.directors, torque)
+            yield PointLoad(self.name, self.frame.directors, _SampledTorque(self, reference))
+            return
+        torque = _ContinuousTorque(self, reference)
+        gains = (
+            Parameter("stiffness", "N m/rad", "stiffness"),
+            Parameter("damping", "N m s/rad", "damping"),
+        )
+        yield PointLoad(self.name, self.frame.directors, torque, gains)
 
     def reference(self) -> Array:
         """The frame's vectors at the start, (k, 3).
@@ -288,14 +351,25 @@ class AttitudeControl:
         singular_values = np.linalg.svd(vectors)[1]
         check(
             bool(singular_values[1] > PARALLEL),
-            f"'{self.name}': the vectors of its frame are parallel, which leaves a rotation open; give others.",
+            f"'{self.name}': the vectors of its frame are parallel, which leaves a rotation open; "
+            "give others.",
         )
         return vectors
 
     def angles_of(self, X: Array, reference: Array) -> Array:
-        """(θ, β, γ) [rad] of the frame's stacked vectors X (3k,), relative to the reference (k, 3)."""
+        """(θ, β, γ) [rad] of the frame's stacked vectors X (3k,), relative to the reference (k,
+        3)."""
         R = rotation(position_gradient(X.reshape(-1, 3), reference))
         return euler_angles(self.axes.T @ R @ self.axes)
+
+    def angles_by_vectors(self, X: Array, reference: Array) -> Array:
+        """Derivatives (3, 3k) of `angles_of` with respect to the stacked vectors X (3k,)."""
+        vectors = X.reshape(-1, 3)
+        F = position_gradient(vectors, reference)
+        of_rotation = rotation_derivative(F, position_gradient_derivative(vectors, reference))
+        axes = euler_axes(self.angles_of(X, reference)) @ self.axes.T
+        derivatives: Array = np.linalg.solve(axes.T, of_rotation)
+        return derivatives
 
     def sample(self, X: Array, V: Array, reference: Array) -> Array:
         """Compute `angles` and `torques`.
@@ -318,7 +392,8 @@ class AttitudeControl:
         return self.in_space(self.angles, self.torques)
 
     def law(self, angles: Array, rates: Array) -> Array:
-        """Torques (1) about the axes of the three angles [N m], for angles [rad] and rates [rad/s]."""
+        """Torques (1) about the axes of the three angles [N m], for angles [rad] and rates
+        [rad/s]."""
         torques: Array = self.stiffness * wrapped(self.target - angles) - self.damping * rates
         return torques
 

@@ -14,8 +14,8 @@ FLATNESS = 1e-9
 def position_gradient(vectors: Array, reference: Array) -> Array:
     """F (3, 3) such that F maps the reference vectors to the present ones, in least squares.
 
-    Vectors that lie in a plane determine F in that plane only; F then maps the normal of the reference
-    plane to the unit normal of the present one.
+    Vectors that lie in a plane determine F in that plane only; F then maps the normal of the
+    reference plane to the unit normal of the present one.
 
     Args:
         vectors: attached vectors now, (k, 3).
@@ -40,8 +40,60 @@ def position_gradient(vectors: Array, reference: Array) -> Array:
     return F
 
 
+def position_gradient_derivative(vectors: Array, reference: Array) -> Array:
+    """Derivatives (3, 3, 3k) of `position_gradient` with respect to the present vectors (k, 3),
+    flattened."""
+    moments = reference.T @ reference
+    decomposition = np.linalg.eigh(moments)
+    eigenvalues = decomposition.eigenvalues
+    axes = decomposition.eigenvectors
+    spans = eigenvalues > FLATNESS * eigenvalues[-1]
+    if spans.all():
+        return _derivative_of_product(reference @ np.linalg.inv(moments))
+    in_plane = axes[:, spans]
+    normal = axes[:, ~spans]
+    if np.linalg.det(np.hstack([in_plane, normal])) < 0:
+        normal = -normal
+    weights = reference @ in_plane / eigenvalues[spans]
+    first, second = vectors.T @ weights[:, 0], vectors.T @ weights[:, 1]
+    of_images = _derivative_of_product(weights)
+    across = np.cross(first, second)
+    length = np.linalg.norm(across)
+    direction = across / length
+    of_across = np.cross(of_images[:, 0], second, axisa=0, axisb=0, axisc=0)
+    of_across = of_across + np.cross(first, of_images[:, 1], axisa=0, axisb=0, axisc=0)
+    # A unit vector changes across itself.
+    of_normal = (of_across - np.outer(direction, direction @ of_across)) / length
+    in_plane_part = np.einsum("ibm,jb->ijm", of_images, in_plane)
+    derivative: Array = in_plane_part + np.einsum("im,j->ijm", of_normal, normal[:, 0])
+    return derivative
+
+
+def _derivative_of_product(weights: Array) -> Array:
+    """Derivatives (3, b, 3k) of vectorsᵀ weights, weights (k, b), with respect to the vectors (k,
+    3), flattened."""
+    k, columns = weights.shape
+    blocks = np.einsum("ic,kb->ibkc", np.eye(3), weights)
+    return np.asarray(blocks.reshape(3, columns, 3 * k))
+
+
+def rotation_derivative(F: Array, of_F: Array) -> Array:
+    """Rotations δω (3, m) of R in F = V R, for m changes δF (3, 3, m).
+
+    δF Rᵀ = δV + V [δω]×, of which the skew part is (tr V 1 - V) δω.
+    """
+    R = rotation(F)
+    V = F @ R.T
+    turned = np.einsum("ijm,kj->ikm", of_F, R)
+    skew = turned - turned.transpose(1, 0, 2)
+    axial = np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
+    rotations: Array = np.linalg.solve(np.trace(V) * np.eye(3) - V, axial)
+    return rotations
+
+
 def rotation(F: Array) -> Array:
-    """R (3, 3) of the polar decomposition F = R U, U symmetric and positive definite, for det F > 0."""
+    """R (3, 3) of the polar decomposition F = R U, U symmetric and positive definite, for det F >
+    0."""
     U, _, Vt = np.linalg.svd(F)
     R: Array = U @ Vt
     return R

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 class BodyShape:
     """Coordinates q and velocities v of a body as functions on its mesh.
 
-    The functions are created once; `update` sets them to the values of the state.  A reduced film has
-    no nodal unknowns: then the functions are on the mesh of the film that was reduced.
+    The functions are created once; `update` sets them to the values of the state.  A reduced film
+    has no nodal unknowns: then the functions are on the mesh of the film that was reduced.
 
     Args:
         system: of a run or an equilibrium.

@@ -4,19 +4,21 @@
     velocity                [m/s]
     strain1 ≥ strain2       principal Green-Lagrange strains of a film, thermal strains included
     elastic_strain1 ≥ elastic_strain2
-                            principal strains less the thermal strain, of which stresses are functions
+                            principal strains less the thermal strain, of which stresses are
+                            functions
     stress1 ≥ stress2       principal second Piola-Kirchhoff stresses of a film, ∂ψ/∂E over the
                             thickness [Pa]
-    direction               F n/|F n| with n the direction of strain1: the direction of tension on the
-                            deformed film
+    direction               F n/|F n| with n the direction of strain1: the direction of tension on
+                            the deformed film
     state                   0 slack, 1 wrinkled, 2 taut
-    pressure                gas pressure inside less that outside [Pa]; on a film between two chambers
-                            the difference of their pressures
+    pressure                gas pressure inside less that outside [Pa]; on a film between two
+                            chambers the difference of their pressures
     temperature             of a film with thermal expansion or solar heating [K]; zero without
     group                   number of the cell's part among those of all films, see `fields.groups`
 
     wrinkle_slope           largest slope of wrinkles that the mesh does not resolve, see
-                            `fields.wrinkles`: local means, where `state` may alternate between cells
+                            `fields.wrinkles`: local means, where `state` may alternate between
+                            cells
     wrinkle_amplitude       estimate of their amplitude [m]
     wrinkle_direction       along their crests on the deformed film; zero without wrinkles
 
@@ -25,15 +27,16 @@
     contact_pressure        at the nodes [N/m²], both sides of a film added, by the area of the
                             stress-free shape
 
-    curvature1 ≥ curvature2 principal curvatures of a plate [1/m], positive towards the normal of its
+    curvature1 ≥ curvature2 principal curvatures of a plate [1/m], positive towards the normal of
+    its
                             mesh
     moment1 ≥ moment2       principal bending moments of a plate [N m/m]
 
 All bodies on a mesh have displacement, velocity and contact pressure; plates have curvatures and
 moments; films have all others.
 
-A field is either an expression of the coordinates q and velocities v of its body, or it is collected
-from the scene: gas, creases and contact have values that are not functions of q.
+A field is either an expression of the coordinates q and velocities v of its body, or it is
+collected from the scene: gas, creases and contact have values that are not functions of q.
 """
 
 from __future__ import annotations
@@ -241,7 +244,8 @@ def check_fields(body: Body, names: Sequence[str]) -> None:
 
 
 class FieldFunctions:
-    """Named fields of one body as functions of one Lagrange element, so that one file can take them.
+    """Named fields of one body as functions of one Lagrange element, so that one file can take
+    them.
 
     The element has the order of the body.  It is continuous if all fields are, else discontinuous.
     Strains of a film of order p are polynomials of degree 2 (p - 1) in each cell, so for p = 1, 2
@@ -340,7 +344,8 @@ def _collect_group(function: fem.Function, film: MeshBody, system: System) -> No
 
 
 def _collect_cell_values(function: fem.Function, body: MeshBody, system: System) -> None:
-    """Set a discontinuous function to the mean of the terms' values in each cell, and else to zero."""
+    """Set a discontinuous function to the mean of the terms' values in each cell, and else to
+    zero."""
     sums = function.x
     counts = fem.Function(function.function_space).x
     sums.array[:] = 0

@@ -53,8 +53,8 @@ def field_values(state: HasSystem, body: MeshBody, *, field: str) -> tuple[Array
             them all.
 
     Returns:
-        Points (n, 3) [m] on the stress-free shape, and values (n,) or (n, 3) at these points.  Fields
-        that jump between cells have points of each cell, so a node occurs several times.
+        Points (n, 3) [m] on the stress-free shape, and values (n,) or (n, 3) at these points.
+        Fields that jump between cells have points of each cell, so a node occurs several times.
 
     Raises:
         InputError: the body is not in the scene, has no mesh, or does not have the field.

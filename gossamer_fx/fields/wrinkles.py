@@ -1,25 +1,27 @@
 """Maps of wrinkles that a mesh does not resolve: slope, amplitude and direction of the crests.
 
-A law without compression replaces wrinkles by a strain that costs no energy.  With the stress S of a cell
-and the compliance F of taut film, this wrinkling strain is
+A law without compression replaces wrinkles by a strain that costs no energy.  With the stress S of
+a cell and the compliance F of taut film, this wrinkling strain is
 
     A = F S - e,    A = a n⊗n in wrinkled film, n across the crests                           (1)
 
-Neighbouring cells share it unevenly: the equations of a cell fix averages over its neighbourhood only, so
-that wrinkled and taut cells may alternate like a chessboard on any mesh.  The maps are therefore made of
-the mean of A over the cells around each node, taken twice.
+Neighbouring cells share it unevenly: the equations of a cell fix averages over its neighbourhood
+only, so that wrinkled and taut cells may alternate like a chessboard on any mesh.  The maps are
+therefore made of the mean of A over the cells around each node, taken twice.
 
 For wrinkles w = W sin(π s/L), whose excess of length is the trace a of (1),
 
     slope      π W/L = 2 √a                                                                   (2)
     amplitude  W = 2 L √a/π,    L = √π (B/T)^(1/4) √ℓ                                         (3)
 
-with the half wavelength L of a stretched sheet of bending stiffness B, tension T and length ℓ (Cerda &
-Mahadevan, Phys. Rev. Lett. 90 (2003) 074302, doi:10.1103/PhysRevLett.90.074302).  ℓ is the square root of
-the area of the film, so that (3) is an estimate: wrinkles that are n times shorter have 1/√n of it.
+with the half wavelength L of a stretched sheet of bending stiffness B, tension T and length ℓ
+(Cerda & Mahadevan, Phys. Rev. Lett. 90 (2003) 074302, doi:10.1103/PhysRevLett.90.074302).  ℓ is the
+square root of the area of the film, so that (3) is an estimate: wrinkles that are n times shorter
+have 1/√n of it.
 
-An orthotropic film bends across its crests, along n: B = (n⊗n):D:(n⊗n), with the stiffness D of a plate of
-its material, uniform across the thickness.  As a mean over cells with different n, B is weighted by a.
+An orthotropic film bends across its crests, along n: B = (n⊗n):D:(n⊗n), with the stiffness D of a
+plate of its material, uniform across the thickness.  As a mean over cells with different n, B is
+weighted by a.
 """
 
 from __future__ import annotations
@@ -47,7 +49,8 @@ from gossamer_fx.terms.discrete_gradient import gradient
 # Mean values over neighbouring cells are taken so often.
 SMOOTHINGS = 2
 
-# Components of a symmetric tensor (3, 3), then further columns: the tension T, the excess a, and B a.
+# Components of a symmetric tensor (3, 3), then further columns: the tension T, the excess a, and B
+# a.
 SYMMETRIC = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 TENSION = 6
 EXCESS = 7
@@ -57,7 +60,8 @@ COLUMNS = 9
 # Tension per width [N/m] below which the film is slack, so that (3) has no wavelength.
 LEAST_TENSION = 1e-12
 
-# Excess of length below which film is taut, so that it has no bending stiffness across crests: round-off of strains.
+# Excess of length below which film is taut, so that it has no bending stiffness across crests:
+# round-off of strains.
 LEAST_EXCESS = 1e-15
 
 
@@ -109,7 +113,8 @@ class WrinkleMap:
         self._function.interpolate(self._linear)
 
     def _smoothed(self) -> tuple[Array, Array, Array]:
-        """A in space (n, 3, 3), the tension T [N/m] (n,) and B [N m] (n,) at the local vertices, as local means."""
+        """A in space (n, 3, 3), the tension T [N/m] (n,) and B [N m] (n,) at the local vertices, as
+        local means."""
         cellwise = self._cellwise
         cellwise.interpolate(self._expression)
         cellwise.x.scatter_forward()
@@ -138,7 +143,8 @@ def _check_law(film: Membrane) -> None:
     has_bending = law.bending_stiffness is not FilmLaw.bending_stiffness
     check(
         has_strain and has_bending,
-        f"'{film.name}' has no maps of wrinkles, as its law is {law.__name__}; use the field 'state', or another "
+        f"'{film.name}' has no maps of wrinkles, as its law is {law.__name__}; use the field "
+        "'state', or another "
         "law, e.g. TensionField.",
     )
 
@@ -166,7 +172,8 @@ def _columns(shape: BodyShape) -> Expr:
 
 
 def _smooth(domain: Mesh, in_cells: Array) -> Array:
-    """Values (vertices, k) at the vertices: means over the cells around them, weighted by area, several times."""
+    """Values (vertices, k) at the vertices: means over the cells around them, weighted by area,
+    several times."""
     at_vertices = fem.functionspace(domain, ("Lagrange", 1))
     dofmap = at_vertices.dofmap
     nodes = cell_nodes(at_vertices)
@@ -193,7 +200,8 @@ def _smooth(domain: Mesh, in_cells: Array) -> Array:
 
 
 def _half_wavelength(film: Membrane, tension: Array, bending: Array) -> Array:
-    """L of (3) [m] for tensions (n,) [N/m] and bending stiffnesses (n,) [N m]; 0 where the film is slack."""
+    """L of (3) [m] for tensions (n,) [N/m] and bending stiffnesses (n,) [N m]; 0 where the film is
+    slack."""
     domain = film.space.mesh
     own = domain.topology.index_map(2).size_local
     areas = np.linalg.norm(area_vectors(corner_points(domain))[:own], axis=1)
@@ -205,7 +213,8 @@ def _half_wavelength(film: Membrane, tension: Array, bending: Array) -> Array:
 
 
 def _crests(shape: BodyShape, tensors: Array, vectors: Array) -> Array:
-    """Unit vectors (n, 3) along the crests at the local vertices: in the film, normal to n of (1)."""
+    """Unit vectors (n, 3) along the crests at the local vertices: in the film, normal to n of
+    (1)."""
     across = vectors[:, :, -1]
     normals = _normals(shape)
     crests = np.cross(normals, across)

@@ -19,36 +19,41 @@ COLUMN_ROUND_OFF = 1e-9
 # By how much a turn back is shorter than the one that encloses it, over the distance of layers.
 STAGGER = 5.0
 
-# Thickness of the layers over the radius of the hub at which mountains and valleys are distinguished:
-# far above round-off, and small enough for the shape to stay the same.
+# Thickness of the layers over the radius of the hub at which mountains and valleys are
+# distinguished: far above round-off, and small enough for the shape to stay the same.
 AJAR = 1e-2
 
 
 @check_arguments
 @dataclass(frozen=True)
 class Ikaros(FoldMap):
-    """n trapezoids round a hub, each folded at rows parallel to its edges into a strip that stands on edge.
+    """n trapezoids round a hub, each folded at rows parallel to its edges into a strip that stands
+    on edge.
 
-    With s along the rows of a trapezoid, y their distance from the centre and C the strip's line round the hub and out,
+    With s along the rows of a trapezoid, y their distance from the centre and C the strip's line
+    round the hub and out,
 
         x = (C(s) + η(s, y) n(s), zigzag(y))
 
-    C has corners at columns of the mesh: 2 `bends` chords on the hub, then a radial arm, which two trapezoids share
-    (n = 4 is the cross of IKAROS), or an arm that is `wound` on, round the hub.  Layers are η = gap (y/pitch -
-    |s|/column) from the seam, on the hub with `hub_gap` for `gap`.  Their corners there are in line, and the outermost
-    layer has its length: those within, nearer to the hub, are slack.  Edges of the mesh of
-    `gossamer_fx.meshes.sails.trapezoids` are on all fold lines.
+    C has corners at columns of the mesh: 2 `bends` chords on the hub, then a radial arm, which two
+    trapezoids share (n = 4 is the cross of IKAROS), or an arm that is `wound` on, round the hub.
+    Layers are η = gap (y/pitch - |s|/column) from the seam, on the hub with `hub_gap` for `gap`.
+    Their corners there are in line, and the outermost layer has its length: those within, nearer to
+    the hub, are slack.  Edges of the mesh of `gossamer_fx.meshes.sails.trapezoids` are on all fold
+    lines.
 
     Args:
         n: trapezoids, at least 3.
-        inner, outer: rows of the inner and outer edges, which are inner pitch and outer pitch from the centre.
+        inner, outer: rows of the inner and outer edges, which are inner pitch and outer pitch from
+            the centre.
         pitch: between folds [m].
         bends: corners on the hub between the middle of a trapezoid and its end; less than `inner`.
         gap: distance of the layers of an arm [m].
         hub_gap: distance of the layers on the hub [m].
         ramp: length of an arm in which the one grows to the other [m].
-        wound: whether the arms go on round the hub, all towards greater angles, as before they were let out: `hub_gap`
-            is then the distance of all layers.  One half of each arm turns back where it leaves its own trapezoid.
+        wound: whether the arms go on round the hub, all towards greater angles, as before they were
+            let out: `hub_gap` is then the distance of all layers.  One half of each arm turns back
+            where it leaves its own trapezoid.
         out: columns of the tips that stand out from the roll.
 
     Raises:
@@ -164,7 +169,8 @@ class Ikaros(FoldMap):
         return wave
 
     def _corner(self, i: Array, layer: Array) -> Array:
-        """The line C (n, 2) at columns i, of layers, in the frame of a trapezoid whose middle is at (0, -radius)."""
+        """The line C (n, 2) at columns i, of layers, in the frame of a trapezoid whose middle is at
+        (0, -radius)."""
         side = np.sign(i)
         far = np.maximum(np.abs(i) - self.bends, 0) * self.column
         # The gap changes smoothly from that on the hub to that of the arm, over the length `ramp`.
@@ -185,7 +191,7 @@ class Ikaros(FoldMap):
         is_on_hub = np.abs(i) < self.bends
         return np.where(is_on_hub[:, None], on_hub, on_arm)
 
-    # ---- wound arms: heights count in layers ------------------------------------------------------------------------
+    # ---- wound arms: heights count in layers -----------------------------------------------------
 
     @property
     def _arm(self) -> int:
@@ -193,7 +199,8 @@ class Ikaros(FoldMap):
         return self.outer - self.bends
 
     def _rise(self, p: Array) -> Array:
-        """Height of a strip at p columns from where its trapezoid begins: a quarter (of n) on, it is above two halves.
+        """Height of a strip at p columns from where its trapezoid begins: a quarter (of n) on, it
+        is above two halves.
 
         It lies on the hub at first, and leaves it to make room for the turns of the next trapezoid.
         """
@@ -217,11 +224,13 @@ class Ikaros(FoldMap):
         return float(highest)
 
     def _wound(self, i: Array, row: Array, back: npt.NDArray[np.bool_]) -> Array:
-        """Columns i of rows in the roll (n, 2); `back` where the strip has turned back at the column -bends.
+        """Columns i of rows in the roll (n, 2); `back` where the strip has turned back at the
+        column -bends.
 
-        The strip and its half that turned back lie above each other with their outer edges together, the seams outside.
-        Of the turns, which enclose each other, the inner ones are shorter.  Tips stand out radially; outer
-        layers bend outwards earlier, so that layers stay apart and none is stretched.
+        The strip and its half that turned back lie above each other with their outer edges
+        together, the seams outside. Of the turns, which enclose each other, the inner ones are
+        shorter.  Tips stand out radially; outer layers bend outwards earlier, so that layers stay
+        apart and none is stretched.
         """
         N = self._arm
         corner = self.outer - self.out  # column from which on the tip stands out

@@ -109,8 +109,8 @@ def find_lines(folds: Map, mesh: Mesh) -> list[FoldLine]:
     """The fold lines of a map on a mesh, in an order that is the same on every rank.  Collective.
 
     Raises:
-        InputError: the mesh has no plane triangles, is not flat, has nodes outside of the map, or has
-            triangles on both sides of a fold line.
+        InputError: the mesh has no plane triangles, is not flat, has nodes outside of the map, or
+            has triangles on both sides of a fold line.
     """
     domain = mesh.domain
     _check_mesh(folds, mesh)
@@ -123,7 +123,8 @@ def find_lines(folds: Map, mesh: Mesh) -> list[FoldLine]:
     check_on_all(
         mesh.comm,
         bool(np.isfinite(shut).all() and np.isfinite(ajar).all()),
-        f"{folds.called}: nodes of the mesh lie where the map folds nothing, as within its hub; mesh the film of the "
+        f"{folds.called}: nodes of the mesh lie where the map folds nothing, as within its hub; "
+        "mesh the film of the "
         "map.",
     )
     _refuse_cut_triangles(folds, mesh, X[corners], shut[corners])
@@ -158,7 +159,8 @@ def _check_mesh(folds: Map, mesh: Mesh) -> None:
     domain = mesh.domain
     check(
         domain.topology.dim == 2 and domain.geometry.cmap.degree == 1,
-        f"{folds.called}: the mesh has no plane triangles; mesh the flat film with triangles of order 1.",
+        f"{folds.called}: the mesh has no plane triangles; mesh the flat film with triangles of "
+        "order 1.",
     )
     X = domain.geometry.x
     height = np.abs(X[:, 2]).max(initial=0.0)
@@ -244,7 +246,8 @@ def _refuse_cut_triangles(
             where = f"({x:.4g}, {y:.4g}) m"
     check(
         count == 0,
-        f"{folds.called}: {count} triangles lie on both sides of a fold line, one of them at {where}; mesh the film "
+        f"{folds.called}: {count} triangles lie on both sides of a fold line, one of them at "
+        f"{where}; mesh the film "
         "with edges along its fold lines.",
     )
 
@@ -298,7 +301,8 @@ def _sheets(mesh: Mesh) -> Indices:
 
 
 def _names(keys: list[Key]) -> dict[Key, str]:
-    """Names of fold lines, e.g. "fold 1", "valley", "fold 1 top", or "valley 1" if there are several."""
+    """Names of fold lines, e.g. "fold 1", "valley", "fold 1 top", or "valley 1" if there are
+    several."""
     by_name: dict[str, list[Key]] = {}
     for key in keys:
         by_name.setdefault(_plain_name(key), []).append(key)

@@ -26,12 +26,12 @@ FIT = 1e-6
 class FoldMap(ABC):
     """An isometric map of a flat film in the plane z = 0 to a folded one.
 
-    Two sheets may lie on each other, as in a tube that is pressed flat.  The mesh then has the groups
-    "top" and "bottom", and `side` is 1 on the upper sheet, -1 on the lower one and 0 where they are
-    joined; the map keeps the sheets apart.
+    Two sheets may lie on each other, as in a tube that is pressed flat.  The mesh then has the
+    groups "top" and "bottom", and `side` is 1 on the upper sheet, -1 on the lower one and 0 where
+    they are joined; the map keeps the sheets apart.
 
-    A film with folds is made in this order: mark the fold lines on the mesh, make the film, give the
-    scene the folded start and the creases.
+    A film with folds is made in this order: mark the fold lines on the mesh, make the film, give
+    the scene the folded start and the creases.
 
     Example:
         >>> folds = gx.fold.Zigzag(length=1.0, panels=2, angle=1.4)
@@ -61,11 +61,13 @@ class FoldMap(ABC):
         return self
 
     def label(self, X: Array) -> Indices:
-        """Number of the fold (n,) at points X (n, 3) [m] of fold lines; 0 if folds have no numbers."""
+        """Number of the fold (n,) at points X (n, 3) [m] of fold lines; 0 if folds have no
+        numbers."""
         return np.zeros(len(X), dtype=np.int32)
 
     def film_sizes(self) -> tuple[float, ...]:
-        """Sizes [m] along x, then y, of the film for which the map is; of none if every film fits."""
+        """Sizes [m] along x, then y, of the film for which the map is; of none if every film
+        fits."""
         return ()
 
     def check_fits(self, low: Array, high: Array) -> None:
@@ -82,8 +84,10 @@ class FoldMap(ABC):
             misfit = max(abs(float(low[axis])), abs(float(high[axis]) - size))
             self._check(
                 misfit <= FIT * size,
-                f"it is for a film from {name} = 0 to {size:.6g} m, but the mesh reaches from {low[axis]:.6g} to "
-                f"{high[axis]:.6g} m; give the map the size of the film, and mesh the film from {name} = 0 on.",
+                f"it is for a film from {name} = 0 to {size:.6g} m, but the mesh reaches from "
+                f"{low[axis]:.6g} to "
+                f"{high[axis]:.6g} m; give the map the size of the film, and mesh the film from "
+                f"{name} = 0 on.",
             )
 
     def lines(self, mesh: Mesh) -> list[FoldLine]:
@@ -98,8 +102,8 @@ class FoldMap(ABC):
         """The mesh with its fold lines as additional groups of curves.  Collective.
 
         Their names are "fold 1" and so on, or "valley" and "mountain" for maps without numbered
-        folds; on two sheets "fold 1 top" and "fold 1 bottom".  A valley is folded towards the normal
-        of the film.  If valleys have several angles, "valley 1" is the sharpest.
+        folds; on two sheets "fold 1 top" and "fold 1 bottom".  A valley is folded towards the
+        normal of the film.  If valleys have several angles, "valley 1" is the sharpest.
 
         Args:
             mesh: of the flat film, in the plane z = 0.
@@ -142,22 +146,25 @@ class FoldMap(ABC):
             yield_angle: [rad], see `Crease`.
 
         Raises:
-            InputError: the mesh does not have the groups, the ratio is out of its range, or `Crease`
-                refuses an argument.
+            InputError: the mesh does not have the groups, the ratio is out of its range, or
+                `Crease` refuses an argument.
         """
         check(
             0 <= set_angle_ratio <= 1,
-            f"{self.called}: set_angle_ratio is {set_angle_ratio!r}; give a number from 0 (flat at rest) to 1.",
+            f"{self.called}: set_angle_ratio is {set_angle_ratio!r}; give a number from 0 (flat at "
+            "rest) to 1.",
         )
         lines = self.lines(film.mesh)
         for line in lines:
             check(
                 line.name in film.mesh.groups,
-                f"{self.called}: the mesh of '{film.name}' has no group '{line.name}'; make the film on mark(mesh).",
+                f"{self.called}: the mesh of '{film.name}' has no group '{line.name}'; make the "
+                "film on mark(mesh).",
             )
         creases = []
         for line in lines:
-            # A fold that is shut has an angle near ±π: the crease has to know from which side it comes.
+            # A fold that is shut has an angle near ±π: the crease has to know from which side it
+            # comes.
             initial_fold = VALLEY if line.angle > 0 else MOUNTAIN
             crease = Crease(
                 film,

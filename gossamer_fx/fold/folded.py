@@ -21,7 +21,8 @@ from gossamer_fx.model.state import InitialState
 
 @dataclass(frozen=True, eq=False)
 class Folded:
-    """Initial positions of a film by a fold map; velocities do not change.  `FoldMap.start` makes it.
+    """Initial positions of a film by a fold map; velocities do not change.  `FoldMap.start` makes
+    it.
 
     Ports, joints, tethers, contact and probes start with the folded film.
 
@@ -71,7 +72,8 @@ class Folded:
         check_on_all(
             self.film.comm,
             folded.shape == X.shape and bool(np.isfinite(folded).all()),
-            f"'{self.name}': the fold map gives positions that are not finite; make it for the mesh of this film.",
+            f"'{self.name}': the fold map gives positions that are not finite; make it for the "
+            "mesh of this film.",
         )
         R = _rotation(np.asarray(self.turn, dtype=float))
         placed: Array = folded @ R.T + np.asarray(self.origin, dtype=float)
@@ -92,7 +94,8 @@ class Folded:
         return float(film.comm.allreduce(own))
 
     def _sides(self) -> Array:
-        """1 on the upper sheet, -1 on the lower one, 0 where they are joined, at local nodes (n,)."""
+        """1 on the upper sheet, -1 on the lower one, 0 where they are joined, at local nodes
+        (n,)."""
         index_map = self.film.block.index_map
         side = np.zeros(index_map.size_local + index_map.num_ghosts)
         if has_two_sheets(self.film.mesh):

@@ -21,15 +21,16 @@ Segment = tuple[tuple[float, float], tuple[float, float]]
 class Miura(FoldMap):
     """Miura's fold of a sheet into parallelograms with sides a and b and an angle γ between them.
 
-    On the flat sheet the lines x = i b sin γ are straight, those across run in zigzag through the points
-    (i b sin γ, j a + b cos γ (i odd)).  Parallelograms make an angle θ with the plane; then
+    On the flat sheet the lines x = i b sin γ are straight, those across run in zigzag through the
+    points (i b sin γ, j a + b cos γ (i odd)).  Parallelograms make an angle θ with the plane; then
 
         height  H = a sin θ sin γ                     along y  L = a √(1 - sin²θ sin²γ)
         along x  S = b cos θ tan γ/√(1 + cos²θ tan²γ)   shift  V = b/√(1 + cos²θ tan²γ)
 
-    Two sheets, as of a tube that is pressed flat, are opened to a pillow in each parallelogram and shifted against each
-    other along z, in which the folded sheet has no overhang; both vanish at seams.  A shift s keeps them s cos θ apart
-    at fold lines.  Across a width w they cost strain energy of the order (opening/w)⁴ and (lift/w)².
+    Two sheets, as of a tube that is pressed flat, are opened to a pillow in each parallelogram and
+    shifted against each other along z, in which the folded sheet has no overhang; both vanish at
+    seams.  A shift s keeps them s cos θ apart at fold lines.  Across a width w they cost strain
+    energy of the order (opening/w)⁴ and (lift/w)².
 
     Args:
         a, b: sides [m], a along y.
@@ -45,7 +46,8 @@ class Miura(FoldMap):
         >>> folds = gx.fold.Miura(0.1, 0.1, gamma=1.0, theta=0.5)
         >>> folded = folds.place(np.array([[0.05, 0.05, 0.0]]), np.zeros(1))
 
-    Source: Schenk & Guest, Proc. Natl. Acad. Sci. 110 (2013) 3276, doi:10.1073/pnas.1217998110, equations 1 to 4.
+    Source: Schenk & Guest, Proc. Natl. Acad. Sci. 110 (2013) 3276, doi:10.1073/pnas.1217998110,
+    equations 1 to 4.
     """
 
     called: ClassVar[str] = "fold.Miura"
@@ -82,14 +84,16 @@ class Miura(FoldMap):
         return H, S, L, V
 
     def lattice(self, X: Array) -> tuple[Array, Array]:
-        """Column u (n,) and row v (n,) of points X (n, 3) of the flat sheet; fold lines are at whole numbers."""
+        """Column u (n,) and row v (n,) of points X (n, 3) of the flat sheet; fold lines are at
+        whole numbers."""
         u = X[:, 0] / (self.b * math.sin(self.gamma))
         zigzag = self.b * math.cos(self.gamma) * _wave(u)
         v = (X[:, 1] - zigzag) / self.a
         return u, v
 
     def segments(self, low: tuple[float, float], high: tuple[float, float]) -> list[Segment]:
-        """Ends (x, y) of the fold lines that pass over the rectangle from `low` to `high` [m] of the flat sheet."""
+        """Ends (x, y) of the fold lines that pass over the rectangle from `low` to `high` [m] of
+        the flat sheet."""
         width = self.b * math.sin(self.gamma)
         rise = self.b * math.cos(self.gamma)
         first_column = math.floor(low[0] / width)
@@ -110,7 +114,8 @@ class Miura(FoldMap):
 
     @cached_property
     def axes(self) -> Array:
-        """Directions (3, 3), as columns, in which x, y and the normal of the first parallelogram are folded."""
+        """Directions (3, 3), as columns, in which x, y and the normal of the first parallelogram
+        are folded."""
         H, S, L, V = self.sizes
         along = np.array([0.0, L, H]) / self.a
         # The side b of the parallelogram is at the angle γ to the side a.

@@ -29,15 +29,17 @@ SMALLEST_DEPTH = 1e-300
 class Star(FoldMap):
     """A ring outside a regular polygon of n sides, folded to a roll round it that stands on edge.
 
-    From corner k the sides of the polygon, drawn on, bound a sector of angle 2π/n, which is folded about its bisector:
-    with polar coordinates (ρ, ψ) about the corner and ψ' the angle from the nearer bound
+    From corner k the sides of the polygon, drawn on, bound a sector of angle 2π/n, which is folded
+    about its bisector: with polar coordinates (ρ, ψ) about the corner and ψ' the angle from the
+    nearer bound
 
         s = k a + ρ cos ψ'   along the circumference,   z = -ρ sin ψ'.
 
-    The bounds are valleys at z = 0, the bisectors mountains below.  The roll has corners at columns s = const of the
-    mesh, `column` apart, which are edges of the mesh of `gossamer_fx.meshes.sails.pinwheel`.  Layers are `gap`
-    apart: they wind outwards at 2 gap a side.  Their corners are in line, and the outermost layer has its
-    length: those within are slack.
+    The bounds are valleys at z = 0, the bisectors mountains below.  The roll has corners at columns
+    s = const of the mesh, `column` apart, which are edges of the mesh of
+    `gossamer_fx.meshes.sails.pinwheel`.  Layers are `gap` apart: they wind outwards at 2 gap a
+    side.  Their corners are in line, and the outermost layer has its length: those within are
+    slack.
 
     Args:
         n: sides of the polygon, at least 3.
@@ -54,8 +56,8 @@ class Star(FoldMap):
         >>> round(folds.radius, 3)
         0.097
 
-    Source: of the pattern, Guest & Pellegrino, "Inextensional wrapping of flat membranes", Proc. First Int. Seminar on
-    Structural Morphology (1992) 203.
+    Source: of the pattern, Guest & Pellegrino, "Inextensional wrapping of flat membranes", Proc.
+    First Int. Seminar on Structural Morphology (1992) 203.
     """
 
     called: ClassVar[str] = "fold.Star"
@@ -71,7 +73,8 @@ class Star(FoldMap):
         self._check(self.n >= 3, f"n is {self.n!r}; give a polygon of at least 3 sides.")
         self._check(
             1 <= self.columns <= self.reach,
-            f"columns is {self.columns!r} and reach {self.reach!r}; give 1 column a side or more, and no less in all.",
+            f"columns is {self.columns!r} and reach {self.reach!r}; give 1 column a side or more, "
+            "and no less in all.",
         )
         self._check_positive("side")
         self._check_not_negative("gap")

@@ -20,8 +20,8 @@ SAME = 1e-7
 # back on each other.
 SMALLEST_NORMAL = 1e-9
 
-# Share of its angles at which the mountains and valleys of an accordion are distinguished: no fold is
-# shut then.
+# Share of its angles at which the mountains and valleys of an accordion are distinguished: no fold
+# is shut then.
 AJAR = 0.5
 
 # Largest number of rows at which a strip is bent: each is solved for.
@@ -52,7 +52,8 @@ class Bent:
         return x, positions, tangents
 
     def at(self, x: Array) -> tuple[Array, Array]:
-        """Positions (n, 2) of points x (n,) of the straight line, and unit normals; at corners the mean of both."""
+        """Positions (n, 2) of points x (n,) of the straight line, and unit normals; at corners the
+        mean of both."""
         starts, positions, tangents = self._knots
         last = len(tangents) - 1
         size = max(float(np.abs(starts).max()), float(np.abs(x).max(initial=0.0)))
@@ -144,14 +145,16 @@ class Strip(FoldMap):
 @check_arguments
 @dataclass(frozen=True)
 class Zigzag(Strip):
-    """Accordion of equal panels in a strip, a sheet or a flat tube along x, folded at rows of edges across.
+    """Accordion of equal panels in a strip, a sheet or a flat tube along x, folded at rows of edges
+    across.
 
-    Panels rise and fall in turn by `angle` against the x axis: each fold has the angle 2 `angle`, and the strip is
-    length cos(angle) long.  With `bends` > 1 a fold is bent at so many rows, `spacing` apart: a fold with a radius.
+    Panels rise and fall in turn by `angle` against the x axis: each fold has the angle 2 `angle`,
+    and the strip is length cos(angle) long.  With `bends` > 1 a fold is bent at so many rows,
+    `spacing` apart: a fold with a radius.
 
-    Two sheets are opened to a pillow between folds, and where they are folded shifted against each other across the
-    panels, so that the outer one lies round the inner one; both vanish at seams and ends.  That costs strain energy of
-    the order (opening/width)⁴ and (lift/width)².
+    Two sheets are opened to a pillow between folds, and where they are folded shifted against each
+    other across the panels, so that the outer one lies round the inner one; both vanish at seams
+    and ends.  That costs strain energy of the order (opening/width)⁴ and (lift/width)².
 
     Args:
         length: of the strip [m].
@@ -189,7 +192,8 @@ class Zigzag(Strip):
         self._check(self.panels >= 2, f"panels is {self.panels!r}; give at least 2.")
         self._check(
             0 < self.angle <= math.pi / 2,
-            f"angle is {self.angle!r} rad; give a number above 0 and up to π/2, at which panels are pressed shut.",
+            f"angle is {self.angle!r} rad; give a number above 0 and up to π/2, at which panels "
+            "are pressed shut.",
         )
         self._check(
             1 <= self.bends <= MAX_BENDS,
@@ -256,16 +260,19 @@ class Zigzag(Strip):
 @check_arguments
 @dataclass(frozen=True)
 class Roll(Strip):
-    """A strip or flat tube along x rolled up about y, its end x = length inside; bent at equally spaced rows of edges.
+    """A strip or flat tube along x rolled up about y, its end x = length inside; bent at equally
+    spaced rows of edges.
 
-    The piece before the first bend lies along the x axis.  Radii grow from `radius` by `pitch` a turn.
+    The piece before the first bend lies along the x axis.  Radii grow from `radius` by `pitch` a
+    turn.
 
-    Two sheets are apart by twice `opening` between seams and ends.  They differ in length then: an opening of 0.1 mm
-    costs some mJ.
+    Two sheets are apart by twice `opening` between seams and ends.  They differ in length then: an
+    opening of 0.1 mm costs some mJ.
 
     Args:
         length: of the strip [m].
-        bends: number of rows at which it is bent: at `flat` and equally spaced from there to its end.
+        bends: number of rows at which it is bent: at `flat` and equally spaced from there to its
+            end.
         radius: of the innermost turn [m].
         pitch: radial distance from turn to turn [m].
         flat: length that stays straight [m]; default one spacing of the rows, length/(bends + 1).
@@ -305,7 +312,8 @@ class Roll(Strip):
         # A row turns by 2 asin(spacing/2r): at two thirds of the radius that is 39°, 9 rows a turn.
         self._check(
             self.radius > 0 and spacing <= 2 * self.radius / 3,
-            f"rows {spacing:.3g} m apart do not go round a radius of {self.radius:g} m; give more bends or a larger "
+            f"rows {spacing:.3g} m apart do not go round a radius of {self.radius:g} m; give more "
+            "bends or a larger "
             "radius.",
         )
 

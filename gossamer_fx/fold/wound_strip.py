@@ -23,12 +23,13 @@ COLUMN_ROUND_OFF = 1e-9
 @check_arguments
 @dataclass(frozen=True)
 class Spiral(FoldMap):
-    """A strip [0, length] × [0, rows pitch] folded at rows along x to a height `pitch`, and wound round a hub about z.
+    """A strip [0, length] × [0, rows pitch] folded at rows along x to a height `pitch`, and wound
+    round a hub about z.
 
-    Rows and columns are edges of the mesh; the strip begins at (radius, 0, 0) and winds in the sense of z, with corners
-    at columns, of which `around` make a turn.  Layer λ = y/pitch is `gap` outside of the one before, and a turn
-    rows + 1 gaps outside of the last one.  Corners are in line, and the outermost layer has its length: those within
-    are slack.
+    Rows and columns are edges of the mesh; the strip begins at (radius, 0, 0) and winds in the
+    sense of z, with corners at columns, of which `around` make a turn.  Layer λ = y/pitch is `gap`
+    outside of the one before, and a turn rows + 1 gaps outside of the last one.  Corners are in
+    line, and the outermost layer has its length: those within are slack.
 
     Args:
         length: [m].

@@ -26,8 +26,8 @@ With three edges a cell a(x, x) ≥ 0, whatever the triangles, for
 
 The penalty is `PENALTY` times that bound.
 
-Orthotropic plates.  M = D:D²x with a tensor of stiffnesses (`OrthotropicBending`), without coupling to
-the membrane strain (B = 0).  By the inequality of Cauchy and Schwarz m² ≤ D_nn M:D²x with D_nn =
+Orthotropic plates.  M = D:D²x with a tensor of stiffnesses (`OrthotropicBending`), without coupling
+to the membrane strain (B = 0).  By the inequality of Cauchy and Schwarz m² ≤ D_nn M:D²x with D_nn =
 (n⊗n):D:(n⊗n), so that the bound (3) holds with D_nn in place of D.
 
 Rest curvature.  A plate that is free of moments with the curvature H0 has the energy ½ a(x, x) - ∫
@@ -206,7 +206,8 @@ class Bending:
         penalty: Expr,
         rest: Expr | None = None,
     ) -> None:
-        """Take the frame and the moments of curvatures; normals and sizes are those of the cells."""
+        """Take the frame and the moments of curvatures; normals and sizes are those of the
+        cells."""
         self._B = B
         self._stiffness = stiffness
         self._penalty = penalty
@@ -292,7 +293,8 @@ class Bending:
             x, w, d, ds: as of `clamp`.
             rest: curvature (2, 2) [1/m].
         """
-        # -m0 (n·d), with the normal n = x,n × x,t of the surface at the edge, which is bilinear in x.
+        # -m0 (n·d), with the normal n = x,n × x,t of the surface at the edge, which is bilinear in
+        # x.
         m0 = self._across(self._moment(rest))
         normal_x = ufl.cross(self.slope(x), self._along(w))
         normal_w = ufl.cross(self.slope(w), self._along(x))

@@ -1,8 +1,8 @@
 """C functions of the package: compiled once on a machine, and called with arrays that were checked.
 
-A library is a folder of C files and one header with the functions and structures that Python uses.  The C compiler and
-cffi read the same header, so that no prototype is written twice.  cffi does not know the preprocessor: what it is
-given are the header's lines that do not begin with `#`.
+A library is a folder of C files and one header with the functions and structures that Python uses.
+The C compiler and cffi read the same header, so that no prototype is written twice.  cffi does not
+know the preprocessor: what it is given are the header's lines that do not begin with `#`.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from gossamer_fx.forms.compiler import require_compiler
 
 # Names of C's types of array elements, by NumPy's.
 C_TYPES = {"float64": "double", "int32": "int32_t", "int64": "int64_t", "uint8": "uint8_t"}
-# The same types as NumPy compares them: contact hands over some seventy arrays an iteration, and the name of
-# a type is composed again at each request for it.
+# The same types as NumPy compares them: contact hands over some seventy arrays an iteration, and
+# the name of a type is composed again at each request for it.
 NUMPY_TYPES = {name: np.dtype(name) for name in C_TYPES}
 # How the arrays are declared to cffi.
 ARRAY_TYPES = {name: f"{c_type}[]" for name, c_type in C_TYPES.items()}
@@ -48,13 +48,15 @@ OPTIMISATION = (
 # Hexadecimal digits of a module's hash: 64 bits keep different sources apart in one folder.
 HASH_DIGITS = 16
 
-# Further compiler options, for instance "-fsanitize=address,undefined -g" in the job that looks for errors of memory.
+# Further compiler options, for instance "-fsanitize=address,undefined -g" in the job that looks for
+# errors of memory.
 FLAGS_VARIABLE = "GOSSAMER_CFLAGS"
 
 
 @dataclass(frozen=True)
 class CLibrary:
-    """Compiled C functions (`lib`), and what converts between Python and C (`ffi`), both of cffi."""
+    """Compiled C functions (`lib`), and what converts between Python and C (`ffi`), both of
+    cffi."""
 
     lib: Any
     ffi: Any
@@ -68,7 +70,8 @@ class CLibrary:
         *,
         writable: bool = False,
     ) -> Any:
-        """Return an array as a C pointer, which lives as long as it is kept; None is the null pointer.
+        """Return an array as a C pointer, which lives as long as it is kept; None is the null
+        pointer.
 
         Args:
             name: what it is called in messages.
@@ -104,7 +107,8 @@ class CStruct:
     """
 
     def __init__(self, ffi: Any, type_name: str, fields: Mapping[str, Any]) -> None:
-        """Set all fields of a new structure; a field that is missing or unknown is a `ValueError`."""
+        """Set all fields of a new structure; a field that is missing or unknown is a
+        `ValueError`."""
         known = _field_names(ffi, type_name)
         if known != fields.keys():
             raise ValueError(
@@ -152,7 +156,8 @@ def loaded_library(
     sources: Sequence[str],
     definitions: Sequence[str] = (),
 ) -> CLibrary:
-    """`compile_library` at the first call for a header, which is collective; later the library of then."""
+    """`compile_library` at the first call for a header, which is collective; later the library of
+    then."""
     found = _loaded.get(header)
     if found is None:
         found = compile_library(comm, name, header, sources, definitions)
@@ -212,7 +217,8 @@ def _build(
 ) -> None:
     """Compile a module in a separate folder, and rename it when it is complete.
 
-    Two runs may compile the same library at the same time; renaming is atomic, so that neither sees half a file.
+    Two runs may compile the same library at the same time; renaming is atomic, so that neither sees
+    half a file.
     """
     require_compiler()
     import cffi

@@ -1,9 +1,10 @@
 """The adjoint of the gas of a step: derivatives of a result carried from its end to its start.
 
-Problem.  A step with gas solves, for the coordinates q1 and for y1 = (p1, m1), pressures and masses,
+Problem.  A step with gas solves, for the coordinates q1 and for y1 = (p1, m1), pressures and
+masses,
 
-    r(q1, q0, v0; p̄) = 0                   the bodies, with -p̄ G(q̄) in r, p̄ = (p0 + p1)/2          (1)
-    F(p0, m0, V0; y1, V1, W, A, θ) = 0     energy and mass of `gas.balance`                         (2)
+    r(q1, q0, v0; p̄) = 0                   the bodies, with -p̄ G(q̄) in r, p̄ = (p0 + p1)/2    (1)
+    F(p0, m0, V0; y1, V1, W, A, θ) = 0     energy and mass of `gas.balance`                      (2)
 
 with volumes V = V(q), swept volumes W(q0, q1) and areas A of the openings, of which rings depend on
 q0 and v0.  Given are a result's derivatives a, b, c with respect to q1, v1 and y1.
@@ -11,12 +12,12 @@ q0 and v0.  Given are a result's derivatives a, b, c with respect to q1, v1 and 
 Equations.  With μ and ν the adjoint vectors of (1) and (2),
 
     [ ∂r/∂q1  ∂r/∂y1 ]ᵀ [μ]   [ a + 2 b/h ]
-    [ ∂F/∂q1  ∂F/∂y1 ]  [ν] = [ c         ]                                                          (3)
+    [ ∂F/∂q1  ∂F/∂y1 ]  [ν] = [ c         ]                                                      (3)
 
-    dJ/dp0 = -ν·∂F/∂p0 + ½ μ·G(q̄),     dJ/dm0 = -ν·∂F/∂m0                                          (4)
-    dJ/dq0 -= ν·∂F/∂V0 G(q0) + ν·∂F/∂W ∂W/∂q0 + ν·∂F/∂A ∂A/∂q0                                      (5)
-    dJ/dv0 -= ν·∂F/∂A ∂A/∂v0                                                                        (6)
-    dJ/dx  -= ν·∂F/∂x    for a number x of an orifice, a wall, a reservoir or a rigid volume         (7)
+    dJ/dp0 = -ν·∂F/∂p0 + ½ μ·G(q̄),     dJ/dm0 = -ν·∂F/∂m0                                       (4)
+    dJ/dq0 -= ν·∂F/∂V0 G(q0) + ν·∂F/∂W ∂W/∂q0 + ν·∂F/∂A ∂A/∂q0                                   (5)
+    dJ/dv0 -= ν·∂F/∂A ∂A/∂v0                                                                     (6)
+    dJ/dx  -= ν·∂F/∂x    for a number x of an orifice, a wall, a reservoir or a rigid volume     (7)
 
 U0 is not an unknown: the accepted state has U0 = p0 V0/(γ - 1).
 
@@ -32,8 +33,9 @@ Algorithm.  For each step, last first:
 
 At the first step `finish` adds what the initial pressures and temperatures of the chambers give.
 
-Cost: the balance of n chambers with some 10 n derivatives of each number, about a millisecond for three.
-Limits: there are no derivatives by the gas itself (γ, R), nor by areas that functions of time give.
+Cost: the balance of n chambers with some 10 n derivatives of each number, about a millisecond for
+three. Limits: there are no derivatives by the gas itself (γ, R); of an area that a function of time
+gives, there is the one by a number that multiplies it.
 """
 
 from __future__ import annotations
@@ -53,12 +55,16 @@ from gossamer_fx.gas.ring import Loop, Ring
 from gossamer_fx.gas.state import ChamberState
 from gossamer_fx.model.body import Array
 
+# Name of the number by which the area of a valve, a function of time, is multiplied.
+AREA_FACTOR = "area_factor"
+
 # A parameter: the item of the scene, and the name that the item has for it.
 Key = tuple[int, str]
 
 
 class SolvedGas(Protocol):
-    """A `network.GasNetwork`, as far as its adjoint reads it: the start of a step and its solution."""
+    """A `network.GasNetwork`, as far as its adjoint reads it: the start of a step and its
+    solution."""
 
     gas: IdealGas
     chambers: list[ChamberState]
@@ -96,6 +102,9 @@ class GasAdjoint:
     """
 
     def __init__(self, network: SolvedGas) -> None:
+        """Find the parameters of chambers, openings, walls and reservoirs, and set their sums to
+        zero.
+        """
         self._network = network
         self._comm = network.geometry.comm
         self._n = len(network.chambers)
@@ -130,6 +139,10 @@ class GasAdjoint:
                 units[id(opening), "discharge_coefficient"] = ""
                 if isinstance(opening.area, int | float):
                     units[id(opening), "area"] = "m²"
+                elif callable(opening.area):
+                    # The function belongs to its user; the number that multiplies it has a
+                    # derivative.
+                    units[id(opening), AREA_FACTOR] = ""
         for wall, _ in self._walls:
             units[id(wall), "conductance"] = "W/K"
             units[id(wall), "temperature"] = "K"
@@ -142,6 +155,8 @@ class GasAdjoint:
         """The present value of a parameter."""
         if (id(item), name) not in self.units:
             raise KeyError(name)
+        if name == AREA_FACTOR:
+            return 1.0
         if name == _volume_name(item):
             return float(item.fixed_volume)
         if isinstance(item, Volume):
@@ -152,7 +167,7 @@ class GasAdjoint:
         """Names of the parameters of an item; empty if it has none here."""
         return sorted(name for owner, name in self.units if owner == id(item))
 
-    # ---- a step ------------------------------------------------------------------------------------
+    # ---- a step ----------------------------------------------------------------------------------
 
     def linearise(self, h: float) -> None:
         """Take the derivatives of F, scaled as the residual is, at the solved step."""
@@ -239,7 +254,13 @@ class GasAdjoint:
         return by_start
 
     def _take_openings(self, ν: Array) -> None:
-        """Sum up (7) of the openings; areas of rings wait for `carry`."""
+        """Add equation (7) of the module to the sums of the openings.
+
+        The derivative by the area of a ring is kept, since `carry` takes it to the film later.
+
+        Args:
+            ν: adjoint of the scaled balance (2n,), for n chambers.
+        """
         by_area = -ν @ self._by["area"]
         self._to_areas = []
         for passage, derivative in zip(self._passages, by_area, strict=True):
@@ -252,11 +273,17 @@ class GasAdjoint:
                 loop = self._network.geometry.loop(opening.area)
                 gradient = loop.aperture_gradient(self._h)
                 self._to_areas.append((loop, gradient, coefficient * derivative))
-            elif not callable(opening.area):
+            elif callable(opening.area):
+                self._add(opening, AREA_FACTOR, derivative * passage.area)
+            else:
                 self._add(opening, "area", coefficient * derivative)
 
     def _take_boundaries(self, ν: Array) -> None:
-        """Sum up (7) of walls, reservoirs and surroundings."""
+        """Add equation (7) of the module to the sums of walls, reservoirs and surroundings.
+
+        Args:
+            ν: adjoint of the scaled balance (2n,), for n chambers.
+        """
         by_conductance = -ν @ self._by["conductance"]
         by_temperature = -ν @ self._by["wall temperature"]
         for j, (wall, _) in enumerate(self._walls):
@@ -272,7 +299,8 @@ class GasAdjoint:
         self.sums[id(item), name] += float(derivative)
 
     def carry(self, by_position: Array, by_velocity: Array) -> None:
-        """Add (5) and (6) to this rank's parts of dJ/dq0 and dJ/dv0, in the reversed step.  Collective."""
+        """Add (5) and (6) to this rank's parts of dJ/dq0 and dJ/dv0, in the reversed step.
+        Collective."""
         self._network.exchange_ends()
         for k, state in enumerate(self._network.chambers):
             if state.enclosure is None:
@@ -296,7 +324,8 @@ class GasAdjoint:
 
         Args:
             by_start: derivatives by pressures and masses at the start of the run (2n,).
-            by_position: this rank's part of dJ/dq at the start, to which that of the volumes is added.
+            by_position: this rank's part of dJ/dq at the start, to which that of the volumes is
+                added.
         """
         network = self._network
         for k, state in enumerate(network.chambers):

@@ -1,9 +1,9 @@
 """Mass and energy balance of the chambers in one time step: residual, derivatives and solution.
 
 Problem.  Chamber k has the volume V, the mass m and the internal energy U = p V/(γ - 1).  Openings
-carry mass flows ṁ, walls carry heat Q, and the film that encloses the chamber sweeps the volume W in
-a step.  Openings are stiff: their conductance is infinite at equal pressures for the ideal law, and
-pressures may equalise within a microsecond while a step takes a second.
+carry mass flows ṁ, walls carry heat Q, and the film that encloses the chamber sweeps the volume W
+in a step.  Openings are stiff: their conductance is infinite at equal pressures for the ideal law,
+and pressures may equalise within a microsecond while a step takes a second.
 
 Equations.  The unknowns are y = (p1, m1), pressure and mass at the end of a step of length h:
 
@@ -21,25 +21,26 @@ Idea.  The weight θ of each chamber blends two rules:
 
 (4) is the weight with which relaxation at the rate ζ/h is exact (exponential fitting, Liniger and
 Willoughby 1970); it is ½ + O(h), so the rule is of second order.  The second
-term of (5), with z = h ṁ γ R T/(V Δp) summed over the openings of the chamber, is of fourth order for
-short steps; it damps the oscillation of steps that are longer than the time in which pressures
+term of (5), with z = h ṁ γ R T/(V Δp) summed over the openings of the chamber, is of fourth order
+for short steps; it damps the oscillation of steps that are longer than the time in which pressures
 equalise.  Why its size suffices: the flow is a concave function of Δp that begins as √(2Δp/p) and
-ends choked with Ψ* > 0.63, so a step of any length stays on its side of equal pressures if
-1 - θ < Ψ*²/(2z²) for z > 1, or a quarter of that between two equal chambers.
+ends choked with Ψ* > 0.63, so a step of any length stays on its side of equal pressures if 1 - θ <
+Ψ*²/(2z²) for z > 1, or a quarter of that between two equal chambers.
 
 Algorithm.  In every step:
 
 1. `begin` takes the state of the start and chooses θ by (4) and (5).
-2. In every iteration of the bodies, `settle` solves (1) and (2) for y at the volumes of the iterate,
-   by Newton's method with backtracking.
+2. In every iteration of the bodies, `settle` solves (1) and (2) for y at the volumes of the
+   iterate, by Newton's method with backtracking.
 3. `derivatives` gives the Jacobian with respect to y and V, by which the bodies see the gas.
 4. `rates` gives the sums of (1) and (2) from which the accepted state is summed.
 
 The equations are written for any numbers that add, multiply and compare: for dual numbers in arrays
-of objects `residual` gives its derivatives with respect to the start of the step, too (`gas.adjoint`).
+of objects `residual` gives its derivatives with respect to the start of the step, too
+(`gas.adjoint`).
 
-Cost: one dense solve of 2n equations in an iteration for n chambers, which is negligible next to the
-bodies.  Arrays over chambers have the shape (n,) and SI units.
+Cost: one dense solve of 2n equations in an iteration for n chambers, which is negligible next to
+the bodies.  Arrays over chambers have the shape (n,) and SI units.
 """
 
 from __future__ import annotations
@@ -89,8 +90,8 @@ MIN_REMAINING_SHARE = 0.1
 # Coefficient of the second term of (5).  It keeps 1 - θ below a quarter of Ψ*²/(2z²) ≈ 0.05/z².
 DAMPING_COEFFICIENT = 40
 
-# Relative pressure difference at which the conductance of an opening at rest is measured: inside the
-# laminar range of `Orifice`, where the law is linear, and far above round-off.
+# Relative pressure difference at which the conductance of an opening at rest is measured: inside
+# the laminar range of `Orifice`, where the law is linear, and far above round-off.
 REST_DIFFERENCE = 1e-9
 
 # Share of amplified or cancelled round-off in the scale of a residual: 1e-3 of it times
@@ -187,8 +188,8 @@ class Balance:
         Args:
             h: length of the step [s].
             t: time of its middle [s], at which apertures are taken.
-            p, m, U, V: pressure [Pa], mass [kg], internal energy [J] and volume [m³] of each chamber
-                at the start (n,).
+            p, m, U, V: pressure [Pa], mass [kg], internal energy [J] and volume [m³] of each
+                chamber at the start (n,).
         """
         self.h = h
         self._p0 = p
@@ -199,7 +200,7 @@ class Balance:
             passage.area = passage.aperture(h, t)
         self._choose_weights(p, self.temperatures, V)
 
-    # ---- equations ----------------------------------------------------------------------------------
+    # ---- equations -------------------------------------------------------------------------------
 
     def residual(
         self,
@@ -229,7 +230,8 @@ class Balance:
         return np.concatenate([energy, mass])
 
     def rates(self, y: Array, V: Array) -> Rates:
-        """Mass and energy flows into the chambers and from boundaries and walls, at y and volumes V.
+        """Mass and energy flows into the chambers and from boundaries and walls, at y and volumes
+        V.
 
         What one end of an opening loses the other gains in the same sum, so the network conserves
         mass and energy to round-off.
@@ -267,8 +269,8 @@ class Balance:
         """Energy [J] and mass [kg] of each chamber to which its residual is compared, (2n,).
 
         They include the round-off of two sums that the residual cannot fall below: that of the
-        volume, and that of flows, which long steps through wide openings amplify.  Nothing is lost by
-        this, since the accepted state is summed from the flows.
+        volume, and that of flows, which long steps through wide openings amplify.  Nothing is lost
+        by this, since the accepted state is summed from the flows.
 
         Args:
             y: pressures [Pa] and masses [kg] (2n,).
@@ -281,7 +283,7 @@ class Balance:
         mass = abs(y[self._n :]) * flows
         return np.concatenate([energy + self._U0, mass + self._m0])
 
-    # ---- derivatives --------------------------------------------------------------------------------
+    # ---- derivatives -----------------------------------------------------------------------------
 
     def derivatives(
         self,
@@ -291,7 +293,8 @@ class Balance:
     ) -> tuple[Array, Array]:
         """Derivatives of the residual with respect to y (2n, 2n) and to V (2n, n).
 
-        The derivative with respect to W is p̄ on the diagonal of the energy rows; the caller has it.
+        The derivative with respect to W is p̄ on the diagonal of the energy rows; the caller has
+        it.
         """
         n = self._n
         heat_factor = self._gas.gamma - 1
@@ -387,7 +390,7 @@ class Balance:
         )
         return mass_flow.imag / COMPLEX_STEP, energy_flow.imag / COMPLEX_STEP
 
-    # ---- solution -----------------------------------------------------------------------------------
+    # ---- solution --------------------------------------------------------------------------------
 
     def settle(
         self,
@@ -405,7 +408,8 @@ class Balance:
             magnitude: sum of the sizes of the terms that add up to each volume (n,) [m³].
 
         Returns:
-            The solution (2n,), or None if the iteration does not converge or the matrix is singular.
+            The solution (2n,), or None if the iteration does not converge or the matrix is
+            singular.
         """
         rates = self.rates(y, V)
         flows = abs(np.concatenate([rates.energy, rates.mass]))
@@ -431,7 +435,7 @@ class Balance:
             return None
         return y
 
-    # ---- flows --------------------------------------------------------------------------------------
+    # ---- flows -----------------------------------------------------------------------------------
 
     def _flow_state(self, y: Array, V: Array) -> tuple[Array, Array]:
         """Pressures [Pa] and temperatures [K] of the chambers by (3), at which flows are taken."""
@@ -472,7 +476,7 @@ class Balance:
         temperature = (1 - weight) * start_temperature + weight * end_temperature
         return wall.conductance * (wall.temperature - temperature)
 
-    # ---- weights ------------------------------------------------------------------------------------
+    # ---- weights ---------------------------------------------------------------------------------
 
     def _choose_weights(
         self,
@@ -482,7 +486,8 @@ class Balance:
     ) -> None:
         """Choose θ of every chamber and wall for the step, by (4) and (5) at the initial state.
 
-        The conductances at rest are summed too: they amplify the round-off of pressures, see `scales`.
+        The conductances at rest are summed too: they amplify the round-off of pressures, see
+        `scales`.
         """
         relaxation = np.zeros_like(p)  # ζ of (4)
         equalisation = np.zeros_like(p)  # z of (5)
@@ -501,7 +506,8 @@ class Balance:
             if p_high <= 0:
                 # Two vacuums exchange nothing.
                 continue
-            # z of (5) has Δp in its denominator: it is taken at no smaller difference than this one.
+            # z of (5) has Δp in its denominator: it is taken at no smaller difference than this
+            # one.
             almost_equal = p_high * (1 - REST_DIFFERENCE)
             moving = self._conductance(passage, p_high, T_high, min(p_low, almost_equal))
             resting = self._conductance(passage, p_high, T_high, almost_equal)
@@ -546,7 +552,8 @@ def _states(p: Array, T: Array) -> list[State]:
 
 
 def _at_ends(passage: Passage, states: list[State]) -> tuple[Pair, Pair]:
-    """Pressures [Pa] and temperatures [K] at the two ends of an opening, for the states of all chambers."""
+    """Pressures [Pa] and temperatures [K] at the two ends of an opening, for the states of all
+    chambers."""
     first, second = passage.ends
     first_pressure, first_temperature = _state_at(first, states)
     second_pressure, second_temperature = _state_at(second, states)
@@ -561,7 +568,8 @@ def _state_at(end: End, states: list[State]) -> State:
 
 
 def _fitted_weight(rate: Number) -> Number:
-    """The weight θ_e of (4) for relaxation by `rate` time constants a step: ½ at 0, 1 at infinity."""
+    """The weight θ_e of (4) for relaxation by `rate` time constants a step: ½ at 0, 1 at
+    infinity."""
     # Both terms of (4) grow as 1/rate; below 1e-3 the series is exact to 1e-12 and does not cancel.
     if rate < 1e-3:
         return 0.5 + rate / 12

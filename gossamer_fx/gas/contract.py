@@ -1,7 +1,7 @@
 """The protocols that the items of a gas network fulfil: volumes, boundaries, openings and walls.
 
-`network.GasNetwork` finds the items of a scene by these protocols and knows no class behind them.  A
-new kind of valve is therefore a class with the members of `Opening`; nothing else has to change.
+`network.GasNetwork` finds the items of a scene by these protocols and knows no class behind them.
+A new kind of valve is therefore a class with the members of `Opening`; nothing else has to change.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from gossamer_fx.gas.enclosure import Enclosure
 from gossamer_fx.gas.geometry import Geometry
 from gossamer_fx.gas.ideal_gas import IdealGas
 
-# Effective area C_d A [m²] of a step, a function of its length h [s] and of the time [s] of its middle.
+# Effective area C_d A [m²] of a step, a function of its length h [s] and of the time [s] of its
+# middle.
 Aperture = Callable[[float, float], float]
 
 
@@ -107,7 +108,8 @@ class Opening(Protocol):
         ...
 
     def aperture(self, geometry: Geometry) -> Aperture:
-        """The effective area C_d A [m²] in a running scene, as a function of step length and time."""
+        """The effective area C_d A [m²] in a running scene, as a function of step length and
+        time."""
         ...
 
     def flow(

@@ -1,11 +1,12 @@
 """Enclosures of chambers: the volume inside a film, and the volume that a piston sweeps.
 
-An enclosure is compiled when a scene is.  The compiled enclosure gives the volume V(q), its gradient
-G = ∂V/∂q, and the swept volume W of a step; it takes a pressure and adds the force pressure · G.
+An enclosure is compiled when a scene is.  The compiled enclosure gives the volume V(q), its
+gradient G = ∂V/∂q, and the swept volume W of a step; it takes a pressure and adds the force
+pressure · G.
 
 The step goes from coordinates q0 to q1; forces act at q_mid = (1 - α) q0 + α q1, with α of the time
-stepping rule.  The work of the gas in the step is then pressure · W with W = G(q_mid)·(q1 - q0), to the
-last digit, so film and gas exchange energy without loss.
+stepping rule.  The work of the gas in the step is then pressure · W with W = G(q_mid)·(q1 - q0), to
+the last digit, so film and gas exchange energy without loss.
 """
 
 from __future__ import annotations
@@ -47,7 +48,8 @@ class CompiledEnclosure(Protocol):
 
     @property
     def magnitude(self) -> float:
-        """Sum of the sizes of the terms that add up to the volume [m³], by which round-off is judged."""
+        """Sum of the sizes of the terms that add up to the volume [m³], by which round-off is
+        judged."""
         ...
 
     @property
@@ -64,7 +66,8 @@ class CompiledEnclosure(Protocol):
         ...
 
     def add_force(self, values: Array) -> None:
-        """Subtract the force of the gas, pressure · G(q_mid) [N], from the owned part of a residual."""
+        """Subtract the force of the gas, pressure · G(q_mid) [N], from the owned part of a
+        residual."""
         ...
 
     def gradients(self) -> tuple[Array, Array, Array]:
@@ -82,12 +85,14 @@ class Enclosure(Protocol):
 
     @property
     def films(self) -> Sequence[Membrane]:
-        """The films that bound the chamber, on which outputs show the pressure; none for a piston."""
+        """The films that bound the chamber, on which outputs show the pressure; none for a
+        piston."""
         ...
 
     @property
     def whole_films(self) -> Sequence[Membrane]:
-        """Films of which all triangles bound the chamber, so that no second chamber may use them."""
+        """Films of which all triangles bound the chamber, so that no second chamber may use
+        them."""
         ...
 
     def cells(self, film: Membrane) -> np.ndarray:
@@ -104,7 +109,8 @@ class Enclosure(Protocol):
 
 
 class FilmEnclosure:
-    """The volume inside a film and the strips over its rings: V = ⅓∫x·n dA, n the deformed area vector.
+    """The volume inside a film and the strips over its rings: V = ⅓∫x·n dA, n the deformed area
+    vector.
 
     The normals may all point inwards: the compiled enclosure finds that by the sign of V at the
     start.  The volume of a flat film is round-off; then the normals of the mesh count as outward.
@@ -133,7 +139,8 @@ class FilmEnclosure:
         for ring in rings:
             check(
                 ring.body is film,
-                f"Chamber '{chamber}': its ring '{ring.edges}' is on another film than '{film.name}'.",
+                f"Chamber '{chamber}': its ring '{ring.edges}' is on another film than "
+                f"'{film.name}'.",
             )
 
     @property
@@ -188,7 +195,8 @@ class FilmEnclosure:
         groups = [self.film.mesh.group(name) for name in self.surface]
         check(
             all(dim == 2 for dim, _ in groups),
-            f"Chamber '{self.chamber}': its surface {self.surface} must be named groups of triangles.",
+            f"Chamber '{self.chamber}': its surface {self.surface} must be named groups of "
+            "triangles.",
         )
         return np.unique(np.concatenate([cells for _, cells in groups]))
 
@@ -211,7 +219,8 @@ class FilmEnclosure:
         """
         comm = self.film.comm
         table = self.film.mesh.edges
-        # Number of triangles at each owned edge, and sum of the directions (±1) in which they pass it
+        # Number of triangles at each owned edge, and sum of the directions (±1) in which they pass
+        # it
         count, sum_of_directions = table.tally(cells)
         open_edges = np.flatnonzero(count == 1)
         end_vertices = table.ends[open_edges]
@@ -223,7 +232,8 @@ class FilmEnclosure:
             found, film_direction = comm.allreduce(own_sums)
             check(
                 found == len(loop.vertices),
-                f"Chamber '{self.chamber}': its ring '{ring.edges}' is not a boundary of its surface; "
+                f"Chamber '{self.chamber}': its ring '{ring.edges}' is not a boundary of its "
+                "surface; "
                 "give the groups of triangles on one side of it.",
             )
             # The strips pass the edges of the ring against the film, as a neighbour triangle would.
@@ -236,13 +246,15 @@ class FilmEnclosure:
         check_on_all(
             comm,
             bool(((count == 0) | (count == 2)).all()),
-            f"Chamber '{self.chamber}': the surface of '{self.film.name}' is open; close it, name the groups of "
+            f"Chamber '{self.chamber}': the surface of '{self.film.name}' is open; close it, name "
+            "the groups of "
             "triangles that bound the chamber, or span holes by rings.",
         )
         check_on_all(
             comm,
             bool((sum_of_directions == 0).all()),
-            f"Chamber '{self.chamber}': neighbouring triangles of '{self.film.name}' have opposite normals; make or "
+            f"Chamber '{self.chamber}': neighbouring triangles of '{self.film.name}' have opposite "
+            "normals; make or "
             "read its mesh with orient=True, or turn surfaces (gmsh: model.mesh.reverse).",
         )
         return signs
@@ -277,7 +289,8 @@ class _CompiledFilm:
         return self._sign * float(self._surface.swept[self._index])
 
     def start(self) -> None:
-        """Choose the sign of the volume, so that a film with inward normals encloses a positive one."""
+        """Choose the sign of the volume, so that a film with inward normals encloses a positive
+        one."""
         # A flat film has a volume of either sign by round-off; it must not be turned by that.
         if self._surface.volume[self._index] < -ROUND_OFF * self.magnitude:
             self._sign = -1.0
@@ -385,7 +398,8 @@ class _CompiledPiston:
         return float(self._system.comm.allreduce(float(self._gradient @ q.array_r)))
 
     def follow(self) -> None:
-        """Compute volume, its magnitude for round-off, and swept volume [m³] of the present step."""
+        """Compute volume, its magnitude for round-off, and swept volume [m³] of the present
+        step."""
         end = self._height(self._system.q1)
         start = self._height(self._system.q0)
         self.volume = end - self._origin

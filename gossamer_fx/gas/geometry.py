@@ -1,7 +1,8 @@
-"""The geometry that the enclosures and openings of a scene share: loops of rings and surfaces of films.
+"""The geometry that the enclosures and openings of a scene share: loops of rings and surfaces of
+films.
 
-Two chambers may share a film, and a chamber and an orifice may share a ring.  Each is evaluated once
-in an iteration, whoever uses it.
+Two chambers may share a film, and a chamber and an orifice may share a ring.  Each is evaluated
+once in an iteration, whoever uses it.
 """
 
 from __future__ import annotations
@@ -73,7 +74,8 @@ class Geometry:
     def tangents(self, body: Body) -> Iterable[fem.Form]:
         """Bilinear forms of the derivative of all pressure forces on a film.
 
-        The derivatives on the strips of loops are missing: no form gives them, see `Loop.add_tangent`.
+        The derivatives on the strips of loops are missing: no form gives them, see
+        `Loop.add_tangent`.
         """
         for film, surface in self._surfaces.items():
             if film is body:

@@ -1,18 +1,19 @@
 """The gas of a scene: all chambers and openings as scalar unknowns that are coupled to the bodies.
 
-Problem.  Chambers exchange gas through openings and work with films and pistons.  Energy has to close
-to round-off: what the gas loses in a step the bodies must gain, whatever the step length.
+Problem.  Chambers exchange gas through openings and work with films and pistons.  Energy has to
+close to round-off: what the gas loses in a step the bodies must gain, whatever the step length.
 
-Unknowns.  y = (p1, m1), pressures [Pa] and masses [kg] of the n chambers at the end of a step.  They
-solve the mass and energy balance of `balance`, in which p̄ = (p0 + p1)/2 does the work p̄ W.  The same
-p̄ acts on the film in the midpoint rule, so this work is what the bodies receive, to the last digit.
+Unknowns.  y = (p1, m1), pressures [Pa] and masses [kg] of the n chambers at the end of a step.
+They solve the mass and energy balance of `balance`, in which p̄ = (p0 + p1)/2 does the work p̄ W.
+The same p̄ acts on the film in the midpoint rule, so this work is what the bodies receive, to the
+last digit.
 
 Algorithm.  In each Newton iteration of the bodies:
 
 1. Evaluate volumes V and swept volumes W of all enclosures (`Geometry.follow`).
-2. Solve the balance for y at these volumes (`Balance.settle`).  Newton's method for bodies and gas at
-   once does not converge without this: ṁ grows as √Δp outside the laminar range of an orifice, and
-   the iteration ends in a cycle of two.
+2. Solve the balance for y at these volumes (`Balance.settle`).  Newton's method for bodies and gas
+   at once does not converge without this: ṁ grows as √Δp outside the laminar range of an orifice,
+   and the iteration ends in a cycle of two.
 3. Set the pressures on the enclosures; take force, coupling and residual there.
 
 `ScalarUnknowns` describes the linear system that the solver forms from them:
@@ -20,8 +21,8 @@ Algorithm.  In each Newton iteration of the bodies:
     [ A  G ] [δz]     [ r ]
     [ Hᵀ C ] [δy] = - [ s ]
 
-G = -α ∂V/∂q are the forces of a unit pressure, Hᵀ = ∂s/∂z follows by the chain rule through V and W,
-and C = ∂s/∂y.  After the step the state is summed from the flows, see `commit`.
+G = -α ∂V/∂q are the forces of a unit pressure, Hᵀ = ∂s/∂z follows by the chain rule through V and
+W, and C = ∂s/∂y.  After the step the state is summed from the flows, see `commit`.
 """
 
 from __future__ import annotations
@@ -100,7 +101,8 @@ class GasNetwork:
         self._process = ADIABATIC
         self.balance = self._make_balance(Balance)
         self.size = 2 * n
-        # Of the last iterate: volumes, sizes of the terms that add up to them, and swept volumes [m³]
+        # Of the last iterate: volumes, sizes of the terms that add up to them, and swept volumes
+        # [m³]
         self.volumes: Array = np.zeros(n)
         self._magnitude: Array = np.zeros(n)
         self.swept: Array = np.zeros(n)
@@ -139,8 +141,8 @@ class GasNetwork:
     def vibration_stiffness(self) -> list[tuple[Array, float]]:
         """Gradients of volumes g [m²] and stiffnesses κ = γ p/V [Pa/m³] of the closed films.
 
-        In a fast vibration no gas flows and no heat is exchanged, so that the pressure changes by -κ ΔV
-        and the forces by the stiffness κ g⊗g.  Gradients are this rank's part; collective.
+        In a fast vibration no gas flows and no heat is exchanged, so that the pressure changes by
+        -κ ΔV and the forces by the stiffness κ g⊗g.  Gradients are this rank's part; collective.
         """
         return self._stiffness(self.gas.gamma)
 
@@ -150,7 +152,8 @@ class GasNetwork:
         return self._stiffness(exponents[self._process])
 
     def _stiffness(self, exponent: float) -> list[tuple[Array, float]]:
-        """Gradients of volumes and κ = exponent p/V of each enclosure, if the exponent is not zero."""
+        """Gradients of volumes and κ = exponent p/V of each enclosure, if the exponent is not
+        zero."""
         found = []
         for state in self.chambers:
             if state.enclosure is not None and exponent:
@@ -158,7 +161,7 @@ class GasNetwork:
                 found.append((of_volume, exponent * state.pressure / state.volume))
         return found
 
-    # ---- scalar unknowns: a step --------------------------------------------------------------------
+    # ---- scalar unknowns: a step -----------------------------------------------------------------
 
     def start(self) -> None:
         """Take the initial volumes, and from them mass and energy of each chamber.  Collective.
@@ -174,7 +177,8 @@ class GasNetwork:
             state.volume = _volume(state)
             check(
                 state.volume > 0,
-                f"Chamber '{state.chamber.name}' encloses {state.volume:.3g} m³ at the start; open it by an initial "
+                f"Chamber '{state.chamber.name}' encloses {state.volume:.3g} m³ at the start; open "
+                "it by an initial "
                 "displacement or give it a dead_volume.",
             )
             state.pressure = state.chamber.initial_pressure
@@ -204,7 +208,8 @@ class GasNetwork:
         return self.y
 
     def residual(self, y: Array) -> Array:
-        """Scaled residual (2n,) of the balance at the iterate; sets the pressures on the enclosures.
+        """Scaled residual (2n,) of the balance at the iterate; sets the pressures on the
+        enclosures.
 
         Collective.
 
@@ -227,11 +232,13 @@ class GasNetwork:
         return self._residual
 
     def _solve_at_iterate(self, y: Array) -> Array:
-        """The solution y of the balance at the volumes of the iterate; y itself if there is none."""
+        """The solution y of the balance at the volumes of the iterate; y itself if there is
+        none."""
         finite = np.isfinite(y).all() and np.isfinite(self.volumes + self.swept).all()
         if not (finite and (self.volumes > 0).all()):
             return y
-        # Newton's update of y belongs to the y that was proposed; it is applied to the y that was used.
+        # Newton's update of y belongs to the y that was proposed; it is applied to the y that was
+        # used.
         update = y - self._proposed
         guess = np.maximum(self.y + update, MIN_REMAINING_SHARE * abs(self.y))
         settled = self.balance.settle(guess, self.volumes, self.swept, self._magnitude)
@@ -248,13 +255,15 @@ class GasNetwork:
         yield from self.geometry.tangents(body)
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the derivatives of the pressure forces that no form gives, e.g. on strips of rings."""
+        """Add the derivatives of the pressure forces that no form gives, e.g. on strips of
+        rings."""
         for state in self.chambers:
             if state.enclosure is not None:
                 state.enclosure.add_tangents(A)
 
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
-        """Owned parts of the columns of G and H (None for a zero column), and C (2n, 2n).  Collective."""
+        """Owned parts of the columns of G and H (None for a zero column), and C (2n, 2n).
+        Collective."""
         n = len(self.chambers)
         G: list[Array | None] = [None] * (2 * n)
         H: list[Array | None] = [None] * (2 * n)
@@ -312,7 +321,8 @@ class GasNetwork:
         self._mass_supplied += h * rates.mass_supplied
 
     def _supply_at_rest(self, state: ChamberState, temperature: float) -> None:
-        """Add the gas that holds the pressure of a chamber, and the heat that holds its temperature [K]."""
+        """Add the gas that holds the pressure of a chamber, and the heat that holds its temperature
+        [K]."""
         if self._process == HELD_PRESSURE:
             mass = state.pressure * state.volume / (self.gas.R * temperature)
             self._mass_supplied += mass - state.mass
@@ -321,7 +331,7 @@ class GasNetwork:
         self._supplied += energy - state.internal_energy
         state.internal_energy = energy
 
-    # ---- scalar unknowns: gradients ------------------------------------------------------------------
+    # ---- scalar unknowns: gradients --------------------------------------------------------------
 
     def adjoint(self) -> ScalarsAdjoint:
         """Derivatives of this gas, for gradients of runs."""
@@ -331,18 +341,21 @@ class GasNetwork:
         return GasAdjoint(self)
 
     def exchange_ends(self) -> None:
-        """Evaluate the geometry in the reversed step, which starts at the end of the present one.  Collective."""
+        """Evaluate the geometry in the reversed step, which starts at the end of the present one.
+        Collective."""
         self.geometry.accept()
         self.geometry.follow()
 
-    # ---- scalar unknowns: checks --------------------------------------------------------------------
+    # ---- scalar unknowns: checks -----------------------------------------------------------------
 
     def inadmissible(self) -> str:
-        """Which chamber has a volume or pressure that is not positive, in words; empty if none has."""
+        """Which chamber has a volume or pressure that is not positive, in words; empty if none
+        has."""
         for state, volume, pressure in zip(self.chambers, self.volumes, self.y, strict=False):
             if volume <= 0 or pressure <= 0:
                 return (
-                    f"'{state.chamber.name}' would have a volume of {volume:.3g} m³ and a pressure of "
+                    f"'{state.chamber.name}' would have a volume of {volume:.3g} m³ and a pressure "
+                    "of "
                     f"{pressure:.3g} Pa"
                 )
         return ""
@@ -356,11 +369,12 @@ class GasNetwork:
         if largest[k] <= ACCEPTABLE_RESIDUAL:
             return ""
         return (
-            f"the gas of '{self.chambers[k].chamber.name}' is not in balance (volume {self.volumes[k]:.3g} m³, "
+            f"the gas of '{self.chambers[k].chamber.name}' is not in balance (volume "
+            f"{self.volumes[k]:.3g} m³, "
             f"pressure {self.y[k]:.3g} Pa)"
         )
 
-    # ---- scalar unknowns: energies and state --------------------------------------------------------
+    # ---- scalar unknowns: energies and state -----------------------------------------------------
 
     def totals(self) -> ScalarTotals:
         """Internal energy of each chamber, mass, and what boundaries and walls supplied."""
@@ -398,14 +412,16 @@ class GasNetwork:
         self._supplied = state["supplied"]
         self._mass_supplied = state["mass supplied"]
 
-    # ---- chambers -----------------------------------------------------------------------------------
+    # ---- chambers --------------------------------------------------------------------------------
 
     def _acting_pressure(self, start: float, end: float) -> float:
-        """The pressure [Pa] that acts in the step: p̄ for the midpoint rule, p1 at the end of the step."""
+        """The pressure [Pa] that acts in the step: p̄ for the midpoint rule, p1 at the end of the
+        step."""
         return (1 - self._alpha) * start + self._alpha * end
 
     def _magnitudes(self) -> Array:
-        """For each chamber the sum of the sizes of the terms of its volume [m³], 0 for a rigid one."""
+        """For each chamber the sum of the sizes of the terms of its volume [m³], 0 for a rigid
+        one."""
         magnitudes = np.zeros(len(self.chambers))
         for k, state in enumerate(self.chambers):
             if state.enclosure is not None:
@@ -427,7 +443,8 @@ def _check_chambers(chambers: list[Volume]) -> None:
     for chamber in chambers:
         check(
             chamber.gas == first.gas,
-            f"The chambers '{first.name}' and '{chamber.name}' hold different gases; a scene has one.",
+            f"The chambers '{first.name}' and '{chamber.name}' hold different gases; a scene has "
+            "one.",
         )
     whole_films: list[object] = []
     for chamber in chambers:
@@ -436,7 +453,8 @@ def _check_chambers(chambers: list[Volume]) -> None:
         for film in chamber.enclosure.whole_films:
             check(
                 film not in whole_films,
-                f"Two chambers enclose the whole of '{film.name}'; give each its surface, or leave one out.",
+                f"Two chambers enclose the whole of '{film.name}'; give each its surface, or leave "
+                "one out.",
             )
             whole_films.append(film)
 

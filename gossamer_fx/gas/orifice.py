@@ -40,11 +40,11 @@ def isentropic_flow(
         choked, x ≤ (2/(γ+1))^(γ/(γ-1)):  Ψ = √γ (2/(γ+1))^((γ+1)/(2(γ-1)))            (2)
         subsonic, larger x:               Ψ = √(2γ/(γ-1) (x^(2/γ) - x^((γ+1)/γ)))      (3)
 
-    (Shapiro, Dynamics and Thermodynamics of Compressible Fluid Flow, 1953, ch. 4.)  The slope of (3)
-    is infinite at x = 1: Newton's method fails there, and flows at rest reverse endlessly.  For
-    1 - x < `laminar` Ψ is therefore the odd cubic in 1 - x that has the value and the slope of (3) at
-    1 - x = laminar.  A short tube at low Reynolds number is linear in the same way.  Pressures within
-    `laminar` of each other equalise later than by (3).
+    (Shapiro, Dynamics and Thermodynamics of Compressible Fluid Flow, 1953, ch. 4.)  The slope of
+    (3) is infinite at x = 1: Newton's method fails there, and flows at rest reverse endlessly.  For
+    1 - x < `laminar` Ψ is therefore the odd cubic in 1 - x that has the value and the slope of (3)
+    at 1 - x = laminar.  A short tube at low Reynolds number is linear in the same way.  Pressures
+    within `laminar` of each other equalise later than by (3).
 
     Args:
         gas: the gas.
@@ -120,7 +120,8 @@ class Orifice:
         for end in (self.a, self.b):
             check(
                 isinstance(end, Volume | Holder),
-                f"Orifice '{self.name}': {end!r} holds no gas; connect chambers, tanks, reservoirs or surroundings.",
+                f"Orifice '{self.name}': {end!r} holds no gas; connect chambers, tanks, reservoirs "
+                "or surroundings.",
             )
         check(
             self.a is not self.b,
@@ -128,15 +129,18 @@ class Orifice:
         )
         check(
             isinstance(self.area, Ring) or callable(self.area) or 0 <= self.area < math.inf,
-            f"Orifice '{self.name}': area is {self.area!r} m²; give a positive number, a function of time, or a ring.",
+            f"Orifice '{self.name}': area is {self.area!r} m²; give a positive number, a function "
+            "of time, or a ring.",
         )
         check(
             0 < self.discharge_coefficient <= 1,
-            f"Orifice '{self.name}': discharge_coefficient is {self.discharge_coefficient!r}; it lies in (0, 1].",
+            f"Orifice '{self.name}': discharge_coefficient is {self.discharge_coefficient!r}; it "
+            "lies in (0, 1].",
         )
         check(
             MIN_LAMINAR <= self.laminar < MAX_LAMINAR,
-            f"Orifice '{self.name}': laminar is {self.laminar!r}; give a small fraction such as 1e-5.",
+            f"Orifice '{self.name}': laminar is {self.laminar!r}; give a small fraction such as "
+            "1e-5.",
         )
 
     def requires(self) -> Iterable[Any]:
@@ -147,7 +151,8 @@ class Orifice:
             yield from self.area.requires()
 
     def aperture(self, geometry: Geometry) -> Aperture:
-        """The effective area C_d A [m²] as a function of step length h [s] and time t [s] of its middle.
+        """The effective area C_d A [m²] as a function of step length h [s] and time t [s] of its
+        middle.
 
         The function raises InputError if a valve's area is negative or not a number.
         """
@@ -190,7 +195,8 @@ class Orifice:
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class WallHeat:
-    """A wall of constant temperature that heats or cools a chamber: Q = conductance (T_wall - T) [W].
+    """A wall of constant temperature that heats or cools a chamber: Q = conductance (T_wall - T)
+    [W].
 
     The heat counts as supplied in the energy balance.
 
@@ -218,7 +224,8 @@ class WallHeat:
         """Check the arguments, which the class describes; raises `InputError`."""
         check(
             0 <= self.conductance < math.inf and 0 < self.temperature < math.inf,
-            f"WallHeat '{self.name}': conductance {self.conductance!r} W/K and temperature {self.temperature!r} K must "
+            f"WallHeat '{self.name}': conductance {self.conductance!r} W/K and temperature "
+            f"{self.temperature!r} K must "
             "be positive.",
         )
 

@@ -1,8 +1,9 @@
-"""Parts of a closed surface that are not connected, all of which must have their normals on one side.
+"""Parts of a closed surface that are not connected, all of which must have their normals on one
+side.
 
-The triangles of one part agree with each other, since neighbours do.  Nothing relates the normals of one
-part to those of another: a part that is inside out counts its volume as negative, and the gas pulls it
-inwards.
+The triangles of one part agree with each other, since neighbours do.  Nothing relates the normals
+of one part to those of another: a part that is inside out counts its volume as negative, and the
+gas pulls it inwards.
 """
 
 from __future__ import annotations
@@ -61,8 +62,8 @@ class _Part:
 def label_parts(table: EdgeTable, cells: Cells) -> Array:
     """Number the connected parts of a surface.  Collective.
 
-    Each rank finds the parts of its triangles, ghosts included, and gives each the lowest number of a
-    triangle in it.  Ranks exchange these numbers until none changes.
+    Each rank finds the parts of its triangles, ghosts included, and gives each the lowest number of
+    a triangle in it.  Ranks exchange these numbers until none changes.
 
     Args:
         table: edges of the mesh.
@@ -108,8 +109,8 @@ def label_parts(table: EdgeTable, cells: Cells) -> Array:
 def check_normals(film: Membrane, chamber: str, cells: Cells, labels: Array, x: Array) -> None:
     """Check that the parts of a closed surface have their normals on the same side.  Collective.
 
-    A part inside another one may be a hollow, whose normals then point into it; only parts that are not
-    inside another one are compared.  Flat parts have no volume and are not examined.
+    A part inside another one may be a hollow, whose normals then point into it; only parts that are
+    not inside another one are compared.  Flat parts have no volume and are not examined.
 
     Args:
         film: whose triangles bound the chamber.
@@ -154,7 +155,8 @@ def check_normals(film: Membrane, chamber: str, cells: Cells, labels: Array, x: 
         if part.volume * outer[0].volume < 0:
             middle = ", ".join(f"{value:.4g}" for value in (part.low + part.high) / 2)
             raise InputError(
-                f"Chamber '{chamber}': one of the {len(parts)} parts of '{film.name}' is inside out, "
+                f"Chamber '{chamber}': one of the {len(parts)} parts of '{film.name}' is inside "
+                "out, "
                 f"the one about ({middle}) m, whose volume of {abs(part.volume):.4g} m³ would be "
                 "subtracted from the others; turn its normals (gmsh: model.mesh.reverse)."
             )

@@ -1,8 +1,8 @@
 """Rings: closed lines of film edges, as openings for gas and as virtual walls between chambers.
 
 Problem.  A folded tube has compartments that gas leaves through its folds.  No film closes such a
-compartment, yet its volume, the pressure force on its film and the opening have to be defined, for a
-ring of any deformed shape, such that energy and momentum are conserved.
+compartment, yet its volume, the pressure force on its film and the opening have to be defined, for
+a ring of any deformed shape, such that energy and momentum are conserved.
 
 Idea.  Strips between opposite edges of the ring span a surface x(s, r) = (1 - r) x_a(s) + r x_b(s)
 between edge x_a of one side and edge x_b of the other.  With n = x,s × x,r
@@ -11,10 +11,10 @@ between edge x_a of one side and edge x_b of the other.  With n = x,s × x,r
     G[w] = ∫∫ n·w ds dr       gradient of the volume, quadratic in x                 (2)
     V = ⅓ G[x]                share of the enclosed volume, cubic in x               (3)
 
-summed over the strips.  The sum of n over a closed surface is zero, so the pressure has no resultant.
-The nodes of the ring bear the pressure on the strips.  A node is coupled to those of two strips only,
-and the pressure is spread as the strips' areas are.  (A fan from the centre of the ring was the
-alternative: it would couple every node to all others.)
+summed over the strips.  The sum of n over a closed surface is zero, so the pressure has no
+resultant. The nodes of the ring bear the pressure on the strips.  A node is coupled to those of two
+strips only, and the pressure is spread as the strips' areas are.  (A fan from the centre of the
+ring was the alternative: it would couple every node to all others.)
 
 Algorithm.
 
@@ -93,8 +93,8 @@ class Edge(NamedTuple):
 class Ring:
     """A closed line of film edges.
 
-    As the `area` of an `Orifice` it is the opening |½ ∮ x × dx| [m²] in its deformed shape, taken half
-    a step ahead of the known state: a folded tube chokes where it is folded.  In
+    As the `area` of an `Orifice` it is the opening |½ ∮ x × dx| [m²] in its deformed shape, taken
+    half a step ahead of the known state: a folded tube chokes where it is folded.  In
     `Chamber(rings=...)` it is spanned by strips, which close the chamber.
 
     Args:
@@ -118,9 +118,11 @@ class Ring:
 
         Returns:
             An array (n, 5): for each edge its two end vertices, its two end nodes and the node
-            between them (or -1), in global numbers.  The walk starts at the vertex with the lowest x
+            between them (or -1), in global numbers.  The walk starts at the vertex with the lowest
+            x
             on the mesh, of those the lowest y, then z: at the same vertex for any number of ranks,
-            and at the seam of a tube that is pressed flat, so that opposite edges lie on each other.
+            and at the seam of a tube that is pressed flat, so that opposite edges lie on each
+            other.
 
         Raises:
             InputError: the edges do not form one closed line.
@@ -128,7 +130,10 @@ class Ring:
         edges = sorted(
             edge for part in self.body.comm.allgather(self._own_edges()) for edge in part
         )
-        message = f"Ring: the edges '{self.edges}' of '{self.body.name}' form no closed line; name a group that does."
+        message = (
+            f"Ring: the edges '{self.edges}' of '{self.body.name}' form no closed line; name a "
+            "group that does."
+        )
         edges_at: dict[int, list[int]] = {}
         for i, edge in enumerate(edges):
             edges_at.setdefault(edge.first_vertex, []).append(i)
@@ -241,7 +246,8 @@ class Loop:
         across_slope = np.broadcast_to([-1.0, 1.0], across.shape)
 
         def at_points(along: Array, sideways: Array) -> Array:
-            """Products (g, k) of functions along a strip and across; the nodes of side a come first."""
+            """Products (g, k) of functions along a strip and across; the nodes of side a come
+            first."""
             products = np.einsum("si,rj->srji", along, sideways)
             points = len(along) * len(sideways)
             return products.reshape(points, -1)
@@ -302,7 +308,8 @@ class Loop:
     def aperture_gradient(self, h: float) -> Array:
         """∂|a|/∂q0 (nodes, 3) [m] of `aperture`; that by v0 is ½ h times as large.  Collective.
 
-        With e = a/|a| the change of |a| is e·δa, and by (1) e·δa = ∫∫ δx,s·(x,r × e) + δx,r·(e × x,s) ds dr.
+        With e = a/|a| the change of |a| is e·δa, and by (1) e·δa = ∫∫ δx,s·(x,r × e) + δx,r·(e ×
+        x,s) ds dr.
         """
         X = self._predicted(h)
         xs, xr = self._strip_tangents(X)
@@ -345,7 +352,8 @@ class Loop:
         self._X0 = self._X1
 
     def products(self) -> Array:
-        """The ring's share of G(q1)·q1, of the sum of its terms' sizes, and of G(q̄)·(q1 - q0), [m³].
+        """The ring's share of G(q1)·q1, of the sum of its terms' sizes, and of G(q̄)·(q1 - q0),
+        [m³].
 
         An array (3,): three volumes, a magnitude for round-off, and a swept volume.
         """
@@ -390,7 +398,8 @@ class Loop:
         values[self._own - start] += G[self._mine]
 
     def add_tangent(self, A: PETSc.Mat, scale: float) -> None:
-        """Add scale · α · ∂G/∂q at q̄, the derivative of scale · G(q̄) by q1; each rank adds its rows."""
+        """Add scale · α · ∂G/∂q at q̄, the derivative of scale · G(q̄) by q1; each rank adds its
+        rows."""
         # δG_i = Σ_j a_ij × δx_j, from δn = δx,s × x,r + x,s × δx,r
         shape = (self._row_count, 3, self._column_indices.shape[1])
         blocks = np.empty(shape)

@@ -1,9 +1,9 @@
 """Chambers of films that are sewn together, and the strips that close them along seams.
 
 Problem.  The panels of a sewn body have separate edges.  Along a seam the edges of two panels are
-tied, but with different meshes they do not coincide between the nodes, and while the seam closes they
-are apart.  The volume, its gradient and the pressure force need a closed surface: only then is the
-resultant of the pressure zero.
+tied, but with different meshes they do not coincide between the nodes, and while the seam closes
+they are apart.  The volume, its gradient and the pressure force need a closed surface: only then is
+the resultant of the pressure zero.
 
 Idea.  A strip spans the gap.  With σ the fraction of arc length,
 
@@ -14,7 +14,8 @@ and the volume of the strip, its gradient and tangent are those of the strips of
 
 Algorithm.
 
-1. The nodes of both edges divide the strip in segments, on each of which x_a and x_b are polynomials.
+1. The nodes of both edges divide the strip in segments, on each of which x_a and x_b are
+   polynomials.
 2. The surface is closed if every edge of a triangle is that of another triangle, or on a seam once.
 3. Normals of different films are turned so that they agree across the seams: a film whose normals
    point the other way counts with the sign -1.
@@ -105,7 +106,8 @@ class SeamStrip:
     def _edges_of(
         self, line: EdgeLine, begins: Array, ends: Array
     ) -> tuple[np.ndarray, Array, Array]:
-        """For segments between fractions: the edge (n,) of a line, and the part of it from ξ0 to ξ1."""
+        """For segments between fractions: the edge (n,) of a line, and the part of it from ξ0 to
+        ξ1."""
         middle = (begins + ends) / 2
         edges = np.searchsorted(line.fractions, middle, side="right") - 1
         start = line.fractions[edges]
@@ -138,7 +140,7 @@ class SeamStrip:
         self._ds = np.concatenate(along, axis=2)
         self._dr = np.concatenate(across, axis=2)
 
-    # ---- a step ------------------------------------------------------------------------------------
+    # ---- a step ----------------------------------------------------------------------------------
 
     def follow(self) -> None:
         """Evaluate volume and gradients at q1 of the system.  Collective."""
@@ -174,7 +176,8 @@ class SeamStrip:
         )
 
     def add_tangent(self, A: PETSc.Mat, scale: float) -> None:
-        """Add scale · α · ∂G/∂q at q_mid, the derivative of scale · G(q_mid) by q1; each rank adds its rows."""
+        """Add scale · α · ∂G/∂q at q_mid, the derivative of scale · G(q_mid) by q1; each rank adds
+        its rows."""
         xs, xr = self._tangents(self._middle())
         # δG_i = Σ_j a_ij × δx_j, as in `gas.ring`
         by_xr = np.einsum("ngi,ngj,ngd->nijd", self._test, self._dr, xs, optimize=True)
@@ -221,7 +224,8 @@ class SewnEnclosure:
     def __init__(self, films: Sequence[Membrane], seams: Sequence[SewnEdges], chamber: str) -> None:
         check(
             bool(films) and bool(seams),
-            f"Chamber '{chamber}': several films are given without seams; give the seams that close them.",
+            f"Chamber '{chamber}': several films are given without seams; give the seams that "
+            "close them.",
         )
         self.films = tuple(films)
         self.seams = tuple(seams)
@@ -245,8 +249,8 @@ class SewnEnclosure:
         """The enclosure in a running scene.  Collective.
 
         Raises:
-            InputError: the surface is open, an edge is sewn twice, a seam is on another film, or normals
-                of neighbouring triangles are opposite.
+            InputError: the surface is open, an edge is sewn twice, a seam is on another film, or
+                normals of neighbouring triangles are opposite.
         """
         lines = [seam.lines(system.initial) for seam in self.seams]
         signs, strip_signs = self._orient(lines)
@@ -284,7 +288,8 @@ class SewnEnclosure:
         for film, sign in zip(self.films, signs, strict=True):
             check(
                 sign != 0,
-                f"Chamber '{self.chamber}': no seam joins '{film.name}' to the other films; sew it to them, or "
+                f"Chamber '{self.chamber}': no seam joins '{film.name}' to the other films; sew it "
+                "to them, or "
                 "leave it out.",
             )
         strip_signs = []
@@ -293,7 +298,8 @@ class SewnEnclosure:
             of_b = signs[numbers[id(line_b.body)]] * d_b
             check(
                 of_a == -of_b,
-                f"Chamber '{self.chamber}': normals of the films change sides across '{seam.name}'; orient the panels "
+                f"Chamber '{self.chamber}': normals of the films change sides across "
+                f"'{seam.name}'; orient the panels "
                 "consistently (gmsh: model.mesh.reverse).",
             )
             # The strip passes the edges of a against the film, as a neighbour triangle would.
@@ -301,7 +307,8 @@ class SewnEnclosure:
         return signs, strip_signs
 
     def _directions(self, lines: Sequence[tuple[EdgeLine, EdgeLine]]) -> list[tuple[float, float]]:
-        """For both edges of each seam: 1 if the triangles pass the line in the direction of its walk, else -1.
+        """For both edges of each seam: 1 if the triangles pass the line in the direction of its
+        walk, else -1.
 
         Checks that the surface is closed.  Collective.
         """
@@ -333,20 +340,23 @@ class SewnEnclosure:
             for line in both:
                 check(
                     any(line.body is film for film in self.films),
-                    f"Chamber '{self.chamber}': the seam '{seam.name}' is on '{line.body.name}', which does not "
+                    f"Chamber '{self.chamber}': the seam '{seam.name}' is on '{line.body.name}', "
+                    "which does not "
                     "bound it; add the film to the enclosure.",
                 )
         names = ", ".join(f"'{film.name}'" for film in self.films)
         check(
             is_open == 0,
-            f"Chamber '{self.chamber}': {is_open} edges of {names} are open, or sewn twice; give each open edge of "
+            f"Chamber '{self.chamber}': {is_open} edges of {names} are open, or sewn twice; give "
+            "each open edge of "
             "the panels one seam.",
         )
         sums = comm.allreduce(sums)
         lengths = np.array([[len(line.nodes) for line in both] for both in lines])
         check(
             is_twisted == 0 and bool((np.abs(sums) == lengths).all()),
-            f"Chamber '{self.chamber}': neighbouring triangles of {names} have opposite normals; orient each film "
+            f"Chamber '{self.chamber}': neighbouring triangles of {names} have opposite normals; "
+            "orient each film "
             "consistently (gmsh: model.mesh.reverse).",
         )
         return [(float(a), float(b)) for a, b in np.sign(sums)]
@@ -354,7 +364,8 @@ class SewnEnclosure:
 
 @dataclass
 class _SignedSurface:
-    """One film of a chamber: its surface, the index of the chamber in it, and the sign of its normals."""
+    """One film of a chamber: its surface, the index of the chamber in it, and the sign of its
+    normals."""
 
     surface: FilmSurface
     index: int

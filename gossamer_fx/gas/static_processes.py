@@ -1,8 +1,8 @@
 """Gas at rest: what stays constant in a chamber while an equilibrium is looked for.
 
-An adiabatic chamber cools while its film unfolds: a bag that takes ten times its first volume ends at
-0.4 of its first temperature.  At rest a film has the temperature of its surroundings, or its pressure is
-held by a blower.  Here the energy balance of `balance` is replaced by one of
+An adiabatic chamber cools while its film unfolds: a bag that takes ten times its first volume ends
+at 0.4 of its first temperature.  At rest a film has the temperature of its surroundings, or its
+pressure is held by a blower.  Here the energy balance of `balance` is replaced by one of
 
     isothermal       p1 V = m1 R T0                                                           (1)
     held pressure    p1 = p0,   m1 = p0 V/(R T0)                                              (2)
@@ -43,7 +43,8 @@ class IsothermalBalance(Balance):
         return np.concatenate([pressure_energy - thermal_energy, mass_balance])
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
-        """Derivatives (2n, 2n) and (2n, n) of the residual [J, kg] by pressures and masses y, and by volumes V [m³]."""
+        """Derivatives (2n, 2n) and (2n, n) of the residual [J, kg] by pressures and masses y, and
+        by volumes V [m³]."""
         n = self._n
         by_y, by_V = super().derivatives(y, V, W)
         heat_factor = self._gas.gamma - 1
@@ -71,7 +72,8 @@ class HeldPressureBalance(Balance):
         return np.concatenate([excess_energy, excess_mass])
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
-        """Derivatives (2n, 2n) and (2n, n) of the residual [J, kg] by pressures and masses y, and by volumes V [m³]."""
+        """Derivatives (2n, 2n) and (2n, n) of the residual [J, kg] by pressures and masses y, and
+        by volumes V [m³]."""
         n = self._n
         heat_factor = self._gas.gamma - 1
         excess_pressure = y[:n] - self._p0

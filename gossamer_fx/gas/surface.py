@@ -1,6 +1,7 @@
 """The surface of a film that bounds one or more chambers: volumes, gradients, forces and tangent.
 
-For chamber c with the deformed area vector n dA of its part of the film and the strips of its rings:
+For chamber c with the deformed area vector n dA of its part of the film and the strips of its
+rings:
 
     G_c[w] = ∫ n·w dA                  gradient of the volume, quadratic in x              (1)
     V_c = ⅓ ∫ x·n dA = ⅓ G_c(q)·q      since the volume is homogeneous of degree three     (2)
@@ -9,13 +10,14 @@ For chamber c with the deformed area vector n dA of its part of the film and the
 
 Algorithm.  In every iteration:
 
-1. One linear form with discontinuous test functions gives (1) triangle by triangle, at q̄ and at q1.
+1. One linear form with discontinuous test functions gives (1) triangle by triangle, at q̄ and at
+   q1.
 2. A sparse matrix of ones adds up the triangles of each chamber, node by node.
 3. Sums over ranks give (2) and (3); rank 0 adds the strips of the rings, which every rank knows.
 4. `add_force` adds pressure · G_c(q̄); one bilinear form gives the tangent of all chambers.
 
-Cost: two assemblies of a vector and one of a matrix in an iteration, however many chambers share the
-film.  A form for each chamber would cost as many assemblies as there are chambers.
+Cost: two assemblies of a vector and one of a matrix in an iteration, however many chambers share
+the film.  A form for each chamber would cost as many assemblies as there are chambers.
 """
 
 from __future__ import annotations
@@ -88,7 +90,8 @@ class FilmSurface:
         self._local_size = system.numbering.size_local
         self._alpha = system.rule.alpha
         self._form: fem.Form | None = None
-        # Owned parts of G_c(q̄) and G_c(q1) of the present iterate, once they were asked for, by chamber
+        # Owned parts of G_c(q̄) and G_c(q1) of the present iterate, once they were asked for, by
+        # chamber
         self._totals_at_mid: dict[int, Array] = {}
         self._totals_at_end: dict[int, Array] = {}
 
@@ -134,7 +137,8 @@ class FilmSurface:
         self._initial_volume: Array = np.zeros(len(self._sides))
 
     def _restriction(self) -> dict[str, Any]:
-        """Arguments of a measure on the triangles of all chambers; none if that is the whole film."""
+        """Arguments of a measure on the triangles of all chambers; none if that is the whole
+        film."""
         of_sides = [side.cells for side in self._sides]
         cells = np.unique(np.concatenate(of_sides))
         owned = self.film.mesh.domain.topology.index_map(2).size_local
@@ -146,8 +150,8 @@ class FilmSurface:
     def _compile_sum(self, broken: fem.FunctionSpace) -> None:
         """The sum over the triangles of each chamber, node by node, as a sparse matrix of ones.
 
-        Its rows are the nodes of one chamber after another: chamber c has the rows from starts[c] to
-        starts[c + 1], and a node shared by two chambers has two rows.
+        Its rows are the nodes of one chamber after another: chamber c has the rows from starts[c]
+        to starts[c + 1], and a node shared by two chambers has two rows.
         """
         # Imported here, as chambers that are rigid or have a piston do not need SciPy.
         from scipy.sparse import csr_matrix
@@ -170,7 +174,7 @@ class FilmSurface:
         shape = (self._starts[-1], len(self._parts) // 3)
         self._sum = csr_matrix((ones, (all_rows, all_columns)), shape=shape)
 
-    # ---- the step ----------------------------------------------------------------------------------
+    # ---- the step --------------------------------------------------------------------------------
 
     def follow(self) -> None:
         """Evaluate volumes and gradients at q1 of the system.  Collective; loops have followed."""
@@ -222,7 +226,8 @@ class FilmSurface:
         return slice(self._starts[c], self._starts[c + 1])
 
     def _gradient(self, share: float) -> Array:
-        """G at (1 - share) q0 + share q1 from this rank's triangles, at the nodes of each chamber [m²]."""
+        """G at (1 - share) q0 + share q1 from this rank's triangles, at the nodes of each chamber
+        [m²]."""
         q0 = self._fields.q0.x.array
         q1 = self._fields.q1.x.array
         if share == END_OF_STEP:
@@ -235,14 +240,16 @@ class FilmSurface:
         G: Array = self._sum @ self._parts.reshape(-1, 3)
         return G
 
-    # ---- one chamber -------------------------------------------------------------------------------
+    # ---- one chamber -----------------------------------------------------------------------------
 
     def add_force(self, c: int, values: Array) -> None:
-        """Subtract the force of chamber c, pressure · G_c(q̄) [N], from the owned part of a residual."""
+        """Subtract the force of chamber c, pressure · G_c(q̄) [N], from the owned part of a
+        residual."""
         values[self._owned] -= self.pressures[c] * self._total_at_mid(c)
 
     def gradients(self, c: int) -> tuple[Array, Array, Array]:
-        """G_c(q̄), ∂V_c/∂q1 and ∂W_c/∂q1 by (4), [m²]; owned parts of system vectors.  Collective."""
+        """G_c(q̄), ∂V_c/∂q1 and ∂W_c/∂q1 by (4), [m²]; owned parts of system vectors.
+        Collective."""
         at_mid = self._total_at_mid(c)
         at_end = self._total_at_end(c)
         of_swept = at_end
@@ -256,7 +263,8 @@ class FilmSurface:
         )
 
     def _in_system(self, values: Array) -> Array:
-        """This rank's part of a system vector, with values at the unknowns of the film and else zero."""
+        """This rank's part of a system vector, with values at the unknowns of the film and else
+        zero."""
         vector = np.zeros(self._local_size)
         vector[self._owned] = values
         return vector
@@ -281,7 +289,8 @@ class FilmSurface:
         G: Array,
         of_loops: list[Array],
     ) -> Array:
-        """Sum over all ranks of a gradient on the triangles of a chamber and on its loops; owned part.
+        """Sum over all ranks of a gradient on the triangles of a chamber and on its loops; owned
+        part.
 
         Args:
             c: index of the chamber.
@@ -301,7 +310,8 @@ class FilmSurface:
         return total
 
     def tangents(self) -> Iterable[fem.Form]:
-        """The bilinear form of the derivative of all chambers' forces by q1, without those on strips.
+        """The bilinear form of the derivative of all chambers' forces by q1, without those on
+        strips.
 
         It takes the current `pressures`, which add up on triangles that two chambers share.
         """

@@ -1,4 +1,5 @@
-"""Items that hold gas: chambers and tanks, whose state changes, and boundaries, whose state is constant."""
+"""Items that hold gas: chambers and tanks, whose state changes, and boundaries, whose state is
+constant."""
 
 from __future__ import annotations
 
@@ -74,7 +75,8 @@ class Ambient:
         """Check the arguments, which the class describes; raises `InputError`."""
         check(
             math.isfinite(self.pressure) and self.pressure >= 0,
-            f"Ambient '{self.name}': pressure is {self.pressure!r} Pa; give zero (vacuum) or a positive number.",
+            f"Ambient '{self.name}': pressure is {self.pressure!r} Pa; give zero (vacuum) or a "
+            "positive number.",
         )
         check_positive(self, "temperature", "K")
 
@@ -92,19 +94,19 @@ class Chamber:
     from which the gas comes.
 
     Args:
-        enclosure: the closed film that bounds it, several films that are sewn together, or a `Piston`;
-            None for a rigid chamber.
+        enclosure: the closed film that bounds it, several films that are sewn together, or a
+            `Piston`; None for a rigid chamber.
         gas: the gas; the same for all chambers of a scene.
         pressure: initial absolute pressure [Pa], > 0.
         temperature: initial temperature [K], > 0.
-        dead_volume: rigid volume [m³] that is added to the enclosed one (pipes, a valve); > 0 if the
-            enclosure is flat at the start.
+        dead_volume: rigid volume [m³] that is added to the enclosed one (pipes, a valve); > 0 if
+            the enclosure is flat at the start.
         volume: volume [m³] of a rigid chamber, > 0; None with an enclosure.
         surface: names of the groups of triangles that bound the chamber; empty for the whole film.
-        rings: closed lines of film edges where no film closes the chamber.  Gas passes there only if
-            an `Orifice` has the ring as its area.
-        seams: those that close the film or films; they join the scene with the chamber.  Let the gas in
-            when they are closed: gas in an open gap pushes, but does not leave.
+        rings: closed lines of film edges where no film closes the chamber.  Gas passes there only
+            if an `Orifice` has the ring as its area.
+        seams: those that close the film or films; they join the scene with the chamber.  Let the
+            gas in when they are closed: gas in an open gap pushes, but does not leave.
         outside: what acts on the outer side of the film; None for a vacuum.
         name: in messages, outputs and `run.chamber(name)`.
 
@@ -144,18 +146,21 @@ class Chamber:
         _check_state(f"{type(self).__name__} '{name}'", pressure, temperature)
         check(
             (volume is not None) == (enclosure is None),
-            f"Chamber '{name}': give either a film (or piston) that encloses it, or the volume of a rigid chamber.",
+            f"Chamber '{name}': give either a film (or piston) that encloses it, or the volume of "
+            "a rigid chamber.",
         )
         self.fixed_volume = _rigid_part(name, dead_volume, volume)
         check(
             isinstance(enclosure, Membrane) or not (surface or rings),
-            f"Chamber '{name}': surface and rings belong to a film; give one as enclosure, or leave them out.",
+            f"Chamber '{name}': surface and rings belong to a film; give one as enclosure, or "
+            "leave them out.",
         )
         self.seams = tuple(seams)
         self.enclosure = _enclosure(enclosure, surface, rings, self.seams, name)
 
     def requires(self) -> Iterable[Any]:
-        """The bodies of the enclosure and the surroundings, which join the scene with the chamber."""
+        """The bodies of the enclosure and the surroundings, which join the scene with the
+        chamber."""
         if self.enclosure is not None:
             yield from self.enclosure.requires()
         if self.outside is not None:
@@ -225,14 +230,16 @@ def _enclosure(
 
         check(
             not (surface or rings),
-            f"Chamber '{chamber}': seams are given together with surface or rings; sew all of the film, or "
+            f"Chamber '{chamber}': seams are given together with surface or rings; sew all of the "
+            "film, or "
             "leave them out.",
         )
         films = (enclosure,) if isinstance(enclosure, Membrane) else tuple(enclosure)
         return SewnEnclosure(films, seams, chamber)
     check(
         not seams,
-        f"Chamber '{chamber}': seams belong to films; give them as enclosure, or leave the seams out.",
+        f"Chamber '{chamber}': seams belong to films; give them as enclosure, or leave the seams "
+        "out.",
     )
     return enclosure
 

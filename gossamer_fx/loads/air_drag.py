@@ -27,27 +27,30 @@ MIN_SQUARED_AREA_RATIO = 1e-30
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class AirDrag:
-    """Drag of thin air on a film or plate: a pressure along the deformed normal n against the normal velocity.
+    """Drag of thin air on a film or plate: a pressure along the deformed normal n against the
+    normal velocity.
 
         δW = -½ ρ C ∫|vₙ| vₙ n·w da,    vₙ = n·(v - u),    da the deformed area
 
-    v is the velocity of the film at the middle of the step, (x1 - x0)/h, so that the loss ½ ρ C ∫|vₙ|³ da closes the
-    balance of energy exactly; the work of the wind u counts as supplied.  |vₙ| vₙ has a continuous derivative, at
-    zero, too.  Each piece of film is slowed as if it were alone in the flow.  Left out are the friction along it,
-    its wake, the shelter behind other pieces, and the air that it carries along, whose mass per area is about ρ
-    times the width of the film.  In an `Equilibrium` still air has no part, and wind presses with ½ ρ C uₙ².
-    (`Drag` is the free-molecular flow of an orbit.)
+    v is the velocity of the film at the middle of the step, (x1 - x0)/h, so that the loss ½ ρ C
+    ∫|vₙ|³ da closes the balance of energy exactly; the work of the wind u counts as supplied.  |vₙ|
+    vₙ has a continuous derivative, at zero, too.  Each piece of film is slowed as if it were alone
+    in the flow.  Left out are the friction along it, its wake, the shelter behind other pieces, and
+    the air that it carries along, whose mass per area is about ρ times the width of the film.  In
+    an `Equilibrium` still air has no part, and wind presses with ½ ρ C uₙ². (`Drag` is the
+    free-molecular flow of an orbit.)
 
     Args:
         body: the film.
         density: ρ [kg/m³]; of air with the pressure p and the temperature T it is p/(287 T).
-        drag_coefficient: C of a piece across the flow, for both faces; 1.2 is about that of a square or round plate at
-            Reynolds numbers from 1000 on (S. F. Hoerner, Fluid-Dynamic Drag, 1965, chapter 3).  Where the mean free
-            path, 7 mm at 1 Pa, is not short compared with the film, air takes more, in proportion to vₙ.
+        drag_coefficient: C of a piece across the flow, for both faces; 1.2 is about that of a
+            square or round plate at Reynolds numbers from 1000 on (S. F. Hoerner, Fluid-Dynamic
+            Drag, 1965, chapter 3).  Where the mean free path, 7 mm at 1 Pa, is not short compared
+            with the film, air takes more, in proportion to vₙ.
         wind: velocity u of the air [m/s].
 
-    Exact solution: a flat film of areal mass σ that is thrown along its normal has 1/v = 1/v0 + ρ C t/(2 σ); one that
-    falls comes to v = √(2 σ g/(ρ C)).
+    Exact solution: a flat film of areal mass σ that is thrown along its normal has 1/v = 1/v0 + ρ C
+    t/(2 σ); one that falls comes to v = √(2 σ g/(ρ C)).
 
     Example:
         >>> gx.loads.AirDrag(film, 1.2, wind=(0.0, 0.0, 3.0)).drag_coefficient
@@ -68,7 +71,8 @@ class AirDrag:
         check_positive(self, "density", "kg/m³")
         check(
             math.isfinite(self.drag_coefficient) and self.drag_coefficient > 0,
-            f"AirDrag '{self.name}': drag_coefficient is {self.drag_coefficient!r}; give a positive number.",
+            f"AirDrag '{self.name}': drag_coefficient is {self.drag_coefficient!r}; give a "
+            "positive number.",
         )
 
     def requires(self) -> Iterable[Any]:
@@ -84,7 +88,8 @@ class AirDrag:
         u = None
         if any(self.wind):
             u = fem.Constant(mesh, tuple(map(float, self.wind)))
-        # Exact for a flat film and velocities of one sign; where the sign changes no degree is exact.
+        # Exact for a flat film and velocities of one sign; where the sign changes no degree is
+        # exact.
         dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": 3 * film.order})
 
         def work(x: Expr, v: Expr, w: Expr) -> ufl.Form:

@@ -41,7 +41,8 @@ class AttachedLoads(
     IndependentOfShape,
     CompiledTerms["AttachedLoad"],
 ):
-    """All `AttachedLoad` terms of a scene: forces M (a + A (X - c)) on the attached vectors X of masses M."""
+    """All `AttachedLoad` terms of a scene: forces M (a + A (X - c)) on the attached vectors X of
+    masses M."""
 
     def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:
         """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
@@ -131,7 +132,10 @@ class AttachedLoads(
         # Its accelerations are numbers of loads, which it does not derive.
         if not self._masses:
             return ""
-        return f"'{self._name}' acts on masses that are attached to its body; leave them out of the scene"
+        return (
+            f"'{self._name}' acts on masses that are attached to its body; leave them out of the "
+            "scene"
+        )
 
     def supplied(self) -> float:
         ends = zip(self._forces(), self._X0, self._vectors(self._system.q1), strict=True)
@@ -140,7 +144,8 @@ class AttachedLoads(
 
 @dataclass(frozen=True, eq=False)
 class AttachedLoad:
-    """Acceleration a + A (x - c) of a body, of the masses that other parts attach to it: a, c (3,), A (3, 3)."""
+    """Acceleration a + A (x - c) of a body, of the masses that other parts attach to it: a, c (3,),
+    A (3, 3)."""
 
     name: str
     body: Body
@@ -151,7 +156,8 @@ class AttachedLoad:
 
 
 def _of_points(port: Port, body: Body) -> float:
-    """Sum of the weights of positions: one for a point of the body, zero for a direction or another body."""
+    """Sum of the weights of positions: one for a point of the body, zero for a direction or another
+    body."""
     if port.body is not body:
         return 0.0
     vectors = port.vectors or (0,) * len(port.nodes)

@@ -49,12 +49,14 @@ class _OnVectors:
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Centrifugal:
-    """Centrifugal force of a body in axes that turn with a constant angular velocity Ω about a point c.
+    """Centrifugal force of a body in axes that turn with a constant angular velocity Ω about a
+    point c.
 
         δW = M-weighted (|Ω|² 1 - Ω Ωᵀ)(q - c)·w   over positions and directors
 
     With it an equilibrium is the steady spin as seen from these axes: find it, then start with
-    `StartFrom` and `RigidMotion` of the same spin; `analysis.modes` about it add the Coriolis force.
+    `StartFrom` and `RigidMotion` of the same spin; `analysis.modes` about it add the Coriolis
+    force.
 
     Args:
         body: any body.

@@ -1,4 +1,5 @@
-"""Damping of films, cables and beams, off unless it is part of the scene; its loss counts as dissipated."""
+"""Damping of films, cables and beams, off unless it is part of the scene; its loss counts as
+dissipated."""
 
 from __future__ import annotations
 
@@ -25,23 +26,25 @@ Body = Membrane | Cable | Beam
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Damping:
-    """Mass- and stiffness-proportional damping of a film, plate, cable or beam; its loss counts as dissipated.
+    """Mass- and stiffness-proportional damping of a film, plate, cable or beam; its loss counts as
+    dissipated.
 
     A mode of angular frequency ω loses the fraction ζ = α/(2ω) + β ω/2 of critical damping.
 
     Args:
         body: a film, plate, cable or beam.
-        mass_factor: α [1/s]; force -α ρt v per area, or -α μ v per length.  It slows every motion, rigid
-            ones, too.
-        stiffness_factor: β [s]; stress β C Ė with the elastic matrix C of the taut film, cable or beam
-            (Kelvin-Voigt).  Rigid motions are free.
-        tension_only: whether C is the stiffness ψ''(e) that a film has at the start of each step: in full
-            where it is taut, along the folds where it is wrinkled, nearly zero where it is slack.
+        mass_factor: α [1/s]; force -α ρt v per area, or -α μ v per length.  It slows every motion,
+            rigid ones, too.
+        stiffness_factor: β [s]; stress β C Ė with the elastic matrix C of the taut film, cable or
+            beam (Kelvin-Voigt).  Rigid motions are free.
+        tension_only: whether C is the stiffness ψ''(e) that a film has at the start of each step:
+            in full where it is taut, along the folds where it is wrinkled, nearly zero where it is
+            slack.
         name: name in messages and output.
 
     Raises:
-        InputError: factors that are negative or both zero, `tension_only` of another body than a film or
-            without a stiffness factor.
+        InputError: factors that are negative or both zero, `tension_only` of another body than a
+            film or without a stiffness factor.
 
     Example:
         >>> gx.Damping(film, stiffness_factor=1e-4, tension_only=True).name
@@ -67,7 +70,8 @@ class Damping:
         check(
             not self.tension_only
             or (isinstance(self.body, Membrane) and self.stiffness_factor > 0),
-            f"Damping '{self.name}': tension_only is for the stiffness damping of films; leave it out, or give both.",
+            f"Damping '{self.name}': tension_only is for the stiffness damping of films; leave it "
+            "out, or give both.",
         )
 
     def requires(self) -> Iterable[Any]:

@@ -32,12 +32,12 @@ class EdgeLoad:
     Args:
         body: a film or plate.
         edges: name of curves of its mesh, on its rim or inside it.
-        force: f [N/m], three numbers or a function of time [s] that returns them: its direction in space
-            stays.
-        normal_force: instead of a force, p [N/m] of f = p ν along the normal ν of a rim, in the film's
-            plane and outwards; a number or a function of time [s].
-        following: whether ν turns with the deformed film (δW = ∫p ν·w ds, |ν| = 1), or stays that of the
-            mesh.
+        force: f [N/m], three numbers or a function of time [s] that returns them: its direction in
+            space stays.
+        normal_force: instead of a force, p [N/m] of f = p ν along the normal ν of a rim, in the
+            film's plane and outwards; a number or a function of time [s].
+        following: whether ν turns with the deformed film (δW = ∫p ν·w ds, |ν| = 1), or stays that
+            of the mesh.
         name: name in messages and output.
 
     Raises:
@@ -74,7 +74,8 @@ class EdgeLoad:
         check_on_all(
             film.comm,
             bool((sheets <= most_sheets).all()),
-            f"EdgeLoad: the group '{self.edges}' of '{film.name}' has edges where several sheets meet, or inside the "
+            f"EdgeLoad: the group '{self.edges}' of '{film.name}' has edges where several sheets "
+            "meet, or inside the "
             "film where a load has no normal; name edges of the rim, or give a force in space.",
         )
         if not self.name:
@@ -92,7 +93,8 @@ class EdgeLoad:
             yield self._across()
 
     def _measures(self) -> tuple[ufl.Measure | None, ufl.Measure | None]:
-        """Measures ds of the edges on the rim, and dS of those inside; None where there are none."""
+        """Measures ds of the edges on the rim, and dS of those inside; None where there are
+        none."""
         film = self.body
         domain = film.mesh.domain
         # Integrals over edges need the triangles next to them.

@@ -55,13 +55,15 @@ class EdgeMoment:
         check_on_all(
             self.body.comm,
             bool(self.body.mesh.edges.is_boundary[edges].all()),
-            f"EdgeMoment: the group '{self.edges}' has edges inside '{self.body.name}'; name a part of its rim.",
+            f"EdgeMoment: the group '{self.edges}' has edges inside '{self.body.name}'; name a "
+            "part of its rim.",
         )
         if not self.name:
             object.__setattr__(self, "name", f"{self.body.name}/{self.edges} moment")
         check(
             callable(self.moment) or math.isfinite(self.moment),
-            f"EdgeMoment '{self.name}': moment is {self.moment!r} N; give a finite number or a function of time.",
+            f"EdgeMoment '{self.name}': moment is {self.moment!r} N; give a finite number or a "
+            "function of time.",
         )
 
     def requires(self) -> Iterable[Any]:
@@ -88,8 +90,8 @@ class EdgeMoment:
                 source = f"EdgeMoment '{self.name}' at t = {t:.6g} s"
                 m.value = float(ask_numbers(plate.comm, source, lambda: value(t)))
 
-        # A couple on the rotation of the edge: the slope of the virtual displacement across the edge,
-        # along the normal of the deformed plate.
+        # A couple on the rotation of the edge: the slope of the virtual displacement across the
+        # edge, along the normal of the deformed plate.
         def work(x: Expr, w: Expr) -> ufl.Form:
             return m * ufl.dot(plate.bending.edge_normal(x), plate.bending.slope(w)) * ds
 

@@ -1,4 +1,5 @@
-"""Forces of a medium through which a body moves: its drag dissipates, and the work of a wind is supplied."""
+"""Forces of a medium through which a body moves: its drag dissipates, and the work of a wind is
+supplied."""
 
 from __future__ import annotations
 
@@ -21,8 +22,8 @@ from gossamer_fx.terms.loads import Loads, at_rate, rate_of
 class Drags(Loads, Dissipation):
     """All `FilmDrag` terms of a scene.
 
-    With the velocity v = (q1 - q0)/h of a step h δW[v] is the work of the force on the way from q0 to q1.  In a wind u
-    it is the sum of h δW[v - u], which is lost, and h δW[u], which is supplied.
+    With the velocity v = (q1 - q0)/h of a step h δW[v] is the work of the force on the way from q0
+    to q1.  In a wind u it is the sum of h δW[v - u], which is lost, and h δW[u], which is supplied.
     """
 
     def __init__(self, terms: Sequence[FilmDrag], system: Assembly) -> None:

@@ -45,9 +45,23 @@ class ConstantForce:
     def tangent(self, X: Array) -> Array:
         return np.zeros((X.size, X.size))
 
+    def get_number(self, key: str) -> Array:
+        return self.value
+
+    def with_number(self, key: str, value: Array) -> ConstantForce:
+        return ConstantForce(value)
+
+    def force_by_number(self, key: str, X: Array) -> Array:
+        """The force is the number itself."""
+        return np.eye(X.size)
+
 
 class ForceInTime:
-    """Force (3,) as a function of time, taken where forces act, e.g. at the middle of the step."""
+    """Force (3,) as a function of time, taken where forces act, e.g. at the middle of the step.
+
+    Attributes:
+        factor: number by which the function is multiplied; a parameter of gradients.
+    """
 
     depends_on_position_only = True
 
@@ -56,6 +70,7 @@ class ForceInTime:
         self._name = name
         self._value = value
         self._now: Array = np.zeros(3)
+        self.factor = 1.0
 
     def begin(
         self,
@@ -64,15 +79,28 @@ class ForceInTime:
         X: Array,
         V: Array,
     ) -> None:
-        """Ask the user's function for the force of a step from t [s], which acts `lag` [s] later."""
+        """Ask the user's function for the force of a step from t [s], which acts `lag` [s]
+        later."""
         # Once a step: the user's function is asked on rank 0 only, which costs a broadcast.
         self._now = at_time(self._comm, self._name, self._value, t + lag)
 
     def force(self, X: Array) -> Array:
-        return self._now
+        return self.factor * self._now
 
     def tangent(self, X: Array) -> Array:
         return np.zeros((3, 3))
+
+    def get_number(self, key: str) -> Array:
+        return np.array([self.factor])
+
+    def with_number(self, key: str, value: Array) -> ForceInTime:
+        changed = ForceInTime(self._comm, self._name, self._value)
+        changed.factor = float(value[0])
+        return changed
+
+    def force_by_number(self, key: str, X: Array) -> Array:
+        """The force without the factor, as a column."""
+        return self._now[:, None]
 
 
 def at_time(
@@ -86,13 +114,14 @@ def at_time(
 
 
 class Couple:
-    """A torque T on attached vectors r_i (directors, or arms between points): forces f_i = F × r_i with
+    """A torque T on attached vectors r_i (directors, or arms between points): forces f_i = F × r_i
+    with
 
         (tr S 1 - S) F = T,    S = Σ r_i r_iᵀ
 
-    Then Σ r_i × f_i = T whatever the lengths and angles of the vectors, so the angular momentum grows by exactly hT
-    also at the middle of a step, where directors are shorter than 1.  One vector alone takes the torque across it,
-    f = T × r/|r|².
+    Then Σ r_i × f_i = T whatever the lengths and angles of the vectors, so the angular momentum
+    grows by exactly hT also at the middle of a step, where directors are shorter than 1.  One
+    vector alone takes the torque across it, f = T × r/|r|².
     """
 
     depends_on_position_only = True
@@ -150,7 +179,8 @@ class ConstantTorque(Couple):
 
 
 class TorqueInTime(Couple):
-    """Torque (3,) in space axes as a function of time, taken where forces act, e.g. at the middle of the step."""
+    """Torque (3,) in space axes as a function of time, taken where forces act, e.g. at the middle
+    of the step."""
 
     def __init__(self, comm: MPI.Intracomm, name: str, value: History) -> None:
         super().__init__()
@@ -165,7 +195,8 @@ class TorqueInTime(Couple):
         X: Array,
         V: Array,
     ) -> None:
-        """Ask the user's function for the torque of a step from t [s], which acts `lag` [s] later."""
+        """Ask the user's function for the torque of a step from t [s], which acts `lag` [s]
+        later."""
         self.torque = at_time(self._comm, self._name, self._value, t + lag)
 
 
@@ -202,9 +233,10 @@ class Force:
         value = self.force
         if callable(value):
             law = ForceInTime(self.port.body.comm, self.name, value)
-            yield PointLoad(self.name, (self.port,), law)
+            # A function of time belongs to its user; a gradient has the number that multiplies it.
+            factor = (Parameter("factor", "", "factor"),)
+            yield PointLoad(self.name, (self.port,), law, factor)
             return
-        # Only a number can be a parameter of a gradient; a function of time belongs to its user.
         constant_force = ConstantForce(np.asarray(value, dtype=float))
         parameters = (Parameter("force", "N", "value"),)
         yield PointLoad(self.name, (self.port,), constant_force, parameters)
@@ -216,8 +248,8 @@ class Torque:
     """A torque on a rigid body, a beam's section or a `RigidRegion`; its work counts as supplied.
 
     Args:
-        frame: what it turns, e.g. `body.frame()`, or the line of a straight region, on which the torque
-            across it acts.
+        frame: what it turns, e.g. `body.frame()`, or the line of a straight region, on which the
+            torque across it acts.
         torque: [N m] in space axes, three numbers or a function of time [s] that returns them.
         name: name in messages and output.
 

@@ -96,6 +96,7 @@ class Gravity:
             ports = tuple(
                 Port(part.body, (node,), weights=(1.0,), vectors=(k,)) for k in range(len(mass))
             )
-            # Only the position, vector 0, is accelerated: the first column couples it to the others.
+            # Only the position, vector 0, is accelerated: the first column couples it to the
+            # others.
             force = np.outer(mass[:, 0], self.g)
             yield PointLoad(self.name, ports, ConstantForce(force.ravel()))

@@ -1,4 +1,5 @@
-"""The stiffness ψ''(e) of films at the start of each step, for losses that follow the state of the film."""
+"""The stiffness ψ''(e) of films at the start of each step, for losses that follow the state of the
+film."""
 
 from __future__ import annotations
 
@@ -50,7 +51,8 @@ class PresentStiffnesses(OnMeshes, StateObserver, CompiledTerms["PresentStiffnes
 
 @dataclass(frozen=True, eq=False)
 class PresentStiffness:
-    """C = ψ''(e) at the quadrature points of a body in the accepted state, as a matrix (3, 3) for forms."""
+    """C = ψ''(e) at the quadrature points of a body in the accepted state, as a matrix (3, 3) for
+    forms."""
 
     body: MeshBody
     measure: Callable[[Expr], Expr]

@@ -39,7 +39,8 @@ class Pressure:
         'pressure'
     """
 
-    # Suction is a negative pressure.  1e9 Pa tears any film: a value beyond it is one in a wrong unit.
+    # Suction is a negative pressure.  1e9 Pa tears any film: a value beyond it is one in a wrong
+    # unit.
     USUAL: ClassVar = {"pressure": (-1e9, 1e9, "Pa")}
 
     body: Membrane
@@ -51,7 +52,8 @@ class Pressure:
         """Check the arguments."""
         check(
             callable(self.pressure) or math.isfinite(self.pressure),
-            f"Pressure '{self.name}': pressure is {self.pressure!r} Pa; give a finite number or a function of time.",
+            f"Pressure '{self.name}': pressure is {self.pressure!r} Pa; give a finite number or a "
+            "function of time.",
         )
 
     def requires(self) -> Iterable[Any]:
@@ -64,6 +66,9 @@ class Pressure:
         value = self.pressure
         mesh = film.space.mesh
         p = constant(mesh, 0.0 if callable(value) else value)
+        # A function of time belongs to its user; a gradient has the number that multiplies it.
+        factor = constant(mesh, 1.0) if callable(value) else None
+        pressure = p if factor is None else factor * p
         # Exact: the area vector is a product of two gradients, and w has the order of the film.
         degree = 2 * (film.order - 1) + film.order
         dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": degree})
@@ -77,11 +82,11 @@ class Pressure:
         def work(x: Expr, w: Expr) -> ufl.Form:
             """δW [J] at positions x along test functions w."""
             # The area vector is n da/dA: the integral over the mesh is one over the deformed film.
-            return p * ufl.dot(area_vector(film.deformation(x)), w) * dx
+            return pressure * ufl.dot(area_vector(film.deformation(x)), w) * dx
 
-        if callable(value):
-            yield Load(self.name, film, work, follows=True, at=at)
+        if factor is not None:
+            scale = (Parameter("factor", "", factor),)
+            yield Load(self.name, film, work, follows=True, at=at, parameters=scale)
             return
-        # Only a number can be a parameter of a gradient; a function of time belongs to its user.
         parameters = (Parameter("pressure", "Pa", p),)
         yield Load(self.name, film, work, follows=True, parameters=parameters)

@@ -135,7 +135,8 @@ def cubic(e_E: float) -> tuple[float, float, float]:
 @check_arguments
 @dataclass(frozen=True)
 class Elastica(IsotropicFilm):
-    """Film whose wrinkles resist like buckled strips of its thickness and a given half wavelength L.
+    """Film whose wrinkles resist like buckled strips of its thickness and a given half wavelength
+    L.
 
     With f = γ2 + ν γ1, the strain that bears on the strips, and σ1 = E γ1 + ν ψ'(f) the larger
     stress,
@@ -153,8 +154,8 @@ class Elastica(IsotropicFilm):
 
     A film has no bending stiffness: under this compressive stress its cells buckle in turn, the
     more so the smaller they are.  Take cells of not much less than half_wavelength/4: on the airbag
-    of `demos/studies/airbag.py`, L = 0.1 m has an equilibrium with edges of 27 mm; with 13 mm, cells
-    next to the seam fold up and no equilibrium is found.
+    of `demos/studies/airbag.py`, L = 0.1 m has an equilibrium with edges of 27 mm; with 13 mm,
+    cells next to the seam fold up and no equilibrium is found.
 
     Args:
         E: Young's modulus [Pa], positive.
@@ -185,7 +186,8 @@ class Elastica(IsotropicFilm):
         shortest = 10 * math.pi * self.thickness
         check(
             math.isfinite(self.half_wavelength) and self.half_wavelength > shortest,
-            f"Elastica: half_wavelength is {self.half_wavelength!r} m; a strip needs more than {shortest:.3g} m, ten "
+            f"Elastica: half_wavelength is {self.half_wavelength!r} m; a strip needs more than "
+            f"{shortest:.3g} m, ten "
             "times pi its thickness.",
         )
         slenderness = math.pi * self.thickness / self.half_wavelength
@@ -202,7 +204,8 @@ class Elastica(IsotropicFilm):
         γ1 = h + r
         γ2 = h - r
         f = γ2 + c.nu * γ1
-        # Taut energy by trace and determinant, which are smooth where the principal strains coincide.
+        # Taut energy by trace and determinant, which are smooth where the principal strains
+        # coincide.
         trace = e[0] + e[1]
         det = e[0] * e[1] - e[2] ** 2 / 4
         biaxial = trace**2 - 2 * (1 - c.nu) * det

@@ -69,8 +69,8 @@ UNITS = {
 def parameters(law: Any, coefficients: SimpleNamespace) -> tuple[Parameter, ...]:
     """The numbers of a law as parameters of its terms.
 
-    A law with numbers that are derived from others has none but its density: the forms do not show how
-    the derived ones change.  Tables of a law do not count as parameters.
+    A law with numbers that are derived from others has none but its density: the forms do not show
+    how the derived ones change.  Tables of a law do not count as parameters.
     """
     has_derived = any(not field.init for field in fields(law))
     return tuple(
@@ -136,7 +136,8 @@ class FilmLaw:
         raise TypeError(f"{type(self).__name__} has no law without wrinkles")
 
     def taut_strain(self, S: Expr, c: Any) -> Expr:
-        """The strain (E11, E22, 2 E12) at which taut film has the stress S = (S11, S22, S12) [N/m]."""
+        """The strain (E11, E22, 2 E12) at which taut film has the stress S = (S11, S22, S12)
+        [N/m]."""
         raise TypeError(f"{type(self).__name__} has no strain of a given stress")
 
     def bending_stiffness(self, c: Any) -> BendingStiffness:
@@ -167,7 +168,8 @@ class IsotropicFilm(FilmLaw):
         check(-1 < self.nu <= 0.5, f"{law}: nu is {self.nu!r}; Poisson's ratio lies in (-1, 0.5].")
 
     def taut_strain(self, S: Expr, c: Any) -> Expr:
-        """Strain (E11, E22, 2 E12) of a stress resultant S (3,) [N/m]: plane stress, Hooke's law inverted."""
+        """Strain (E11, E22, 2 E12) of a stress resultant S (3,) [N/m]: plane stress, Hooke's law
+        inverted."""
         stiffness = c.E * c.thickness
         return ufl.as_vector(
             [
@@ -256,7 +258,8 @@ class Miyazaki(IsotropicFilm):
         super().__post_init__()
         check(
             0 <= self.residual_stiffness <= 1,
-            f"{type(self).__name__}: residual_stiffness is {self.residual_stiffness!r}; the ratio of "
+            f"{type(self).__name__}: residual_stiffness is {self.residual_stiffness!r}; the ratio "
+            "of "
             "compressive to tensile stiffness lies between 0 and 1.",
         )
 

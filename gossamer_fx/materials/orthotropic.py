@@ -14,7 +14,7 @@ e_tt = t·e t and the compliance F_tt, its stress is
 
     taut      S = C e                      where C e ≥ 0 (as a matrix)
     slack     S = 0                        where e ≤ 0
-    wrinkled  S = (e_tt/F_tt) t⊗t          elsewhere; t maximises e_tt²/F_tt, e_tt > 0            (2)
+    wrinkled  S = (e_tt/F_tt) t⊗t          elsewhere; t maximises e_tt²/F_tt, e_tt > 0           (2)
 
 Algorithm, for the stress of a strain.
 
@@ -39,8 +39,9 @@ the same energy in UFL, for fields that are drawn and for user's forms.
 
 Cost.  Some iterations on one angle for each wrinkled Gauss point; the grid is used at few points.
 
-Limits.  The average of a wrinkled piece is not exact, so that a correction along the change of strain
-closes the energy (`terms.discrete_gradient`).  Wrinkles have no bending stiffness and no wave length.
+Limits.  The average of a wrinkled piece is not exact, so that a correction along the change of
+strain closes the energy (`terms.discrete_gradient`).  Wrinkles have no bending stiffness and no
+wave length.
 
 Source of equation (1): A. C. Pipkin, IMA J. Appl. Math. 36 (1986) 85, doi:10.1093/imamat/36.1.85.
 """
@@ -70,7 +71,8 @@ Vector = Sequence[float]  # (3,)
 Direction = Vector | Mapping[str, Vector] | Callable[[Array], Array]
 
 # In UFL: directions of the grid on which the largest maximum is looked for, and bracketed steps of
-# Newton from there.  The peaks of e_tt²/F_tt are wider than 5 degrees for stiffnesses of condition 300.
+# Newton from there.  The peaks of e_tt²/F_tt are wider than 5 degrees for stiffnesses of condition
+# 300.
 GRID_DIRECTIONS = 36
 NEWTON_STEPS = 8
 
@@ -128,9 +130,9 @@ class LinearOrthotropic(FilmLaw):
         G12: shear modulus [Pa], positive.
         density: mass density ρ [kg/m³], positive.
         thickness: t [m], positive.
-        direction: of the first axis: a vector (3,), which is projected on the film; or {group: vector}
-            of all surfaces of the mesh; or a function of points (3, n) that returns vectors (3, n), for
-            instance `AroundAxis`.  Along a tube: its axis.
+        direction: of the first axis: a vector (3,), which is projected on the film; or {group:
+            vector} of all surfaces of the mesh; or a function of points (3, n) that returns vectors
+            (3, n), for instance `AroundAxis`.  Along a tube: its axis.
 
     Raises:
         InputError: a number out of its range; stiffnesses that are not positive definite.
@@ -164,7 +166,8 @@ class LinearOrthotropic(FilmLaw):
             )
         check(
             self.nu12**2 < self.E1 / self.E2,
-            f"{law}: nu12 is {self.nu12!r}, so that the stiffness is not positive definite; give less than "
+            f"{law}: nu12 is {self.nu12!r}, so that the stiffness is not positive definite; give "
+            "less than "
             f"√(E1/E2) = {math.sqrt(self.E1 / self.E2):.6g} in size.",
         )
         self._check_direction()
@@ -184,7 +187,8 @@ class LinearOrthotropic(FilmLaw):
             where = f" in '{group}'" if group else ""
             check(
                 is_vector and bool(numbers.any()),
-                f"{type(self).__name__}: direction{where} is {vector!r}; give a vector of three numbers that is "
+                f"{type(self).__name__}: direction{where} is {vector!r}; give a vector of three "
+                "numbers that is "
                 "not zero.",
             )
 
@@ -225,7 +229,8 @@ class LinearOrthotropic(FilmLaw):
         determinant = A11 * A22 - A12**2
         check(
             A11 > 0 and A22 > 0 and A66 > 0 and determinant > 0,
-            f"{cls.__name__}: the stiffnesses A11 = {A11!r}, A12 = {A12!r}, A22 = {A22!r}, A66 = {A66!r} N/m are not "
+            f"{cls.__name__}: the stiffnesses A11 = {A11!r}, A12 = {A12!r}, A22 = {A22!r}, A66 = "
+            f"{A66!r} N/m are not "
             "positive definite; give A11, A22, A66 > 0 and A12² < A11 A22.",
         )
         return cls(
@@ -249,7 +254,8 @@ class LinearOrthotropic(FilmLaw):
         return ufl.dot(_taut_stress(e, c), e) / 2
 
     def taut_strain(self, S: Expr, c: Any) -> Expr:
-        """Strain (E11, E22, 2 E12) of a stress resultant S (3,) [N/m], by the compliance in the axes of the law."""
+        """Strain (E11, E22, 2 E12) of a stress resultant S (3,) [N/m], by the compliance in the
+        axes of the law."""
         # `in_axes` takes twice the shear, as strains have it.
         stress = in_axes(ufl.as_vector([S[0], S[1], 2 * S[2]]), c)
         F11 = 1 / (c.E1 * c.thickness)
@@ -278,8 +284,8 @@ class LinearOrthotropic(FilmLaw):
 class Orthotropic(LinearOrthotropic):
     """Orthotropic film that bears no compression: woven, braided or laminated.
 
-    Its stress is the taut stress, reduced to tension by the wrinkles: (1) and (2) of the module.  With
-    a residual stiffness u the energy is (1 - u) times the relaxed one and u times that of
+    Its stress is the taut stress, reduced to tension by the wrinkles: (1) and (2) of the module.
+    With a residual stiffness u the energy is (1 - u) times the relaxed one and u times that of
     `LinearOrthotropic`.
 
     Args:
@@ -310,7 +316,8 @@ class Orthotropic(LinearOrthotropic):
         super().__post_init__()
         check(
             0 <= self.residual_stiffness <= 1,
-            f"Orthotropic: residual_stiffness is {self.residual_stiffness!r}; the ratio of compressive to tensile "
+            f"Orthotropic: residual_stiffness is {self.residual_stiffness!r}; the ratio of "
+            "compressive to tensile "
             "stiffness lies between 0 and 1.",
         )
 

@@ -1,4 +1,5 @@
-"""Meshes: generated with gmsh or read from its files, with their edges and checks of their quality."""
+"""Meshes: generated with gmsh or read from its files, with their edges and checks of their
+quality."""
 
 from gossamer_fx.checks.lazy_names import lazy_names
 

@@ -214,7 +214,8 @@ def _triangles_at_edges(
 
 
 def _tally(domain: dmesh.Mesh, cells: Indices, n: int) -> tuple[Floats, Floats]:
-    """Number of the given triangles at each of the n owned edges, and the sum of their directions."""
+    """Number of the given triangles at each of the n owned edges, and the sum of their
+    directions."""
     topology = domain.topology
     owned_cells = cells[cells < topology.index_map(2).size_local]
     edges = topology.connectivity(2, 1).array.reshape(-1, 3)[owned_cells]

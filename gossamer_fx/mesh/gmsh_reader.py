@@ -108,7 +108,8 @@ def extract(model: Any) -> RawMesh:
     )
     _check(
         len(np.unique(np.sort(cells, axis=1), axis=0)) == len(cells),
-        "Two cells of the mesh have the same nodes: where two sheets meet at a corner, choose the triangles so that "
+        "Two cells of the mesh have the same nodes: where two sheets meet at a corner, choose the "
+        "triangles so that "
         "each has a separate node.",
     )
 
@@ -118,7 +119,8 @@ def extract(model: Any) -> RawMesh:
     points = coordinates.reshape(-1, 3)[rows]
     _check(
         bool((abs(points) < _FARTHEST).all()),
-        f"Nodes of the mesh have coordinates that are not numbers below {_FARTHEST:g} m; mesh it again.",
+        f"Nodes of the mesh have coordinates that are not numbers below {_FARTHEST:g} m; mesh it "
+        "again.",
     )
     return RawMesh(
         kind=kind,
@@ -236,7 +238,8 @@ def read_file(path: Path) -> RawMesh:
             raise BadMesh(reason.replace(str(mesh), str(path)))
         if child.returncode or not arrays.is_file():
             raise BadMesh(
-                f"gmsh broke off when it read '{path}'; the file is damaged, write it again as MSH 4.1."
+                f"gmsh broke off when it read '{path}'; the file is damaged, write it again as MSH "
+                "4.1."
             )
         return _load(arrays)
 
@@ -268,7 +271,8 @@ def _check_format(path: Path) -> None:
         ) from error
     _check(
         _MSH.match(head) is not None,
-        f"'{path}' is not in MSH format 2.2 or 4.x; write the mesh with gmsh as MSH 4.1 (gmsh -format msh41).",
+        f"'{path}' is not in MSH format 2.2 or 4.x; write the mesh with gmsh as MSH 4.1 (gmsh "
+        "-format msh41).",
     )
 
 

@@ -1,4 +1,5 @@
-"""Cells of order 1 and 2 as straight lines and triangles between their nodes, for pictures, sections and contact."""
+"""Cells of order 1 and 2 as straight lines and triangles between their nodes, for pictures,
+sections and contact."""
 
 from __future__ import annotations
 
@@ -7,9 +8,9 @@ import numpy.typing as npt
 
 Integers = npt.NDArray[np.int64]
 
-# Node numbers of the pieces, by the dimension of the cell and its number of nodes.  The order of nodes is that of
-# dolfinx: the corners, then on a line the middle, and in a triangle the middles of the edges opposite corner 0, 1, 2.
-# All triangles have the orientation of their cell.
+# Node numbers of the pieces, by the dimension of the cell and its number of nodes.  The order of
+# nodes is that of dolfinx: the corners, then on a line the middle, and in a triangle the middles of
+# the edges opposite corner 0, 1, 2. All triangles have the orientation of their cell.
 _CORNERS_AND_CENTRE = (
     (0, 5, 4),
     (5, 1, 3),
@@ -22,7 +23,8 @@ _PIECES = {
     (2, 3): ((0, 1, 2),),
     (2, 6): _CORNERS_AND_CENTRE,
 }
-# Position in VTK's order of each node in that of dolfinx: VTK has the middles of the edges 01, 12, 20.
+# Position in VTK's order of each node in that of dolfinx: VTK has the middles of the edges 01, 12,
+# 20.
 _FROM_VTK = {2: (0, 1), 3: (0, 1, 2), 6: (0, 1, 2, 4, 5, 3)}
 
 
@@ -53,7 +55,8 @@ def from_vtk(cells: npt.NDArray[np.integer]) -> Integers:
 
 
 def middles(corners: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
-    """Values (n, 6, ...) at the nodes of quadratic triangles from those (n, 3, ...) at their corners."""
+    """Values (n, 6, ...) at the nodes of quadratic triangles from those (n, 3, ...) at their
+    corners."""
     a = corners[:, 0]
     b = corners[:, 1]
     c = corners[:, 2]

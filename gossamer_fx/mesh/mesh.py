@@ -117,18 +117,19 @@ class Mesh:
 def read_mesh(path: str | Path, comm: MPI.Intracomm, *, orient: bool = False) -> Mesh:
     """Read a mesh from a gmsh file (.msh) of version 2.2 or 4.x.  Collective.
 
-    Physical groups have their names as keys of `Mesh.groups`; unnamed groups have their numbers.  The log
-    says which groups there are, and warns of a mesh without any.
+    Physical groups have their names as keys of `Mesh.groups`; unnamed groups have their numbers.
+    The log says which groups there are, and warns of a mesh without any.
 
     Args:
         path: path of the file; rank 0 reads it.
         comm: the ranks to which the mesh is distributed.
-        orient: whether to turn triangles so that the normals of neighbours agree, and those of a closed
-            surface point outwards.
+        orient: whether to turn triangles so that the normals of neighbours agree, and those of a
+            closed surface point outwards.
 
     Raises:
         InputError: the file does not exist, is damaged, is in another format, or contains a mesh
-            that cannot be used, such as one of quadrilaterals; or `orient` finds a surface with one side.
+            that cannot be used, such as one of quadrilaterals; or `orient` finds a surface with one
+            side.
 
     Example:
         >>> def load(path):
@@ -168,8 +169,8 @@ def gmsh_mesh(build: Callable[[Any], None], comm: MPI.Intracomm, *, orient: bool
         build: function that takes `gmsh.model`, creates geometry [m] and physical groups, and calls
             `model.mesh.generate`.
         comm: the ranks to which the mesh is distributed.
-        orient: whether to turn triangles so that the normals of neighbours agree, and those of a closed
-            surface point outwards.
+        orient: whether to turn triangles so that the normals of neighbours agree, and those of a
+            closed surface point outwards.
 
     Raises:
         InputError: the model has no elements, elements of several kinds or coordinates that are not
@@ -217,7 +218,8 @@ def _build(build: Callable[[Any], None], orient: bool) -> RawMesh:
     except Exception as error:
         words = " ".join(str(error).split()) or "no words"
         raise InputError(
-            f"The function that builds the mesh raises {type(error).__name__} ({words}); correct it."
+            f"The function that builds the mesh raises {type(error).__name__} ({words}); correct "
+            "it."
         ) from error
     finally:
         gmsh.finalize()

@@ -1,8 +1,9 @@
 """Consistent normals: triangles of a surface turned so that neighbours have them on the same side.
 
-Two neighbours agree if they pass their common edge in opposite directions.  Starting from one triangle of each
-connected surface, all others are turned to agree with a neighbour that is done.  The normals of a closed
-surface then point outwards if its volume Σ x0·(x1×x2)/6 over its triangles is positive.
+Two neighbours agree if they pass their common edge in opposite directions.  Starting from one
+triangle of each connected surface, all others are turned to agree with a neighbour that is done.
+The normals of a closed surface then point outwards if its volume Σ x0·(x1×x2)/6 over its triangles
+is positive.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from scipy.sparse import csgraph
 
 from gossamer_fx.mesh.gmsh_reader import BadMesh, Integers, RawMesh
 
-# Nodes of a triangle in gmsh's order after its second and third corner are exchanged, by number of nodes.
-# Of order 2 the nodes in the middle of the edges 01, 12, 20 follow the corners.
+# Nodes of a triangle in gmsh's order after its second and third corner are exchanged, by number of
+# nodes. Of order 2 the nodes in the middle of the edges 01, 12, 20 follow the corners.
 _TURNED = {3: [0, 2, 1], 6: [0, 2, 1, 5, 4, 3]}
 
 
@@ -63,7 +64,8 @@ def oriented(raw: RawMesh) -> RawMesh:
         )
 
     x0, x1, x2 = raw.points[corners].transpose(1, 0, 2)
-    # Relative to the middle of the mesh, so that the volume has no round-off of a distance from the origin.
+    # Relative to the middle of the mesh, so that the volume has no round-off of a distance from the
+    # origin.
     middle = raw.points.mean(axis=0)
     volumes = np.einsum("ij,ij->i", x0 - middle, np.cross(x1 - middle, x2 - middle)) / 6
     volume = np.bincount(surface_of_cell, np.where(turned, -volumes, volumes), surfaces)

@@ -28,8 +28,8 @@ ALIKE = 1e-9
 # than 154 degrees.
 UPSIDE_DOWN_COSINE = -0.9
 
-# Share of the area of a plane mesh from which what lies upside down is taken for the second layer of a
-# film that is folded, and not for a defect.
+# Share of the area of a plane mesh from which what lies upside down is taken for the second layer
+# of a film that is folded, and not for a defect.
 FOLDED_FILM_SHARE = 0.4
 
 # Triangles of one batch in the search for intersections, so that the list of pairs stays small.
@@ -45,7 +45,8 @@ HASH_PRIMES = np.array([73856093, 19349663, 83492791], dtype=np.int64)
 
 
 def corner_points(domain: dmesh.Mesh) -> Array:
-    """Vertices (n, 3, 3) [m] of the owned triangles of a mesh, or (n, 2, 3) of its line elements."""
+    """Vertices (n, 3, 3) [m] of the owned triangles of a mesh, or (n, 2, 3) of its line
+    elements."""
     dim = domain.topology.dim
     owned = domain.topology.index_map(dim).size_local
     points: Array = domain.geometry.x[domain.geometry.dofmap[:owned, : dim + 1]]
@@ -186,16 +187,16 @@ def folded(table: EdgeTable) -> int:
 def folded_in_plane(table: EdgeTable) -> tuple[int, float]:
     """Number of triangles of a plane mesh that lie upside down, and their share of the area.
 
-    Nodes that were moved across edges turn triangles over, which then cover a part of the plane again.  A film
-    that is folded once, such as a tube that is pressed flat, has as much area on either side; neither side counts
-    as upside down there.
+    Nodes that were moved across edges turn triangles over, which then cover a part of the plane
+    again.  A film that is folded once, such as a tube that is pressed flat, has as much area on
+    either side; neither side counts as upside down there.
 
     Args:
         table: edges of the mesh, `Mesh.edges`.
 
     Returns:
-        number and share in the whole mesh, on all ranks; zero for a mesh that is not plane, or whose neighbouring
-        triangles pass edges in the same direction.
+        number and share in the whole mesh, on all ranks; zero for a mesh that is not plane, or
+        whose neighbouring triangles pass edges in the same direction.
     """
     domain = table.domain
     comm = domain.comm

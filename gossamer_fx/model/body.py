@@ -28,9 +28,11 @@ Vector = Annotated[Sequence[float], Count(3)]
 
 @dataclass(frozen=True)
 class Block:
-    """Coordinates of one body: `index_map` distributes nodes, each with `size` numbers (a multiple of 3: vectors).
+    """Coordinates of one body: `index_map` distributes nodes, each with `size` numbers (a multiple
+    of 3: vectors).
 
-    The vectors of a node are positions (3), or a position and directors (6, 9, 12): linear momentum counts the first.
+    The vectors of a node are positions (3), or a position and directors (6, 9, 12): linear momentum
+    counts the first.
     """
 
     index_map: IndexMap
@@ -46,7 +48,8 @@ class Body(Protocol):
     block: Block
 
     def initial_state(self) -> tuple[Array, Array]:
-        """Owned coordinates [m] and velocities [m/s], flattened, node by node; not to be written to."""
+        """Owned coordinates [m] and velocities [m/s], flattened, node by node; not to be written
+        to."""
         ...
 
     def describe(self, node: int) -> str:
@@ -62,7 +65,8 @@ class MeshBody(Body, Protocol):
 
     @property
     def full(self) -> MeshBody:
-        """The body itself; of a reduced body the one that was reduced, whose nodes have positions."""
+        """The body itself; of a reduced body the one that was reduced, whose nodes have
+        positions."""
         ...
 
     def reconstruct(self, function: fem.Function, unknowns: Array) -> None:
@@ -70,7 +74,8 @@ class MeshBody(Body, Protocol):
         ...
 
     def coordinates(self, alpha: float) -> Any:
-        """How these functions follow from its unknowns, for a rule with the weight α: a `terms.coordinates`."""
+        """How these functions follow from its unknowns, for a rule with the weight α: a
+        `terms.coordinates`."""
         ...
 
 
@@ -110,16 +115,18 @@ def has_nodal_unknowns(body: Body) -> TypeGuard[MeshBody]:
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Port:
-    """A vector attached to a body: Σ_k weights[k] q[nodes[k], vectors[k]], linear in its coordinates q.
+    """A vector attached to a body: Σ_k weights[k] q[nodes[k], vectors[k]], linear in its
+    coordinates q.
 
-    With weights of sum 1 on positions it is a point of the body.  Bodies return ports, e.g. `film.point`
-    and `hub.port`.
+    With weights of sum 1 on positions it is a point of the body.  Bodies return ports, e.g.
+    `film.point` and `hub.port`.
 
     Args:
         body: to which the vector is attached.
         nodes: global indices of nodes of the body's block.
         weights: one for each node.
-        vectors: which vector of each node is meant: 0 the position (default), 1, 2, ... the directors.
+        vectors: which vector of each node is meant: 0 the position (default), 1, 2, ... the
+            directors.
 
     Example:
         >>> middle = gx.Port(cable, (0, 1), weights=(0.5, 0.5))
@@ -138,7 +145,8 @@ class Port:
         count = self.body.block.index_map.size_global
         check(
             all(0 <= node < count for node in self.nodes),
-            f"A port of '{self.body.name}' has the nodes {self.nodes}; its nodes are 0 to {count - 1}.",
+            f"A port of '{self.body.name}' has the nodes {self.nodes}; its nodes are 0 to "
+            f"{count - 1}.",
         )
 
     def evaluate(self, unknowns: Array) -> Array:
@@ -159,7 +167,8 @@ class Port:
         return np.asarray(self.body.comm.allreduce(share))
 
     def initial(self) -> Array:
-        """The vector (3,) in the initial state that the body has by itself, outside of any scene."""
+        """The vector (3,) in the initial state that the body has by itself, outside of any
+        scene."""
         return self.evaluate(self.body.initial_state()[0])
 
     def initial_rate(self) -> Array:

@@ -1,8 +1,8 @@
 """Parameters of terms: the numbers and fields by which results of a scene may be derived.
 
-A term names the parameters of its item.  Where the equations are UFL forms, a parameter is a coefficient
-of these forms, and UFL takes the derivative.  Elsewhere it is a number that the compiled kind of the
-term knows by a key (`roles.PointParameters`).
+A term names the parameters of its item.  Where the equations are UFL forms, a parameter is a
+coefficient of these forms, and UFL takes the derivative.  Elsewhere it is a number that the
+compiled kind of the term knows by a key (`roles.PointParameters`).
 """
 
 from __future__ import annotations

@@ -9,7 +9,8 @@ The system sorts compiled kinds by role once, when the scene is compiled; a kind
 what it has no part in.  All methods are collective: they are called on all ranks together.
 
 Vectors and matrices are in the numbering of the system.  A step goes from coordinates q0 at time t0
-to q1 at t1 = t0 + h; the forces of a step act on q_mid = (1 - α) q0 + α q1, α = `system.rule.alpha`.
+to q1 at t1 = t0 + h; the forces of a step act on q_mid = (1 - α) q0 + α q1, α =
+`system.rule.alpha`.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from petsc4py import PETSc
 from gossamer_fx.drawing.solids import Solid
 from gossamer_fx.model.body import Array, Block, Body, Indices, MeshBody
 
-# ---- equations -------------------------------------------------------------------------------------
+# ---- equations -----------------------------------------------------------------------------------
 
 
 @runtime_checkable
@@ -41,7 +42,8 @@ class Mass(Protocol):
 
     @abstractmethod
     def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
-        """Add the matrix of the Coriolis force 2 M (ω×v) in a frame that turns with ω = `spin` [rad/s]."""
+        """Add the matrix of the Coriolis force 2 M (ω×v) in a frame that turns with ω = `spin`
+        [rad/s]."""
         ...
 
 
@@ -51,7 +53,8 @@ class MassForms(Protocol):
 
     @abstractmethod
     def mass_forms(self, body: Body) -> list[fem.Form]:
-        """Bilinear forms of the mass of a body; an empty list for bodies that it does not concern."""
+        """Bilinear forms of the mass of a body; an empty list for bodies that it does not
+        concern."""
         ...
 
     @abstractmethod
@@ -102,7 +105,8 @@ class TangentForms(Protocol):
 
 # The marks have no method: a base class states a fact about the kind.
 class OnMeshes:
-    """Marks a kind of which everything comes from forms on meshes: nothing acts on or between points."""
+    """Marks a kind of which everything comes from forms on meshes: nothing acts on or between
+    points."""
 
 
 class ExternalLoads:
@@ -121,7 +125,7 @@ class Multipliers(Protocol):
         ...
 
 
-# ---- the course of a step --------------------------------------------------------------------------
+# ---- the course of a step ------------------------------------------------------------------------
 
 
 @runtime_checkable
@@ -136,11 +140,13 @@ class StepObserver(Protocol):
 
 @runtime_checkable
 class TimeDependence(Protocol):
-    """Has quantities at the end of a step that depend on time, or on history variables, and not on q1."""
+    """Has quantities at the end of a step that depend on time, or on history variables, and not on
+    q1."""
 
     @abstractmethod
     def take_time(self, t: float) -> None:
-        """A state of time t [s] is about to be set, as the end of a step: take these quantities from it."""
+        """A state of time t [s] is about to be set, as the end of a step: take these quantities
+        from it."""
         ...
 
 
@@ -150,7 +156,8 @@ class IterateObserver(Protocol):
 
     @abstractmethod
     def update(self, linearly: bool) -> None:
-        """q1 was set; with `linearly`, strains on meshes may follow linearly from the last iterate."""
+        """q1 was set; with `linearly`, strains on meshes may follow linearly from the last
+        iterate."""
         ...
 
 
@@ -183,7 +190,8 @@ class ActiveSet(Protocol):
 
     @abstractmethod
     def limit_update(self, update: Array) -> None:
-        """Shorten a Newton update (n,) of this rank's coordinates, in place (step-length control)."""
+        """Shorten a Newton update (n,) of this rank's coordinates, in place (step-length
+        control)."""
         ...
 
     # Not abstract: dynamics has no such load.
@@ -194,19 +202,21 @@ class ActiveSet(Protocol):
     def coupling_matrices(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:
         """Its part of the tangent at the last residual, zero at fixed coordinates, as new matrices.
 
-        With a diagonal: only the blocks that a preconditioner needs in addition to a matrix that has
-        this diagonal.  The caller destroys them.
+        With a diagonal: only the blocks that a preconditioner needs in addition to a matrix that
+        has this diagonal.  The caller destroys them.
         """
         ...
 
 
 @runtime_checkable
 class StepCheck(Protocol):
-    """May find the solution of a step inadmissible, e.g. because films have passed through each other."""
+    """May find the solution of a step inadmissible, e.g. because films have passed through each
+    other."""
 
     @abstractmethod
     def inadmissible(self) -> str:
-        """What is wrong with the solution, in words; empty if nothing is.  The same on every rank."""
+        """What is wrong with the solution, in words; empty if nothing is.  The same on every
+        rank."""
         ...
 
 
@@ -236,12 +246,13 @@ class CellHistory(Protocol):
     def cell_history(self) -> dict[str, tuple[MeshBody, Array]]:
         """By name: a body, and the values (n,) in the n cells that this rank owns.
 
-        The arrays are those at work: they are written to when a state is restored, before strains follow.
+        The arrays are those at work: they are written to when a state is restored, before strains
+        follow.
         """
         ...
 
 
-# ---- energy balance --------------------------------------------------------------------------------
+# ---- energy balance ------------------------------------------------------------------------------
 
 
 @runtime_checkable
@@ -266,7 +277,8 @@ class Dissipation(Protocol):
 
     @abstractmethod
     def dissipated(self) -> Array:
-        """Loss of the step [J] for each of the `losses`, this rank's share; asked before `commit`."""
+        """Loss of the step [J] for each of the `losses`, this rank's share; asked before
+        `commit`."""
         ...
 
 
@@ -306,7 +318,7 @@ class FrameMomenta(Protocol):
         ...
 
 
-# ---- sensitivities ---------------------------------------------------------------------------------
+# ---- sensitivities -------------------------------------------------------------------------------
 
 
 @runtime_checkable
@@ -366,7 +378,8 @@ class PointParameters(Protocol):
 
 @runtime_checkable
 class GradientLimits(Protocol):
-    """Some of its terms may have no gradient, e.g. because their forces depend on the path of the state."""
+    """Some of its terms may have no gradient, e.g. because their forces depend on the path of the
+    state."""
 
     @abstractmethod
     def without_gradient(self) -> str:
@@ -375,7 +388,8 @@ class GradientLimits(Protocol):
 
 
 class Reversible:
-    """Marks a kind whose forces of a step stay the same when its ends change places and h changes sign.
+    """Marks a kind whose forces of a step stay the same when its ends change places and h changes
+    sign.
 
     The derivative of these forces with respect to the start of a step is then the tangent of the
     reversed step.
@@ -384,11 +398,31 @@ class Reversible:
 
 @runtime_checkable
 class ExchangesEnds(Protocol):
-    """Has an active set that stays when the ends of a step change places; see `Reversible`."""
+    """Has an active set that stays when the ends of a step change places; see `Reversible`.
+
+    A tape records the active set of every step, so that the step is made again without a search.
+    """
+
+    @abstractmethod
+    def save_active_set(self) -> Any:
+        """The active set of the last accepted step, as an object that does not change."""
+        ...
+
+    @abstractmethod
+    def load_active_set(self, saved: Any) -> None:
+        """Start a step of length `h` of the system from its accepted state, with a saved active
+        set."""
+        ...
+
+    @abstractmethod
+    def activate_present(self) -> None:
+        """Start a step of no length from the accepted state, with what has energy there."""
+        ...
 
     @abstractmethod
     def exchange_ends(self) -> None:
-        """Take q0 and the time of the system as the start of the reversed step, with the same pairs."""
+        """Take q0 and the time of the system as the start of the reversed step, with the same
+        pairs."""
         ...
 
 
@@ -415,7 +449,7 @@ class WithoutParameters:
     """Marks a kind whose forces depend on coordinates, and on no parameter of any item."""
 
 
-# ---- output ----------------------------------------------------------------------------------------
+# ---- output --------------------------------------------------------------------------------------
 
 
 @runtime_checkable

@@ -1,7 +1,7 @@
 """The state of a scene: where its bodies are and how they move, for everything that reads it.
 
-Constraints, connectors and contact get the `InitialState` when a scene is compiled; outputs, probes,
-gas and pictures get `system.state` in a run.  Both answer the same questions:
+Constraints, connectors and contact get the `InitialState` when a scene is compiled; outputs,
+probes, gas and pictures get `system.state` in a run.  Both answer the same questions:
 
     state[body].positions()     positions (n, 3) [m] of this rank's nodes
     state[body].velocities()    velocities (n, 3) [m/s] of this rank's nodes
@@ -30,7 +30,8 @@ from gossamer_fx.model.body import Array, Attached, Body, Ground, is_on_mesh
 
 
 class BodyState:
-    """One body in a state; what it returns is of this rank and read-only, unless stated otherwise."""
+    """One body in a state; what it returns is of this rank and read-only, unless stated
+    otherwise."""
 
     def __init__(
         self,
@@ -152,7 +153,8 @@ class State:
         return next((one for one in self if one.body.name == name), None)
 
     def vector(self, port: Attached) -> Array:
-        """The vector (3,) of a port: a point [m] or a director.  Collective, the same on every rank."""
+        """The vector (3,) of a port: a point [m] or a director.  Collective, the same on every
+        rank."""
         # A point of the ground is not among the unknowns.
         if isinstance(port, Ground):
             return port.initial()
@@ -163,7 +165,8 @@ class State:
         return np.array([self.vector(port) for port in ports]).reshape(-1, 3)
 
     def rate(self, port: Attached) -> Array:
-        """The rate (3,) of the vector of a port, e.g. [m/s].  Collective, the same on every rank."""
+        """The rate (3,) of the vector of a port, e.g. [m/s].  Collective, the same on every
+        rank."""
         if isinstance(port, Ground):
             return port.initial_rate()
         return port.evaluate(self._v.array_r[self[port.body].part])
@@ -198,11 +201,13 @@ class InitialState(State):
         self._q.array[self[body].part] = np.ravel(coordinates)
 
     def set_in_motion(self, body: Body, rates: Array) -> None:
-        """Set the rates of the coordinates of a body's owned nodes, (n, s, 3) or flattened [m/s]."""
+        """Set the rates of the coordinates of a body's owned nodes, (n, s, 3) or flattened
+        [m/s]."""
         self._v.array[self[body].part] = np.ravel(rates)
 
     def copy_to(self, q: PETSc.Vec, v: PETSc.Vec) -> None:
-        """Write the coordinates and rates of all bodies to vectors that may have multipliers behind."""
+        """Write the coordinates and rates of all bodies to vectors that may have multipliers
+        behind."""
         # The initial state is older than the multipliers, which follow behind the bodies.
         size = self._q.getLocalSize()
         q.array[:size] = self._q.array_r

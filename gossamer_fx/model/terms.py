@@ -8,8 +8,8 @@ A *term* plays one of five roles:
     load             a force whose work counts as supplied
     constraint       coordinates that are fixed, or measures that stay zero
 
-The general kinds of terms are in `terms/`; a kind with one user lies in the folder of its user.  Each kind
-names the class that compiles all terms of the kind in a scene, see `terms.assembly`.
+The general kinds of terms are in `terms/`; a kind with one user lies in the folder of its user.
+Each kind names the class that compiles all terms of the kind in a scene, see `terms.assembly`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from gossamer_fx.model.state import State
 
 
 class Term(Protocol):
-    """Something that adds to the equations; `compiler` compiles all terms of its kind in a scene at once."""
+    """Something that adds to the equations; `compiler` compiles all terms of its kind in a scene at
+    once."""
 
     compiler: ClassVar[type]
 

@@ -1,4 +1,5 @@
-"""Flight: orbits, gravity of the Earth, Sun and Moon, and the loads of space.  Loaded by scenes that fly only."""
+"""Flight: orbits, gravity of the Earth, Sun and Moon, and the loads of space.  Loaded by scenes
+that fly only."""
 
 from gossamer_fx.checks.lazy_names import lazy_names
 

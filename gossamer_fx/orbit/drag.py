@@ -74,12 +74,13 @@ class ExponentialAtmosphere:
 
 @check_arguments
 class Drag:
-    """Drag of free-molecular flow on the deformed triangles of a film, or on the surfaces of a rigid body.
+    """Drag of free-molecular flow on the deformed triangles of a film, or on the surfaces of a
+    rigid body.
 
-    Each triangle or surface meets the air with its own velocity; none shades another.  The air has the state
-    at the altitude of the scene over a sphere, and turns with the Earth about z.  It reaches both sides of an
-    open film, and the outer side of a closed one.  A closed film that is convex shades nothing, so that its
-    drag is complete.
+    Each triangle or surface meets the air with its own velocity; none shades another.  The air has
+    the state at the altitude of the scene over a sphere, and turns with the Earth about z.  It
+    reaches both sides of an open film, and the outer side of a closed one.  A closed film that is
+    convex shades nothing, so that its drag is complete.
 
     Args:
         body: a film or a rigid body.
@@ -87,7 +88,8 @@ class Drag:
         atmosphere: a function of the altitude [m] that returns `Air`, e.g. `ExponentialAtmosphere`.
         accommodation: exchange of momentum with the surface; default: diffuse.
         surfaces: of a rigid body.
-        closed: whether the film encloses a volume, with normals that point outwards, e.g. a balloon.
+        closed: whether the film encloses a volume, with normals that point outwards, e.g. a
+            balloon.
         rotation: of the atmosphere [rad/s].
         name: for messages and results; default from the body.
 
@@ -131,7 +133,8 @@ class Drag:
         check_surfaces(self.name, body, self.surfaces)
         check(
             not closed or not isinstance(body, RigidBody),
-            f"'{self.name}': closed is for films; a Surface of a rigid body is one-sided by itself.",
+            f"'{self.name}': closed is for films; a Surface of a rigid body is one-sided by "
+            "itself.",
         )
 
     def requires(self) -> Iterable[Any]:
@@ -209,7 +212,8 @@ class _FlowOnFaces(FacesForce):
         self._air, self._wind = self._drag.flow(flight)
 
     def on_faces(self, areas: Array, positions: Array, rates: Array) -> Array:
-        """Forces (..., n, 3) [N] on area vectors [m²] that move with rates [m/s], all (..., n, 3)."""
+        """Forces (..., n, 3) [N] on area vectors [m²] that move with rates [m/s], all (..., n,
+        3)."""
         how, air = self._drag.accommodation, self._air
         wall = math.sqrt(how.wall_temperature / air.temperature)
         U = self._wind - rates

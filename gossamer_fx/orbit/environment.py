@@ -48,7 +48,8 @@ class Environment:
         following: float = 1000.0,
         name: str = "orbit",
     ) -> None:
-        """Check the arguments, which `Orbit` describes; build gravity field, sky and initial state."""
+        """Check the arguments, which `Orbit` describes; build gravity field, sky and initial
+        state."""
         self.name = name
         self.radius = radius
         self.pressure = pressure
@@ -94,14 +95,16 @@ class Environment:
         )
         check(
             epoch is not None or not (self._turns or self._third_bodies),
-            f"Orbit '{name}': harmonics of a turning Earth, and Sun and Moon, need a date; give an epoch.",
+            f"Orbit '{name}': harmonics of a turning Earth, and Sun and Moon, need a date; give an "
+            "epoch.",
         )
         self.sky = Sky(epoch, ut1_utc) if epoch is not None else None
         check(
             sun is None
             or callable(sun)
             or (is_vector(sun) and (bool(np.any(sun)) or self.mu > MU_SUN / 2)),
-            f"Orbit '{name}': sun is {sun!r}; give three numbers in astronomical units, or a function of time; only "
+            f"Orbit '{name}': sun is {sun!r}; give three numbers in astronomical units, or a "
+            "function of time; only "
             "an orbit with the Sun's mu has it at its centre.",
         )
         self._sun = sun
@@ -115,7 +118,8 @@ class Environment:
             isinstance(start, tuple | list)
             and len(start) == 2
             and all(is_vector(s) for s in start),
-            f"Orbit '{self.name}': start is {start!r}; give Elements, or a position [m] and a velocity [m/s].",
+            f"Orbit '{self.name}': start is {start!r}; give Elements, or a position [m] and a "
+            "velocity [m/s].",
         )
         r, v = (np.asarray(s, dtype=float) for s in start)
         check(
@@ -124,7 +128,7 @@ class Environment:
         )
         return r, v
 
-    # ---- what attracts -----------------------------------------------------------------------------------------
+    # ---- what attracts ---------------------------------------------------------------------------
 
     @property
     def is_perturbed(self) -> bool:
@@ -173,7 +177,7 @@ class Environment:
         c, s = math.cos(ROTATION * t), math.sin(ROTATION * t)
         return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
-    # ---- what lights -------------------------------------------------------------------------------------------
+    # ---- what lights -----------------------------------------------------------------------------
 
     def sun(self, t: float) -> Array:
         """From the centre to the Sun (3,) [m].
@@ -191,12 +195,14 @@ class Environment:
         value = self._sun(t) if callable(self._sun) else self._sun
         check(
             is_vector(value),
-            f"Orbit '{self.name}': the Sun is at {value!r} au at t = {t:.6g} s; give three numbers.",
+            f"Orbit '{self.name}': the Sun is at {value!r} au at t = {t:.6g} s; give three "
+            "numbers.",
         )
         return AU * np.asarray(value, dtype=float)
 
     def light(self, r: Array, t: float) -> tuple[Array, float]:
-        """Direction (3,) in which sunlight goes at r, and its pressure on a black surface [N/m²]."""
+        """Direction (3,) in which sunlight goes at r, and its pressure on a black surface
+        [N/m²]."""
         sun = self.sun(t)
         way = r - sun
         distance = float(np.linalg.norm(way))
@@ -215,16 +221,18 @@ class Environment:
         """How deep r is in the cylinder of the shadow [m]; negative outside."""
         return shadow_depth(r, self.sun(t), self.radius)
 
-    # ---- axes --------------------------------------------------------------------------------------------------
+    # ---- axes ------------------------------------------------------------------------------------
 
     @cached_property
     def local_axes(self) -> Array:
-        """Rotation matrix (3, 3) at the start, with the columns outward, along and across the orbit."""
+        """Rotation matrix (3, 3) at the start, with the columns outward, along and across the
+        orbit."""
         return local_axes(*self.state)
 
 
 def local_axes(r: Array, v: Array) -> Array:
-    """Columns: away from the centre, in the plane of the orbit along the motion, and normal to it."""
+    """Columns: away from the centre, in the plane of the orbit along the motion, and normal to
+    it."""
     out = r / np.linalg.norm(r)
     across = np.cross(r, v)
     across /= np.linalg.norm(across)

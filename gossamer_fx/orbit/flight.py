@@ -48,7 +48,8 @@ class Flight:
     """
 
     def __init__(self, around: Environment) -> None:
-        """Put the origin at the start of the orbit; the first step computes all other attributes."""
+        """Put the origin at the start of the orbit; the first step computes all other
+        attributes."""
         self.around, self.origin = around, Origin(*around.state, around.mu)
         self.moments: Callable[[], Moments] | None = None
         self._for: tuple[float, float] | None = None
@@ -61,11 +62,12 @@ class Flight:
         self.centre: Array = np.zeros(3)
 
     def prepare(self, system: Assembly) -> None:
-        """Compute the motion of the moving origin in the present step, once in every step.  Collective.
+        """Compute the motion of the moving origin in the present step, once in every step.
+        Collective.
 
         Sets position `R` [m] and velocity `V` [m/s] of the origin in the middle of the step, the
-        perturbing acceleration `field` [m/s²] there, and its `gradient` [1/s²].  The field acts at the
-        middle of the step, which depends on the end; a fixed-point iteration solves that.
+        perturbing acceleration `field` [m/s²] there, and its `gradient` [1/s²].  The field acts at
+        the middle of the step, which depends on the end; a fixed-point iteration solves that.
 
         Raises:
             InputError: the step is so long that the motion of the origin cannot be solved.

@@ -1,4 +1,5 @@
-"""Loads that depend on where a scene flies: compiled as other loads, after the origin has made its step."""
+"""Loads that depend on where a scene flies: compiled as other loads, after the origin has made its
+step."""
 
 from __future__ import annotations
 
@@ -48,7 +49,8 @@ class FlyingLoads(Loads):
 
 @dataclass(frozen=True, eq=False)
 class FlyingLoad:
-    """A load on a body on a mesh: `work(q, rate, w)` is its virtual work with the mean velocity of the step.
+    """A load on a body on a mesh: `work(q, rate, w)` is its virtual work with the mean velocity of
+    the step.
 
     prepare: sets its constants from the flight, before each step.
     """
@@ -74,7 +76,8 @@ class FlyingForce(Protocol):
 
 
 class _ByComplexSteps:
-    """A `FlyingForce` as a law of point loads, its derivative taken by complex steps, to round-off."""
+    """A `FlyingForce` as a law of point loads, its derivative taken by complex steps, to
+    round-off."""
 
     def __init__(self, law: FlyingForce) -> None:
         self._law = law
@@ -168,5 +171,6 @@ class FacesForce:
         return np.swapaxes(total, -1, -2)
 
     def on_faces(self, areas: Array, positions: Array, rates: Array) -> Array:
-        """Forces (..., n, 3) [N] on area vectors [m²] at positions [m] with velocities [m/s], all (..., n, 3)."""
+        """Forces (..., n, 3) [N] on area vectors [m²] at positions [m] with velocities [m/s], all
+        (..., n, 3)."""
         raise NotImplementedError

@@ -24,8 +24,8 @@ class Air:
     Args:
         density: [kg/m³].
         temperature: [K].
-        molecule: mean mass of a molecule [kg]; default: atomic oxygen, the main component between 200 and
-            600 km.
+        molecule: mean mass of a molecule [kg]; default: atomic oxygen, the main component between
+            200 and 600 km.
 
     Example:
         >>> gx.orbit.Air(1e-11, 1100.0).temperature
@@ -62,8 +62,9 @@ class Accommodation:
 
     Args:
         normal: σ_n, accommodated fraction of the normal momentum, 0 to 1.
-        tangential: σ_t, accommodated fraction of the tangential momentum, 0 to 1.  With σ_n = σ_t = 1 all
-            molecules leave diffusely at the temperature of the wall, with 0 they are mirrored.
+        tangential: σ_t, accommodated fraction of the tangential momentum, 0 to 1.  With σ_n = σ_t =
+            1 all molecules leave diffusely at the temperature of the wall, with 0 they are
+            mirrored.
         wall_temperature: [K].
 
     Raises:
@@ -89,7 +90,8 @@ class Accommodation:
             )
         check(
             self.wall_temperature > 0,
-            f"Accommodation: wall_temperature is {self.wall_temperature!r} K; give a positive number.",
+            f"Accommodation: wall_temperature is {self.wall_temperature!r} K; give a positive "
+            "number.",
         )
 
 

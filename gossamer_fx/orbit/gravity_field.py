@@ -56,7 +56,8 @@ def egm2008(degree: int = EGM_DEGREE, *, central: bool = False) -> SolidHarmonic
     """
     check(
         degree in range(2, EGM_DEGREE + 1),
-        f"The gravity field is known to degree {EGM_DEGREE}, and begins with degree 2; degree is {degree!r}.",
+        f"The gravity field is known to degree {EGM_DEGREE}, and begins with degree 2; degree is "
+        f"{degree!r}.",
     )
     c = np.zeros((degree + 1, degree + 1), dtype=complex)
     c += _egm2008()[: degree + 1, : degree + 1]

@@ -64,13 +64,21 @@ class SolidHarmonics:
 
     def gradient(self, r: Array) -> Array:
         """∇Φ (..., 3) at positions r (..., 3) [m], in the unit of `scale` per metre."""
-        Y = solid_harmonics(len(self._first[0]) - 1, r, self.radius)
+        Y = solid_harmonics(
+            len(self._first[0]) - 1,
+            r,
+            self.radius,
+        )
         components = [_real_sum(c, Y) for c in self._first]
         return self.scale / self.radius * np.stack(components, axis=-1)
 
     def second_gradient(self, r: Array) -> Array:
         """∇∇Φ (..., 3, 3) at positions r (..., 3) [m]; symmetric, and its trace is zero."""
-        Y = solid_harmonics(len(self._second[0][0]) - 1, r, self.radius)
+        Y = solid_harmonics(
+            len(self._second[0][0]) - 1,
+            r,
+            self.radius,
+        )
         G = np.empty((*np.shape(r)[:-1], 3, 3))
         for i, row in enumerate(self._second):
             for j, c in enumerate(row):
@@ -81,13 +89,24 @@ class SolidHarmonics:
 
     def _sum(self, c: Coefficients, r: Array) -> Array:
         """Re Σ c_nm Y_nm at positions r (..., 3)."""
-        return _real_sum(c, solid_harmonics(len(c) - 1, r, self.radius))
+        return _real_sum(
+            c,
+            solid_harmonics(
+                len(c) - 1,
+                r,
+                self.radius,
+            ),
+        )
 
 
 def _real_sum(c: Coefficients, Y: Coefficients) -> Array:
     """Re Σ c_nm Y_nm (...); the degree of c is at most that of Y (N, N, ...)."""
     N = len(c)
-    result: Array = np.einsum("nm,nm...->...", c, Y[:N, :N]).real
+    result: Array = np.einsum(
+        "nm,nm...->...",
+        c,
+        Y[:N, :N],
+    ).real
     return result
 
 

@@ -21,19 +21,19 @@ MomentHistory = Callable[[float], Sequence[float]]
 class MagneticDipole:
     """Torque m × B of the Earth's magnetic field B on a dipole m that is fixed in a frame.
 
-    B is that of IGRF-14 at the position of the frame.  The torque is distributed to the directors as by
-    `Torque`, so that a step h changes the angular momentum by exactly h m × B.
+    B is that of IGRF-14 at the position of the frame.  The torque is distributed to the directors
+    as by `Torque`, so that a step h changes the angular momentum by exactly h m × B.
 
     Args:
         frame: of a rigid body, with three directors.
         orbit: the orbit of the scene, with an epoch.
-        moment: components along the directors [A m²]: three numbers, or a function of time [s] that returns
-            them.
+        moment: components along the directors [A m²]: three numbers, or a function of time [s] that
+            returns them.
         name: for messages and results.
 
     Raises:
-        InputError: the frame has not three directors, the orbit has no epoch, or IGRF-14 does not cover the
-            year.
+        InputError: the frame has not three directors, the orbit has no epoch, or IGRF-14 does not
+            cover the year.
 
     Example:
         >>> try:
@@ -102,7 +102,8 @@ class _DipoleTorque:
         value = moment(flight.time) if callable(moment) else moment
         check(
             is_vector(value),
-            f"'{self._dipole.name}': its moment is {value!r} at t = {flight.time:.6g} s; return three finite numbers.",
+            f"'{self._dipole.name}': its moment is {value!r} at t = {flight.time:.6g} s; return "
+            "three finite numbers.",
         )
         self._B = self._dipole.field(flight)
         self._m = np.asarray(value, dtype=float)

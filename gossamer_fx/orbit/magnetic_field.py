@@ -41,7 +41,8 @@ class Igrf:
         epochs, c = _igrf14()
         check(
             bool(epochs[0] <= year <= epochs[-1]),
-            f"The magnetic field is known from {epochs[0]:.0f} to {epochs[-1]:.0f}, not in {year!r}; give a year "
+            f"The magnetic field is known from {epochs[0]:.0f} to {epochs[-1]:.0f}, not in "
+            f"{year!r}; give a year "
             "between them.",
         )
         # The interval of epochs; the last year belongs to the last interval.

@@ -14,13 +14,13 @@ PRESSURE = 4.563e-6  # N/m² at 1 AU (1368 W/m²; McInnes 1999)
 class Optics:
     """Optical properties of a surface, for the pressure of light.
 
-    Light of pressure P comes along u, at an angle α to the normal n of the side away from it.  The force per
-    area on the lit side is
+    Light of pressure P comes along u, at an angle α to the normal n of the side away from it.  The
+    force per area on the lit side is
 
         f/P = cos α {[2 r s cos α + B (1-s) r + (1-r) (ε B - ε' B')/(ε + ε')] n + (1 - r s) u}
 
-    with ε', B' of the other side.  Absorbed light is radiated at once (C. R. McInnes, Solar Sailing, 1999,
-    section 2.6, also for the coefficients `JPL_SAIL`).
+    with ε', B' of the other side.  Absorbed light is radiated at once (C. R. McInnes, Solar
+    Sailing, 1999, section 2.6, also for the coefficients `JPL_SAIL`).
 
     Args:
         reflectivity: r, fraction of the light that is reflected, 0 to 1.
@@ -55,7 +55,8 @@ class Optics:
         back = self.other_side
         check(
             back is None or back.other_side is None,
-            "Optics: the other side has another side; give the optics of the two sides of one film.",
+            "Optics: the other side has another side; give the optics of the two sides of one "
+            "film.",
         )
         check(
             self.emissivity + (back or self).emissivity > 0 or self.reflectivity == 1,

@@ -16,32 +16,34 @@ from gossamer_fx.orbit.relative_gravity import RelativeGravity
 
 @check_arguments
 class Orbit(Environment):
-    """An orbit for the whole scene: coordinates are relative to an origin in orbit, in axes that do not turn.
+    """An orbit for the whole scene: coordinates are relative to an origin in orbit, in axes that do
+    not turn.
 
-    A mass m at x has the force of gravity less that of the accelerated frame, R being the position of the
-    origin from the attracting centre:
+    A mass m at x has the force of gravity less that of the accelerated frame, R being the position
+    of the origin from the attracting centre:
 
         m [-μ X/|X|³ + μ R/|R|³ + a(X) - a(R)],   X = R + x
 
-    a contains oblateness or harmonics, Sun and Moon, to first order in |x|/|R|.  Under 1/r gravity, energy
-    and angular momentum of orbit and deformation together are conserved to the tolerance of the solver, for
-    every step; `orbit.origin` describes how.  Rigid bodies have mass, centre and inertia, so that the forces
-    on them lack terms of order (size/|X|)³.  Initial positions and velocities are relative to the origin.
+    a contains oblateness or harmonics, Sun and Moon, to first order in |x|/|R|.  Under 1/r gravity,
+    energy and angular momentum of orbit and deformation together are conserved to the tolerance of
+    the solver, for every step; `orbit.origin` describes how.  Rigid bodies have mass, centre and
+    inertia, so that the forces on them lack terms of order (size/|X|)³.  Initial positions and
+    velocities are relative to the origin.
 
     Args:
         start: `Elements`, or position [m] and velocity [m/s] of the origin, (3,) each.
         gravity: "point", "J2", or the degree 2 to 20 of EGM2008, which needs an epoch.
         epoch: UTC of the time 0, e.g. "2026-01-01T12:00:00"; needs ERFA (extra `orbit`).
-        sun: from the attracting centre to the Sun [au]: three numbers, or a function of time [s] that
-            returns them; default that of the epoch.  (0, 0, 0): the Sun is the centre.
+        sun: from the attracting centre to the Sun [au]: three numbers, or a function of time [s]
+            that returns them; default that of the epoch.  (0, 0, 0): the Sun is the centre.
         third_bodies: "sun", "moon"; need an epoch.
         shadow: of the centre: "cylinder", "cone" (with penumbra) or "none".
         mu: gravity parameter of the centre [m³/s²]; default that of the gravity field.
         radius: of the centre, for shadow and altitude [m].
         pressure: of sunlight at 1 au on a black surface [N/m²].
         ut1_utc: [s].
-        following: time in which the origin returns to the centre of mass [s]; the motion does not depend
-            on it.
+        following: time in which the origin returns to the centre of mass [s]; the motion does not
+            depend on it.
         name: for messages and results.
 
     Raises:
@@ -69,7 +71,8 @@ class Orbit(Environment):
         following: float = 1000.0,
         name: str = "orbit",
     ) -> None:
-        """Check the arguments, which the class describes; a flight starts when a scene is compiled."""
+        """Check the arguments, which the class describes; a flight starts when a scene is
+        compiled."""
         super().__init__(
             start,
             gravity=gravity,

@@ -1,24 +1,25 @@
-"""Temperature of thin film that absorbs and radiates heat, and what the central body sends to a face.
+"""Temperature of thin film that absorbs and radiates heat, and what the central body sends to a
+face.
 
 The film has one temperature T across its thickness.  Per area of the stress-free film
 
     C dT/dt = A - B T⁴                                                                           (1)
 
-with the heat capacity C, the absorbed flux A, and B = (ε_front + ε_back) σ J, where J is the area of the
-deformed film over that of the stress-free one.
+with the heat capacity C, the absorbed flux A, and B = (ε_front + ε_back) σ J, where J is the area
+of the deformed film over that of the stress-free one.
 
-In a step of the motion A and B are constant.  Equation (1) is integrated by the method of Alexander with
-two implicit stages, which is of order 2 and damps fast changes (L-stable),
+In a step of the motion A and B are constant.  Equation (1) is integrated by the method of Alexander
+with two implicit stages, which is of order 2 and damps fast changes (L-stable),
 
-    T_i = T + h Σ_j a_ij f(T_j),    a = [[γ, 0], [1 - γ, γ]],    γ = 1 - 1/√2.                    (2)
+    T_i = T + h Σ_j a_ij f(T_j),    a = [[γ, 0], [1 - γ, γ]],    γ = 1 - 1/√2.                   (2)
 
-Each stage is one equation T + b T⁴ = R, which Newton's method solves from above: its left side is convex
-and grows.  A step that is long compared with the time constant C/(4 B T³) is divided, since the explicit
-part of the second stage could lead below 0 K.  Where the division would be too fine, the temperature
-follows the fluxes at once, and one implicit Euler step is made.
+Each stage is one equation T + b T⁴ = R, which Newton's method solves from above: its left side is
+convex and grows.  A step that is long compared with the time constant C/(4 B T³) is divided, since
+the explicit part of the second stage could lead below 0 K.  Where the division would be too fine,
+the temperature follows the fluxes at once, and one implicit Euler step is made.
 
-The emitted heat is the sum of h b_i B T_i⁴ over the stages, b = (1 - γ, γ): absorbed, emitted and stored
-heat balance to the tolerance of Newton's method.
+The emitted heat is the sum of h b_i B T_i⁴ over the stages, b = (1 - γ, γ): absorbed, emitted and
+stored heat balance to the tolerance of Newton's method.
 
 Source of (2): R. Alexander, SIAM J. Numer. Anal. 14 (1977) 1006.
 """
@@ -41,8 +42,8 @@ GAMMA = 1 - 1 / math.sqrt(2)
 SUBSTEPS_PER_TIME_CONSTANT = 2.0
 MAX_SUBSTEPS = 200
 
-# Relative change of a temperature at which Newton's method ends.  It converges quadratically, so that the
-# error is then round-off.
+# Relative change of a temperature at which Newton's method ends.  It converges quadratically, so
+# that the error is then round-off.
 NEWTON_TOLERANCE = 1e-12
 NEWTON_ITERATIONS = 60
 
@@ -129,7 +130,8 @@ def view_factor(cosine: Array, height: float) -> Array:
     It is (1/π) ∫ cos θ dΩ over the visible part of the sphere that is above the plane of the face.
 
     Args:
-        cosine: of the angle between the outward normal of the face and the direction to the centre (n,).
+        cosine: of the angle between the outward normal of the face and the direction to the centre
+            (n,).
         height: distance of the face from the centre over the radius of the sphere, above 1.
 
     The closed form is compared with a quadrature in `tests/orbit/test_heating.py`.

@@ -66,7 +66,8 @@ class Sky:
         return position
 
     def moon(self, t: float) -> Array:
-        """Position (3,) [m] of the Moon from the Earth's centre, by ELP2000-82 as in ERFA's moon98."""
+        """Position (3,) [m] of the Moon from the Earth's centre, by ELP2000-82 as in ERFA's
+        moon98."""
         geocentric = _erfa().moon98(self._tt[0], self._tt[1] + t / _DAY)
         position: Array = AU * np.asarray(geocentric["p"])
         return position
@@ -88,8 +89,10 @@ def _erfa() -> Any:
         import erfa
     except ImportError:
         raise InputError(
-            "The Sun, the Moon and the Earth's axes of a date come from ERFA, which is not installed; run "
-            "pip install 'gossamer_fx[orbit]' (Debian: python3-erfa), or give the direction to the sun yourself."
+            "The Sun, the Moon and the Earth's axes of a date come from ERFA, which is not "
+            "installed; run "
+            "pip install 'gossamer_fx[orbit]' (Debian: python3-erfa), or give the direction to the "
+            "sun yourself."
         ) from None
     return erfa
 

@@ -2,18 +2,20 @@
 
 Each triangle has one temperature T.  Per area of the stress-free film
 
-    C dT/dt = α_lit S |a·u| + ε_f q F_f + ε_b q F_b + ... - (ε_f + ε_b) σ |a| (T⁴ - T_space⁴)      (1)
+    C dT/dt = α_lit S |a·u| + ε_f q F_f + ε_b q F_b + ... - (ε_f + ε_b) σ |a| (T⁴ - T_space⁴)    (1)
 
-with the flux S of sunlight along u, eclipse included, the area vector a of the deformed triangle over
-its stress-free area, and the absorptivity of the face that is lit; F are view factors of both faces to
-the central body, which sends infrared and reflected sunlight (`orbit.radiation`).
+with the flux S of sunlight along u, eclipse included, the area vector a of the deformed triangle
+over its stress-free area, and the absorptivity of the face that is lit; F are view factors of both
+faces to the central body, which sends infrared and reflected sunlight (`orbit.radiation`).
 
-The temperatures are advanced once at the beginning of a step of the motion, with the fluxes at its middle:
-the orbit there is known, and the shape is extrapolated as q0 + ½ h v0.  That is of order 2 in the step.
-The film then moves under the thermal strain of its temperatures; nothing goes back but its shape.
+The temperatures are advanced once at the beginning of a step of the motion, with the fluxes at its
+middle: the orbit there is known, and the shape is extrapolated as q0 + ½ h v0.  That is of order 2
+in the step. The film then moves under the thermal strain of its temperatures; nothing goes back but
+its shape.
 
-Heat has its own balance (`HeatBalance`): the heat of a film is 1e8 times its elastic energy, and would hide
-the errors of the mechanical one.  The heat that thermal expansion turns into work is not taken from it.
+Heat has its own balance (`HeatBalance`): the heat of a film is 1e8 times its elastic energy, and
+would hide the errors of the mechanical one.  The heat that thermal expansion turns into work is not
+taken from it.
 """
 
 from __future__ import annotations
@@ -67,7 +69,8 @@ LIGHT_SPEED = 299792458.0
 # The middle of a reference triangle.
 MIDDLE = np.array([[1 / 3, 1 / 3]])
 
-# Largest temperature [K] that is taken.  No film is hotter, and the fourth power of larger numbers overflows.
+# Largest temperature [K] that is taken.  No film is hotter, and the fourth power of larger numbers
+# overflows.
 MAX_TEMPERATURE = 1e5
 
 # Temperature of the sky [K].
@@ -119,8 +122,8 @@ class ThermalProperties:
 
     Args:
         heat_capacity: C, per area [J/(m² K)]: specific heat times density times thickness.
-        absorptivity: share of sunlight that is absorbed, 0 to 1: one number, or those of front and back.
-            It is 1 - reflectivity of `Optics`.
+        absorptivity: share of sunlight that is absorbed, 0 to 1: one number, or those of front and
+            back. It is 1 - reflectivity of `Optics`.
         emissivity: in the infrared, 0 to 1: one number, or those of front and back.
 
     Raises:
@@ -145,7 +148,8 @@ class ThermalProperties:
         """
         check(
             self.heat_capacity > 0,
-            f"ThermalProperties: heat_capacity is {self.heat_capacity!r} J/(m² K); give a positive number.",
+            f"ThermalProperties: heat_capacity is {self.heat_capacity!r} J/(m² K); give a positive "
+            "number.",
         )
         for what, values in (
             ("absorptivity", self.absorptivities),
@@ -153,7 +157,8 @@ class ThermalProperties:
         ):
             check(
                 all(0 <= value <= 1 for value in values),
-                f"ThermalProperties: {what} is {getattr(self, what)!r}; give numbers between 0 and 1.",
+                f"ThermalProperties: {what} is {getattr(self, what)!r}; give numbers between 0 and "
+                "1.",
             )
         check(
             sum(self.emissivities) > 0 or sum(self.absorptivities) == 0,
@@ -175,8 +180,9 @@ class ThermalProperties:
 class SolarHeating:
     """Temperature of the triangles of a film in orbit, heated by sunlight and cooled by radiation.
 
-    The module describes the equation and its solution.  A film with thermal expansion expands by these
-    temperatures; one without only has them, as field "temperature".  The mesh normal points to the front.
+    The module describes the equation and its solution.  A film with thermal expansion expands by
+    these temperatures; one without only has them, as field "temperature".  The mesh normal points
+    to the front.
 
     Args:
         film: a membrane or plate; a plate has one temperature across its thickness.
@@ -186,8 +192,8 @@ class SolarHeating:
         initial_temperature: [K]; default that of the film's thermal expansion.
         space_temperature: of the sky [K].
         infrared: flux that the central body radiates [W/m²] at its surface; of the Earth 237.
-        albedo: share of sunlight that the central body reflects, 0 to 1; of the Earth 0.3.  Where the film
-            flies, the ground below it counts as lit like a diffuse sphere.
+        albedo: share of sunlight that the central body reflects, 0 to 1; of the Earth 0.3.  Where
+            the film flies, the ground below it counts as lit like a diffuse sphere.
         shadow_pixels: as of `SolarPressure`: shadow of the film on itself; 0: none.
         name: for messages; default from the film.
 
@@ -228,7 +234,8 @@ class SolarHeating:
         self.name = name or f"heating of {film.name}"
         check(
             film.full is film,
-            f"'{self.name}': the film '{film.name}' is a reduced one, whose triangles are samples; heat the "
+            f"'{self.name}': the film '{film.name}' is a reduced one, whose triangles are samples; "
+            "heat the "
             "film itself.",
         )
         self._check_numbers()
@@ -246,16 +253,19 @@ class SolarHeating:
             value = getattr(self, what)
             check(
                 value is None or 0 <= value <= MAX_TEMPERATURE,
-                f"'{self.name}': {what} is {value!r} K; give an absolute temperature from 0 to {MAX_TEMPERATURE:g} K.",
+                f"'{self.name}': {what} is {value!r} K; give an absolute temperature from 0 to "
+                f"{MAX_TEMPERATURE:g} K.",
             )
         check(
             0 <= self.shadow_pixels <= MAX_SHADOW_PIXELS,
-            f"'{self.name}': shadow_pixels is {self.shadow_pixels!r}; give pixels across the film, at most "
+            f"'{self.name}': shadow_pixels is {self.shadow_pixels!r}; give pixels across the film, "
+            "at most "
             f"{MAX_SHADOW_PIXELS}, or zero.",
         )
         check(
             self.initial_temperature is not None or self.film.thermal is not None,
-            f"'{self.name}': the temperature at the start is not known; give initial_temperature in K.",
+            f"'{self.name}': the temperature at the start is not known; give initial_temperature "
+            "in K.",
         )
 
     def requires(self) -> Iterable[Any]:
@@ -339,7 +349,8 @@ class FilmTemperatures:
             dim, cells = self.film.mesh.group(group)
             check(
                 dim == 2,
-                f"'{heating.name}': the group '{group}' has dimension {dim}; name triangles of the mesh.",
+                f"'{heating.name}': the group '{group}' has dimension {dim}; name triangles of the "
+                "mesh.",
             )
             table[cells[cells < self._owned]] = row(properties)
         self._C = table[:, 0]
@@ -353,7 +364,8 @@ class FilmTemperatures:
         if strain is not None:
             check(
                 not strain.in_time,
-                f"'{heating.name}' computes the temperature of '{self.film.name}', whose thermal expansion has a "
+                f"'{heating.name}' computes the temperature of '{self.film.name}', whose thermal "
+                "expansion has a "
                 "function for it; give a number there, the temperature at the start.",
             )
         if heating.initial_temperature is not None:
@@ -363,7 +375,7 @@ class FilmTemperatures:
         temperatures: Array = strain.start_temperature.x.array[nodes].mean(axis=1)
         return temperatures
 
-    # ---- a step --------------------------------------------------------------------------------------
+    # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self) -> None:
         """Advance the temperatures over the step; `commit` accepts them.  Collective."""
@@ -405,7 +417,8 @@ class FilmTemperatures:
         function.x.scatter_forward()
 
     def _fluxes(self, flight: Flight) -> tuple[Array, Array]:
-        """A [W/m²] and B [W/(m² K⁴)] of `orbit.radiation` (n,), in the middle of the step.  Collective."""
+        """A [W/m²] and B [W/(m² K⁴)] of `orbit.radiation` (n,), in the middle of the step.
+        Collective."""
         heating = self.heating
         u, pressure = flight.light()
         a = self._middle_area_vectors()
@@ -424,7 +437,8 @@ class FilmTemperatures:
         return A, B
 
     def _from_central_body(self, flight: Flight, a: Array, stretch: Array) -> Array:
-        """Flux (n,) [W/m²] of infrared and reflected sunlight of the central body that is absorbed."""
+        """Flux (n,) [W/m²] of infrared and reflected sunlight of the central body that is
+        absorbed."""
         heating = self.heating
         around = flight.around
         distance = float(np.linalg.norm(flight.R))
@@ -456,7 +470,7 @@ class FilmTemperatures:
         vectors: Array = self._area_vectors.x.array.reshape(-1, 3)[self._vector_of_cell]
         return vectors
 
-    # ---- the heat balance ----------------------------------------------------------------------------
+    # ---- the heat balance ------------------------------------------------------------------------
 
     def _stored(self) -> float:
         """∫ C T dA [J], this rank's share."""
@@ -519,7 +533,8 @@ class HeatedFilms(
             heating = term.heating
             check(
                 all(other.film is not heating.film for other in self._films),
-                f"'{heating.name}': the film '{heating.film.name}' is heated twice; leave one of both out.",
+                f"'{heating.name}': the film '{heating.film.name}' is heated twice; leave one of "
+                "both out.",
             )
             temperatures = FilmTemperatures(heating, system)
             heating._temperatures[system] = temperatures

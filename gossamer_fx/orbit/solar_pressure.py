@@ -29,16 +29,18 @@ from gossamer_fx.orbit.orbit import Orbit
 from gossamer_fx.orbit.shadow_map import ShadowMap
 from gossamer_fx.orbit.surface_forces import Rows, Surface, Symbolic, light_force
 
-# Largest number of pixels across the map of shadows: their square has to fit in memory on every rank.
+# Largest number of pixels across the map of shadows: their square has to fit in memory on every
+# rank.
 MAX_SHADOW_PIXELS = 8192
 
 
 @check_arguments
 class SolarPressure:
-    """Pressure of sunlight on the deformed triangles of a film, or on the surfaces of a rigid body; see `Optics`.
+    """Pressure of sunlight on the deformed triangles of a film, or on the surfaces of a rigid body;
+    see `Optics`.
 
-    Both sides of a film are considered.  Distance from the Sun and shadow of the central body are those at
-    the middle of the step.
+    Both sides of a film are considered.  Distance from the Sun and shadow of the central body are
+    those at the middle of the step.
 
     Args:
         body: a film or a rigid body.
@@ -46,8 +48,8 @@ class SolarPressure:
         optics: of a film; the front is the side to which the normal of the mesh points.
         groups: optics by the names of groups of its triangles.
         surfaces: of a rigid body.
-        shadow_pixels: pixels across the map by which a film's shadow on itself is found at the start of each
-            step; 0: none.
+        shadow_pixels: pixels across the map by which a film's shadow on itself is found at the
+            start of each step; 0: none.
         name: for messages and results; default from the body.
 
     Raises:
@@ -80,11 +82,13 @@ class SolarPressure:
         check_surfaces(self.name, body, self.surfaces)
         check(
             not self.groups or isinstance(body, Membrane),
-            f"'{self.name}': only films have groups; give the optics of a rigid body with its surfaces.",
+            f"'{self.name}': only films have groups; give the optics of a rigid body with its "
+            "surfaces.",
         )
         check(
             shadow_pixels >= 0 and (not shadow_pixels or isinstance(body, Membrane)),
-            f"'{self.name}': shadow_pixels is {shadow_pixels!r}; give pixels across a film, or zero.",
+            f"'{self.name}': shadow_pixels is {shadow_pixels!r}; give pixels across a film, or "
+            "zero.",
         )
         check(
             shadow_pixels <= MAX_SHADOW_PIXELS,
@@ -136,7 +140,8 @@ class SolarPressure:
 def face_coefficients(
     film: Membrane, optics: Optics, groups: Mapping[str, Optics], name: str
 ) -> tuple[list[Expr], list[Expr]]:
-    """Optical coefficients of front and back: constants, or functions where groups of triangles differ.
+    """Optical coefficients of front and back: constants, or functions where groups of triangles
+    differ.
 
     Args:
         film: the film.

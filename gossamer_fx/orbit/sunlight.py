@@ -1,4 +1,5 @@
-"""Sunlight from a given direction on a film, for scenes without an orbit: equilibria, modes, tests on the ground."""
+"""Sunlight from a given direction on a film, for scenes without an orbit: equilibria, modes, tests
+on the ground."""
 
 from __future__ import annotations
 
@@ -37,16 +38,17 @@ class Sunlight:
 
     Args:
         body: the film; both sides are considered.
-        direction: along which the light travels (3,), of any length, or a function of time [s] (of the
-            argument `at` of an equilibrium) that returns it.
+        direction: along which the light travels (3,), of any length, or a function of time [s] (of
+            the argument `at` of an equilibrium) that returns it.
         optics: the front is the side to which the normal of the mesh points.
         groups: optics by the names of groups of triangles.
-        pressure: of the light on a surface that absorbs it [N/m²]; default that at 1 astronomical unit.
+        pressure: of the light on a surface that absorbs it [N/m²]; default that at 1 astronomical
+            unit.
         name: for messages and results.
 
     Raises:
-        InputError: a direction that is not three finite numbers, or zero; a pressure that is negative; a
-            group that is not of triangles.
+        InputError: a direction that is not three finite numbers, or zero; a pressure that is
+            negative; a group that is not of triangles.
 
     Example:
         >>> light = gx.orbit.Sunlight(film, direction=(0.0, 0.0, -1.0))

@@ -20,6 +20,7 @@ def adios2_for(path: Path) -> Any:
         import adios2
     except ImportError as error:
         raise InputError(
-            f"'{path}' cannot be read: this Python has no ADIOS2; install 'adios2', or open the file in ParaView."
+            f"'{path}' cannot be read: this Python has no ADIOS2; install 'adios2', or open the "
+            "file in ParaView."
         ) from error
     return adios2

@@ -1,18 +1,20 @@
-"""The arguments of a scene's items as data, which recordings and checkpoints store and a restart compares.
+"""The arguments of a scene's items as data, which recordings and checkpoints store and a restart
+compares.
 
 Stored are
 
 1. numbers, words and collections of them by value,
 2. other items of the scene by class and name, attached points by their position,
 3. other objects of this package, e.g. laws, optics or obstacles, by their own arguments,
-4. functions by their qualified name, the numbers and words in their body, the names of what they use
-   (`sin` for `np.sin`), their default arguments, and the numbers and words that they read from outside.
+4. functions by their qualified name, the numbers and words in their body, the names of what they
+   use (`sin` for `np.sin`), their default arguments, and the numbers and words that they read from
+   outside.
 
 Another constant or parameter of a function is therefore noticed.
 
-Limits.  Changes of a function that leave all these as they are, e.g. `a - b` for `b - a`, are not noticed.
-A list, an array or an object that a function reads from outside may change during a run, and is reported
-as unknown.
+Limits.  Changes of a function that leave all these as they are, e.g. `a - b` for `b - a`, are not
+noticed. A list, an array or an object that a function reads from outside may change during a run,
+and is reported as unknown.
 """
 
 from __future__ import annotations
@@ -35,7 +37,8 @@ from gossamer_fx.terms.scalar_unknowns import InitialCondition
 # A value for JSON: None, bool, int, float, str, and lists and dictionaries of them.
 Known = Any
 
-# The only key of a dictionary in place of a value that is not stored; its value is the name of the class.
+# The only key of a dictionary in place of a value that is not stored; its value is the name of the
+# class.
 UNKNOWN = "unknown"
 
 # Keys of numbers that are computed from a mesh, and of their tolerance.
@@ -45,7 +48,8 @@ TOLERANCE = "tolerance"
 # Names are the keys of items, meshes are compared by their cells, and the communicator may differ.
 _NOT_COMPARED = ("name", "comm", "mesh")
 
-# Levels of objects in objects, and of functions that use functions: some refer to each other in a circle.
+# Levels of objects in objects, and of functions that use functions: some refer to each other in a
+# circle.
 _MAX_DEPTH = 6
 
 # Numbers of an array that is stored: larger ones would make the file long.
@@ -68,10 +72,12 @@ def arguments_of(items: Sequence[Any]) -> dict[str, dict[str, Known]]:
 
 
 def of_item(item: Any, items: Iterable[Any]) -> dict[str, Known]:
-    """The arguments of an item of a scene, by name, and its public attributes that are numbers, words or obstacles.
+    """The arguments of an item of a scene, by name, and its public attributes that are numbers,
+    words or obstacles.
 
     Args:
-        item: it keeps each argument as an attribute of the argument's name, maybe after an underscore.
+        item: it keeps each argument as an attribute of the argument's name, maybe after an
+            underscore.
         items: of the scene.
     """
     return _attributes(item, functools.partial(describe, items=tuple(items), depth=1))
@@ -143,7 +149,7 @@ def unknown(known: Known, where: str = "") -> list[str]:
     return []
 
 
-# ---- objects --------------------------------------------------------------------------------------------------------
+# ---- objects -------------------------------------------------------------------------------------
 
 
 def _is_of_package(value: Any) -> bool:
@@ -175,14 +181,16 @@ def _attributes(thing: Any, inner: Callable[[Any], Known]) -> dict[str, Known]:
 
 
 def _is_plain(value: Any) -> bool:
-    """Whether an attribute that is not an argument is data of the object, and nothing made of a mesh."""
+    """Whether an attribute that is not an argument is data of the object, and nothing made of a
+    mesh."""
     if isinstance(value, list | tuple):
         return all(_is_plain(one) or _is_of_package(one) for one in value)
     return value is None or isinstance(value, bool | str | Real)
 
 
 def _of_port(port: Port) -> Known:
-    """A vector attached to a body: its initial value, which does not depend on the numbering of nodes."""
+    """A vector attached to a body: its initial value, which does not depend on the numbering of
+    nodes."""
     body = port.body
     coordinates = body.initial_state()[0]
     largest = body.comm.allreduce(float(np.abs(coordinates).max(initial=0.0)), MPI.MAX)
@@ -193,7 +201,7 @@ def _of_port(port: Port) -> Known:
     }
 
 
-# ---- functions ------------------------------------------------------------------------------------------------------
+# ---- functions -----------------------------------------------------------------------------------
 
 
 def _of_function(function: Callable[..., Any], inner: Callable[[Any], Known]) -> Known:
@@ -250,7 +258,8 @@ def _contents(cell: Any) -> Any:
 
 
 def _from_outside(value: Any, inner: Callable[[Any], Known]) -> Known:
-    """A variable that a function reads from outside, by its value if that cannot change during the run."""
+    """A variable that a function reads from outside, by its value if that cannot change during the
+    run."""
     if isinstance(value, bool | str | Real | tuple | FunctionType) or value is None:
         return inner(value)
     return {UNKNOWN: type(value).__name__}
@@ -273,8 +282,8 @@ def _names(code: CodeType) -> Iterator[str]:
 def _constants(code: CodeType) -> Iterator[Known]:
     """Numbers and words in the body of a function, in their order.
 
-    They are read from the instructions, which the module `dis` knows for each version of Python: small integers are no
-    longer among `co_consts` in Python 3.14, and a docstring is.
+    They are read from the instructions, which the module `dis` knows for each version of Python:
+    small integers are no longer among `co_consts` in Python 3.14, and a docstring is.
     """
     for each in _codes(code):
         for instruction in dis.get_instructions(each):

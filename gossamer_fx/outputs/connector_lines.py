@@ -76,7 +76,8 @@ class ConnectorLines:
         if not self._schedule.due(run.step, run.time, last):
             return
         row: list[float] = [float(run.time), run.step]
-        # Neighbouring bars of a tape share their points, and the position of each is a sum over all ranks.
+        # Neighbouring bars of a tape share their points, and the position of each is a sum over all
+        # ranks.
         known: dict[Any, Array] = {}
         for end in self._ends:
             key: Any = id(end)

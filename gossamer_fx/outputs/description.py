@@ -23,7 +23,8 @@ _PACKAGES = ("fenics-dolfinx", "fenics-ufl", "petsc4py", "mpi4py", "numpy", "gms
 
 
 def describe(run: Run) -> Description:
-    """Bodies, terms, gas, energies and momenta of the present state; the same on every rank.  Collective.
+    """Bodies, terms, gas, energies and momenta of the present state; the same on every rank.
+    Collective.
 
     Masses [kg], areas [m²], lengths [m], boxes [m], pressures [Pa], temperatures [K], volumes [m³],
     energies [J], momenta [kg m/s, kg m²/s].
@@ -34,7 +35,8 @@ def describe(run: Run) -> Description:
     for term in system.terms:
         if isinstance(term, KineticEnergy | NodeKineticEnergy):
             massive.add(term.body)
-    # Joints add frames to sections of beams, which have no mass and which a user does not know as bodies.
+    # Joints add frames to sections of beams, which have no mass and which a user does not know as
+    # bodies.
     bodies = {}
     section_frames = []
     for body in system.bodies:
@@ -116,7 +118,8 @@ def _mass(run: Run, body: Body) -> float:
 
 
 def versions() -> dict[str, str]:
-    """Versions of this package and of those that it is built on; what is not installed is left out."""
+    """Versions of this package and of those that it is built on; what is not installed is left
+    out."""
     found = {"gossamer_fx": VERSION}
     for name in _PACKAGES:
         try:
@@ -152,7 +155,10 @@ def lines(about: Mapping[str, Any]) -> list[str]:
         items = [f"{kind} '{name}'" for name, kind in about["items"].items()]
         rows.append(("other items", ", ".join(items)))
     for name, gas in about["chambers"].items():
-        state = f"{gas['pressure']:.6g} Pa, {gas['temperature']:.6g} K, {gas['volume']:.6g} m³, {gas['mass']:.6g} kg"
+        state = (
+            f"{gas['pressure']:.6g} Pa, {gas['temperature']:.6g} K, {gas['volume']:.6g} m³, "
+            f"{gas['mass']:.6g} kg"
+        )
         rows.append((f"gas in '{name}'", state))
     mass = sum(body["mass"] for body in about["bodies"].values())
     rows.append(("mass", f"{mass:.6g} kg"))

@@ -1,9 +1,11 @@
-"""The files of an ADIOS2 output: how long they are and how many steps they hold, so that damage is noticed.
+"""The files of an ADIOS2 output: how long they are and how many steps they hold, so that damage is
+noticed.
 
-An output of ADIOS2's engine BP5 is a folder `film.bp` with the files data.*, md.* and mmd.*.  ADIOS2 only appends to
-them, and a step is on the disk when its writing returns.  After each step `steps.json` in the folder is replaced; it
-holds the number of steps and the length of each file.  A file that is shorter was cut, and reading it could end the
-program, since ADIOS2 does not check its metadata.  Contents that were changed at the same length are not noticed.
+An output of ADIOS2's engine BP5 is a folder `film.bp` with the files data.*, md.* and mmd.*.
+ADIOS2 only appends to them, and a step is on the disk when its writing returns.  After each step
+`steps.json` in the folder is replaced; it holds the number of steps and the length of each file.  A
+file that is shorter was cut, and reading it could end the program, since ADIOS2 does not check its
+metadata.  Contents that were changed at the same length are not noticed.
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ _REMEDY = "put back a copy of it, or start again."
 def clear(folder: Path) -> None:
     """Remove what an earlier output left that a new one of the same name does not overwrite.
 
-    ADIOS2 replaces files of the same names, but an earlier run on more ranks may have had more data files.
+    ADIOS2 replaces files of the same names, but an earlier run on more ranks may have had more data
+    files.
     """
     (folder / _NAME).unlink(missing_ok=True)
     for old in folder.glob("data.*"):
@@ -93,7 +96,8 @@ def cut(
     same = times is None or (len(times) >= steps and times[steps - 1] == time)
     check(
         same,
-        f"'{folder}' was replaced since the checkpoint was written: its step {steps} is not at t = {time:.9g} s; "
+        f"'{folder}' was replaced since the checkpoint was written: its step {steps} is not at t = "
+        f"{time:.9g} s; "
         f"{_REMEDY}",
     )
     for name, length in lengths.items():

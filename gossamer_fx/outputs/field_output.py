@@ -78,6 +78,7 @@ class FieldOutput:
             return bodies[0]
         check(
             self.body in bodies,
-            f"{output}: '{self.body.name}' is not a body of the scene on a mesh; those are: {names}.",
+            f"{output}: '{self.body.name}' is not a body of the scene on a mesh; those are: "
+            f"{names}.",
         )
         return self.body

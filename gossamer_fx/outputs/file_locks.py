@@ -1,8 +1,9 @@
 """Locks on output files: a file is written by one run at a time, and by one output of that run.
 
-The lock on `out/ledger.csv` is the file `out/.ledger.csv.lock`, which rank 0 holds by the library filelock.  The
-operating system releases it when the process ends, also after kill -9, so that a lock file that is left behind blocks
-nobody.  `out/.ledger.csv.owner` next to it says who holds the lock, for the message that refuses another run.
+The lock on `out/ledger.csv` is the file `out/.ledger.csv.lock`, which rank 0 holds by the library
+filelock.  The operating system releases it when the process ends, also after kill -9, so that a
+lock file that is left behind blocks nobody.  `out/.ledger.csv.owner` next to it says who holds the
+lock, for the message that refuses another run.
 """
 
 from __future__ import annotations
@@ -25,23 +26,25 @@ from gossamer_fx.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.outputs.file_names import segment_number
 from gossamer_fx.outputs.output import make_parent
 
-# The last object of this process that took the lock on a path, for runs of one program that follow each other.
+# The last object of this process that took the lock on a path, for runs of one program that follow
+# each other.
 _LAST_OWNER: weakref.WeakValueDictionary[Path, FileLocks] = weakref.WeakValueDictionary()
 
 
 class FileLocks:
     """The locks of one run on its output files and folders.
 
-    Runs of one program may follow each other: a run takes over the locks of an earlier run of the same program, unless
-    that one is inside `Simulation.run` (`running` is true).  On a file system without locks nothing is locked.
+    Runs of one program may follow each other: a run takes over the locks of an earlier run of the
+    same program, unless that one is inside `Simulation.run` (`running` is true).  On a file system
+    without locks nothing is locked.
 
     Args:
         comm: ranks of the run; rank 0 holds the locks, the others only learn of errors.
         paths: files and folders that the run writes.
 
     Raises:
-        InputError: two of the paths are the same file or segments of one file, a folder cannot be made or written, or
-            another run holds one of the locks.
+        InputError: two of the paths are the same file or segments of one file, a folder cannot be
+            made or written, or another run holds one of the locks.
     """
 
     def __init__(self, comm: MPI.Intracomm, paths: Iterable[Path]) -> None:
@@ -88,13 +91,15 @@ class FileLocks:
             return None
         check(
             not other.running,
-            f"'{path}' is being written by another run of this program; wait for its end, or give another folder.",
+            f"'{path}' is being written by another run of this program; wait for its end, or give "
+            "another folder.",
         )
         return other._locks.pop(path)
 
 
 def _check_different(one: Path, other: Path) -> None:
-    """Raise `InputError` if two paths are one file, or one is a segment of the other (see `file_names`)."""
+    """Raise `InputError` if two paths are one file, or one is a segment of the other (see
+    `file_names`)."""
     same = segment_number(one, other) is not None or segment_number(other, one) is not None
     longer = max(one, other, key=lambda path: len(str(path)))
     check(not same, f"Two outputs of the run write '{longer}'; give one of them another name.")
@@ -110,7 +115,8 @@ def _lock(path: Path) -> FileLock:
     lock = FileLock(_lock_file(path), thread_local=False)
     try:
         lock.acquire(blocking=False)
-        # A run that ended between our opening and locking the file has removed it: such a lock protects nothing.
+        # A run that ended between our opening and locking the file has removed it: such a lock
+        # protects nothing.
         while not _lock_file(path).exists():
             lock.release()
             lock.acquire(blocking=False)
@@ -118,7 +124,8 @@ def _lock(path: Path) -> FileLock:
         return lock
     except (Timeout, PermissionError) as error:  # another user's lock file cannot even be opened
         raise InputError(
-            f"'{path}' is being written by another run{_owner(path)}; wait for its end, or give another folder."
+            f"'{path}' is being written by another run{_owner(path)}; wait for its end, or give "
+            "another folder."
         ) from error
     about = {
         "pid": os.getpid(),
@@ -135,7 +142,8 @@ def _release_all(locks: dict[Path, FileLock]) -> None:
     """Release locks and remove their files; `locks` is empty then."""
     while locks:
         path, lock = locks.popitem()
-        # The files are removed while they are still locked, so that nobody else's are; their folder may be gone.
+        # The files are removed while they are still locked, so that nobody else's are; their folder
+        # may be gone.
         for file in (_owner_file(path), _lock_file(path)):
             with suppress(OSError):
                 file.unlink()

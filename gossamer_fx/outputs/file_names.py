@@ -18,16 +18,16 @@ _HASH_DIGITS = 16
 # The end of the name of a segment.
 _SEGMENT = re.compile(r"_(\d{4,})")
 
-# A point in front hides a file, blanks and points at an end are lost on some systems, and `_` before four
-# digits at the end would make the name that of a segment of another file.
+# A point in front hides a file, blanks and points at an end are lost on some systems, and `_`
+# before four digits at the end would make the name that of a segment of another file.
 _MISLEADING = re.compile(r"^[. ]|[. ]$|_(?=\d{4,}$)")
 
 
 def file_name(name: str) -> str:
     """A file name for an object's name; different names give different file names.
 
-    Letters, digits, blanks and `- _ .` are kept.  Other characters, and those that would mislead, become
-    % and the hexadecimal digits of their UTF-8.  A long name is cut and ends in a hash.
+    Letters, digits, blanks and `- _ .` are kept.  Other characters, and those that would mislead,
+    become % and the hexadecimal digits of their UTF-8.  A long name is cut and ends in a hash.
 
     Example:
         >>> file_name("film/left")
@@ -49,7 +49,8 @@ def file_name(name: str) -> str:
 
 
 def _escaped(text: str) -> str:
-    """% and two hexadecimal digits for each byte of a text in UTF-8, also of half a surrogate pair."""
+    """% and two hexadecimal digits for each byte of a text in UTF-8, also of half a surrogate
+    pair."""
     encoded = text.encode("utf-8", errors="surrogatepass")
     return "".join(f"%{byte:02X}" for byte in encoded)
 
@@ -62,7 +63,8 @@ def segment(path: Path, number: int) -> Path:
 
 
 def segment_number(path: Path, other: Path) -> int | None:
-    """2 for `film_0002.bp` as a segment of `film.bp`, 0 for `film.bp` itself; None for any other file."""
+    """2 for `film_0002.bp` as a segment of `film.bp`, 0 for `film.bp` itself; None for any other
+    file."""
     if other == path:
         return 0
     if other.parent != path.parent or other.suffix != path.suffix:

@@ -16,12 +16,13 @@ LOST = "dissipated "
 
 @check_arguments
 class Ledger:
-    """CSV file with a row for every step: energies [J], momenta, gas masses [kg], closing errors, iterations.
+    """CSV file with a row for every step: energies [J], momenta, gas masses [kg], closing errors,
+    iterations.
 
-    `energy_error` is (H - H0) - (supplied - dissipated) over the largest energy so far; it is zero at rest,
-    while all energies are round-off.  H is the kinetic and stored energy, including that of the gas; supplied
-    and dissipated energies are sums from the start.  If several items dissipate, each has a column in addition
-    to the sum.
+    `energy_error` is (H - H0) - (supplied - dissipated) over the largest energy so far; it is zero
+    at rest, while all energies are round-off.  H is the kinetic and stored energy, including that
+    of the gas; supplied and dissipated energies are sums from the start.  If several items
+    dissipate, each has a column in addition to the sum.
 
     Args:
         path: of the file.

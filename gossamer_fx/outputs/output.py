@@ -56,14 +56,17 @@ class Output(Protocol):
 
 @runtime_checkable
 class Continued(Output, Protocol):
-    """An output that continues at its position in a checkpoint; others start again after a restart."""
+    """An output that continues at its position in a checkpoint; others start again after a
+    restart."""
 
     def cursor(self) -> dict[str, Any]:
-        """Its position, for JSON: numbers, words, lists and dictionaries, the same on every rank."""
+        """Its position, for JSON: numbers, words, lists and dictionaries, the same on every
+        rank."""
         ...
 
     def resume(self, run: Run, cursor: dict[str, Any]) -> None:
-        """Remove what was written after the cursor, and continue there; called instead of `open`."""
+        """Remove what was written after the cursor, and continue there; called instead of
+        `open`."""
         ...
 
 
@@ -87,7 +90,8 @@ def cursors_of(outputs: Iterable[Output]) -> list[tuple[str, dict[str, Any]]]:
 
 
 def begin(run: Run, output: Output, cursors: list[tuple[str, dict[str, Any]]]) -> None:
-    """Open an output, or let it continue at the first cursor of its kind, which is removed from the list."""
+    """Open an output, or let it continue at the first cursor of its kind, which is removed from the
+    list."""
     kind = type(output).__name__
     # Outputs have no names: those of one kind are matched in the order in which they are given.
     mine = next((cursor for cursor in cursors if cursor[0] == kind), None)
@@ -102,9 +106,9 @@ def begin(run: Run, output: Output, cursors: list[tuple[str, dict[str, Any]]]) -
 def check_no_other_run(comm: MPI.Intracomm, output: Output) -> None:
     """Refuse an output that would replace files of another run, or mix its own with them.
 
-    An output with the attribute `overwrite` owns all that it writes: unless that attribute is true, none
-    of its files may exist.  Any other output replaces a file of its name, but not one that belongs to
-    the folder of a recorded run.
+    An output with the attribute `overwrite` owns all that it writes: unless that attribute is true,
+    none of its files may exist.  Any other output replaces a file of its name, but not one that
+    belongs to the folder of a recorded run.
 
     Args:
         comm: of the run; rank 0 looks, as other ranks may see the folder later.
@@ -202,7 +206,8 @@ class Table:
         self._rows = cursor["rows"]
 
     def _cut(self, head: Sequence[str], end: int, rows: int) -> None:
-        """Cut off the bytes after `end`, if the file is the one that the checkpoint knows; on one rank.
+        """Cut off the bytes after `end`, if the file is the one that the checkpoint knows; on one
+        rank.
 
         Raises:
             InputError: the file is shorter, or has other columns or another number of rows.
@@ -212,25 +217,29 @@ class Table:
             content = self.path.read_bytes()
         check(
             len(content) >= end,
-            f"'{self.path}' is shorter than it was when the checkpoint was written, {len(content)} instead of {end} "
+            f"'{self.path}' is shorter than it was when the checkpoint was written, {len(content)} "
+            f"instead of {end} "
             "bytes; put back a copy of it, or start again.",
         )
         first_line = _csv_line(head)
         check(
             content.startswith(first_line),
-            f"'{self.path}' has other columns than this run; restart with the same ones, or give another name.",
+            f"'{self.path}' has other columns than this run; restart with the same ones, or give "
+            "another name.",
         )
         kept = content[:end]
         check(
             kept.endswith(b"\n") and kept.count(b"\n") == rows + first_line.count(b"\n"),
-            f"'{self.path}' was replaced since the checkpoint was written, when it had {rows} rows; put back a copy of "
+            f"'{self.path}' was replaced since the checkpoint was written, when it had {rows} "
+            "rows; put back a copy of "
             "it, or start again.",
         )
         os.truncate(self.path, end)
 
 
 def append_bytes(path: Path, end: int, content: bytes) -> None:
-    """Write `content` at byte `end` of a file; if the disk has no room for all of it, nothing is written.
+    """Write `content` at byte `end` of a file; if the disk has no room for all of it, nothing is
+    written.
 
     Raises:
         OSError: the disk is full, or the file does not exist.
@@ -247,7 +256,8 @@ def append_bytes(path: Path, end: int, content: bytes) -> None:
 
 
 def _csv_line(values: Iterable[Any]) -> bytes:
-    """A row of a CSV file; floating-point numbers are written so that they are read back to the last bit."""
+    """A row of a CSV file; floating-point numbers are written so that they are read back to the
+    last bit."""
     entries = []
     for value in values:
         if isinstance(value, float):
@@ -270,7 +280,8 @@ def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> No
         file: whether it is to be a file (True) or a folder (False), if that is known.
 
     Raises:
-        InputError: the folder cannot be made or written, or a folder has the name of the file, or the other way.
+        InputError: the folder cannot be made or written, or a folder has the name of the file, or
+            the other way.
     """
 
     def task() -> None:
@@ -287,7 +298,8 @@ def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> No
                 path.open("r+b").close()
         except OSError as error:
             raise InputError(
-                f"Cannot write '{path}' ({error.strerror}); choose a folder that exists and is writable."
+                f"Cannot write '{path}' ({error.strerror}); choose a folder that exists and is "
+                "writable."
             ) from error
         check(
             file is not True or not path.is_dir(),
@@ -316,7 +328,8 @@ def evaluate_probe(run: Run, name: str, probe: Probe) -> float:
 
 
 def replace_file(path: Path, text: str) -> None:
-    """Replace the contents of a file at once, so that a reader never finds half of them; on one rank.
+    """Replace the contents of a file at once, so that a reader never finds half of them; on one
+    rank.
 
     Args:
         path: of the file, which need not exist.

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 class Progress:
     """Shows time, step, iterations and energy error of a run on rank 0, and a summary at its end.
 
-    A terminal shows a bar with the length of the step and the remaining wall time; any other stream gets a
-    line every ten seconds.
+    A terminal shows a bar with the length of the step and the remaining wall time; any other stream
+    gets a line every ten seconds.
 
     Args:
         stream: default the standard error.
@@ -104,13 +104,15 @@ class Progress:
         steps = max(run.step, 1)
         closes = "at rest"
         if not run.at_rest:
-            # The relative error alone would hide a large error of the energy of a film next to the energy of its gas.
+            # The relative error alone would hide a large error of the energy of a film next to the
+            # energy of its gas.
             closes = (
                 f"energy closes to {run.energy_error:.1e} of {energy_words(run.largest_energy)}, "
                 f"{run.energy_defect:.1e} J"
             )
         summary = (
-            f"{run.step} steps in {run.seconds:.1f} s, {run.iterations / steps:.1f} iterations a step, "
+            f"{run.step} steps in {run.seconds:.1f} s, {run.iterations / steps:.1f} iterations a "
+            "step, "
             f"{run.substeps} steps rejected; {closes}"
         )
         if run.totals.mass:
@@ -120,7 +122,8 @@ class Progress:
 
 
 def energy_balance(run: Run) -> str:
-    """The closing error of the energy in words; a share of energies that are round-off would mean nothing."""
+    """The closing error of the energy in words; a share of energies that are round-off would mean
+    nothing."""
     return "at rest" if run.at_rest else f"ledger {run.energy_error:+.1e}"
 
 

@@ -1,12 +1,15 @@
 """The folder of a run, from which pictures and reports are drawn and which other programs may read.
 
-    run.json           the scene, the arguments of its items, versions, how the run was made and how it ended
+    run.json           the scene, the arguments of its items, versions, how the run was made and how
+                       it ended
     ledger.csv         energies, momenta, errors, iterations of every step: `Ledger`
     gas.csv            pressure, temperature, volume and mass of each chamber, if there is gas
     states.csv         fractions of area of the films that are taut and wrinkled
     points.csv         positions of the bodies without a mesh, if there are any
-    solids.csv         origin and axes of the solids that move, if there are any; their shapes are in run.json
-    lines.csv          ends of ropes, springs and bars of tapes, at the times of the fields, if there are any
+    solids.csv         origin and axes of the solids that move, if there are any; their shapes are
+                       in run.json
+    lines.csv          ends of ropes, springs and bars of tapes, at the times of the fields, if
+                       there are any
     probes.csv         the probes that were asked for
     fields/NAME.bp     fields of each body on a mesh: `VTX`, or instead, with the format "vtu",
     fields/NAME.pvd    and the folder fields/NAME_files: `VTU`
@@ -67,22 +70,23 @@ class Recording:
 
     Args:
         folder: of the run.  A folder that holds another run is refused.
-        fields: names of fields by the names of films, see `gx.fields`.  Default: displacement, state, the
-            larger stress, the smaller strain, and the pressure if the film bounds a chamber.  Of other
-            bodies the displacement is recorded.
+        fields: names of fields by the names of films, see `gx.fields`.  Default: displacement,
+            state, the larger stress, the smaller strain, and the pressure if the film bounds a
+            chamber.  Of other bodies the displacement is recorded.
         probes: further numbers by name, see `outputs.Probes`.
-        every: steps between two records of the fields; the first and the last state are always recorded.
+        every: steps between two records of the fields; the first and the last state are always
+            recorded.
         times: at which fields are recorded instead [s].
         title: a line for pictures and reports.
         states_every: steps between two rows of states.csv; default: as often as the fields.
-        overwrite: whether another run in the folder is replaced.  Its files are removed when the first
-            state is recorded, so that a run that is refused destroys nothing.
-        format: of the fields: "vtx" (ADIOS2), or "vtu" (VTU and PVD, which need no ADIOS2, and are read
-            by pyvista as well as ParaView).
+        overwrite: whether another run in the folder is replaced.  Its files are removed when the
+            first state is recorded, so that a run that is refused destroys nothing.
+        format: of the fields: "vtx" (ADIOS2), or "vtu" (VTU and PVD, which need no ADIOS2, and are
+            read by pyvista as well as ParaView).
 
     Raises:
-        InputError: an unknown format; when the run is made: an unknown field or film, or a folder that
-            cannot be written or holds another run.
+        InputError: an unknown format; when the run is made: an unknown field or film, or a folder
+            that cannot be written or holds another run.
 
     Example:
         >>> ball = gx.PointMass(2.0, comm=comm, name="ball")
@@ -136,7 +140,7 @@ class Recording:
         """Files and folders that no other run may write."""
         return [self.folder / name for name in RUN_FILES]
 
-    # ---- the protocol of outputs -------------------------------------------------------------------------------
+    # ---- the protocol of outputs -----------------------------------------------------------------
 
     def open(self, run: Run) -> None:
         """Check the request, and make all outputs.
@@ -207,7 +211,7 @@ class Recording:
         else:
             self._write(run, "stopped")
 
-    # ---- outputs for the files ---------------------------------------------------------------------------------
+    # ---- outputs for the files -------------------------------------------------------------------
 
     def _outputs(self) -> Iterator[tuple[str, RecordedPart]]:
         """The outputs for the files, by the names under which checkpoints store their cursors."""

@@ -1,7 +1,7 @@
 """The file `run.json` in a run's folder: its contents, and their check when it is read.
 
-The file may come from a stranger.  It is checked as a whole when it is read, so that its readers find the
-keys and types that they expect.  An error names the key, the value and the expected type.
+The file may come from a stranger.  It is checked as a whole when it is read, so that its readers
+find the keys and types that they expect.  An error names the key, the value and the expected type.
 """
 
 from __future__ import annotations
@@ -73,7 +73,8 @@ _BODY = {
     "law?": Row((str, Each(_ANYTHING))),
 }
 _CHAMBER = dict.fromkeys(("pressure", "temperature", "volume", "mass"), NUMBER)
-# Kinds by key; a key that ends in a question mark may be missing, e.g. in the files of older versions.
+# Kinds by key; a key that ends in a question mark may be missing, e.g. in the files of older
+# versions.
 _RUN = {
     "format": int,
     "title": str,
@@ -125,8 +126,8 @@ def read_run_file(folder: Path) -> dict[str, Any]:
         folder: of the run.
 
     Raises:
-        InputError: the file does not exist, it is not JSON, of another format, or has other keys or types than
-            a run writes.
+        InputError: the file does not exist, it is not JSON, of another format, or has other keys or
+            types than a run writes.
     """
     path = folder / "run.json"
     check(
@@ -160,7 +161,8 @@ def read_run_file(folder: Path) -> dict[str, Any]:
 
 
 def _rename_old_keys(about: Any) -> None:
-    """Give the statistics of an older version their present names; other contents are left as they are."""
+    """Give the statistics of an older version their present names; other contents are left as they
+    are."""
     # Not yet checked: the file may hold anything.
     if not isinstance(about, dict) or not isinstance(about.get("statistics"), dict):
         return

@@ -17,15 +17,15 @@ from gossamer_fx.probes.run import Run
 class Series:
     """Values of probes at the start and after every step, as arrays for scripts.
 
-    `series[name]` is the array (n,) of the values of a probe, and `series.time` that of the times [s]; the
-    same on every rank.  `outputs.Probes` writes the same values to a file.
+    `series[name]` is the array (n,) of the values of a probe, and `series.time` that of the times
+    [s]; the same on every rank.  `outputs.Probes` writes the same values to a file.
 
     Args:
         probes: functions of the run that return a number, the same on every rank, by name.
 
     Raises:
-        InputError: a probe is not a function; in the run, it fails, or does not return the same finite
-            number on every rank; `series[name]` of an unknown name.
+        InputError: a probe is not a function; in the run, it fails, or does not return the same
+            finite number on every rank; `series[name]` of an unknown name.
 
     Example:
         >>> ball = gx.PointMass(2.0, comm=comm, name="ball")

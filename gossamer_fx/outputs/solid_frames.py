@@ -25,7 +25,8 @@ def solids_of(system: System) -> list[Solid]:
 
 
 def frame_of(solid: Solid, system: System) -> Array:
-    """Origin [m] and axes of a solid in the accepted state, (4, 3); the same on every rank.  Collective."""
+    """Origin [m] and axes of a solid in the accepted state, (4, 3); the same on every rank.
+    Collective."""
     if solid.on is not None:
         # One rank has the body's only node, and all others an empty array.
         own = system.state[solid.on].coordinates().copy()

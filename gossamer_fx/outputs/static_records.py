@@ -1,8 +1,8 @@
 """Records of equilibria and modes, in the same files as those of runs.
 
 Outputs read a `Run`.  `StaticRun` shows an equilibrium as a run with a step for each state that is
-recorded; `ModeRun` shows a mode as a run over one period.  Therefore `Recording`, `VTX` and all other
-outputs write both, and `RunReader`, pictures and reports read them.
+recorded; `ModeRun` shows a mode as a run over one period.  Therefore `Recording`, `VTX` and all
+other outputs write both, and `RunReader`, pictures and reports read them.
 """
 
 from __future__ import annotations
@@ -133,8 +133,8 @@ class StaticRun:
 class ModeRun(StaticRun):
     """A mode as a run over one period: q(t) = q0 + a Re(φ e^(iωt)), v its rate.
 
-    The ledger has the energies of small vibrations, ½ |v|² by the mass and the rest of their sum.  A mode
-    without a frequency is shown as if its period were 1 s.
+    The ledger has the energies of small vibrations, ½ |v|² by the mass and the rest of their sum.
+    A mode without a frequency is shown as if its period were 1 s.
 
     Args:
         equilibrium: about which the mode vibrates.
@@ -253,8 +253,9 @@ def record(
 ) -> None:
     """Write equilibria to outputs, in the files of runs: for pictures, reports and other programs.
 
-    With times `at`, the equilibrium under the loads of each time is found and written, so that the record
-    is a path of loads.  Without, the present state is written, also that of a search that was stopped.
+    With times `at`, the equilibrium under the loads of each time is found and written, so that the
+    record is a path of loads.  Without, the present state is written, also that of a search that
+    was stopped.
 
     Args:
         equilibrium: of which `find` was called, if no times are given.
@@ -299,14 +300,16 @@ def record_modes(
 ) -> list[Path]:
     """Write each mode as a recording over one period, for animations and pictures.
 
-    The folders `mode_1`, `mode_2`, ... have the field "mode_amplitude", the distance from the equilibrium,
-    besides the displacement from the mesh.  `gx.plot.modes` shows all of them side by side.
+    The folders `mode_1`, `mode_2`, ... have the field "mode_amplitude", the distance from the
+    equilibrium, besides the displacement from the mesh.  `gx.plot.modes` shows all of them side by
+    side.
 
     Args:
         equilibrium: about which the modes vibrate.
         modes: from `analysis.modes` of this equilibrium.
         folder: in which a folder is made for each mode.
-        amplitude: largest displacement of a node [m]; default: 0.05 of the largest side of the scene.
+        amplitude: largest displacement of a node [m]; default: 0.05 of the largest side of the
+            scene.
         frames: states of a period, at least two.
         overwrite: whether records that are in the folders already are replaced.
 
@@ -314,8 +317,8 @@ def record_modes(
         The folders of the modes.
 
     Raises:
-        InputError: an amplitude or a number of frames that is too small, a mode that nothing moves in, or a
-            folder that cannot be written or holds another run.
+        InputError: an amplitude or a number of frames that is too small, a mode that nothing moves
+            in, or a folder that cannot be written or holds another run.
 
     Example:
         >>> edges = [gx.Fixed(film, edge) for edge in ("left", "right", "bottom", "top")]

@@ -26,9 +26,10 @@ from gossamer_fx.probes.run import Run
 class VTU(FieldOutput):
     """Fields of one body in VTU files, one for each time and rank, and a PVD file that lists them.
 
-    The points are at their present positions, so that the deformed shape is seen without a filter; the
-    stress-free mesh is at the position less the displacement.  Cells of order 2 are cut into straight
-    pieces.  Arrays have their units in their names, e.g. "stress1 [Pa]".  Each rank writes its own cells.
+    The points are at their present positions, so that the deformed shape is seen without a filter;
+    the stress-free mesh is at the position less the displacement.  Cells of order 2 are cut into
+    straight pieces.  Arrays have their units in their names, e.g. "stress1 [Pa]".  Each rank writes
+    its own cells.
 
     Args:
         path: of the PVD file, ending in `.pvd`; the VTU files are in a folder next to it,
@@ -42,8 +43,8 @@ class VTU(FieldOutput):
         last_time: of the last record [s]; None before the first.
 
     Raises:
-        InputError: the path has another ending; when the run is made: an unknown field or body, or a
-            folder that cannot be written.
+        InputError: the path has another ending; when the run is made: an unknown field or body, or
+            a folder that cannot be written.
 
     Example:
         >>> fields = gx.outputs.VTU(folder / "film.pvd", film, fields=["stress1"])

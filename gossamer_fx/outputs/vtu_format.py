@@ -1,9 +1,9 @@
 """The file formats VTU and PVD of VTK: unstructured grids with arrays, and their times.
 
 A `.vtu` file is XML.  Its arrays are binary: a header of three integers, and a block that zlib has
-compressed, both in base 64.  A `.pvd` file lists `.vtu` files with their times; several files of one time
-are parts of one scene, e.g. the shares of several ranks.  ParaView, VisIt and pyvista read both without
-further libraries.
+compressed, both in base 64.  A `.pvd` file lists `.vtu` files with their times; several files of
+one time are parts of one scene, e.g. the shares of several ranks.  ParaView, VisIt and pyvista read
+both without further libraries.
 
 Source: VTK File Formats, docs.vtk.org, sections "XML File Formats" and "PVD File Format".
 """
@@ -138,7 +138,8 @@ def read_vtu(path: Path) -> Grid:
             raise ValueError("an array has another number of points")
     except (OSError, ValueError, KeyError, ElementTree.ParseError, zlib.error) as error:
         raise InputError(
-            f"'{path}' is missing or damaged ({error}); put back a copy of it, or write the run again."
+            f"'{path}' is missing or damaged ({error}); put back a copy of it, or write the run "
+            "again."
         ) from error
     return Grid(points, cells.astype(np.int64), arrays)
 
@@ -203,7 +204,8 @@ def read_pvd(path: Path) -> list[Entry]:
             entries.append(Entry(time, part, element.attrib["file"]))
     except (OSError, ValueError, KeyError, ElementTree.ParseError) as error:
         raise InputError(
-            f"'{path}' is missing or damaged ({error}); put back a copy of it, or write the run again."
+            f"'{path}' is missing or damaged ({error}); put back a copy of it, or write the run "
+            "again."
         ) from error
     for entry in entries:
         inside = Path(entry.file)

@@ -29,13 +29,13 @@ class VTX(FieldOutput):
 
     In ParaView, "Warp By Vector" deforms the mesh.  One file contains functions of one element.
     Displacement and velocity alone are continuous.  With a field that jumps between cells, all are
-    discontinuous of the body's order, since ParaView does not follow cell data in time (ADIOS2 issue 4179).
-    The mesh is written once.  A run that continues, also after a restart, begins another file, `film.bp`,
-    `film_0001.bp`, ...; each time is in one of them only.
+    discontinuous of the body's order, since ParaView does not follow cell data in time (ADIOS2
+    issue 4179). The mesh is written once.  A run that continues, also after a restart, begins
+    another file, `film.bp`, `film_0001.bp`, ...; each time is in one of them only.
 
     Args:
-        path: of the file, ending in `.bp`.  It is made at the first record, so that a run that is refused
-            destroys nothing.
+        path: of the file, ending in `.bp`.  It is made at the first record, so that a run that is
+            refused destroys nothing.
         body: a body on a mesh; it may be left out if the scene has just one.
         fields: names, see `gx.fields`.
         every: steps between two records; the first and the last state are always recorded.
@@ -45,8 +45,8 @@ class VTX(FieldOutput):
         last_time: of the last record [s]; None before the first.
 
     Raises:
-        InputError: the path has another ending; when the run is made: an unknown field or body, or a
-            folder that cannot be written.
+        InputError: the path has another ending; when the run is made: an unknown field or body, or
+            a folder that cannot be written.
 
     Example:
         >>> fields = gx.outputs.VTX(folder / "film.bp", film, fields=["displacement"], every=5)
@@ -167,7 +167,8 @@ class VTX(FieldOutput):
             self._steps = 0
 
     def cursor(self) -> dict[str, Any]:
-        """Position for a checkpoint: segment, its records and lengths, and time of the last record [s]."""
+        """Position for a checkpoint: segment, its records and lengths, and time of the last record
+        [s]."""
         return {
             "segment": self._segment,
             "steps": self._steps,
@@ -213,14 +214,15 @@ class Probes:
 
     Args:
         path: of the file.
-        probes: functions of the run that return a number, the same on every rank, by the names of their
-            columns; see `gx.probes`.
+        probes: functions of the run that return a number, the same on every rank, by the names of
+            their columns; see `gx.probes`.
         every: steps between two rows; the first and the last state are always recorded.
         times: at which rows are written instead [s].
 
     Raises:
-        InputError: a probe is not a function, or has the name of another column; before the first step and
-            in the run: a probe fails, or does not return the same finite number on every rank.
+        InputError: a probe is not a function, or has the name of another column; before the first
+            step and in the run: a probe fails, or does not return the same finite number on every
+            rank.
 
     Example:
         >>> ball = gx.PointMass(2.0, comm=comm, name="ball")
@@ -313,7 +315,7 @@ class Probes:
 def _keep_for_ever(writer: VTXWriter) -> None:
     """Add a reference that is never given back.
 
-    The destructor of ADIOS2 closes the files once more; where they cannot be written it throws, which
-    ends the program by a signal.
+    The destructor of ADIOS2 closes the files once more; where they cannot be written it throws,
+    which ends the program by a signal.
     """
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(writer))

@@ -59,12 +59,13 @@ def read_dxf(
 ) -> Mesh:
     """Mesh the panels that the closed outlines of a DXF drawing enclose.
 
-    Lines, arcs, circles, ellipses, splines and polylines of the model space are read; curves that meet
-    end to end form outlines, and an outline within another one is a hole.  A text within a panel is its
-    name; the others are "panel 1", ... from left to right.  The package ezdxf has to be installed.
+    Lines, arcs, circles, ellipses, splines and polylines of the model space are read; curves that
+    meet end to end form outlines, and an outline within another one is a hole.  A text within a
+    panel is its name; the others are "panel 1", ... from left to right.  The package ezdxf has to
+    be installed.
 
-    Groups: "film", each panel by its name, the curves of each layer by the layer's name, and those on
-    one panel as "panel/layer", which seams take.
+    Groups: "film", each panel by its name, the curves of each layer by the layer's name, and those
+    on one panel as "panel/layer", which seams take.
 
     Args:
         path: path of the file; rank 0 reads it.
@@ -73,8 +74,8 @@ def read_dxf(
         scale: metres in a unit of the drawing; None: the drawing says its unit.
 
     Raises:
-        InputError: ezdxf is missing, the file does not exist, it is not a DXF drawing, it has no unit, an
-            outline is open, or two groups would have one name.
+        InputError: ezdxf is missing, the file does not exist, it is not a DXF drawing, it has no
+            unit, an outline is open, or two groups would have one name.
 
     Example:
         >>> def balloon(comm):
@@ -96,7 +97,8 @@ def panels_of(drawing: Drawing, path: str) -> list[Panel]:
     """
     check(
         bool(drawing.curves),
-        f"The drawing '{path}' has no lines, arcs or splines in its model space; draw closed outlines.",
+        f"The drawing '{path}' has no lines, arcs or splines in its model space; draw closed "
+        "outlines.",
     )
     everything = np.concatenate([curve.points for curve in drawing.curves])
     extent = float(np.linalg.norm(np.ptp(everything, axis=0)))
@@ -147,7 +149,8 @@ def _read(path: Path, scale: float | None) -> Drawing:
         unit = int(document.header.get("$INSUNITS", 0))
         check(
             unit in UNITS,
-            f"The drawing '{path}' does not say its unit; give scale, the metres in one of its units.",
+            f"The drawing '{path}' does not say its unit; give scale, the metres in one of its "
+            "units.",
         )
         scale = UNITS[unit]
     drawing = Drawing()
@@ -157,7 +160,8 @@ def _read(path: Path, scale: float | None) -> Drawing:
 
 
 def _take(entity: Any, scale: float, drawing: Drawing) -> None:
-    """Add an entity to a drawing, if it is a curve or a text; parts of polylines and blocks one by one."""
+    """Add an entity to a drawing, if it is a curve or a text; parts of polylines and blocks one by
+    one."""
     kind = entity.dxftype()
     layer = str(entity.dxf.layer)
     if kind == "LINE":
@@ -215,7 +219,8 @@ def _loops(curves: Sequence[DrawnCurve], tolerance: float, path: str) -> list[li
         layer = curves[there[0]].layer
         check(
             len(there) == 2,
-            f"The drawing '{path}' has an outline that is open, or branches, at ({point[0]:.6g}, {point[1]:.6g}) m on "
+            f"The drawing '{path}' has an outline that is open, or branches, at ({point[0]:.6g}, "
+            f"{point[1]:.6g}) m on "
             f"the layer '{layer}'; let two curves meet there.",
         )
     loops = []
@@ -272,7 +277,8 @@ def _check_names(panels: Sequence[Panel], path: str) -> None:
     for panel in panels:
         check(
             panel.name not in taken,
-            f"The drawing '{path}' has two groups '{panel.name}'; give each panel its own text, not that of a layer.",
+            f"The drawing '{path}' has two groups '{panel.name}'; give each panel its own text, "
+            "not that of a layer.",
         )
         taken.add(panel.name)
 

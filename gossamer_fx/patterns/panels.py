@@ -4,12 +4,12 @@ Problem.  A balloon or a dome is approximated by n equal flat panels that go fro
 
 Idea.  With s the arc length of the meridian (r(s), z(s)), the gore of width
 
-    w(s) = 2 π r(s)/n                                                                             (1)
+    w(s) = 2 π r(s)/n                                                                            (1)
 
 has everywhere the circumference of the body.  Bent along its length only, it fits the body as a
 developable surface: the point (s, y) of gore k goes to
 
-    x = r(s) e_k + y t_k + z(s) e_z,    e_k = (cos φ_k, sin φ_k, 0),  t_k = (-sin φ_k, cos φ_k, 0)   (2)
+    x = r(s) e_k + y t_k + z(s) e_z, e_k = (cos φ_k, sin φ_k, 0), t_k = (-sin φ_k, cos φ_k, 0)  (2)
 
 without any strain.  The edges of neighbours are then close to each other, r (π/n)³/3 apart, so that
 seams have little to close.
@@ -90,9 +90,9 @@ class Gores:
     def mesh(self, comm: MPI.Intracomm, *, along: int, across: int) -> Mesh:
         """All gores in one mesh: the panels lie side by side in the plane z = 0.
 
-        Normals point outwards in place.  Groups: "film", of each panel "gore k", its edges "left k" and
-        "right k" and, where it does not end in a point, "first end k" and "last end k"; the points
-        "first k" and "last k" of pointed ends; k from 0 to n - 1.
+        Normals point outwards in place.  Groups: "film", of each panel "gore k", its edges "left k"
+        and "right k" and, where it does not end in a point, "first end k" and "last end k"; the
+        points "first k" and "last k" of pointed ends; k from 0 to n - 1.
 
         Args:
             comm: the ranks.
@@ -104,18 +104,21 @@ class Gores:
         """
         check(
             along >= 2 and across >= 1,
-            f"Gores: along is {along!r} and across {across!r}; give 2 cells along and 1 across or more.",
+            f"Gores: along is {along!r} and across {across!r}; give 2 cells along and 1 across or "
+            "more.",
         )
         return gmsh_mesh(lambda model: self._build(model, along, across), comm)
 
     def placed(self, X: Array, apart: float = 0.0) -> Array:
-        """Displacement [m] (3, n) of mesh points (3, n) that moves each gore to its position, without strain.
+        """Displacement [m] (3, n) of mesh points (3, n) that moves each gore to its position,
+        without strain.
 
         It is the `displacement` of the film, equation (2) of the module.
 
         Args:
             X: points of the mesh [m].
-            apart: distance [m] by which each gore is farther from the axis, for a look at the sewing.
+            apart: distance [m] by which each gore is farther from the axis, for a look at the
+                sewing.
         """
         number = np.rint(X[1] / self.pitch)
         y = X[1] - number * self.pitch
@@ -130,7 +133,8 @@ class Gores:
     def seams(
         self, film: Membrane, *, closing: tuple[float, float] | None = (0.0, 1.0)
     ) -> list[Seam]:
-        """The n seams of a film on `mesh`: the left edge of each gore to the right edge of the next.
+        """The n seams of a film on `mesh`: the left edge of each gore to the right edge of the
+        next.
 
         Args:
             film: on a mesh of these gores.
@@ -196,16 +200,17 @@ class Gores:
 def gores(profile: Sequence[Sequence[float]] | Array, n: int) -> Gores:
     """Cut a body of revolution into n equal flat gores.
 
-    Their width is that of the body, w(s) = 2 π r(s)/n along the arc length s of the meridian, so that
-    seams and film bulge between them as the pressure will.
+    Their width is that of the body, w(s) = 2 π r(s)/n along the arc length s of the meridian, so
+    that seams and film bulge between them as the pressure will.
 
     Args:
-        profile: points (m, 2) of the meridian [m], radius r >= 0 and height z, from one end to the other.
+        profile: points (m, 2) of the meridian [m], radius r >= 0 and height z, from one end to the
+            other.
         n: number of gores, three or more.
 
     Raises:
-        InputError: fewer than three points, repeated points, a negative radius, fewer than three gores,
-            a profile that is closed within its length.
+        InputError: fewer than three points, repeated points, a negative radius, fewer than three
+            gores, a profile that is closed within its length.
 
     Example:
         >>> angle = np.linspace(0.0, np.pi, 61)
@@ -223,20 +228,23 @@ def gores(profile: Sequence[Sequence[float]] | Array, n: int) -> Gores:
     repeated = np.flatnonzero(steps <= 0)
     check(
         not len(repeated),
-        f"gores: the points {_first(repeated)} and {_first(repeated) + 1} of the profile are one; leave one out.",
+        f"gores: the points {_first(repeated)} and {_first(repeated) + 1} of the profile are one; "
+        "leave one out.",
     )
     largest = float(points[:, 0].max())
     negative = np.flatnonzero(points[:, 0] < -POINT * largest)
     check(
         not len(negative),
-        f"gores: the radius of point {_first(negative)} of the profile is negative; give zero or more.",
+        f"gores: the radius of point {_first(negative)} of the profile is negative; give zero or "
+        "more.",
     )
     # Round-off of sin(π) is not a radius.
     points[:, 0] = np.where(points[:, 0] <= POINT * largest, 0.0, points[:, 0])
     closed = np.flatnonzero(points[1:-1, 0] == 0)
     check(
         not len(closed),
-        f"gores: the radius of point {_first(closed) + 1} of the profile is zero; only its ends may be poles.",
+        f"gores: the radius of point {_first(closed) + 1} of the profile is zero; only its ends "
+        "may be poles.",
     )
     return Gores(points, n)
 

@@ -21,9 +21,11 @@ _SOLID_COLOUR = (0.66, 0.64, 0.60)
 _TURN = np.radians(25)  # of the longest axis, so that depth is seen
 _ELEVATION_FLAT = np.radians(38)  # of shapes without height
 _ELEVATION_TALL = np.radians(18)  # of shapes without depth
-# Part by which the spread along x counts more than along y: of equal axes x is the longer, whatever the round-off.
+# Part by which the spread along x counts more than along y: of equal axes x is the longer, whatever
+# the round-off.
 _PREFER_X = 2e-3
-# Way of the shapes across the picture, over the largest of them, from which on the camera follows them.
+# Way of the shapes across the picture, over the largest of them, from which on the camera follows
+# them.
 _FAR = 1.6
 _MARGIN = 0.02  # around the shapes, of the larger side
 _MIN_SIDE = 0.2  # of the larger side, that the smaller one has at least
@@ -71,8 +73,9 @@ class Camera:
 def aim(shapes: Sequence[Shape], view: View = View()) -> Camera:  # noqa: B008 (frozen)
     """A camera that sees all shapes, at one scale unless the view zooms.
 
-    z is up.  The longest horizontal axis of the shapes runs to the right, turned by 25°; a flat shape is seen from
-    higher above (38°) than a tall one (18°).  The camera stands still unless the shapes travel far.
+    z is up.  The longest horizontal axis of the shapes runs to the right, turned by 25°; a flat
+    shape is seen from higher above (38°) than a tall one (18°).  The camera stands still unless the
+    shapes travel far.
     """
     axes = _axes(_spread(shapes), view)
     lows = np.full((len(shapes), 3), np.inf)
@@ -196,7 +199,8 @@ def _image(
 ) -> Array:
     """What is nearest and, through it, what is behind: the image (height, width, 3) of a canvas.
 
-    Layers are drawn from front to back (depth peeling), each with the light that those before it let through.
+    Layers are drawn from front to back (depth peeling), each with the light that those before it
+    let through.
     """
     image = np.ones((canvas.height, canvas.width, 3))
     light = 1.0
@@ -227,7 +231,8 @@ class _Projection:
 
 
 def _bars(ends: Array, kind: int) -> _Triangles:
-    """Lines (m, 2, 3) [pixels] as round bars: on each side of the axis a strip that gets darker outwards."""
+    """Lines (m, 2, 3) [pixels] as round bars: on each side of the axis a strip that gets darker
+    outwards."""
     half_width = _HALF_LINE * _SUPERSAMPLES
     # the axis stands out by the radius, so that a line is seen on the film on which it lies
     start = ends[:, 0] - np.array([0.0, 0.0, half_width])
@@ -248,7 +253,8 @@ def _bars(ends: Array, kind: int) -> _Triangles:
 
 
 def _balls(centres: Array, kind: int) -> _Triangles:
-    """Dots (k, 3) [pixels] as small balls: cones whose tips are bright and stand towards the eye."""
+    """Dots (k, 3) [pixels] as small balls: cones whose tips are bright and stand towards the
+    eye."""
     radius = _DOT * _SUPERSAMPLES
     angles = np.linspace(0, 2 * np.pi, _DOT_SECTORS + 1)
     rim = radius * np.stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))], axis=1)
@@ -260,8 +266,10 @@ def _balls(centres: Array, kind: int) -> _Triangles:
 
 
 def _shades(corners: Array, normals: Array) -> Array:
-    """Brightness (n, 3) in [0, 1] at corners: Phong's reflection, with a distant light, on the side that is seen."""
-    # pixels count downwards and depth away from the eye: in them, the normal of a front side points away
+    """Brightness (n, 3) in [0, 1] at corners: Phong's reflection, with a distant light, on the side
+    that is seen."""
+    # pixels count downwards and depth away from the eye: in them, the normal of a front side points
+    # away
     first_edge = corners[:, 1] - corners[:, 0]
     second_edge = corners[:, 2] - corners[:, 0]
     from_behind = np.cross(first_edge, second_edge)[:, 2] > 0
@@ -275,7 +283,8 @@ def _shades(corners: Array, normals: Array) -> Array:
 
 
 def _palette(colours: Array) -> npt.NDArray[np.uint8]:
-    """Colours (kinds, 256, 3) by brightness: from black to the colour at 1 - gloss, then half-way on to white.
+    """Colours (kinds, 256, 3) by brightness: from black to the colour at 1 - gloss, then half-way
+    on to white.
 
     The last two kinds are those of lines and of solids.
     """

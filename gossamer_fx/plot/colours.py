@@ -1,4 +1,5 @@
-"""Colours of films: by their state, by their groups, or on a scale of numbers; readable with any colour vision."""
+"""Colours of films: by their state, by their groups, or on a scale of numbers; readable with any
+colour vision."""
 
 from __future__ import annotations
 
@@ -17,11 +18,13 @@ from gossamer_fx.plot.units import NAMES, UNITS, scaled
 
 # Blue, orange, light grey: told apart with any colour vision, and in print by their brightness.
 STATE_COLOURS = {SLACK: (0.18, 0.49, 0.75), WRINKLED: (0.96, 0.65, 0.14), TAUT: (0.87, 0.88, 0.89)}
-# Of groups and layers, after M. Okabe and K. Ito, Color universal design (2008); repeated beyond the seventh.
+# Of groups and layers, after M. Okabe and K. Ito, Color universal design (2008); repeated beyond
+# the seventh.
 GROUP_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
 
 _BINS = 128
-# Part of the larger sign below which the other sign is left out of a scale: a film in tension has small compressions.
+# Part of the larger sign below which the other sign is left out of a scale: a film in tension has
+# small compressions.
 _NEGLIGIBLE = 0.05
 # Percentage of the values beyond either end of a scale, so that single cells do not decide it.
 _TAILS = 0.5
@@ -32,7 +35,8 @@ _SAMPLES = 24  # recorded states that decide on a scale, and on a camera for a w
 class Scale:
     """Colours for numbers from `low` to `high`.
 
-    If both signs matter they go from blue over light yellow at zero to red, else from dark to bright.
+    If both signs matter they go from blue over light yellow at zero to red, else from dark to
+    bright.
     """
 
     name: str
@@ -72,7 +76,8 @@ class Scale:
 
 
 def scale(field: str, samples: Sequence[Array]) -> Scale:
-    """The scale on which samples of a field are seen best; symmetric about zero if both signs matter."""
+    """The scale on which samples of a field are seen best; symmetric about zero if both signs
+    matter."""
     values = np.concatenate([np.zeros(0), *samples])
     values = values[np.isfinite(values)]
     low = 0.0

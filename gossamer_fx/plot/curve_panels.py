@@ -1,4 +1,5 @@
-"""The tables of a run's folder as panels of a figure: energies, gas, states of the films, errors, solver, probes."""
+"""The tables of a run's folder as panels of a figure: energies, gas, states of the films, errors,
+solver, probes."""
 
 from __future__ import annotations
 
@@ -140,7 +141,8 @@ def overlay_curves(run: RunReader, series: Sequence[MeasuredSeries]) -> Curves:
 
 
 def grouped(probes: Tables) -> dict[str, Tables]:
-    """Curves of one panel by their last words, by title: "tip x [m]" and "tip y [m]" are x and y of "tip [m]"."""
+    """Curves of one panel by their last words, by title: "tip x [m]" and "tip y [m]" are x and y of
+    "tip [m]"."""
     panels: dict[str, Tables] = {}
     for name, values in probes.items():
         if name in ("time", "step"):
@@ -184,7 +186,7 @@ def _line_colours(curves: Mapping[str, Array]) -> dict[str, str]:
     return dict(zip(curves, cycle(LINES), strict=False))
 
 
-# ---- panels ---------------------------------------------------------------------------------------------------------
+# ---- panels --------------------------------------------------------------------------------------
 
 
 def _lines(
@@ -313,7 +315,8 @@ def label_ends(axes: Axes, ends: Mapping[str, tuple[float, str]]) -> None:
 
     Args:
         axes: on which the curves are drawn.
-        ends: the last value and the colour of each curve, by name; curves whose value is not finite are not named.
+        ends: the last value and the colour of each curve, by name; curves whose value is not finite
+            are not named.
     """
     axes.autoscale_view()
     to_axes = axes.transData + axes.transAxes.inverted()
@@ -330,7 +333,8 @@ def label_ends(axes: Axes, ends: Mapping[str, tuple[float, str]]) -> None:
         lines = np.ones(len(labels), dtype=int)
     heights = np.array([height for height, _, _ in labels]).clip(0, 1)
     distances = _LABEL_PITCH * (lines[1:] + lines[:-1]) / 2 + _LABEL_GAP
-    # Each pass moves neighbours that overlap half of the way apart; 100 passes separate seven labels.
+    # Each pass moves neighbours that overlap half of the way apart; 100 passes separate seven
+    # labels.
     for _ in range(100):
         overlap = distances - np.diff(heights)
         push = np.where(overlap > 1e-4, overlap / 2, 0.0)
@@ -355,7 +359,8 @@ def wrapped(name: str, width: int, most_lines: int) -> str:
 
     The ends of names tell them apart, e.g. "damping of the film (mass)" and "(stiffness)".
     """
-    # `textwrap` would join all white space, also line ends, so that no text has more lines than it says.
+    # `textwrap` would join all white space, also line ends, so that no text has more lines than it
+    # says.
     found = textwrap.wrap(name, width)
     if len(found) <= most_lines:
         return "\n".join(found)

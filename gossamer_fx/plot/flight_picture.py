@@ -1,4 +1,5 @@
-"""One picture of a flight: the orbit with its shadow, the scene with the directions of Sun and motion, and history."""
+"""One picture of a flight: the orbit with its shadow, the scene with the directions of Sun and
+motion, and history."""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ _WIDTH = 11.0  # inches
 _ORBIT_HEIGHT = 4.6  # inches
 _PROBE_HEIGHT = 1.5  # inches
 _LONG = 3 * 3600.0  # s from which on the time is shown in hours
-# Lengths of the arrows to the Sun and of motion over the largest that fits: if they are parallel, both are seen.
+# Lengths of the arrows to the Sun and of motion over the largest that fits: if they are parallel,
+# both are seen.
 _SUN_ARROW = 1.0
 _MOTION_ARROW = 0.7
 _ALONG_VIEW = (
@@ -52,7 +54,8 @@ _LIT = "flight lit"  # part of the Sun that is seen
 class FlightPicture(DrawnRun):
     """PNG of a flight, drawn at the end of a run: its orbit, the last shapes, and probes over time.
 
-    The orbit is seen along the normal of its plane at the start, bright in sunlight and dark in the shadow.
+    The orbit is seen along the normal of its plane at the start, bright in sunlight and dark in the
+    shadow.
 
     Args:
         path: of the file, ending in `.png`.
@@ -127,7 +130,8 @@ class FlightPicture(DrawnRun):
         figure.savefig(self.path, dpi=_DPI)
 
     def _draw_orbit(self, axes: Axes, table: Tables) -> None:
-        """The orbit, seen along the normal of its plane at the start, in thousands of kilometres."""
+        """The orbit, seen along the normal of its plane at the start, in thousands of
+        kilometres."""
         from matplotlib.patches import Circle
 
         outward, along, _ = local_axes(*self.orbit.state).T
@@ -172,7 +176,8 @@ def _vectors(table: Tables, names: Sequence[str]) -> Array:
 
 
 def _draw_scene(axes: Axes, run: RunReader, table: Tables) -> None:
-    """The scene at the end, and the directions to the Sun and of motion as they are seen from the camera."""
+    """The scene at the end, and the directions to the Sun and of motion as they are seen from the
+    camera."""
     colours = by_state(bool(run.films))
     shapes = [run.shape(len(run.times) - 1, "state", colours.kinds)]
     camera = aim(shapes)

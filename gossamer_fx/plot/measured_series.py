@@ -43,16 +43,16 @@ class MeasuredSeries:
 def read_measured(path: str | Path, run: RunReader) -> list[MeasuredSeries]:
     """Series of a CSV file whose columns are named like probes of a run.
 
-    The first row is the heading: "time [s]" and names of probes with units, e.g. "tip x [mm]".  Columns are
-    separated by commas or semicolons.  An empty cell is a value that was not measured.
+    The first row is the heading: "time [s]" and names of probes with units, e.g. "tip x [mm]".
+    Columns are separated by commas or semicolons.  An empty cell is a value that was not measured.
 
     Args:
         path: of the file.
         run: whose probes are meant.
 
     Raises:
-        InputError: the file cannot be read, has no column of times or none of a probe, a unit of another
-            dimension, or a cell that is not a finite number.
+        InputError: the file cannot be read, has no column of times or none of a probe, a unit of
+            another dimension, or a cell that is not a finite number.
     """
     path = Path(path)
     headings, cells = _rows(path)
@@ -64,7 +64,8 @@ def read_measured(path: str | Path, run: RunReader) -> list[MeasuredSeries]:
             probe_units[name] = (column, unit)
     check(
         bool(probe_units),
-        f"The run in '{run.folder}' recorded no probes; give its Recording some, to compare '{path}' with.",
+        f"The run in '{run.folder}' recorded no probes; give its Recording some, to compare "
+        f"'{path}' with.",
     )
     times: Array | None = None
     columns = []
@@ -78,7 +79,8 @@ def read_measured(path: str | Path, run: RunReader) -> list[MeasuredSeries]:
         known = ", ".join(f"'{column}'" for column, _ in list(probe_units.values())[:_LISTED])
         check(
             name in probe_units,
-            f"'{path}' has a column '{heading}', but the run has no such probe; name it like one of {known}.",
+            f"'{path}' has a column '{heading}', but the run has no such probe; name it like one "
+            f"of {known}.",
         )
         column, probe_unit = probe_units[name]
         factor = 1.0
@@ -100,7 +102,8 @@ def read_measured(path: str | Path, run: RunReader) -> list[MeasuredSeries]:
 
 
 def rms_difference(series: MeasuredSeries, probes: Tables) -> float:
-    """Root mean square of probe minus measurement, over the measured times within the run; NaN if there is none."""
+    """Root mean square of probe minus measurement, over the measured times within the run; NaN if
+    there is none."""
     is_within = (series.t >= probes["time"][0]) & (series.t <= probes["time"][-1])
     if not is_within.any():
         return math.nan
@@ -132,7 +135,8 @@ def _rows(path: Path) -> tuple[list[str], list[list[float]]]:
         ) from error
     check(
         len(rows) > 1,
-        f"'{path}' has {len(rows)} rows; give a heading, such as 'time [s],tip x [m]', and values below it.",
+        f"'{path}' has {len(rows)} rows; give a heading, such as 'time [s],tip x [m]', and values "
+        "below it.",
     )
     check(len(rows) <= _MAX_ROWS, f"'{path}' has more than {_MAX_ROWS} rows; give fewer.")
     headings = rows[0]
@@ -140,7 +144,8 @@ def _rows(path: Path) -> tuple[list[str], list[list[float]]]:
     for line, row in enumerate(rows[1:], start=2):
         check(
             len(row) == len(headings),
-            f"'{path}', row {line} has {len(row)} cells and the heading {len(headings)}; give as many.",
+            f"'{path}', row {line} has {len(row)} cells and the heading {len(headings)}; give as "
+            "many.",
         )
         numbers.append([_number(cell, path, line) for cell in row])
     return headings, numbers
@@ -156,6 +161,7 @@ def _number(cell: str, path: Path, line: int) -> float:
         value = math.nan
     check(
         math.isfinite(value),
-        f"'{path}', row {line}: '{cell.strip()[:40]}' is not a finite number; correct it, or leave the cell empty.",
+        f"'{path}', row {line}: '{cell.strip()[:40]}' is not a finite number; correct it, or leave "
+        "the cell empty.",
     )
     return value

@@ -1,7 +1,7 @@
 """The page of a picture: a title, images of the scene with a key and a scale bar, and curves below.
 
-matplotlib lays the page out (its engine "constrained").  Images are drawn when their position is known, with as many
-pixels as that rectangle has, so that they are not resampled.
+matplotlib lays the page out (its engine "constrained").  Images are drawn when their position is
+known, with as many pixels as that rectangle has, so that they are not resampled.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ _SMALL_TITLE_SIZE = 10
 
 # Inches of a panel with its labels, at least.
 _PANEL_WIDTH = 3.8
-# Power of the number of rows by which the size of images counts less: full rows and few are preferred.
+# Power of the number of rows by which the size of images counts less: full rows and few are
+# preferred.
 _FEW_ROWS = 0.35
 _STYLE = {
     "font.size": 9,
@@ -82,7 +83,8 @@ class Views:
 
 @dataclass(frozen=True)
 class Place:
-    """Where the first image of a page is: columns from the left, rows from the top, and pixels per metre."""
+    """Where the first image of a page is: columns from the left, rows from the top, and pixels per
+    metre."""
 
     left: int
     top: int
@@ -163,7 +165,7 @@ def write_page(
     return place
 
 
-# ---- images ---------------------------------------------------------------------------------------------------------
+# ---- images --------------------------------------------------------------------------------------
 
 
 def _arrange(views: Views | None, page_width: float) -> tuple[int, int]:
@@ -230,11 +232,12 @@ def _draw_images(figure: Figure, frames: Sequence[Axes], views: Views) -> Place:
     return first
 
 
-# ---- key and scale bar ----------------------------------------------------------------------------------------------
+# ---- key and scale bar ---------------------------------------------------------------------------
 
 
 def _draw_key(header: Axes, key: dict[str, Any] | Scale) -> None:
-    """Names and colours at the left end of the line above the images, or a bar with the colours of a scale."""
+    """Names and colours at the left end of the line above the images, or a bar with the colours of
+    a scale."""
     from matplotlib.patches import Patch
 
     header.set_axis_off()
@@ -265,7 +268,8 @@ def _draw_key(header: Axes, key: dict[str, Any] | Scale) -> None:
 
 
 def _draw_scale_bar(header: Axes, scale: float, width: float) -> None:
-    """A round length at the right end of the line above the images, about a quarter of an image long.
+    """A round length at the right end of the line above the images, about a quarter of an image
+    long.
 
     Args:
         header: the axes of that line.
@@ -299,7 +303,7 @@ def _draw_scale_bar(header: Axes, scale: float, width: float) -> None:
     )
 
 
-# ---- curves ---------------------------------------------------------------------------------------------------------
+# ---- curves --------------------------------------------------------------------------------------
 
 
 def _draw_panels(part: SubFigure, curves: Curves, rows: int) -> None:

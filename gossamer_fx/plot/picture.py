@@ -1,7 +1,8 @@
 """Pictures that are drawn at the end of a run: its shapes, and curves over time.
 
-They are drawn from a recording, by the code that draws pictures of a run's folder.  The output records
-what it needs in a hidden folder next to the picture, and removes that folder when the program ends.
+They are drawn from a recording, by the code that draws pictures of a run's folder.  The output
+records what it needs in a hidden folder next to the picture, and removes that folder when the
+program ends.
 """
 
 from __future__ import annotations
@@ -98,8 +99,8 @@ class DrawnRun:
         if recording is None or not recording.has_begun:
             return
         if run.time < run.until:
-            # The run was stopped; the picture ends with its last state.  If that cannot be written, there
-            # is a failure already, and the picture shows the states before.
+            # The run was stopped; the picture ends with its last state.  If that cannot be written,
+            # there is a failure already, and the picture shows the states before.
             with suppress(OutputFailure):
                 recording.record_fields(run)
         recording.close(run)
@@ -116,24 +117,29 @@ class DrawnRun:
 
 @check_arguments
 class Picture(DrawnRun):
-    """PNG of a run, drawn at its end or failure: deformed films, energies, gas, states, ledger errors.
+    """PNG of a run, drawn at its end or failure: deformed films, energies, gas, states, ledger
+    errors.
 
     Args:
         path: of the file, ending in `.png`.
-        times: at which the films are drawn [s]; default: the start and the end.  If the run stops early, its
-            last state is added.
+        times: at which the films are drawn [s]; default: the start and the end.  If the run stops
+            early, its last state is added.
         title: a line on top.
         view: camera and transparency; default as `View` chooses it.
-        section: a point [m] and a normal.  Instead of the films, the lines in which this plane cuts them are
-            drawn, in the colours of the films and their groups, or of the layers of a film without groups.
-        colour: "state" of the film (taut, wrinkled, slack), or "group" (films, and groups of their cells).
+        section: a point [m] and a normal.  Instead of the films, the lines in which this plane cuts
+            them are drawn, in the colours of the films and their groups, or of the layers of a film
+            without groups.
+        colour: "state" of the film (taut, wrinkled, slack), or "group" (films, and groups of their
+            cells).
 
     Raises:
-        InputError: too many times, a section without a normal, or another colour; when the run is made: a
-            folder that cannot be written.
+        InputError: too many times, a section without a normal, or another colour; when the run is
+            made: a folder that cannot be written.
 
     Example:
-        >>> picture = gx.plot.Picture(folder / "tube.png", times=[0.0, 0.1], title="A tube is inflated")
+        >>> picture = gx.plot.Picture(
+        ...     folder / "tube.png", times=[0.0, 0.1], title="A tube is inflated"
+        ... )
         >>> picture.writes[0].name
         'tube.png'
     """
@@ -155,7 +161,8 @@ class Picture(DrawnRun):
         self.times = Schedule(times=tuple(times)).times
         check(
             len(self.times) <= MAX_SHAPES,
-            f"Picture '{path}' of {len(self.times)} times; give at most {MAX_SHAPES}, and use VTX for more.",
+            f"Picture '{path}' of {len(self.times)} times; give at most {MAX_SHAPES}, and use VTX "
+            "for more.",
         )
         check(
             colour in ("state", "group"),
@@ -167,7 +174,8 @@ class Picture(DrawnRun):
         self.section = section
 
     def recording(self, run: Run) -> Recording:
-        """The recording that the picture needs: displacements, and the field that gives the colours."""
+        """The recording that the picture needs: displacements, and the field that gives the
+        colours."""
         field = "state"
         if self.section is not None or self.colour == "group":
             field = "group"
@@ -201,7 +209,8 @@ class Picture(DrawnRun):
         return field_views(run, self.colour, colours, frames, self.view)
 
     def _frames(self, run: RunReader) -> list[int]:
-        """Indices of the states to draw: those that were asked for, and the last one of a stopped run."""
+        """Indices of the states to draw: those that were asked for, and the last one of a stopped
+        run."""
         count = len(run.times)
         if count == 0:
             return []

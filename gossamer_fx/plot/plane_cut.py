@@ -1,4 +1,5 @@
-"""Sections: the lines in which a plane cuts films, coloured by group or, where all is one group, by layer."""
+"""Sections: the lines in which a plane cuts films, coloured by group or, where all is one group, by
+layer."""
 
 from __future__ import annotations
 
@@ -108,7 +109,8 @@ def check_section(owner: str, section: tuple[Vector, Vector]) -> None:
     good = is_pair and all(is_vector(v) for v in section) and bool(np.any(section[1]))
     check(
         good,
-        f"{owner}: section is {section!r}; give a point [m] and a normal, ((x, y, z), (nx, ny, nz)).",
+        f"{owner}: section is {section!r}; give a point [m] and a normal, ((x, y, z), (nx, ny, "
+        "nz)).",
     )
 
 
@@ -119,7 +121,8 @@ def _crossings(x: Array) -> tuple[Array, Integers]:
         x: corners (n, 3, 3).
 
     Returns:
-        Lines (m, 2, 2), whose ends at neighbours are equal to the last bit, and the numbers (m,) of their triangles.
+        Lines (m, 2, 2), whose ends at neighbours are equal to the last bit, and the numbers (m,) of
+        their triangles.
     """
     above = x[..., 2] >= 0
     cut = np.flatnonzero(above.any(axis=1) & ~above.all(axis=1))
@@ -139,14 +142,14 @@ def _crossings(x: Array) -> tuple[Array, Integers]:
     return points[crossed].reshape(-1, 2, 2), cut
 
 
-# ---- layers ---------------------------------------------------------------------------------------------------------
+# ---- layers --------------------------------------------------------------------------------------
 
 
 def layers(lines: Array) -> Integers:
     """Numbers (m,) of the layers that lines (m, 2, 2) belong to.
 
-    One follows connected lines from one of their ends.  Where they turn back along the section's longer axis, the next
-    layer begins.
+    One follows connected lines from one of their ends.  Where they turn back along the section's
+    longer axis, the next layer begins.
     """
     kinds = np.zeros(len(lines), dtype=np.int64)
     if not len(lines):
@@ -166,7 +169,8 @@ def layers(lines: Array) -> Integers:
 
 
 def _chains(ends: npt.NDArray[np.integer], count: int) -> Iterator[tuple[list[int], list[int]]]:
-    """Chains of connected lines: the numbers of their lines, and the points on the way from one end to the other.
+    """Chains of connected lines: the numbers of their lines, and the points on the way from one end
+    to the other.
 
     Args:
         ends: numbers of points (m, 2) of each line.
@@ -177,8 +181,8 @@ def _chains(ends: npt.NDArray[np.integer], count: int) -> Iterator[tuple[list[in
         for point in ends[line]:
             lines_at[point].append(line)
     left = np.ones(len(ends), dtype=bool)
-    # Open chains before closed ones; of each kind the one whose end comes first in the mesh, so that
-    # layers have the same colours in all pictures of a run.
+    # Open chains before closed ones; of each kind the one whose end comes first in the mesh, so
+    # that layers have the same colours in all pictures of a run.
     starts = sorted(range(count), key=lambda i: (len(lines_at[i]) != 1, lines_at[i]))
     for start in starts:
         chain: list[int] = []
@@ -218,11 +222,12 @@ def _turns(s: Array, back: float) -> list[int]:
     return turns
 
 
-# ---- drawing --------------------------------------------------------------------------------------------------------
+# ---- drawing -------------------------------------------------------------------------------------
 
 
 def window(cuts: Sequence[Cut]) -> tuple[tuple[float, float], list[Array]]:
-    """Width and height [m] of a window that shows each of the cuts at one scale, and the middles of the cuts (2,)."""
+    """Width and height [m] of a window that shows each of the cuts at one scale, and the middles of
+    the cuts (2,)."""
     boxes = []
     for cut in cuts:
         points = cut.ends.reshape(-1, 2) if len(cut.ends) else np.zeros((1, 2))

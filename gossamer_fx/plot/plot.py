@@ -47,7 +47,8 @@ _ANIMATION_PIXELS = 960
 # Most pixels per inch of an animation: more make letters and files large.
 _MAX_ANIMATION_DPI = 120
 
-# Least width of the page of an animation, which its key needs, and the height of its picture [inches].
+# Least width of the page of an animation, which its key needs, and the height of its picture
+# [inches].
 _MIN_ANIMATION_WIDTH = 5.0
 _ANIMATION_HEIGHT = 5.0
 
@@ -67,7 +68,8 @@ _MIN_PAUSE = 20
 # Pixels with a channel below this number are drawn on; all others are nearly white.
 _SHORT_OF_WHITE = 250
 
-# Bits of red, green and blue by which the colours of a GIF are told apart before its palette is made.
+# Bits of red, green and blue by which the colours of a GIF are told apart before its palette is
+# made.
 _COLOUR_BITS = 7
 
 # Smallest interval of recorded times whose digits are shown, in the unit of the times.
@@ -185,7 +187,8 @@ def curves(run: RunReader, path: str | Path) -> None:
     found = run_curves(run)
     check(
         bool(found.panels),
-        f"The run in '{run.folder}' has fewer than two steps; let it run before its curves are drawn.",
+        f"The run in '{run.folder}' has fewer than two steps; let it run before its curves are "
+        "drawn.",
     )
     write_page(file_to_write(path), run.title, None, found)
 
@@ -194,17 +197,18 @@ def curves(run: RunReader, path: str | Path) -> None:
 def overlay(run: RunReader, measured: Sequence[str | Path], path: str | Path) -> None:
     """Write a PNG of the probes of a run that were measured, with the measured values over them.
 
-    A panel for each quantity; its legend has the root mean square of computed minus measured values, over
-    the measured times within the run.
+    A panel for each quantity; its legend has the root mean square of computed minus measured
+    values, over the measured times within the run.
 
     Args:
         run: a recorded run with probes.
-        measured: CSV files with a column "time [s]" and columns named like probes, e.g. "tip x [mm]"; the
-            units may be others of the same dimension.
+        measured: CSV files with a column "time [s]" and columns named like probes, e.g. "tip x
+            [mm]"; the units may be others of the same dimension.
         path: of the file, ending in `.png`.
 
     Raises:
-        InputError: a file cannot be read, is not such a table, or names a probe that the run does not have.
+        InputError: a file cannot be read, is not such a table, or names a probe that the run does
+            not have.
         OutputFailure: the file cannot be written.
 
     Example:
@@ -252,7 +256,8 @@ def field_views(
 
 
 def captions(run: RunReader, frames: Sequence[int], zooms: Sequence[float]) -> list[str]:
-    """Captions: times of recorded states, and the enlargement of pictures relative to the scale bar."""
+    """Captions: times of recorded states, and the enlargement of pictures relative to the scale
+    bar."""
     factor, prefix = scaled(float(run.times[-1]))
     found = []
     for frame, zoom in zip(frames, zooms, strict=True):
@@ -297,7 +302,8 @@ def modes(
     for run in runs:
         check(
             run.kind == "mode",
-            f"'{run.folder}' holds no record of a mode; give folders that outputs.record_modes made.",
+            f"'{run.folder}' holds no record of a mode; give folders that outputs.record_modes "
+            "made.",
         )
     # All modes have the same largest displacement, and so the colours of the first one.
     colours = colouring(runs[0], MODE_FIELD)
@@ -312,7 +318,7 @@ def modes(
     write_page(file_to_write(path), "", views)
 
 
-# ---- animations -----------------------------------------------------------------------------------------------------
+# ---- animations ----------------------------------------------------------------------------------
 
 
 @check_arguments
@@ -351,7 +357,8 @@ def animate(
     )
     check(
         path.suffix == ".gif" or find_ffmpeg() is not None,
-        f"'{path}' needs ffmpeg, which is not here; install it or the package imageio-ffmpeg, or write a .gif.",
+        f"'{path}' needs ffmpeg, which is not here; install it or the package imageio-ffmpeg, or "
+        "write a .gif.",
     )
     check(seconds > 0, f"An animation of {seconds!r} s cannot be made; give its length in seconds.")
     run.require_fields()
@@ -392,7 +399,8 @@ def _images(
     frames: Integers,
     follow: bool,
 ) -> Iterator[Image]:
-    """The frames of an animation; the page is laid out once, then pictures and times are put into it."""
+    """The frames of an animation; the page is laid out once, then pictures and times are put into
+    it."""
     # Imported here, as most plots need no images in memory.
     from matplotlib import get_data_path
     from PIL import Image, ImageDraw, ImageFont
@@ -464,8 +472,8 @@ def _write_gif(path: Path, images: Iterable[Image], pause: float) -> None:
 def _palette_colours(frames: Sequence[Any]) -> list[int]:
     """Red, green and blue of 255 colours of all frames, as one list.
 
-    Each colour counts once, however many pixels it has: a few slack cells in one frame of a hundred keep
-    their blue.  White is left out, which is a colour of the palette by itself.
+    Each colour counts once, however many pixels it has: a few slack cells in one frame of a hundred
+    keep their blue.  White is left out, which is a colour of the palette by itself.
     """
     from PIL import Image
 
@@ -490,11 +498,13 @@ def _palette_colours(frames: Sequence[Any]) -> list[int]:
 
 
 def find_ffmpeg() -> str | None:
-    """The program ffmpeg: that on PATH, else that of the package imageio-ffmpeg; None if there is neither."""
+    """The program ffmpeg: that on PATH, else that of the package imageio-ffmpeg; None if there is
+    neither."""
     program = shutil.which("ffmpeg")
     if program is not None:
         return program
-    # A private Debian tree hides the programs of the machine; the wheel of this package contains one.
+    # A private Debian tree hides the programs of the machine; the wheel of this package contains
+    # one.
     try:
         from imageio_ffmpeg import get_ffmpeg_exe
     except ImportError:

@@ -1,11 +1,12 @@
 """Rasterisation of triangles with hidden surfaces, in NumPy.
 
-Problem.  Of all triangles that cover a pixel, the nearest is visible; loops over triangles or pixels in
-Python would be slow.
+Problem.  Of all triangles that cover a pixel, the nearest is visible; loops over triangles or
+pixels in Python would be slow.
 
-Idea.  A pixel is one integer of 64 bits: the distance from the eye in its high 40 bits, the colour (red,
-green, blue) in its low 24.  The nearer of two is then the smaller integer, so that drawing is a minimum and
-does not depend on the order of the triangles.  The background is the largest integer: farthest, and white.
+Idea.  A pixel is one integer of 64 bits: the distance from the eye in its high 40 bits, the colour
+(red, green, blue) in its low 24.  The nearer of two is then the smaller integer, so that drawing is
+a minimum and does not depend on the order of the triangles.  The background is the largest integer:
+farthest, and white.
 
 Algorithm of `Canvas.draw`.
 
@@ -39,7 +40,8 @@ _CHANNEL_SHIFTS = np.array([16, 8, 0], dtype=np.uint64)
 # Pixels that are drawn at once, to bound the memory.
 _MAX_SAMPLES = 2_000_000
 
-# Twice the area [pixels²] below which a triangle is seen on edge: it covers nothing, and has no slopes.
+# Twice the area [pixels²] below which a triangle is seen on edge: it covers nothing, and has no
+# slopes.
 _MIN_TWICE_AREA = 1e-9
 
 
@@ -87,8 +89,8 @@ class Canvas:
     ) -> None:
         """Draw triangles.
 
-        A triangle owns the pixels whose centres lie in it.  Of two triangles that share an edge, exactly one
-        owns a centre on that edge.
+        A triangle owns the pixels whose centres lie in it.  Of two triangles that share an edge,
+        exactly one owns a centre on that edge.
 
         Args:
             corners: (n, 3, 3), x to the right and y down in pixels, and the distance from the eye.
@@ -159,7 +161,8 @@ class Canvas:
             pixel = pixel[seen]
             z = z[seen]
             colour = colour[seen]
-        # A batch may have several triangles in one pixel; an assignment would keep an arbitrary one.
+        # A batch may have several triangles in one pixel; an assignment would keep an arbitrary
+        # one.
         packed = (z << _COLOUR_BITS) | colour
         np.minimum.at(self._pixels, pixel, packed)
 
@@ -167,8 +170,8 @@ class Canvas:
         """The image, darkened at silhouettes, where the distance jumps.
 
         Args:
-            jump: difference of distances from which on a jump is outlined.  It is the second difference,
-                which is zero on any plane, however oblique.
+            jump: difference of distances from which on a jump is outlined.  It is the second
+                difference, which is zero on any plane, however oblique.
             strength: share of the light that an outline absorbs.
 
         Returns:
@@ -211,7 +214,8 @@ def _span_ends(
     triangle: Integers,
     level: Array,
 ) -> tuple[Array, Array]:
-    """The x at which the lines y = level enter and leave their triangles; both are zero where they miss.
+    """The x at which the lines y = level enter and leave their triangles; both are zero where they
+    miss.
 
     Args:
         x: of the corners of n triangles, (n, 3).
@@ -223,8 +227,8 @@ def _span_ends(
     right: Array = np.full(len(level), -np.inf)
     every = np.arange(len(x))
     for i, j in ((0, 1), (1, 2), (2, 0)):
-        # Every edge is taken from its upper to its lower end.  Both triangles of an edge then compute the
-        # same number, and no pixel between them is left out or drawn twice.
+        # Every edge is taken from its upper to its lower end.  Both triangles of an edge then
+        # compute the same number, and no pixel between them is left out or drawn twice.
         is_level = y[:, i] == y[:, j]
         goes_down = (y[:, i] < y[:, j]) | (is_level & (x[:, i] < x[:, j]))
         upper = np.where(goes_down, i, j)
@@ -251,7 +255,8 @@ def _along_spans(
     triangle: Integers,
     level: Array,
 ) -> tuple[Array, Array]:
-    """A linear function of each triangle on the lines y = level: its value at x = 0, and its slope along x.
+    """A linear function of each triangle on the lines y = level: its value at x = 0, and its slope
+    along x.
 
     Args:
         corners: (n, 3, 3) of the triangles.
@@ -267,8 +272,8 @@ def _along_spans(
     x_2 = x[:, 2] - x[:, 0]
     y_1 = y[:, 1] - y[:, 0]
     y_2 = y[:, 2] - y[:, 0]
-    # Cramer's rule for the gradient of the function.  The area is not zero: triangles seen on edge are not
-    # drawn.
+    # Cramer's rule for the gradient of the function.  The area is not zero: triangles seen on edge
+    # are not drawn.
     area = _twice_area(x, y)
     slope_x = (value_1 * y_2 - value_2 * y_1) / area
     slope_y = (value_2 * x_1 - value_1 * x_2) / area

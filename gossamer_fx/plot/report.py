@@ -1,7 +1,8 @@
 """One HTML page about a run that needs no other file: a view to turn, pictures, curves, tables.
 
-The recording may come from a stranger.  All texts from it are escaped, in HTML and in the data for the view, and the
-page has a content security policy: a browser runs the one script that is ours, known by its hash, and loads nothing.
+The recording may come from a stranger.  All texts from it are escaped, in HTML and in the data for
+the view, and the page has a content security policy: a browser runs the one script that is ours,
+known by its hash, and loads nothing.
 """
 
 from __future__ import annotations
@@ -60,10 +61,12 @@ _VIEW = """
 
 # Screens of at most this width [pixels] show pictures that are laid out for them.
 _NARROW_SCREEN = 700
-# Width of the page of such pictures [inches]: its letters of 9 points are 11 pixels high on a screen of 400.
+# Width of the page of such pictures [inches]: its letters of 9 points are 11 pixels high on a
+# screen of 400.
 _NARROW_WIDTH = 4.0
 
-# Characters with a meaning in HTML, and line ends that JSON allows and JavaScript does not; JSON can write them so.
+# Characters with a meaning in HTML, and line ends that JSON allows and JavaScript does not; JSON
+# can write them so.
 _JSON_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 
 
@@ -205,7 +208,8 @@ def _status(about: Mapping[str, Any]) -> str:
             largest = energy_words(numbers["largest energy"])
             closes += f" of {largest}, {abs(numbers['energy defect']):.1e} J"
     words = (
-        f"{status} at t = {numbers['time']:.6g} s of {numbers['until']:.6g} s, {numbers['steps']} steps, "
+        f"{status} at t = {numbers['time']:.6g} s of {numbers['until']:.6g} s, {numbers['steps']} "
+        "steps, "
         f"{closes}"
     )
     return f'<p class="{kind}">{escape(words)}</p>'

@@ -1,6 +1,8 @@
-"""Reading a run's folder: tables of numbers, and the bodies at the times at which their fields were written.
+"""Reading a run's folder: tables of numbers, and the bodies at the times at which their fields were
+written.
 
-All pictures and reports of a run are drawn from what is read here, also those that are made in the course of the run.
+All pictures and reports of a run are drawn from what is read here, also those that are made in the
+course of the run.
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ Tables = dict[str, Array]
 _REQUIRED = {
     "ledger.csv": ("step", "iterations", "kinetic", "supplied", "dissipated", "energy_error")
 }
-# Triangles of a film up to which values that vary in them are drawn on triangles of a quarter of the size.
+# Triangles of a film up to which values that vary in them are drawn on triangles of a quarter of
+# the size.
 _FINE = 12000
 _VTK_TRIANGLES = (5, 22, 69)  # VTK's numbers of triangles: linear, quadratic, Lagrange
 _TIME_SLACK = 1e-6  # of the run's length, by which a time may lie outside it
@@ -44,7 +47,8 @@ _VECTOR_PARTS = 12  # numbers of a frame in solids.csv: origin and three axes
 
 @check_arguments
 class RunReader:
-    """Reads the folder of a run that a `Recording` wrote, also of one that is going on or was killed.
+    """Reads the folder of a run that a `Recording` wrote, also of one that is going on or was
+    killed.
 
     Args:
         folder: of the run.
@@ -53,10 +57,10 @@ class RunReader:
         about: the contents of run.json.
         fields: names of the recorded fields, by body.
         bodies: the bodies on meshes, by name.
-        groups: names of the groups of the films' cells, see `fields.groups.groups_of`; empty if the field
-            "group" was not recorded.
-        times: at which pictures can be drawn [s]: those of the fields or, without bodies on meshes, of all
-            steps.
+        groups: names of the groups of the films' cells, see `fields.groups.groups_of`; empty if the
+            field "group" was not recorded.
+        times: at which pictures can be drawn [s]: those of the fields or, without bodies on meshes,
+            of all steps.
 
     Raises:
         InputError: it is not the folder of a run, or its files cannot be read.
@@ -93,7 +97,8 @@ class RunReader:
         )
 
     def _repr_html_(self) -> str:
-        """The bodies and their fields as a table, for notebooks; see `InlineReport` for pictures."""
+        """The bodies and their fields as a table, for notebooks; see `InlineReport` for
+        pictures."""
         rows = [(name, ", ".join(fields)) for name, fields in self.fields.items()]
         caption = escape(f"{self.title}: {self.about['status']}, {len(self.times)} states")
         return f"<p>{caption}</p>{table(('body', 'fields'), rows)}"
@@ -114,12 +119,13 @@ class RunReader:
         return str(self.about.get("kind", "run"))
 
     def caption(self, frame: int, of_time: str) -> str:
-        """Words below a recorded state: those of an equilibrium or a mode, or else the given ones of its time."""
+        """Words below a recorded state: those of an equilibrium or a mode, or else the given ones
+        of its time."""
         if len(self._captions) == len(self.times):
             return self._captions[frame]
         return of_time
 
-    # ---- numbers -----------------------------------------------------------------------------------------------
+    # ---- numbers ---------------------------------------------------------------------------------
 
     def table(self, name: str) -> Tables:
         """Columns of a table, e.g. "ledger.csv", by their names; none if the run did not write it.
@@ -127,7 +133,8 @@ class RunReader:
         A last row that is not complete is left out.
 
         Raises:
-            InputError: the file cannot be read, lacks a column, or holds something else than rows of numbers.
+            InputError: the file cannot be read, lacks a column, or holds something else than rows
+                of numbers.
         """
         path = self.folder / name
         if not path.is_file():
@@ -157,14 +164,15 @@ class RunReader:
         columns = [column for key, column in table.items() if key not in ("time", "step")]
         check(
             len(columns) % size == 0,
-            f"'{self.folder / name}' has {len(columns)} columns, which are not groups of {size}; write the run again.",
+            f"'{self.folder / name}' has {len(columns)} columns, which are not groups of {size}; "
+            "write the run again.",
         )
         times = table.get("time", np.zeros(0))
         if not columns:
             return times, np.zeros((len(times), 0, size))
         return times, np.stack(columns, axis=1).reshape(len(times), -1, size)
 
-    # ---- shapes ------------------------------------------------------------------------------------------------
+    # ---- shapes ----------------------------------------------------------------------------------
 
     def frame(self, time: float) -> int:
         """The number of the recorded state that is nearest to a time [s].
@@ -181,7 +189,8 @@ class RunReader:
         slack = _TIME_SLACK * (last - first)
         check(
             first - slack <= time <= last + slack,
-            f"The run in '{self.folder}' goes from {first:.6g} s to {last:.6g} s; t = {time:.6g} s is not in it.",
+            f"The run in '{self.folder}' goes from {first:.6g} s to {last:.6g} s; t = {time:.6g} s "
+            "is not in it.",
         )
         return int(abs(self.times - time).argmin())
 
@@ -197,7 +206,8 @@ class RunReader:
         self.frame(first_time)
 
     def known_fields(self) -> list[str]:
-        """Names of the fields of films or, where there are only lines, of lines; without the direction of tension."""
+        """Names of the fields of films or, where there are only lines, of lines; without the
+        direction of tension."""
         names = [name for body in self.films or self.fields for name in self.fields[body]]
         return list(dict.fromkeys(name for name in names if name != "direction"))
 
@@ -208,12 +218,14 @@ class RunReader:
         example = {name: ["displacement", field] for name in names[:1]}
         check(
             field in known,
-            f"The run in '{self.folder}' has no field {field!r}; its fields are: {', '.join(known)}. A run records "
+            f"The run in '{self.folder}' has no field {field!r}; its fields are: "
+            f"{', '.join(known)}. A run records "
             f"others of `gx.fields` by gx.Recording(folder, fields={example}).",
         )
 
     def values(self, field: str, frame: int) -> list[Array]:
-        """Values (n, 3) at the corners of the triangles of each film that has the field; lengths of vectors."""
+        """Values (n, 3) at the corners of the triangles of each film that has the field; lengths of
+        vectors."""
         found = []
         for name in self.films:
             if field in self.fields[name]:
@@ -222,7 +234,8 @@ class RunReader:
         return found
 
     def film_corners(self, frame: int) -> list[Array]:
-        """Corners (n, 3, 3) of the triangles of each film [m]; those that triangles share are equal to the last bit."""
+        """Corners (n, 3, 3) of the triangles of each film [m]; those that triangles share are equal
+        to the last bit."""
         found = []
         for name in self.films:
             segment, step = self.bodies[name].at(frame)
@@ -234,7 +247,8 @@ class RunReader:
 
         Args:
             frame: number of the state, see `frame`.
-            field: by which films are coloured; where a film does not have it, values are not numbers.
+            field: by which films are coloured; where a film does not have it, values are not
+                numbers.
             kinds: rows of a table of colours for values (n,) of the field on triangles.
         """
         corners: list[Array] = [np.zeros((0, 3, 3))]
@@ -301,7 +315,8 @@ def _at_time(table: tuple[Array, Array], time: float) -> Array:
 
 
 def _refined(corners: Array, normals: Array, values: Array) -> tuple[Array, Array, Array]:
-    """Triangles so small that a colour for each shows how values vary; each is cut in four until there are enough."""
+    """Triangles so small that a colour for each shows how values vary; each is cut in four until
+    there are enough."""
     parts = [corners, normals, values]
     while 0 < len(parts[0]) < _FINE and np.ptp(parts[2], axis=1).max() > 0:
         for k, part in enumerate(parts):
@@ -360,7 +375,8 @@ class FieldFile:
 
     Attributes:
         times: of the steps [s].
-        X: points (p, 3) of the stress-free mesh [m]; points that cells or ranks share come several times.
+        X: points (p, 3) of the stress-free mesh [m]; points that cells or ranks share come several
+            times.
         pieces: points (n, 3) of straight triangles, or (n, 2) of straight lines.
         vertices: numbers of the same shape, equal where pieces share a point.
         is_film: whether the pieces are triangles.
@@ -393,8 +409,9 @@ class FieldFile:
 
     def _join(self, pieces: Integers) -> None:
         """Set pieces and vertices; pieces that two ranks wrote are kept once."""
-        # Points that lie on each other in the mesh and at the start, in the middle and at the end of the run are one
-        # vertex.  Layers of a folded film may lie on each other for some time, but not in the mesh.
+        # Points that lie on each other in the mesh and at the start, in the middle and at the end
+        # of the run are one vertex.  Layers of a folded film may lie on each other for some time,
+        # but not in the mesh.
         last = len(self.times) - 1
         positions = [self.X] + [self.positions(step) for step in sorted({0, last // 2, last})]
         pitch = ALIKE * float(np.ptp(self.X, axis=0).max(initial=0.0)) or 1.0
@@ -470,7 +487,8 @@ class VtuFiles(FieldFile):
         count = sum(len(grid.points) for grid in self._reference)
         if found is None or len(found) != count:
             raise InputError(
-                f"'{self._path}' is damaged: its field {name!r} at step {step} cannot be read; write the run again."
+                f"'{self._path}' is damaged: its field {name!r} at step {step} cannot be read; "
+                "write the run again."
             )
         return found
 
@@ -515,7 +533,8 @@ class AdiosFile(FieldFile):
         self._join(linear_pieces(from_vtk(cells), 2 if self.is_film else 1))
 
     def components(self, field: str, step: int) -> Array:
-        """Values (p,) or (p, 3) of a field at the points at a step, from the blocks of all ranks."""
+        """Values (p,) or (p, 3) of a field at the points at a step, from the blocks of all
+        ranks."""
         try:
             blocks = [
                 np.ravel(self._file.read(field, block_id=block, step_selection=[step, 1]))
@@ -525,7 +544,8 @@ class AdiosFile(FieldFile):
             return values if len(values) == len(self.X) else values.reshape(len(self.X), -1)
         except Exception as error:
             raise InputError(
-                f"'{self._path}' is damaged: its field {field!r} at step {step} cannot be read; write the run again."
+                f"'{self._path}' is damaged: its field {field!r} at step {step} cannot be read; "
+                "write the run again."
             ) from error
 
     def _read_mesh(self) -> tuple[Array, Integers]:

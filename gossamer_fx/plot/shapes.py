@@ -1,4 +1,5 @@
-"""What a picture shows of a scene: films and solids as triangles, cables and beams as lines, other bodies as dots."""
+"""What a picture shows of a scene: films and solids as triangles, cables and beams as lines, other
+bodies as dots."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ from gossamer_fx.model.body import Array
 Integers = npt.NDArray[np.int64]
 
 SOLID = -1  # kind of the triangles of solids
-# Cosine of the angle between a triangle and the mean of its neighbours beyond which an edge is drawn sharp: about 53°.
+# Cosine of the angle between a triangle and the mean of its neighbours beyond which an edge is
+# drawn sharp: about 53°.
 _SHARP_EDGE = 0.6
 
 
@@ -51,8 +53,9 @@ class Shape:
 def smooth_normals(corners: Array, vertices: npt.NDArray[np.integer]) -> Array:
     """Unit normals (n, 3, 3) at the corners of triangles.
 
-    At each corner it is the mean over the triangles that share the vertex, weighted by their areas.  Where a triangle
-    deviates much from that mean, i.e. at a sharp edge, the normal of the triangle is returned.
+    At each corner it is the mean over the triangles that share the vertex, weighted by their areas.
+    Where a triangle deviates much from that mean, i.e. at a sharp edge, the normal of the triangle
+    is returned.
 
     Args:
         corners: (n, 3, 3) [m].

@@ -35,12 +35,13 @@ NAMES = {
 
 
 def plain_text(text: str) -> str:
-    """A name for matplotlib: its dollar signs begin no formula, and characters that have no picture are replaced."""
+    """A name for matplotlib: its dollar signs begin no formula, and characters that have no picture
+    are replaced."""
     shown = "".join(c if c.isprintable() else "\ufffd" for c in text)
     return shown.replace("$", r"\$")
 
 
-# ---- conversion of measured values ---------------------------------------------------------------------------------
+# ---- conversion of measured values ---------------------------------------------------------------
 
 # Sizes of units without prefixes in those of SI.
 _CONVERTED = {
@@ -90,7 +91,8 @@ def unit_factor(unit: str, wanted: str, where: str) -> float:
     wanted_powers, wanted_size = _decomposed(wanted)
     check(
         powers == wanted_powers,
-        f"{where}: the unit is '{unit}' and the probe's '{wanted}'; give values in a unit of the same dimension.",
+        f"{where}: the unit is '{unit}' and the probe's '{wanted}'; give values in a unit of the "
+        "same dimension.",
     )
     return size / wanted_size
 

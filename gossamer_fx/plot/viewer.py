@@ -1,4 +1,5 @@
-"""The data of the view in a report that can be turned: surfaces, lines and colours at some times, in few bytes."""
+"""The data of the view in a report that can be turned: surfaces, lines and colours at some times,
+in few bytes."""
 
 from __future__ import annotations
 
@@ -66,9 +67,9 @@ class _Box:
 def view_data(run: RunReader) -> dict[str, Any]:
     """What `viewer.js` shows.
 
-    Positions are 16-bit fractions of the box around the whole run; colours are rows of a table for each field.
-    Surfaces of more than 20 000 vertices are thinned out.  Frames are left out where there would be more than 80, or
-    more than about six megabytes.
+    Positions are 16-bit fractions of the box around the whole run; colours are rows of a table for
+    each field. Surfaces of more than 20 000 vertices are thinned out.  Frames are left out where
+    there would be more than 80, or more than about six megabytes.
     """
     fields = _fields(run)
     files_of_frame = [
@@ -85,7 +86,8 @@ def view_data(run: RunReader) -> dict[str, Any]:
     second, prefix = scaled(float(run.times[-1]))
     parts: list[dict[str, Any]] = []
     first = 0
-    # The mesh stays the same while a run writes to the same files; a restart on other ranks has another one.
+    # The mesh stays the same while a run writes to the same files; a restart on other ranks has
+    # another one.
     for files in dict.fromkeys(files_of_frame):
         here = [frame for frame in frames if files_of_frame[frame] == files]
         if here:
@@ -104,7 +106,8 @@ def view_data(run: RunReader) -> dict[str, Any]:
 
 
 def _fields(run: RunReader) -> list[tuple[str, Colouring]]:
-    """Names and colours of the fields that can be chosen; without films the colours do not matter."""
+    """Names and colours of the fields that can be chosen; without films the colours do not
+    matter."""
     first = default_field(run)
     names = [first]
     if run.films:
@@ -118,7 +121,8 @@ def _chosen_frames(
     surfaces: dict[FieldFile, _Surface],
     colour_bytes: int,
 ) -> list[int]:
-    """Numbers of recorded states that are evenly spread over the run and do not need too many bytes."""
+    """Numbers of recorded states that are evenly spread over the run and do not need too many
+    bytes."""
     sizes = [
         sum(
             surfaces[file].frame_bytes + colour_bytes * len(surfaces[file].pieces) for file in files
@@ -200,7 +204,8 @@ def _part(
 
 
 def _is_smooth(colours: Colouring) -> bool:
-    """Whether a field has a colour at each corner of a triangle, instead of one for the triangle."""
+    """Whether a field has a colour at each corner of a triangle, instead of one for the
+    triangle."""
     return isinstance(colours.key, Scale)
 
 
@@ -210,7 +215,8 @@ def _piece_values(
     step: int,
     has_field: bool,
 ) -> Array:
-    """Values (n, 3) of a field at the corners of the pieces; not numbers where the body does not have it."""
+    """Values (n, 3) of a field at the corners of the pieces; not numbers where the body does not
+    have it."""
     if not has_field:
         return np.full((len(surface.origin), 3), np.nan)
     corners = surface.file.pieces[surface.origin]
@@ -219,7 +225,8 @@ def _piece_values(
 
 
 def _thinned(file: FieldFile, most: int) -> _Surface:
-    """A surface with at most so many vertices: those that stay near to each other become one, until few are left."""
+    """A surface with at most so many vertices: those that stay near to each other become one, until
+    few are left."""
     vertices, first_corner = np.unique(file.vertices.ravel(), return_index=True)
     points = file.pieces.ravel()[first_corner]
     last = len(file.times) - 1
@@ -245,7 +252,8 @@ def _thinned(file: FieldFile, most: int) -> _Surface:
 
 
 def _legend(name: str, colours: Colouring) -> dict[str, Any]:
-    """A field in the list of those that can be shown: its name, table of colours, and their meaning."""
+    """A field in the list of those that can be shown: its name, table of colours, and their
+    meaning."""
     legend: dict[str, Any] = {
         "name": NAMES.get(name, name),
         "smooth": _is_smooth(colours),

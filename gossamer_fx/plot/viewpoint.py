@@ -15,9 +15,11 @@ LARGEST_ZOOM = 20.0
 @check_arguments
 @dataclass(frozen=True)
 class View:
-    """Camera and transparency of pictures and animations; values that are None are chosen from the shapes.
+    """Camera and transparency of pictures and animations; values that are None are chosen from the
+    shapes.
 
-    z is up.  With azimuth 0 the camera looks along y, with π/2 against x: it has moved counterclockwise.
+    z is up.  With azimuth 0 the camera looks along y, with π/2 against x: it has moved
+    counterclockwise.
 
     Args:
         azimuth: [rad].
@@ -25,7 +27,8 @@ class View:
         follow: whether the camera moves with the shapes; None: if they travel far.
         zoom: whether each picture is as large as its frame allows, with a note of its enlargement;
             otherwise all have one scale.
-        opacity: share of light that a layer absorbs, above 0, at most 1; below 1, folded layers are visible.
+        opacity: share of light that a layer absorbs, above 0, at most 1; below 1, folded layers are
+            visible.
 
     Raises:
         InputError: an angle or an opacity out of its range.
@@ -50,7 +53,8 @@ class View:
         )
         check(
             self.elevation is None or abs(self.elevation) <= math.pi / 2,
-            f"View: elevation is {self.elevation!r} rad; give a number between -π/2 and π/2, or None.",
+            f"View: elevation is {self.elevation!r} rad; give a number between -π/2 and π/2, or "
+            "None.",
         )
         check(
             isinstance(self.opacity, int | float) and 0 < self.opacity <= 1,

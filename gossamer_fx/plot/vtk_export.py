@@ -24,10 +24,10 @@ _SCENE = "run.pvd"
 def export(run: RunReader, folder: str | Path) -> list[Path]:
     """Write all recorded states of a run as VTU files, and PVD files that list them.
 
-    `run.pvd` has the whole scene: films, cables and beams with their fields, solids, ropes, springs and
-    tapes as lines, and bodies without a mesh as points.  `NAME.pvd` has one of these parts.  Points are at
-    their present positions, arrays have their units in their names, e.g. "stress1 [Pa]", and cells of
-    order 2 are cut into straight pieces.
+    `run.pvd` has the whole scene: films, cables and beams with their fields, solids, ropes, springs
+    and tapes as lines, and bodies without a mesh as points.  `NAME.pvd` has one of these parts.
+    Points are at their present positions, arrays have their units in their names, e.g. "stress1
+    [Pa]", and cells of order 2 are cut into straight pieces.
 
     Args:
         run: a recorded run.

@@ -1,4 +1,5 @@
-"""Figures of real films, fibres, composites and gases, each with its source; surfaces are in `orbit.optics`."""
+"""Figures of real films, fibres, composites and gases, each with its source; surfaces are in
+`orbit.optics`."""
 
 from gossamer_fx.checks.lazy_names import lazy_names
 

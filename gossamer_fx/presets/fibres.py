@@ -1,9 +1,10 @@
-"""Fibres of cables, tendons and sewing yarns by name: what their makers say, and the laws that follow.
+"""Fibres of cables, tendons and sewing yarns by name: what their makers say, and the laws that
+follow.
 
     tendon = Cable(mesh, VECTRAN_HT.law(linear_density=330e-6))
 
-A rope or a braid of a fibre is less stiff than the fibre itself, by a tenth to a half: the yarns are not straight.
-Measure yours, and give `TabulatedCable` what you measure.
+A rope or a braid of a fibre is less stiff than the fibre itself, by a tenth to a half: the yarns
+are not straight. Measure yours, and give `TabulatedCable` what you measure.
 """
 
 from __future__ import annotations

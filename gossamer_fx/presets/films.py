@@ -2,7 +2,8 @@
 
     film = Membrane(mesh, KAPTON_HN.law(25e-6))
 
-Moduli of such films differ by a tenth between directions and by a fifth between batches; measure yours.
+Moduli of such films differ by a tenth between directions and by a fifth between batches; measure
+yours.
 """
 
 from __future__ import annotations
@@ -61,8 +62,9 @@ KAPTON_HN = FilmMaterial(
     nu=0.34,
     density=1420.0,
     yield_stress=69e6,
-    source="DuPont, Kapton HN 25 µm at 23 °C: tensile modulus, stress at 3 %, Poisson's ratio and density; the sheet "
-    "as kept at mu2e.phy.duke.edu/cw/misc/0404_kapton_properties.cfm.htm and studylib.net/doc/18360701",
+    source="DuPont, Kapton HN 25 µm at 23 °C: tensile modulus, stress at 3 %, Poisson's ratio and "
+    "density; the sheet as kept at mu2e.phy.duke.edu/cw/misc/0404_kapton_properties.cfm.htm and "
+    "studylib.net/doc/18360701",
 )
 
 MYLAR = FilmMaterial(
@@ -70,7 +72,8 @@ MYLAR = FilmMaterial(
     E=4.9e9,
     nu=0.38,
     density=1390.0,
-    source="DuPont Teijin Films, Mylar: physical-thermal properties, H-37232-3, 23 µm (92 gauge): modulus 490 and "
-    "510 kgf/mm² along and across, here their mean; Poisson's ratio 0.38 before yield; density by ASTM D 1505; "
+    source="DuPont Teijin Films, Mylar: physical-thermal properties, H-37232-3, 23 µm (92 gauge): "
+    "modulus 490 and 510 kgf/mm² along and across, here their mean; Poisson's ratio 0.38 before "
+    "yield; density by ASTM D 1505; "
     "studylib.net/doc/18223044",
 )

@@ -1,7 +1,8 @@
 """Gases by name, as calorically perfect ideal gases near room temperature.
 
-R is the molar gas constant 8.314462618 J/(mol K), exact since 2019 (CODATA 2018), over the molar mass.  gamma is that
-of kinetic theory, 7/5 for two atoms and 5/3 for one; vibrations, which lower it when a gas is hot, are left out.
+R is the molar gas constant 8.314462618 J/(mol K), exact since 2019 (CODATA 2018), over the molar
+mass.  gamma is that of kinetic theory, 7/5 for two atoms and 5/3 for one; vibrations, which lower
+it when a gas is hot, are left out.
 """
 
 from __future__ import annotations

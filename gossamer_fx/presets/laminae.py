@@ -58,7 +58,8 @@ class Lamina:
         """
         check(
             kind in (LinearOrthotropic, Orthotropic),
-            f"{self.name}: {kind!r} is not a law of orthotropic films; give LinearOrthotropic or Orthotropic.",
+            f"{self.name}: {kind!r} is not a law of orthotropic films; give LinearOrthotropic or "
+            "Orthotropic.",
         )
         return kind(
             self.E1,
@@ -78,7 +79,9 @@ GRAPHITE_EPOXY_HM = Lamina(
     nu12=0.25,
     G12=4.8e9,
     density=1640.0,
-    source="C. Zweben (1989), typical properties of high-modulus graphite/epoxy unidirectional composites, "
-    "V_f = 0.6, as table 3.10 of Strengthening Design of Reinforced Concrete with FRP reprints them; "
-    "what-when-how.com/Tutorial/topic-646lhaam9/Strengthening-Design-of-Reinforced-Concrete-with-FRP-79.html",
+    source="C. Zweben (1989), typical properties of high-modulus graphite/epoxy unidirectional "
+    "composites, V_f = 0.6, as table 3.10 of Strengthening Design of Reinforced Concrete with FRP "
+    "reprints them; "
+    "what-when-how.com/Tutorial/topic-646lhaam9/"
+    "Strengthening-Design-of-Reinforced-Concrete-with-FRP-79.html",
 )

@@ -63,7 +63,8 @@ class ContactGap:
 
 @check_arguments
 class ContactForce:
-    """Component [N] of the force of a contact on one of its bodies or obstacles: mean of the last step.
+    """Component [N] of the force of a contact on one of its bodies or obstacles: mean of the last
+    step.
 
     Args:
         contact: in the scene.

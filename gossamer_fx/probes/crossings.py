@@ -19,8 +19,8 @@ class Crossings:
     """Number of edges of films that intersect a triangle of a film to which they are not connected.
 
     Exact, see `contact.narrow_phase.intersections`: an edge that only touches a triangle does not
-    intersect it.  Films of order 2 are cut into plane triangles.  Each rank looks at the edges that it
-    owns, and knows the triangles of other ranks that are near them, as with `Contact`.
+    intersect it.  Films of order 2 are cut into plane triangles.  Each rank looks at the edges that
+    it owns, and knows the triangles of other ranks that are near them, as with `Contact`.
 
     Args:
         bodies: one or several, in the scene.

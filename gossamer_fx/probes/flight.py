@@ -39,8 +39,8 @@ class OrbitState:
 
             - the osculating elements "a" [m], "e", "i", "node", "perigee" and "anomaly" [rad];
             - "altitude" [m] above the radius of the central body;
-            - "depth" [m] in the cylinder of the shadow, negative outside: an eclipse begins and ends
-              where it is zero;
+            - "depth" [m] in the cylinder of the shadow, negative outside: an eclipse begins and
+              ends where it is zero;
             - "sunlit", the share of the Sun's disc that is visible, 0 to 1.
 
     Raises:
@@ -74,7 +74,8 @@ class OrbitState:
 
 @check_arguments
 class SunAngle:
-    """Angle [rad] between the direction to the Sun and a film's mean normal, or a director of a frame.
+    """Angle [rad] between the direction to the Sun and a film's mean normal, or a director of a
+    frame.
 
     Args:
         orbit: the orbit of the scene.
@@ -110,8 +111,8 @@ class Attitude:
     Args:
         orbit: the orbit of the scene.
         of: a film, or a director such as `body.frame().directors[2]`.
-        axis: "outward" (away from the central body), "along" (the motion) or "across" (normal to the
-            orbit).
+        axis: "outward" (away from the central body), "along" (the motion) or "across" (normal to
+            the orbit).
 
     Raises:
         InputError: `of` is neither a film nor a port, or the axis is unknown.
@@ -147,7 +148,8 @@ class Attitude:
 
 @check_arguments
 class LoadResultant:
-    """Component of the force [N] of a load, or of its torque [N m] about the centre of mass, last step.
+    """Component of the force [N] of a load, or of its torque [N m] about the centre of mass, last
+    step.
 
     Args:
         orbit: the orbit of the scene.

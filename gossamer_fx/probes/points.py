@@ -61,11 +61,13 @@ class Position:
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Add the derivative by the coordinates to a vector of the system, for `gx.analysis.gradient`."""
+        """Add the derivative by the coordinates to a vector of the system, for
+        `gx.analysis.gradient`."""
         self._add_weights(system, by_position)
 
     def _add_weights(self, system: System, vector: PETSc.Vec) -> None:
-        """Add the weights with which the port takes the coordinate from the unknowns of its body."""
+        """Add the weights with which the port takes the coordinate from the unknowns of its
+        body."""
         indices, weights, _ = attach(system.numbering, system.bodies, (self.port,))
         if is_evaluated_here((self.port,)):
             row = weights[AXES[self.axis]]
@@ -122,7 +124,8 @@ class Velocity(Position):
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Add the derivative by the velocities to a vector of the system, for `gx.analysis.gradient`."""
+        """Add the derivative by the velocities to a vector of the system, for
+        `gx.analysis.gradient`."""
         self._add_weights(system, by_velocity)
 
 
@@ -283,7 +286,8 @@ class RingArea:
 
         check(
             self.ring.body in run.system.bodies,
-            f"'{self.ring.body.name}' is not in the scene; add it, or remove the probe of its ring.",
+            f"'{self.ring.body.name}' is not in the scene; add it, or remove the probe of its "
+            "ring.",
         )
         # A loop belongs to one compiled system; the probe may be used in one run after another.
         key = id(run.system)

@@ -1,4 +1,5 @@
-"""Probes of the rotation of a whole scene: angular momentum about its centre of mass, and nutation."""
+"""Probes of the rotation of a whole scene: angular momentum about its centre of mass, and
+nutation."""
 
 from __future__ import annotations
 
@@ -19,8 +20,8 @@ from gossamer_fx.system.system import System
 class AngularMomentum:
     """Component [kg m²/s] of the angular momentum of the scene about its centre of mass.
 
-    In axes of space it is constant without external loads.  In the axes of a hub its first two components
-    grow as the hub leans away from it.
+    In axes of space it is constant without external loads.  In the axes of a hub its first two
+    components grow as the hub leans away from it.
 
     Args:
         axis: "x", "y" or "z": of space, or the first, second or third axis of `frame`.
@@ -58,10 +59,11 @@ class AngularMomentum:
 
 @check_arguments
 class Nutation:
-    """Angle [rad], 0 to π, between the third axis of a frame and the scene's angular momentum about its centre of mass.
+    """Angle [rad], 0 to π, between the third axis of a frame and the scene's angular momentum about
+    its centre of mass.
 
-    The nutation angle of a rigid symmetric body is constant; where energy is dissipated it decays if the third
-    axis is that of the largest moment of inertia, and grows otherwise.
+    The nutation angle of a rigid symmetric body is constant; where energy is dissipated it decays
+    if the third axis is that of the largest moment of inertia, and grows otherwise.
 
     Args:
         frame: with three directors, of a body.

@@ -14,8 +14,8 @@ from gossamer_fx.system.system import System
 from gossamer_fx.system.totals import Totals
 
 
-# `Simulation` is the implementation.  Probes import the protocol only, so that they do not depend on
-# the code that runs them.
+# `Simulation` is the implementation.  Probes import the protocol only, so that they do not depend
+# on the code that runs them.
 class Run(Protocol):
     """A scene in time, after its last accepted step.  All members are the same on every rank.
 
@@ -72,7 +72,8 @@ class Run(Protocol):
 
     @property
     def energy_error(self) -> float:
-        """Closing error of the energy balance, as a share of the largest energy so far; zero at rest."""
+        """Closing error of the energy balance, as a share of the largest energy so far; zero at
+        rest."""
         ...
 
     @property

@@ -1,4 +1,5 @@
-"""Probes of spinning bodies: mean spin, and polar coordinates of a point about the axis of a frame."""
+"""Probes of spinning bodies: mean spin, and polar coordinates of a point about the axis of a
+frame."""
 
 from __future__ import annotations
 
@@ -22,9 +23,9 @@ POLAR = ("radius", "angle")
 class MeanSpin:
     """Mean spin [rad/s] of a body about an axis through its centre of mass: ω = L/I.
 
-    L is the angular momentum of the body and I its moment of inertia about that axis; masses that are
-    attached to the body count.  In a rigid motion ω is the spin of every point; a sail that lags
-    behind its hub has a lower mean spin than the hub.
+    L is the angular momentum of the body and I its moment of inertia about that axis; masses that
+    are attached to the body count.  In a rigid motion ω is the spin of every point; a sail that
+    lags behind its hub has a lower mean spin than the hub.
 
     Args:
         body: a film, plate, cable, beam or mass.
@@ -110,8 +111,8 @@ class MeanSpin:
 class PolarPosition:
     """Polar coordinate of a point about the third axis of a frame: radius [m], or angle [rad].
 
-    The angle is measured from the first axis of the frame and lies between -π and π.  In the frame of
-    a hub the angle of a tip is the twist of the sail.
+    The angle is measured from the first axis of the frame and lies between -π and π.  In the frame
+    of a hub the angle of a tip is the twist of the sail.
 
     Args:
         port: a point of a body.

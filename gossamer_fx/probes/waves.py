@@ -1,4 +1,5 @@
-"""Probes of points that are spread evenly around an axis: waves that run around a sail, and its imbalance."""
+"""Probes of points that are spread evenly around an axis: waves that run around a sail, and its
+imbalance."""
 
 from __future__ import annotations
 
@@ -21,28 +22,31 @@ PARTS = ("cosine", "sine")
 class Waves:
     """Fourier coefficient [m] of the heights or radii of points around the third axis of a frame.
 
-    With the values w_k of N points, numbered around the axis in the sense of positive rotation from the
-    first one, and n waves around the axis,
+    With the values w_k of N points, numbered around the axis in the sense of positive rotation from
+    the first one, and n waves around the axis,
 
         a_n = 2/N Σ w_k cos(2π n k/N),    b_n = 2/N Σ w_k sin(2π n k/N)
 
-    with 1/N in place of 2/N for n = 0 and n = N/2.  A wave A cos(n θ - ω t) that runs forward, in the sense
-    of positive rotation, has a_n = A cos ω t and b_n = A sin ω t; see `gx.analysis.travelling_waves`.  The points
-    move with their bodies: ω is the frequency that is seen from a sail that spins.
+    with 1/N in place of 2/N for n = 0 and n = N/2.  A wave A cos(n θ - ω t) that runs forward, in
+    the sense of positive rotation, has a_n = A cos ω t and b_n = A sin ω t; see
+    `gx.analysis.travelling_waves`.  The points move with their bodies: ω is the frequency that is
+    seen from a sail that spins.
 
     Args:
         ports: points of bodies, at even angles around the axis and in their order; at least 3.
         frame: with three directors, e.g. of the hub.
         number: n, the waves around the axis, 0 to N/2.
         part: "cosine" for a_n or "sine" for b_n.
-        quantity: "height" along the third axis of the frame, from its origin, or "radius" from this axis.
+        quantity: "height" along the third axis of the frame, from its origin, or "radius" from this
+            axis.
 
     Raises:
-        InputError: fewer than 3 points, more waves than these can show, an unknown part or quantity, or a
-            frame with two directors only.
+        InputError: fewer than 3 points, more waves than these can show, an unknown part or
+            quantity, or a frame with two directors only.
 
     Example:
-        >>> tips = [film.port(corner) for corner in ("bottom left", "bottom right", "top right", "top left")]
+        >>> corners = ("bottom left", "bottom right", "top right", "top left")
+        >>> tips = [film.port(corner) for corner in corners]
         >>> saddle = gx.probes.Waves(tips, gx.ground_frame(), number=2)
     """
 
@@ -62,7 +66,8 @@ class Waves:
         check(count >= 3, f"Waves: {count} points do not show waves; give at least 3.")
         check(
             0 <= number <= count // 2,
-            f"Waves: {count} points cannot show {number} waves; give 0 to {count // 2}, or more points.",
+            f"Waves: {count} points cannot show {number} waves; give 0 to {count // 2}, or more "
+            "points.",
         )
         check(part in PARTS, f"Waves: there is no part {part!r}; choose from {', '.join(PARTS)}.")
         check(

@@ -1,19 +1,21 @@
 """The rotation-closed basis of a reduced film: scalar modes times vectors.
 
-Problem.  A sail has 1e4 to 1e6 unknowns, and a design study needs hundreds of its flights.  Recorded
-motions lie near a subspace of low dimension, in which the equations of motion can be solved.  Proper
-orthogonal decomposition gives such a subspace, but its modes are vector fields with fixed directions
-in space: if the sail turns, the turned shape is not in the subspace.  The reduced sail then has no
-angular momentum that is conserved, and a spinning sail needs modes for every angle.
+Problem.  A sail has 1e4 to 1e6 unknowns, and a design study needs hundreds of its flights.
+Recorded motions lie near a subspace of low dimension, in which the equations of motion can be
+solved.  Proper orthogonal decomposition gives such a subspace, but its modes are vector fields with
+fixed directions in space: if the sail turns, the turned shape is not in the subspace.  The reduced
+sail then has no angular momentum that is conserved, and a spinning sail needs modes for every
+angle.
 
 Idea.  Take modes that are scalars, with vectors as unknowns:
 
     x(X, t) = Σ_i φ_i(X) c_i(t),      i = 0 ... r-1,   c_i ∈ R³                              (1)
 
 For every rotation R the shape R x has the coefficients R c_i: the set of shapes (1) is closed under
-rotation.  With φ_0 = 1 it is closed under translation too.  Positions are linear in c, so strains are
-quadratic in c as they are in the nodal positions, and the time stepping rule applies to c without
-change: it conserves energy, momentum and angular momentum of the reduced film as of the full one.
+rotation.  With φ_0 = 1 it is closed under translation too.  Positions are linear in c, so strains
+are quadratic in c as they are in the nodal positions, and the time stepping rule applies to c
+without change: it conserves energy, momentum and angular momentum of the reduced film as of the
+full one.
 
 Algorithm.  For snapshots x_k of the film at n nodes, with the mass matrix M (scalar, n × n) and the
 mass m:
@@ -35,11 +37,11 @@ mass m:
 4. Take the modes of the largest singular values and make them orthogonal again by (2), as (3) loses
    half of the digits.
 
-Cost: products with M, one for each three columns of A, and one eigenvalue problem of the size of the
-number of columns.
+Cost: products with M, one for each three columns of A, and one eigenvalue problem of the size of
+the number of columns.
 
-Limits: motions that are not among the snapshots may be far from the basis.  `OutsideBasis` estimates
-by how much.  A mode costs three unknowns, whichever direction it moves in.
+Limits: motions that are not among the snapshots may be far from the basis.  `OutsideBasis`
+estimates by how much.  A mode costs three unknowns, whichever direction it moves in.
 """
 
 from __future__ import annotations
@@ -56,16 +58,16 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.model.body import Array
 
-# Snapshots of which the basis keeps the coefficients.  Cells are sampled for them (`sampling`); more
-# of them cost time there in proportion.
+# Snapshots of which the basis keeps the coefficients.  Cells are sampled for them (`sampling`);
+# more of them cost time there in proportion.
 MAX_EXAMPLES = 8
 
 # Singular values below this share of the largest are round-off: eigenvalues of the Gram matrix are
 # their squares, and have a relative round-off of 1e-14.
 MIN_SINGULAR_VALUE_RATIO = 1e-7
 
-# Share of the squared norm of a fixed mode that has to be independent of the others: Z of a film that
-# is plane but for round-off is not a mode.
+# Share of the squared norm of a fixed mode that has to be independent of the others: Z of a film
+# that is plane but for round-off is not a mode.
 MIN_INDEPENDENT_SHARE = 1e-10
 
 # One pass of Gram-Schmidt leaves round-off times the condition number; a second one removes it.
@@ -154,7 +156,8 @@ def mass_times(film: Membrane, x: Array) -> Array:
 
 
 def scalar_mass_times(film: Membrane, fields: Array) -> Array:
-    """The product of the mass matrix with k scalar fields (n, k) at the owned nodes.  Collective."""
+    """The product of the mass matrix with k scalar fields (n, k) at the owned nodes.
+    Collective."""
     n, k = fields.shape
     # Three scalars at once, as the components of one vector field
     triples = -(-k // 3)
@@ -199,7 +202,8 @@ def make_basis(film: Membrane, snapshots: Sequence[Array], count: int) -> Basis:
     found = _count_modes(singular_values)
     check(
         count <= found,
-        f"reduce: the snapshots of '{film.name}' hold {found} modes, not {count}; ask for fewer, or record more.",
+        f"reduce: the snapshots of '{film.name}' hold {found} modes, not {count}; ask for fewer, "
+        "or record more.",
     )
     strongest = vectors[:, ::-1][:, :count]
     modes = A @ (strongest / singular_values[:count])
@@ -254,9 +258,9 @@ def _scaled(
 ) -> Array:
     """Components (n, 3 · snapshots) of the snapshots without the fixed modes, scaled.
 
-    Displacements in the mean plane of the film are smaller than those across it, by the ratio of the
-    height of a wave to its length, but the whole stiffness of the film resists them: a basis without
-    them locks.  Both parts are therefore brought to the same size.  Measured on the sail of
+    Displacements in the mean plane of the film are smaller than those across it, by the ratio of
+    the height of a wave to its length, but the whole stiffness of the film resists them: a basis
+    without them locks.  Both parts are therefore brought to the same size.  Measured on the sail of
     `demos/reduced_sail.py`: 40 modes without scaling predict another flight five times less
     accurately, and switch at random between taut and wrinkled.
     """

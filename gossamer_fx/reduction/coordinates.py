@@ -1,4 +1,5 @@
-"""The coordinates of a reduced body: x = Σ φ_i c_i at the nodes of its mesh, with the unknowns c."""
+"""The coordinates of a reduced body: x = Σ φ_i c_i at the nodes of its mesh, with the unknowns
+c."""
 
 from __future__ import annotations
 
@@ -72,7 +73,8 @@ class ReducedCoordinates(Coordinates):
         found = False
         for form in forms:
             found = True
-            # Only this rank's own cells are assembled: the ranks' shares add up after the projection.
+            # Only this rank's own cells are assembled: the ranks' shares add up after the
+            # projection.
             matrix = self._matrix(form)
             matrix.set_value(np.float64(0))
             fem.assemble_matrix(matrix, form)  # type: ignore[arg-type]

@@ -44,7 +44,8 @@ def own_cells(film: Membrane) -> Indices:
 
 
 def points_and_areas(film: Membrane) -> tuple[Array, Array]:
-    """Quadrature points of the reference triangle (p, 2), and reference areas dA (cells, p) [m²]."""
+    """Quadrature points of the reference triangle (p, 2), and reference areas dA (cells, p)
+    [m²]."""
     degree = film.dx.metadata()["quadrature_degree"]
     points, weights = basix.make_quadrature(basix.CellType.triangle, degree)
     points = np.asarray(points, dtype=np.float64)

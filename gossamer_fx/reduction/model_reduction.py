@@ -52,8 +52,8 @@ def reduce(
             `reduction.sampling`; None for all cells.
 
     Raises:
-        InputError: there are no shapes, they are of another mesh or hold fewer modes, or the film has
-            more than strains and mass.
+        InputError: there are no shapes, they are of another mesh or hold fewer modes, or the film
+            has more than strains and mass.
 
     Example:
         >>> shapes = gx.reduction.Snapshots(film)

@@ -1,7 +1,9 @@
-"""An error estimate of reduced films: the energy that the whole film would release outside of the basis.
+"""An error estimate of reduced films: the energy that the whole film would release outside of the
+basis.
 
-In the shape that the modes give, the whole film has the nodal forces f.  Accelerations of the modes,
-Φ a, balance a part of them.  The remainder would move the nodes of the whole film, and release about
+In the shape that the modes give, the whole film has the nodal forces f.  Accelerations of the
+modes, Φ a, balance a part of them.  The remainder would move the nodes of the whole film, and
+release about
 
     ε = min over a of Σ_n ½ (f + M Φ a)_n · k_n⁻¹ (f + M Φ a)_n                            (1)
 
@@ -17,8 +19,8 @@ assemble f on the whole film and evaluate (2).
 
 Cost: as much as a residual of the whole film.
 
-Limits: nodes with ports are left out, as their forces come from other bodies; loads on faces count as
-balanced by the modes.
+Limits: nodes with ports are left out, as their forces come from other bodies; loads on faces count
+as balanced by the modes.
 """
 
 from __future__ import annotations
@@ -73,7 +75,8 @@ class OutsideBasis:
         """Take the reduced film; the estimate is set up at the first call."""
         check(
             isinstance(body, ReducedMembrane),
-            f"OutsideBasis: '{getattr(body, 'name', body)}' is not a reduced film; give one that `reduce` has made.",
+            f"OutsideBasis: '{getattr(body, 'name', body)}' is not a reduced film; give one that "
+            "`reduce` has made.",
         )
         self.body = body
         self._estimate: _Estimate | None = None
@@ -149,7 +152,8 @@ class _Estimate:
         return released / max(stored, TINY)
 
     def _forces(self, c: Array) -> Array:
-        """Nodal forces (n, 3) [N] of the whole film in the shape of the coefficients.  Collective."""
+        """Nodal forces (n, 3) [N] of the whole film in the shape of the coefficients.
+        Collective."""
         self._x.x.array[:] = (self._modes @ c).ravel()
         self._b.array[:] = 0
         fem.assemble_vector(self._b.array, self._force)
@@ -160,8 +164,8 @@ class _Estimate:
     def _compliances(self, stiffness: fem.Form, examples: Array) -> tuple[Array, Array]:
         """1/k_n (n,) [m/N] across the film and in it; zero at ports.  Collective.
 
-        k_n is the largest stiffness in all examples (snapshots, r, 3), as a film that starts without
-        tension has none across.
+        k_n is the largest stiffness in all examples (snapshots, r, 3), as a film that starts
+        without tension has none across.
         """
         across = np.zeros(self._n)
         in_plane = np.zeros(self._n)
@@ -191,7 +195,8 @@ class _Estimate:
         return float(self._sum(np.array(values.sum()))) / nodes
 
     def _blocks(self, stiffness: fem.Form, c: Array) -> Array:
-        """Stiffness (n, 3, 3) [N/m] of each owned node for itself in the shape of the coefficients."""
+        """Stiffness (n, 3, 3) [N/m] of each owned node for itself in the shape of the
+        coefficients."""
         self._x.x.array[:] = (self._modes @ c).ravel()
         K = fem.assemble_matrix(stiffness)
         K.scatter_reverse()

@@ -1,4 +1,5 @@
-/* Strains, forces and stiffness at the quadrature points of a reduced film: see points.h and reduced_energies.py. */
+/* Strains, forces and stiffness at the quadrature points of a reduced film: see points.h and
+   reduced_energies.py. */
 #include "points.h"
 
 /* Numbers of a response: a stress (S11, S22, S12) and its derivatives, row by row. */
@@ -67,7 +68,8 @@ static void strain_operator(const double *images, double B[3][6])
 }
 
 /* The stiffness T (6, 6) of a point: forces by the images of the frame. */
-static void point_stiffness(const double *response, double dA, double share, double B_mean[3][6], double B[3][6],
+static void point_stiffness(const double *response, double dA, double share, double B_mean[3][6],
+                            double B[3][6],
                             double T[6][6])
 {
     const double *S = response;
@@ -86,7 +88,8 @@ static void point_stiffness(const double *response, double dA, double share, dou
     }
 }
 
-void stiffness_times(const point_stresses *stresses, const point_gradients *at, double share, int r, const double *G,
+void stiffness_times(const point_stresses *stresses, const point_gradients *at, double share, int r,
+                     const double *G,
                      double *TG)
 {
     for (ptrdiff_t i = 0; i < stresses->count; i++) {

@@ -1,11 +1,11 @@
 """The quadrature points of a reduced film: strains, forces and stiffness, by a compiled kernel.
 
-Problem.  A reduced film has some hundred to some thousand quadrature points.  Evaluating products of
-small matrices there by NumPy costs more in calls than in arithmetic.
+Problem.  A reduced film has some hundred to some thousand quadrature points.  Evaluating products
+of small matrices there by NumPy costs more in calls than in arithmetic.
 
-Idea.  The kernel of `points.c` computes strains, forces N and products T G (see `reduced_energies`) at
-the points; the law is evaluated by `terms.law_kernel`, as that of a full film.  Python multiplies with
-the gradients of the modes, before and after, as full matrices.
+Idea.  The kernel of `points.c` computes strains, forces N and products T G (see `reduced_energies`)
+at the points; the law is evaluated by `terms.law_kernel`, as that of a full film.  Python
+multiplies with the gradients of the modes, before and after, as full matrices.
 """
 
 from __future__ import annotations
@@ -103,8 +103,8 @@ class Points:
     def linearise(self, change: Array) -> None:
         """Set the next strains from those that are linearised about the last iterate, and respond.
 
-        The first strains of a step continue those of the last step, 2 e0 - e_past.  A small basis has
-        no modes that alternate from step to step, unlike a full film, and a sail takes half an
+        The first strains of a step continue those of the last step, 2 e0 - e_past.  A small basis
+        has no modes that alternate from step to step, unlike a full film, and a sail takes half an
         iteration less.
 
         Args:

@@ -53,8 +53,8 @@ class RecordedShapes:
         positions: of this rank's nodes (n, 3) [m], one array for each shape.
 
     Raises:
-        InputError: the folder does not exist or has no fields of the film, the mesh has other nodes,
-            or files are damaged.
+        InputError: the folder does not exist or has no fields of the film, the mesh has other
+            nodes, or files are damaged.
 
     Example:
         >>> shapes = gx.reduction.RecordedShapes(film, "out/sail")  # doctest: +SKIP
@@ -78,7 +78,8 @@ class RecordedShapes:
         for path in paths:
             part = _Part(comm, path)
             other_mesh = (
-                f"RecordedShapes: '{path}' is of another mesh than '{body.name}'; give the film that was "
+                f"RecordedShapes: '{path}' is of another mesh than '{body.name}'; give the film "
+                "that was "
                 "recorded."
             )
             displacements = fetch(comm, self._names(part.X), part.displacements, names, other_mesh)
@@ -98,8 +99,10 @@ class RecordedShapes:
         recorded, paths = comm.bcast(on_rank_zero(comm, read))
         check(
             name in recorded and bool(paths),
-            f"RecordedShapes: the run in '{self.folder}' has no fields of '{name}' in ADIOS2 files, but fields of: "
-            f"{', '.join(recorded) or 'none'}; give the film the name that it had there, and record "
+            f"RecordedShapes: the run in '{self.folder}' has no fields of '{name}' in ADIOS2 "
+            "files, but fields of: "
+            f"{', '.join(recorded) or 'none'}; give the film the name that it had there, and "
+            "record "
             'with the format "vtx".',
         )
         return list(paths)
@@ -112,7 +115,8 @@ class RecordedShapes:
     def _check_distinct(self, names: Names) -> None:
         """Check that no two nodes have the same name.  Collective."""
         coincide = (
-            f"RecordedShapes: nodes of '{self.body.name}' lie on each other, so that they cannot be told apart in "
+            f"RecordedShapes: nodes of '{self.body.name}' lie on each other, so that they cannot "
+            "be told apart in "
             "files; record its shapes in memory with `Snapshots`."
         )
         # All names of the same cube meet on one rank, which compares them; no values are exchanged.
@@ -171,7 +175,8 @@ class _Part:
     def _own_rows(self, file: Any, comm: MPI.Intracomm) -> list[tuple[int, int, int]]:
         """Blocks of a file with the first row and the number of rows that this rank reads.
 
-        Each rank that wrote the file wrote one block; ranks that read it take equal shares of all rows.
+        Each rank that wrote the file wrote one block; ranks that read it take equal shares of all
+        rows.
         """
         blocks = file.all_blocks_info("geometry")[0]
         counts = [int(block["Count"].split(",")[0]) for block in blocks]

@@ -1,14 +1,15 @@
-"""The stored energy of a reduced film: forces and tangents of its modes as products of full matrices.
+"""The stored energy of a reduced film: forces and tangents of its modes as products of full
+matrices.
 
     forces    f = Σ_a G_aᵀ N_a,         N_a = Σ_b S_ab F_mean_b dA                               (1)
     tangent   K = Σ_ac G_aᵀ T_ac G_c,   T_ac = (Σ_bd D_abcd F_mean_b ⊗ F_d + α S_ac 1) dA        (2)
 
-G are the gradients of the modes (`mode_gradients`), F and F_mean the gradients at q1 and at q_mid.  The
-stress S and its derivatives D are those of the mixed iteration in strains, which
+G are the gradients of the modes (`mode_gradients`), F and F_mean the gradients at q1 and at q_mid.
+The stress S and its derivatives D are those of the mixed iteration in strains, which
 `terms.element_energies` describes; `points` evaluates them at the quadrature points.
 
-Each rank has the points of the sampled cells that it owns.  Sums over ranks go to rank 0, which owns the
-unknowns.
+Each rank has the points of the sampled cells that it owns.  Sums over ranks go to rank 0, which
+owns the unknowns.
 """
 
 from __future__ import annotations
@@ -91,7 +92,8 @@ class ReducedEnergies(
                 A.setValues(block.rows, block.rows, K, addv=PETSc.InsertMode.ADD_VALUES)
 
     def _on_rank_zero(self, values: Array) -> Array:
-        """The sum over all ranks on rank 0, which owns the coefficients; an empty array on the others."""
+        """The sum over all ranks on rank 0, which owns the coefficients; an empty array on the
+        others."""
         comm = self._system.comm
         if comm.size == 1:
             return values
@@ -179,7 +181,8 @@ class ModeForces:
         return self.points.forces(self._alpha)
 
     def tangents(self, geometric: float) -> Array:
-        """Derivatives (3r, 3r) [N/m] of the forces by q1, with a share of the geometric stiffness."""
+        """Derivatives (3r, 3r) [N/m] of the forces by q1, with a share of the geometric
+        stiffness."""
         return self.points.stiffness(self._alpha, self._alpha * geometric)
 
 

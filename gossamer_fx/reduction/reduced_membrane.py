@@ -30,7 +30,8 @@ from gossamer_fx.terms.masses import KineticEnergy, NodeKineticEnergy
 
 
 class WeightedMeasure:
-    """The measure ξ dx with the weights ξ of sampled cells; it multiplies integrands like a UFL measure.
+    """The measure ξ dx with the weights ξ of sampled cells; it multiplies integrands like a UFL
+    measure.
 
     Args:
         dx: measure on the sampled cells.
@@ -59,7 +60,8 @@ class SampledMesh(Mesh):
             InputError: always.
         """
         raise InputError(
-            f"A reduced film has no group '{name}': supports, creases and loads on groups need the film itself; tie "
+            f"A reduced film has no group '{name}': supports, creases and loads on groups need the "
+            "film itself; tie "
             "points of a reduced one by `port_at`."
         )
 
@@ -68,8 +70,8 @@ class ReducedMembrane(Membrane):
     """A film with the unknowns c_i in x(X, t) = Σ φ_i(X) c_i(t); `reduce` makes it.
 
     It replaces the film in a scene: ports, joints, loads on its faces and outputs are those of the
-    film.  Strains and loads on faces are integrated over the sampled cells.  The body has one node on
-    rank 0 with the vectors c_0, ..., c_{r-1}; φ_0 = 1, so linear momentum is that of c_0 as in a
+    film.  Strains and loads on faces are integrated over the sampled cells.  The body has one node
+    on rank 0 with the vectors c_0, ..., c_{r-1}; φ_0 = 1, so linear momentum is that of c_0 as in a
     rigid body.
 
     Args:
@@ -146,11 +148,13 @@ class ReducedMembrane(Membrane):
         return ReducedCoordinates(self.space, alpha, self._modes)
 
     def initial_state(self) -> tuple[Array, Array]:
-        """Owned coefficients [m] and their rates [m/s] that are nearest to the film's initial state."""
+        """Owned coefficients [m] and their rates [m/s] that are nearest to the film's initial
+        state."""
         return self._reduced_start
 
     def reduced(self, values: Array) -> Array:
-        """Owned coefficients nearest to positions or velocities, in the norm of the mass.  Collective.
+        """Owned coefficients nearest to positions or velocities, in the norm of the mass.
+        Collective.
 
         Args:
             values: at the owned nodes of the film that was reduced, flattened.
@@ -187,7 +191,8 @@ class ReducedMembrane(Membrane):
         return self._combined((node,), (1.0,))
 
     def port_at(self, point: Sequence[float]) -> Port:
-        """The point of the film at the coordinates (3,) [m] of its stress-free shape.  Collective."""
+        """The point of the film at the coordinates (3,) [m] of its stress-free shape.
+        Collective."""
         on_film = interpolated(self.full, point)
         return self._combined(on_film.nodes, on_film.weights)
 
@@ -222,14 +227,16 @@ def check_reducible(film: Membrane) -> None:
     """
     check(
         film.thermal is None,
-        f"reduce: '{film.name}' has a thermal expansion, which sampled cells do not have; leave thermal out.",
+        f"reduce: '{film.name}' has a thermal expansion, which sampled cells do not have; leave "
+        "thermal out.",
     )
     start = InitialState([film], film.comm)
     has_own_terms = type(film).terms is not Membrane.terms
     check(
         not has_own_terms
         and all(isinstance(term, KineticEnergy | StoredEnergy) for term in film.terms(start)),
-        f"reduce: '{film.name}' has more than strains and mass (bending, creases, contact); those cannot be reduced.",
+        f"reduce: '{film.name}' has more than strains and mass (bending, creases, contact); those "
+        "cannot be reduced.",
     )
 
 
@@ -264,8 +271,8 @@ def _modes_at_nodes(space: fem.FunctionSpace, basis: Basis, parents: Any) -> Arr
     points = space.tabulate_dof_coordinates()
     values = np.zeros((len(points), basis.size))
     for cell, parent in enumerate(parents):
-        # A sampled cell may list its nodes in another order than the film's cell: they are matched by
-        # their coordinates.
+        # A sampled cell may list its nodes in another order than the film's cell: they are matched
+        # by their coordinates.
         here = points[nodes[cell]]
         there = film_points[film_nodes[parent]]
         distance = np.linalg.norm(here[:, None] - there[None], axis=2)

@@ -1,24 +1,25 @@
 """Sampling of cells: few cells of a film, with weights ≥ 0, that stand for all of them.
 
-Problem.  A reduced film has few unknowns, but its strains are integrated over all cells: a step costs
-as much per cell as one of the whole film.
+Problem.  A reduced film has few unknowns, but its strains are integrated over all cells: a step
+costs as much per cell as one of the whole film.
 
-Idea (energy-conserving sampling and weighting: Farhat, Avery, Chapman & Cortial, Int. J. Numer. Meth.
-Eng. 98 (2014) 625, doi:10.1002/nme.4668).  Integrate over few cells e with weights ξ_e > 0.  The
-sampled film stores the energy Σ_e ξ_e ∫_e ψ: it is convex where ψ is, and conserved as that of the
-whole film is.  The weights are to give the forces f and the stiffness k of some snapshots:
+Idea (energy-conserving sampling and weighting: Farhat, Avery, Chapman & Cortial, Int. J. Numer.
+Meth. Eng. 98 (2014) 625, doi:10.1002/nme.4668).  Integrate over few cells e with weights ξ_e > 0.
+The sampled film stores the energy Σ_e ξ_e ∫_e ψ: it is convex where ψ is, and conserved as that of
+the whole film is.  The weights are to give the forces f and the stiffness k of some snapshots:
 
     Σ_e ξ_e f_e = Σ_e f_e,      Σ_e ξ_e k_e = Σ_e k_e                                       (1)
 
-Forces alone are not enough.  A film is ten thousand times stiffer in its plane than across it; where
-snapshots hardly differ, cells that give their forces leave whole motions without stiffness.  The
-stiffness is therefore fitted in random motions z that all have the same energy:
+Forces alone are not enough.  A film is ten thousand times stiffer in its plane than across it;
+where snapshots hardly differ, cells that give their forces leave whole motions without stiffness.
+The stiffness is therefore fitted in random motions z that all have the same energy:
 
     z = L⁻ᵀ ζ,      LLᵀ = Σ_e k_e,      ζ random                                           (2)
 
 Algorithm.
 
-1. For each example of the basis, evaluate stiffness k_e and forces f_e of all cells (`CellEnergies`).
+1. For each example of the basis, evaluate stiffness k_e and forces f_e of all cells
+   (`CellEnergies`).
 2. Draw motions (2); each gives the two equations Σ_e ξ_e z·k_e z = Σ_e z·k_e z and
    Σ_e ξ_e z·f_e = Σ_e z·f_e.  One more equation keeps the area.
 3. Find non-negative weights by the active set method of Lawson and Hanson, ended when enough cells
@@ -27,8 +28,8 @@ Algorithm.
 
 Each rank samples its own cells; equations hold for its own sums, so the weights are local too.
 
-Cost: `EQUATIONS_PER_CELL` rows for each cell that may be taken, and a least-squares problem for each
-cell that is taken.
+Cost: `EQUATIONS_PER_CELL` rows for each cell that may be taken, and a least-squares problem for
+each cell that is taken.
 """
 
 from __future__ import annotations
@@ -54,8 +55,8 @@ from gossamer_fx.reduction.mode_gradients import (
     stress_derivatives,
 )
 
-# Random motions for each cell that may be taken.  With as many equations as weights the fit would be
-# exact for these motions and wrong for others.
+# Random motions for each cell that may be taken.  With as many equations as weights the fit would
+# be exact for these motions and wrong for others.
 EQUATIONS_PER_CELL = 4
 
 # Motions that are evaluated at once: the gradients of 64 motions at all points fit into memory.
@@ -168,8 +169,8 @@ def _equations(
     cells.take(c)
     K = basis.film.comm.allreduce(cells.stiffness(np.ones(cells.count)))
     L = _factor(K)
-    # Forces are scaled by those that the waves of the shape would need, so that work and energy have
-    # the same size.
+    # Forces are scaled by those that the waves of the shape would need, so that work and energy
+    # have the same size.
     wave = c.copy()
     wave[: basis.fixed] = 0
     wave_energy = float(wave.ravel() @ K @ wave.ravel())
@@ -204,8 +205,8 @@ def fewest_weights(Y: Array, wanted: Array, most: int) -> Array:
 
     1. Take the column of Y along which the residual falls fastest.
     2. Solve the least squares problem of the columns that are taken.
-    3. If weights are negative, go from the last weights towards the solution until the first of them
-       vanishes, leave it out, and repeat step 2.
+    3. If weights are negative, go from the last weights towards the solution until the first of
+       them vanishes, leave it out, and repeat step 2.
     4. Repeat from step 1 until enough columns are taken or none reduces the residual.
 
     Args:
@@ -263,7 +264,8 @@ def _solve(
     taken = list(taken)
     while taken:
         part = Y[:, taken]
-        # Normal equations are faster by the ratio of equations to columns; the weights need not be exact.
+        # Normal equations are faster by the ratio of equations to columns; the weights need not be
+        # exact.
         normal = part.T @ part
         solution = np.linalg.lstsq(normal, part.T @ wanted, rcond=LEAST_SQUARES_CUTOFF)[0]
         negative = solution <= 0
@@ -274,7 +276,8 @@ def _solve(
         weights = weights + share * (solution - weights)
         smallest = MIN_WEIGHT_RATIO * weights.max(initial=0.0)
         weights[negative & (weights <= smallest)] = 0.0
-        # The new column, whose weight was zero, has to go if nothing else can: else the loop is endless.
+        # The new column, whose weight was zero, has to go if nothing else can: else the loop is
+        # endless.
         if share == 0.0:
             weights[-1] = 0.0
         positive = weights > 0

@@ -14,7 +14,8 @@ from gossamer_fx.probes.run import Run
 
 @check_arguments
 class Snapshots:
-    """Output that keeps positions of a film's nodes in memory; each rank keeps those of the nodes that it owns.
+    """Output that keeps positions of a film's nodes in memory; each rank keeps those of the nodes
+    that it owns.
 
     Args:
         body: the film.

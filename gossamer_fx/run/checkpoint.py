@@ -1,11 +1,12 @@
-"""Checkpoints: all that a run needs to continue after its end, whatever ended it, on any number of ranks.
+"""Checkpoints: all that a run needs to continue after its end, whatever ended it, on any number of
+ranks.
 
 A checkpoint is a folder such as `step-00000100` with the files
 
     run.json        time, states of the gas, sums of the ledger, history variables, step control,
                     description of the scene, positions of the outputs in their files
-    rank-0000.npz   the share of one rank: for each block of unknowns the names of its nodes, and their
-                    coordinates and velocities
+    rank-0000.npz   the share of one rank: for each block of unknowns the names of its nodes, and
+                    their coordinates and velocities
 
 Algorithm.
 
@@ -15,11 +16,11 @@ Algorithm.
 
 `run.json` contains its own checksum and those of all other files: a damaged checkpoint is refused.
 
-A restart may have another number of ranks.  Its nodes are found by the names of `run.node_keys`, which do
-not depend on the partition of the mesh.
+A restart may have another number of ranks.  Its nodes are found by the names of `run.node_keys`,
+which do not depend on the partition of the mesh.
 
-Limits.  A checkpoint is read by the version of the package that wrote it, and by the scene that wrote it
-(see `run.same_scene`).
+Limits.  A checkpoint is read by the version of the package that wrote it, and by the scene that
+wrote it (see `run.same_scene`).
 """
 
 from __future__ import annotations
@@ -94,9 +95,10 @@ class Checkpoints:
         folder: for the checkpoints only.
         every: steps between two checkpoints; None: at intervals of time only.
         minutes: wall time between two checkpoints [min]; None: at intervals of steps only.
-        keep: number of checkpoints that are kept.  Older ones are removed when a new one is complete.
-        overwrite: whether a run that does not continue from the checkpoints in the folder may remove
-            them.
+        keep: number of checkpoints that are kept.  Older ones are removed when a new one is
+            complete.
+        overwrite: whether a run that does not continue from the checkpoints in the folder may
+            remove them.
 
     Attributes:
         seconds: wall time of writing [s].
@@ -122,7 +124,8 @@ class Checkpoints:
         keep: int = 2,
         overwrite: bool = False,
     ) -> None:
-        """Check the arguments, which the class describes; nothing is written before the run begins."""
+        """Check the arguments, which the class describes; nothing is written before the run
+        begins."""
         self.folder = Path(folder)
         self.every = every
         self.minutes = minutes
@@ -183,7 +186,8 @@ class Checkpoints:
             continues = self.folder.resolve() in (source, source.parent)
         check(
             continues,
-            f"'{self.folder}' holds checkpoints of a run up to step {_step(newest)}; go on from them with restart "
+            f"'{self.folder}' holds checkpoints of a run up to step {_step(newest)}; go on from "
+            "them with restart "
             "(--restart), replace them with overwrite=True (--overwrite), or give another folder.",
         )
 
@@ -290,7 +294,8 @@ class Checkpoints:
                 shutil.rmtree(path, ignore_errors=True)
 
     def _arrays(self, run: SavedRun) -> dict[str, Any]:
-        """This rank's share: names (n,) of its n nodes with (n, size) of every vector, by block; also cells."""
+        """This rank's share: names (n,) of its n nodes with (n, size) of every vector, by block;
+        also cells."""
         numbering = run.system.numbering
         arrays: dict[str, Any] = {}
         for k, names in enumerate(self._names):
@@ -369,10 +374,12 @@ def read(
         changes: names of items and events whose arguments are meant to be others.
 
     Returns:
-        Positions of the outputs in their files, and in words what of the scene could not be compared.
+        Positions of the outputs in their files, and in words what of the scene could not be
+        compared.
 
     Raises:
-        InputError: the checkpoint does not exist, it is damaged, of another version, or of another scene.
+        InputError: the checkpoint does not exist, it is damaged, of another version, or of another
+            scene.
     """
     comm = run.comm
     path, state = comm.bcast(on_rank_zero(comm, lambda: _open(Path(restart))))
@@ -470,7 +477,8 @@ def _open(path: Path) -> tuple[Path, dict[str, Any]]:
         folder = latest_checkpoint(path)
     if folder is None:
         raise InputError(
-            f"There is no checkpoint in '{path}'; give a folder of checkpoints, or start without restart."
+            f"There is no checkpoint in '{path}'; give a folder of checkpoints, or start without "
+            "restart."
         )
     try:
         page = (folder / "run.json").read_bytes()
@@ -485,7 +493,8 @@ def _open(path: Path) -> tuple[Path, dict[str, Any]]:
     is_other_version = (written_format, written_version) != (FORMAT, VERSION)
     if is_other_version and (is_sound or checksum is None):
         raise InputError(
-            f"The checkpoint '{folder}' was written by version {written_version} (format {written_format}), this is "
+            f"The checkpoint '{folder}' was written by version {written_version} (format "
+            f"{written_format}), this is "
             f"{VERSION} (format {FORMAT}); restart with the version that wrote it."
         )
     # The checksum is one of values; the text is compared too, so that any changed byte is noticed.
@@ -540,7 +549,8 @@ def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
 
 
 def _join(shares: list[dict[str, Any]], empty: dict[str, Any], arrays: dict[str, Any]) -> None:
-    """Concatenate the arrays of all shares by key; a key without a share has its value in `empty`."""
+    """Concatenate the arrays of all shares by key; a key without a share has its value in
+    `empty`."""
     for key, no_rows in empty.items():
         arrays[key] = no_rows
         if shares:
@@ -586,7 +596,8 @@ def _checksum_of(state: dict[str, Any]) -> str:
 
 
 def _checksum(path: Path) -> list[int]:
-    """Length in bytes and CRC-32 of a file; that is enough against damage, and faster than SHA-256."""
+    """Length in bytes and CRC-32 of a file; that is enough against damage, and faster than
+    SHA-256."""
     crc = 0
     size = 0
     with path.open("rb") as file:

@@ -1,13 +1,13 @@
 """Events of a run: actions at a time, or when a probe passes a value.
 
-Problem.  An instant at which a probe passes a value lies within a step, and must be found without a step
-that the run does not keep.
+Problem.  An instant at which a probe passes a value lies within a step, and must be found without a
+step that the run does not keep.
 
 Algorithm of `EventMonitor.advance`.
 
 1. Commit the state, and make a step.
-2. If a probe has passed its value, search the length of the step by false position, with a bisection in
-   every third turn: undo the step and make it again with the length that is tried.
+2. If a probe has passed its value, search the length of the step by false position, with a
+   bisection in every third turn: undo the step and make it again with the length that is tried.
 3. The step ends behind the instant, by the tolerance of the event at most; then the event acts.
 
 Limits.  A probe that passes its value and returns within one step is not noticed.
@@ -44,8 +44,8 @@ INSTANT_TOLERANCE = 1e-6
 # A remainder of a step that counts as round-off, over its length.
 STEP_ROUND_OFF = 1e-12
 
-# Each third turn of the search is a bisection: false position alone approaches from one side only, and
-# is slow for a probe that jumps.
+# Each third turn of the search is a bisection: false position alone approaches from one side only,
+# and is slow for a probe that jumps.
 BISECTION_INTERVAL = 3
 
 
@@ -56,8 +56,8 @@ class At:
 
     Args:
         time: [s].
-        then: called with the run.  It is called again after a restart, so it should set values and not
-            add to them.
+        then: called with the run.  It is called again after a restart, so it should set values and
+            not add to them.
         stop: whether the run ends there.
         name: for the log.
 
@@ -93,8 +93,8 @@ class When:
         probe: a function of the run that returns a number, the same on every rank; see `gx.probes`.
         value: that the probe passes, from below.
         falling: whether the probe passes the value from above.
-        then: called with the run.  It is called again after a restart, so it should set values and not
-            add to them.
+        then: called with the run.  It is called again after a restart, so it should set values and
+            not add to them.
         stop: whether the run ends there.
         tolerance: error of the instant [s]; default a millionth of the stepper's dt.
         name: for the log.
@@ -313,7 +313,8 @@ class EventMonitor:
         step: _StepWithEvents,
         length: float,
     ) -> list[When]:
-        """Undo the step and make it again with another length [s]; returns the events that it passes."""
+        """Undo the step and make it again with another length [s]; returns the events that it
+        passes."""
         run = self._run
         self._history.rollback()
         self._last |= step.before
@@ -337,7 +338,8 @@ class EventMonitor:
             ask(run.comm, what, lambda: then(run))
 
     def describe(self) -> list[dict[str, Any]]:
-        """Descriptions of the events, for the comparison of scenes at a restart; see `run.same_scene`.
+        """Descriptions of the events, for the comparison of scenes at a restart; see
+        `run.same_scene`.
 
         `key` is the same for events of the same kind, name and value.
         """
@@ -349,7 +351,8 @@ class EventMonitor:
         return descriptions
 
     def get_state(self) -> dict[str, Any]:
-        """History variables for a checkpoint: events that have happened, and values of the probes."""
+        """History variables for a checkpoint: events that have happened, and values of the
+        probes."""
         keys = [_key(event) for event in self._events]
         return {
             "done": [keys[k] for k in self._done],
@@ -359,7 +362,8 @@ class EventMonitor:
     def set_state(self, state: dict[str, Any]) -> None:
         """Restore what `get_state` returned.
 
-        Events are found by their keys, as they may come in another order; a new event has not happened.
+        Events are found by their keys, as they may come in another order; a new event has not
+        happened.
         """
         # Of events with equal keys, each is found once.
         remaining = list(enumerate(self._events))
@@ -390,7 +394,8 @@ class EventMonitor:
 
 
 def _excess(event: When, value: float) -> float:
-    """Distance of a value of the probe beyond that of the event, in the direction of the passage."""
+    """Distance of a value of the probe beyond that of the event, in the direction of the
+    passage."""
     if event.falling:
         return event.value - value
     return value - event.value

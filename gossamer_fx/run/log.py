@@ -1,4 +1,5 @@
-"""The log of a run: the logger `gossamer_fx` of Python's `logging`, whose records come from rank 0."""
+"""The log of a run: the logger `gossamer_fx` of Python's `logging`, whose records come from rank
+0."""
 
 from __future__ import annotations
 

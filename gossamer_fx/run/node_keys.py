@@ -2,10 +2,10 @@
 
 Problem.  The order of nodes, and the rank that has them, depend on the partition of the mesh.
 
-Idea.  A node of a Lagrange space is named after the vertices of the entity (vertex, edge or cell) on
-which it is, by their indices in the mesh as it was read.  A multiplier is named after the first node
-that its constraint ties, and by the number of constraints before it that tie the same node.  A name is a
-hash of these indices with 64 bits.
+Idea.  A node of a Lagrange space is named after the vertices of the entity (vertex, edge or cell)
+on which it is, by their indices in the mesh as it was read.  A multiplier is named after the first
+node that its constraint ties, and by the number of constraints before it that tie the same node.  A
+name is a hash of these indices with 64 bits.
 
 Limits.  Spaces with one node at most on an edge or cell, that is up to order 2.
 """
@@ -21,7 +21,8 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Attached, Body, MeshBody, Port, has_nodal_unknowns
 from gossamer_fx.system.system import System
 
-# An entity of triangles has at most this many vertices; fewer are repeated, to give rows of one length.
+# An entity of triangles has at most this many vertices; fewer are repeated, to give rows of one
+# length.
 MAX_VERTICES = 3
 
 
@@ -33,7 +34,8 @@ def node_names(body: Body) -> Names:
     """
     start, end = body.block.index_map.local_range
     if not has_nodal_unknowns(body):
-        # Masses and reduced films have no mesh; their blocks are numbered in the same way everywhere.
+        # Masses and reduced films have no mesh; their blocks are numbered in the same way
+        # everywhere.
         return hash_rows(np.arange(start, end)[:, None])
     layout = body.space.dofmap.dof_layout
     nodes = body.space.dofmap.list
@@ -50,7 +52,8 @@ def node_names(body: Body) -> Names:
             # Two nodes of an edge could not be told apart by its vertices.
             check(
                 len(nodes_here) == 1,
-                f"'{body.name}' has {len(nodes_here)} nodes on one edge or cell; checkpoints know one.",
+                f"'{body.name}' has {len(nodes_here)} nodes on one edge or cell; checkpoints know "
+                "one.",
             )
             # Sorted, as neighbouring cells have the vertices of an edge in different orders.
             vertices_of_entity = np.sort(vertices[:, corners], axis=1)
@@ -62,7 +65,8 @@ def node_names(body: Body) -> Names:
 
 
 def cell_vertices(body: MeshBody) -> npt.NDArray[np.int64]:
-    """Vertices (cells, k) of this rank's cells, own and ghost, by their indices in the mesh as it was read."""
+    """Vertices (cells, k) of this rank's cells, own and ghost, by their indices in the mesh as it
+    was read."""
     geometry = body.space.mesh.geometry
     # The first points of a cell are its corners, also if the geometry is of order 2.
     corner_count = body.space.mesh.topology.dim + 1
@@ -79,7 +83,8 @@ def cell_names(body: MeshBody) -> Names:
 
 
 def mesh_name(body: MeshBody) -> int:
-    """A number that depends on the cells of a mesh and not on their order; the same on every rank."""
+    """A number that depends on the cells of a mesh and not on their order; the same on every
+    rank."""
     hashes = cell_names(body)
     # A sum does not depend on the order, nor on the partition.
     sum_of_rank = int(hashes.sum(dtype=np.uint64))
@@ -88,7 +93,8 @@ def mesh_name(body: MeshBody) -> int:
 
 
 def all_names(system: System) -> list[Names]:
-    """Names of this rank's nodes of every block: bodies, then the multipliers of each constraint."""
+    """Names of this rank's nodes of every block: bodies, then the multipliers of each
+    constraint."""
     names = [node_names(body) for body in system.bodies]
     tied_ports: list[list[tuple[Attached, ...]]] = []
     if system.constraints:

@@ -11,7 +11,8 @@ Compared are
 
 Initial conditions such as `StartFrom` are not compared: the state of the checkpoint replaces them.
 
-Limits.  Values that functions of the user read from elsewhere may be unknown; they are reported instead.
+Limits.  Values that functions of the user read from elsewhere may be unknown; they are reported
+instead.
 """
 
 from __future__ import annotations
@@ -42,11 +43,12 @@ from gossamer_fx.system.totals import Totals
 # same numbers, on another machine up to the last digits.
 SAME_ARGUMENT = 1e-9
 
-# The same for a component of a vector, over the vector's largest one: a cosine of π/2 is 6e-17, or zero.
+# The same for a component of a vector, over the vector's largest one: a cosine of π/2 is 6e-17, or
+# zero.
 SAME_COMPONENT = 1e-15
 
-# The same for an energy that is computed again from the coordinates: sums over other ranks are in another
-# order, and the strains of a stiff film are small differences.
+# The same for an energy that is computed again from the coordinates: sums over other ranks are in
+# another order, and the strains of a stiff film are small differences.
 SAME_ENERGY = 1e-6
 
 # An energy may differ by this fraction of the largest energy: a small one may be all round-off.
@@ -133,24 +135,27 @@ def compare(
         In words, what could not be compared; empty if all was.
 
     Raises:
-        InputError: the first difference, with both values; or `changes` names something that the scene
-            does not have.
+        InputError: the first difference, with both values; or `changes` names something that the
+            scene does not have.
     """
     refusal = f"The checkpoint '{path}' is of another scene: "
     # The order of the checks is that of their causes: another item also changes the unknowns.
     unmatched = sorted(set(there["parts"]) ^ set(here["parts"]))
     check(
         not unmatched,
-        f"{refusal}{''.join(unmatched[:1])} is only in one of them; restart the scene that wrote it.",
+        f"{refusal}{''.join(unmatched[:1])} is only in one of them; restart the scene that wrote "
+        "it.",
     )
     _compare_meshes(refusal, there, here)
     check(
         there["unknowns"] == here["unknowns"],
-        f"{refusal}it has {sum(there['unknowns'])} unknowns, this one {sum(here['unknowns'])}; use its order.",
+        f"{refusal}it has {sum(there['unknowns'])} unknowns, this one {sum(here['unknowns'])}; use "
+        "its order.",
     )
     check(
         there["stepper"] == here["stepper"] and there["vectors"] == here["vectors"],
-        f"{refusal}it was stepped by {there['stepper']}, with another control; take the same stepper.",
+        f"{refusal}it was stepped by {there['stepper']}, with another control; take the same "
+        "stepper.",
     )
     event_names = [event["name"] for event in here["events"]]
     known = [*here["arguments"], *event_names]
@@ -180,7 +185,8 @@ def _compare_meshes(refusal: str, there: Description, here: Description) -> None
         same_place = np.allclose(theirs, ours, rtol=SAME_ARGUMENT, atol=tolerance)
         check(
             there["meshes"].get(body) == name and same_place,
-            f"{refusal}the mesh of '{body}' is not the same; read the mesh with which it was written.",
+            f"{refusal}the mesh of '{body}' is not the same; read the mesh with which it was "
+            "written.",
         )
 
 
@@ -202,7 +208,8 @@ def _compare_events(
         may_change = event["name"] in changes
         check(
             bool(equal) or may_change,
-            f"{refusal}the event {event['key']} is not in it; restart with the same, or name it in changes.",
+            f"{refusal}the event {event['key']} is not in it; restart with the same, or name it in "
+            "changes.",
         )
         if equal:
             remaining.remove(equal[0])
@@ -227,7 +234,8 @@ def _refuse_difference(
         return
     values = f"{_shown(found.there)} there and {_shown(found.here)} here"
     what = f"{' '.join(found.words)} of {owner} is {values}"
-    # Within a function, the words are parts of its code: the user knows the function by the argument.
+    # Within a function, the words are parts of its code: the user knows the function by the
+    # argument.
     function_parts = [k for k, word in enumerate(found.words) if word in FUNCTION_PARTS]
     if function_parts and function_parts[0] > 0:
         first = function_parts[0]
@@ -261,7 +269,8 @@ def _differences_of_lists(
     here: Sequence[Known],
     words: tuple[str, ...],
 ) -> Iterator[Difference]:
-    """All differences of two lists of the same length; a list of numbers is compared as a vector."""
+    """All differences of two lists of the same length; a list of numbers is compared as a
+    vector."""
     if all(map(_is_number, [*there, *here])):
         if not _same_numbers(there, here):
             yield Difference(words, list(there), list(here))
@@ -279,7 +288,8 @@ def _differences_of_dicts(
     here: Description,
     words: tuple[str, ...],
 ) -> Iterator[Difference]:
-    """All differences of two dictionaries: of arguments, of a measured position, or of an unknown."""
+    """All differences of two dictionaries: of arguments, of a measured position, or of an
+    unknown."""
     if UNKNOWN in there and UNKNOWN in here:
         return
     # A position that was computed has a known error, which its description states.
@@ -325,7 +335,8 @@ def _shown(value: Known) -> str:
 
 
 def _not_compared(here: Description, changes: Sequence[str]) -> str:
-    """In words: what functions take from outside, what is unknown otherwise, and what is meant to change."""
+    """In words: what functions take from outside, what is unknown otherwise, and what is meant to
+    change."""
     found: list[str] = []
     for name, arguments in here["arguments"].items():
         if name not in changes:
@@ -358,6 +369,7 @@ def compare_energies(path: Path, here: Totals, there: Mapping[str, Any]) -> None
         tolerance = SAME_ENERGY * abs(energy) + NEGLIGIBLE_ENERGY * largest
         check(
             abs(energy - theirs.get(name, np.inf)) <= tolerance,
-            f"The checkpoint '{path}' is of another scene: the energy '{name}' is {theirs.get(name, 0.0):.6g} J there "
+            f"The checkpoint '{path}' is of another scene: the energy '{name}' is "
+            f"{theirs.get(name, 0.0):.6g} J there "
             f"and {energy:.6g} J here; restart with the same materials and gas.",
         )

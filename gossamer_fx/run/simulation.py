@@ -2,15 +2,18 @@
 
 Algorithm of `Simulation`.
 
-1. Compile the scene, begin a step and undo it, so that errors of loads and motions come before any file.
-2. Lock the files of the outputs, restore a checkpoint if there is one to restart from, open the outputs.
+1. Compile the scene, begin a step and undo it, so that errors of loads and motions come before any
+   file.
+2. Lock the files of the outputs, restore a checkpoint if there is one to restart from, open the
+   outputs.
 3. Step from one time that must be met to the next, in steps of equal length (`run`).
 4. After each step: outputs record, then a checkpoint is written if it is due.
 
-The order in 4 makes a restart exact: a checkpoint contains the positions of the outputs after its step.
+The order in 4 makes a restart exact: a checkpoint contains the positions of the outputs after its
+step.
 
-Errors and signals.  A step that fails leaves the state before it, which outputs record and a checkpoint
-keeps; then the error is raised on all ranks.
+Errors and signals.  A step that fails leaves the state before it, which outputs record and a
+checkpoint keeps; then the error is raised on all ranks.
 """
 
 from __future__ import annotations
@@ -65,8 +68,10 @@ class Simulation:
         control: adapts the length of steps; None: steps of the stepper's dt.
         events: `At` or `When`.
         checkpoints: where and how often the run is saved.
-        restart: a checkpoint, or a folder, of which the newest is taken, from which the run continues.
-        changes: names of items and events whose arguments are meant to differ from the checkpoint's.
+        restart: a checkpoint, or a folder, of which the newest is taken, from which the run
+            continues.
+        changes: names of items and events whose arguments are meant to differ from the
+            checkpoint's.
 
     Attributes:
         system: the compiled scene, with its state.
@@ -108,7 +113,8 @@ class Simulation:
         restart: str | Path | None = None,
         changes: Sequence[str] = (),
     ) -> None:
-        """Compile the scene and open the outputs; with `restart`, read the checkpoint.  Collective."""
+        """Compile the scene and open the outputs; with `restart`, read the checkpoint.
+        Collective."""
         self.outputs = _list_of("outputs", outputs, Output)
         events = _list_of("events", events, object)
         self.scene = scene
@@ -171,7 +177,8 @@ class Simulation:
         return f"<Simulation of {names or 'gas'} at t = {self.time:.6g} s, step {self.step}>"
 
     def _try_step(self) -> None:
-        """Begin a step and undo it: errors of loads, valves and motions come before files are made."""
+        """Begin a step and undo it: errors of loads, valves and motions come before files are
+        made."""
         self.history.commit()
         # Whether the first step converges is not of interest here.
         with suppress(NotConverged):
@@ -245,7 +252,7 @@ class Simulation:
             self._monitor.repeat()
         return cursors
 
-    # ---- the state of the run ---------------------------------------------------------------------------------
+    # ---- the state of the run --------------------------------------------------------------------
 
     @property
     def time(self) -> float:
@@ -262,25 +269,29 @@ class Simulation:
 
     @property
     def at_rest(self) -> bool:
-        """Whether no energy of the run so far was larger than what round-off gives to a scene at rest."""
+        """Whether no energy of the run so far was larger than what round-off gives to a scene at
+        rest."""
         return self.largest_energy <= self.solver.newton.round_off_energy
 
     @property
     def energy_error(self) -> float:
-        """Closing error of the energy balance, over the largest energy at the end of a step so far; zero at rest."""
+        """Closing error of the energy balance, over the largest energy at the end of a step so far;
+        zero at rest."""
         if self.at_rest:
             return 0.0
         return self.energy_defect / self.largest_energy
 
     @property
     def energy_defect(self) -> float:
-        """Closing error of the energy balance [J]: what was gained since the start, less what was supplied."""
+        """Closing error of the energy balance [J]: what was gained since the start, less what was
+        supplied."""
         now = self.totals
         return (now.energy - self.first.energy) - (now.supplied - now.dissipated)
 
     @property
     def largest_energy(self) -> float:
-        """Largest energy so far [J]: kinetic and stored, or supplied and dissipated, whichever is more."""
+        """Largest energy so far [J]: kinetic and stored, or supplied and dissipated, whichever is
+        more."""
         return max(self.solver.newton.energy, self.totals.size)
 
     @property
@@ -320,19 +331,21 @@ class Simulation:
         )
         return chambers[name]
 
-    # ---- running -----------------------------------------------------------------------------------------------
+    # ---- running ---------------------------------------------------------------------------------
 
     def run(self, until: float) -> None:
         """Advance to a time; may be called again with a later one.
 
-        Steps are of equal length between the times that outputs and events ask for, so that these are met.
-        SIGTERM, SIGINT and SIGUSR1 end the run after the present step, with a checkpoint if it writes any.
+        Steps are of equal length between the times that outputs and events ask for, so that these
+        are met. SIGTERM, SIGINT and SIGUSR1 end the run after the present step, with a checkpoint
+        if it writes any.
 
         Args:
             until: [s].
 
         Raises:
-            InputError: `until` is not a time, or earlier than the present one; or a user's function failed.
+            InputError: `until` is not a time, or earlier than the present one; or a user's function
+                failed.
             StepFailure: a step failed, also in sub-steps; the outputs are complete up to it.
             OutputFailure: a file could not be written; earlier records are kept.
             Interrupted: a signal came.
@@ -362,7 +375,8 @@ class Simulation:
             self._leave(signal)
 
     def _start_and_go(self, until: float, signals: Listener) -> int:
-        """Record the start, and step to a time [s]; returns the number of the signal that ended it, or 0."""
+        """Record the start, and step to a time [s]; returns the number of the signal that ended it,
+        or 0."""
         ended = False
         if self._monitor is not None and not self._started:
             ended = self._monitor.start()
@@ -380,14 +394,16 @@ class Simulation:
         return self._go([*milestones, until], signals)
 
     def _go(self, milestones: Sequence[float], signals: Listener) -> int:
-        """Step to each milestone [s] in turn; returns the number of the signal that ended the run, or 0."""
+        """Step to each milestone [s] in turn; returns the number of the signal that ended the run,
+        or 0."""
         for milestone in milestones:
             while True:
                 remaining = milestone - self.time
                 if remaining <= _SAME_TIME * self.stepping.wanted:
                     break
                 try:
-                    # The control may have changed the wanted length: divide the remaining time again.
+                    # The control may have changed the wanted length: divide the remaining time
+                    # again.
                     h = even_step(remaining, self.stepping.wanted)
                     ended = self._advance(h, milestone)
                     signal = signals.heard(self.comm)
@@ -435,7 +451,8 @@ class Simulation:
                 self.checkpoints.record(self, last=True)
 
     def _advance(self, h: float, milestone: float = math.inf) -> bool:
-        """Make a step of h [s] or less, up to a milestone [s]; returns whether an event ends the run there."""
+        """Make a step of h [s] or less, up to a milestone [s]; returns whether an event ends the
+        run there."""
         started = time.perf_counter()
         time_before = self.time
         stepping = self.stepping
@@ -459,10 +476,12 @@ class Simulation:
                 newton = self.solver.newton
                 newton.energy = max(newton.energy, self.totals.size)
             self.seconds += time.perf_counter() - started
-        # Outputs and events that ask for this time must find it without the round-off of a sum of steps.
+        # Outputs and events that ask for this time must find it without the round-off of a sum of
+        # steps.
         if abs(milestone - self.time) <= _SAME_TIME * stepping.wanted:
             self.system.time = milestone
-        # On several ranks PETSc keeps the objects that Python has dropped until all ranks ask for this.
+        # On several ranks PETSc keeps the objects that Python has dropped until all ranks ask for
+        # this.
         PETSc.garbage_cleanup(self.comm)
         return ended
 
@@ -489,10 +508,11 @@ class Simulation:
         """Write a line to the log, see `gx.run.log_to`."""
         LOGGER.info(words)
 
-    # ---- checkpoints -------------------------------------------------------------------------------------------
+    # ---- checkpoints -----------------------------------------------------------------------------
 
     def get_state(self) -> dict[str, Any]:
-        """Counters, first totals and events, for a checkpoint: numbers, words, lists, dictionaries."""
+        """Counters, first totals and events, for a checkpoint: numbers, words, lists,
+        dictionaries."""
         first = {}
         for name, value in asdict(self.first).items():
             if isinstance(value, np.ndarray):

@@ -16,7 +16,8 @@ from gossamer_fx.terms.assembly import Assembly
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class RigidMotion:
-    """Adds a rigid motion to the initial velocities of all bodies: v + Ω × (x - c), and Ω × d for directors.
+    """Adds a rigid motion to the initial velocities of all bodies: v + Ω × (x - c), and Ω × d for
+    directors.
 
     Args:
         spin: Ω [rad/s].
@@ -96,7 +97,8 @@ class StartFrom:
             start.place(body.body, self._coordinates(body))
 
     def _coordinates(self, here: BodyState) -> Array:
-        """Coordinates for one body, flattened, from the body of the same name in the other scene."""
+        """Coordinates for one body, flattened, from the body of the same name in the other
+        scene."""
         body = here.body
         there = self.system.state.named(body.name)
         full = body.full if is_on_mesh(body) else body
@@ -104,7 +106,8 @@ class StartFrom:
         from_full = full is not body and there is not None and there.body is full
         check(
             there is not None and (from_full or there.body.block.size == body.block.size),
-            f"'{self.name}' has no body '{body.name}' like this scene's; start from the same bodies.",
+            f"'{self.name}' has no body '{body.name}' like this scene's; start from the same "
+            "bodies.",
         )
         assert there is not None
         values = there.coordinates().ravel()

@@ -75,14 +75,16 @@ class Scene:
         twice = sorted({n for n in names if names.count(n) > 1})
         check(
             not twice,
-            f"Two parts of the scene are called '{twice[0] if twice else ''}'; give each its own by name=....",
+            f"Two parts of the scene are called '{twice[0] if twice else ''}'; give each its own "
+            "by name=....",
         )
 
     def _add(self, item: object) -> None:
         """Add an item and all that it refers to, each once."""
         if not isinstance(item, Item):
             raise InputError(
-                f"{item!r} is not an item of a scene; give bodies, gas parts, loads, constraints or "
+                f"{item!r} is not an item of a scene; give bodies, gas parts, loads, constraints "
+                "or "
                 "connectors."
             )
         check(
@@ -128,8 +130,8 @@ class Scene:
         """Number the unknowns, compile the forms, take the initial state.
 
         Raises:
-            InputError: cells without size, initial data that are not finite, or what a part finds wrong with its
-                surroundings.
+            InputError: cells without size, initial data that are not finite, or what a part finds
+                wrong with its surroundings.
         """
         # Before anything is compiled, which takes seconds for new forms.
         validate(self.items, self.comm)
@@ -140,7 +142,8 @@ class Scene:
                 check_on_all(
                     self.comm,
                     bool(np.isfinite(values).all()),
-                    f"The initial {what} of '{body.name}' is not finite everywhere; check the function that gives it.",
+                    f"The initial {what} of '{body.name}' is not finite everywhere; check the "
+                    "function that gives it.",
                 )
         start = InitialState(self.bodies, self.comm)
         for item in self.items:

@@ -43,14 +43,15 @@ _SLIVER = 5e-4
 # A film thicker than this part of its extent probably has its thickness in millimetres.
 _THICK = 0.1
 
-# Cells of a plate that is thinner than this part of its smallest cell bend no earlier than a membrane
-# wrinkles.
+# Cells of a plate that is thinner than this part of its smallest cell bend no earlier than a
+# membrane wrinkles.
 _THIN = 1e-4
 
-# Thickness of a plate over its size and over the largest aspect ratio of its cells, below which its bending forces are
-# less than the round-off of its membrane forces.  Measured with cantilevers of 8 cells in equilibrium, t over length:
-# aspect 1 is right down to 1e-7 and wrong at 3e-8; aspect 30 is right down to 3e-7 with a deflection of 1e-3 of the
-# length, and down to 3e-6 with one of 0.1; aspect 1000 is 1.5e6 times too stiff at 1e-4.
+# Thickness of a plate over its size and over the largest aspect ratio of its cells, below which its
+# bending forces are less than the round-off of its membrane forces.  Measured with cantilevers of 8
+# cells in equilibrium, t over length: aspect 1 is right down to 1e-7 and wrong at 3e-8; aspect 30
+# is right down to 3e-7 with a deflection of 1e-3 of the length, and down to 3e-6 with one of 0.1;
+# aspect 1000 is 1.5e6 times too stiff at 1e-4.
 _ROUND_OFF_THIN = 2e-7
 
 # Smallest and largest values of structures that are built or flown, and their unit.  Values outside
@@ -116,7 +117,8 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
     flat, slivers = comm.allreduce(counts).tolist()
     check(
         flat == 0,
-        f"'{body.name}' has {flat} {kind}{'s' * (flat > 1)} of no size, the nodes of which are at one point or on a "
+        f"'{body.name}' has {flat} {kind}{'s' * (flat > 1)} of no size, the nodes of which are at "
+        "one point or on a "
         "line; mesh it again, or remove duplicate nodes.",
     )
     if not _EXTENT[0] <= size <= _EXTENT[1]:
@@ -127,20 +129,24 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
     seams = open_seams(domain, groups)
     if seams:
         yield (
-            f"{seams} boundary edges of '{body.name}' coincide without being joined; if this is a seam, glue it by "
-            "removing duplicate nodes (gmsh: model.mesh.removeDuplicateNodes), and if it is a slit, name its two sides."
+            f"{seams} boundary edges of '{body.name}' coincide without being joined; if this is a "
+            "seam, glue it by "
+            "removing duplicate nodes (gmsh: model.mesh.removeDuplicateNodes), and if it is a "
+            "slit, name its two sides."
         )
     if corners.shape[1] == 3:
         turned = turned_inside(domain)
         check(
             turned == 0,
-            f"'{body.name}' has {turned} curved triangles that turn inside out near a corner; mesh it finer there, or "
+            f"'{body.name}' has {turned} curved triangles that turn inside out near a corner; mesh "
+            "it finer there, or "
             "with plane triangles.",
         )
         if slivers:
             worst = comm.allreduce(float(quality.min(initial=1.0)), op=MPI.MIN)
             yield (
-                f"'{body.name}' has {slivers} slivers among its triangles (worst quality {worst:.1e}, one is "
+                f"'{body.name}' has {slivers} slivers among its triangles (worst quality "
+                f"{worst:.1e}, one is "
                 "equilateral); they cost accuracy and iterations."
             )
         table = edges_of(domain)
@@ -148,38 +154,52 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
         opposite = comm.allreduce(int(((count == 2) & (directions != 0)).sum()))
         if opposite:
             yield (
-                f"Normals of '{body.name}' change sides at {opposite} edges: pressure would push to both sides; make "
+                f"Normals of '{body.name}' change sides at {opposite} edges: pressure would push "
+                "to both sides; make "
                 "or read the mesh with orient=True, or turn surfaces (gmsh: model.mesh.reverse)."
             )
         upside_down = folded(table)
         in_plane, share = folded_in_plane(table)
         if in_plane:
             yield (
-                f"'{body.name}' has {in_plane} triangles upside down in its plane, {share:.2g} of its area, so that it "
-                "covers a part of the plane more than once and has a wrong stiffness; mesh it again, or move back the "
+                f"'{body.name}' has {in_plane} triangles upside down in its plane, {share:.2g} of "
+                "its area, so that it "
+                "covers a part of the plane more than once and has a wrong stiffness; mesh it "
+                "again, or move back the "
                 "nodes that crossed an edge."
             )
         elif upside_down:
-            yield f"'{body.name}' has {upside_down} triangles upside down on their neighbours; look at its mesh."
+            yield (
+                f"'{body.name}' has {upside_down} triangles upside down on their neighbours; look "
+                "at its mesh."
+            )
         thickness = getattr(getattr(body, "law", None), "thickness", 0.0)
         smallest = comm.allreduce(float(np.sqrt(sizes(corners)).min(initial=np.inf)), op=MPI.MIN)
         bends = getattr(body, "bends", False) and thickness > 0
         aspect = comm.allreduce(float(aspects(corners).max(initial=1.0)), op=MPI.MAX)
         if bends and thickness < _ROUND_OFF_THIN * aspect * size:
             yield (
-                f"The plate '{body.name}' is {thickness / size:.1g} of its size thick, and its cells have aspect "
-                f"ratios of up to {aspect:.3g}: below a thickness of {_ROUND_OFF_THIN * aspect:.1g} its bending forces "
-                "are less than the round-off of its membrane forces, and it may be too stiff by any factor; give cells "
+                f"The plate '{body.name}' is {thickness / size:.1g} of its size thick, and its "
+                "cells have aspect "
+                f"ratios of up to {aspect:.3g}: below a thickness of "
+                f"{_ROUND_OFF_THIN * aspect:.1g} its bending forces "
+                "are less than the round-off of its membrane forces, and it may be too stiff by "
+                "any factor; give cells "
                 "of aspect near one, or a Membrane."
             )
         elif bends and thickness < _THIN * smallest:
             yield (
-                f"The plate '{body.name}' is {thickness / smallest:.1g} of its smallest cells thick: they carry a "
-                f"compressive strain of {(math.pi * thickness / smallest) ** 2 / 48:.0e} before they bend; a Membrane "
+                f"The plate '{body.name}' is {thickness / smallest:.1g} of its smallest cells "
+                "thick: they carry a "
+                f"compressive strain of {(math.pi * thickness / smallest) ** 2 / 48:.0e} before "
+                "they bend; a Membrane "
                 "does as well and costs less."
             )
         if thickness > _THICK * size:
-            yield f"The film '{body.name}' is {thickness:.3g} m thick and {size:.3g} m large; thickness is in metres."
+            yield (
+                f"The film '{body.name}' is {thickness:.3g} m thick and {size:.3g} m large; "
+                "thickness is in metres."
+            )
 
 
 def _of_numbers(name: str, holder: Any) -> Iterator[str]:
@@ -205,7 +225,10 @@ def self_intersections(bodies: list[Body]) -> Iterator[str]:
         corners = _positions(body)[dofs]
         pierced = crossings(body.comm, corners, nodes.astype(np.int64))
         if pierced:
-            yield f"'{body.name}' penetrates itself at the start in {pierced} triangles; nothing keeps them apart."
+            yield (
+                f"'{body.name}' penetrates itself at the start in {pierced} triangles; nothing "
+                "keeps them apart."
+            )
 
 
 def _positions(body: MeshBody) -> Array:

@@ -1,8 +1,8 @@
 """The adjoint of the midpoint rule: derivatives of the end of a step carried to its start.
 
 Problem.  A result J of the last state of a run depends on parameters θ through all steps.  Finite
-differences take one run for each parameter, and lose digits.  Differentiating forwards takes one linear
-system for each parameter and step.
+differences take one run for each parameter, and lose digits.  Differentiating forwards takes one
+linear system for each parameter and step.
 
 Idea.  Go backwards: from the derivatives of J with respect to the end of a step, compute those with
 respect to its start.  This takes one transposed linear system for each step, whatever the number of
@@ -32,24 +32,27 @@ Algorithm, for a step with known a = dJ/dq1 and b = dJ/dv1.
 
        dJ/dθ -= μ·∂r/∂θ                                                                          (6)
 
-Scalar unknowns y, e.g. the pressures and masses of gas, have equations s(y1; q0, q1, y0) = 0 and act in r.
-With dJ/dy1 and the blocks G = ∂r/∂y1, Hᵀ = ∂s/∂q1, C = ∂s/∂y1 of Newton's method, (3) becomes
+Scalar unknowns y, e.g. the pressures and masses of gas, have equations s(y1; q0, q1, y0) = 0 and
+act in r. With dJ/dy1 and the blocks G = ∂r/∂y1, Hᵀ = ∂s/∂q1, C = ∂s/∂y1 of Newton's method, (3)
+becomes
 
     [ Aᵀ  H  ] [μ]   [ a + 2 b/h ]
-    [ Gᵀ  Cᵀ ] [ν] = [ dJ/dy1    ]                                                                (7)
+    [ Gᵀ  Cᵀ ] [ν] = [ dJ/dy1    ]                                                               (7)
 
-It is solved by one more system with Aᵀ for each column of H.  Each kind of scalar unknown adds its own
-part to the derivatives at the start of the step (`terms.scalar_unknowns.ScalarsAdjoint`).
+It is solved by one more system with Aᵀ for each column of H.  Each kind of scalar unknown adds its
+own part to the derivatives at the start of the step (`terms.scalar_unknowns.ScalarsAdjoint`).
 
-Lagrange multipliers are part of q1 and have neither mass nor rate.  The multipliers of the step act in the
-reversed step, too.  Their equations e(q1) = 0 do not depend on q0, so that their rows of μ do not count in
-(4).  Fixed and prescribed coordinates are given functions of time: their entries of a, b and μ are zero.
+Lagrange multipliers are part of q1 and have neither mass nor rate.  The multipliers of the step act
+in the reversed step, too.  Their equations e(q1) = 0 do not depend on q0, so that their rows of μ
+do not count in (4).  Fixed and prescribed coordinates are given functions of time: their entries of
+a, b and μ are zero.
 
-Cost.  For each step: the iterations that repeat it, one factorisation, one transposed solve, and one
-tangent of the reversed step.
+Cost.  For each step: the iterations that repeat it, one factorisation, one transposed solve, and
+one tangent of the reversed step.
 
-Limits.  The step must be symmetric in time.  Friction and yielding depend on the history and are refused.
-In chaotic motion the derivatives grow exponentially with the number of steps (`sensitivity.transient`).
+Limits.  The step must be symmetric in time.  Friction and yielding depend on the history and are
+refused. In chaotic motion the derivatives grow exponentially with the number of steps
+(`sensitivity.transient`).
 """
 
 from __future__ import annotations
@@ -87,6 +90,7 @@ class BackwardSteps:
     """
 
     def __init__(self, tape: RunTape) -> None:
+        """Make the adjoint vectors, which `solve` fills.  Collective."""
         self._tape = tape
         self._system: System = tape.system
         numbering = self._system.numbering
@@ -101,10 +105,11 @@ class BackwardSteps:
         self._exchanging = roles.playing(roles.ExchangesEnds, self._system.compiled)
         self.scalars = ScalarParts(self._system)
 
-    # ---- the step itself -------------------------------------------------------------------------------
+    # ---- the step itself -------------------------------------------------------------------------
 
     def repeat(self, start: Node, end: Node) -> None:
-        """Make the system stand at the end of a recorded step that it has not accepted.  Collective.
+        """Make the system stand at the end of a recorded step that it has not accepted.
+        Collective.
 
         Raises:
             StepFailure: the recorded states do not solve the equations of the scene as it is now.
@@ -112,10 +117,11 @@ class BackwardSteps:
         system = self._system
         h = end.h
         self._tape.restore(start)
-        y = system.begin_step(h)
+        y = system.begin_recorded_step(h, end.active_sets)
         system.set_inertia(2 / h**2)
         self._end_at(start, end)
-        # Contact may need pairs that its prediction of the step left out.
+        # On several ranks contact searches its pairs, and may miss some in its prediction of the
+        # step.
         while system.extend_active_set():
             self._end_at(start, end)
         system.residual(y, self._scratch)
@@ -142,12 +148,14 @@ class BackwardSteps:
         self.residual = max(self.residual, forces / max(scale, TINY))
         if forces > MAX_RESIDUAL * max(scale, TINY):
             raise StepFailure(
-                f"gradient: the step from t = {start.time:.9g} s cannot be repeated, its residual is "
-                f"{forces / max(scale, TINY):.1e} of its momenta; an event or a change of a parameter between steps "
+                f"gradient: the step from t = {start.time:.9g} s cannot be repeated, its residual "
+                "is "
+                f"{forces / max(scale, TINY):.1e} of its momenta; an event or a change of a "
+                "parameter between steps "
                 "has no gradient."
             )
 
-    # ---- its adjoint -------------------------------------------------------------------------------------
+    # ---- its adjoint -----------------------------------------------------------------------------
 
     def solve(self, start: Node, end: Node, a: PETSc.Vec, b: PETSc.Vec) -> None:
         """Repeat a step and solve (3) for μ.  Collective."""
@@ -184,7 +192,8 @@ class BackwardSteps:
         scalars.take(ν, self.μ.array_r, h)
 
     def carry(self, start: Node, end: Node, a: PETSc.Vec, b: PETSc.Vec) -> None:
-        """Replace (a, b) by the derivatives with respect to the start of the step; after `solve`.  Collective."""
+        """Replace (a, b) by the derivatives with respect to the start of the step; after `solve`.
+        Collective."""
         system = self._system
         h = end.h
         c = 2 / h**2
@@ -215,10 +224,12 @@ class BackwardSteps:
         μ = self._scratch
         self.μ.copy(μ)
         self.clear(μ)
-        self._system.tangent().multTranspose(μ, self._Bμ)
+        # A product needs no sum of the matrices that contact couples.
+        self._system.assemble_tangent().mult_transpose(μ, self._Bμ)
 
     def reverse(self, start: Node, end: Node) -> None:
-        """Make the system stand at the end of the reversed step: it starts at q1 and ends at q0.  Collective."""
+        """Make the system stand at the end of the reversed step: it starts at q1 and ends at q0.
+        Collective."""
         system = self._system
         # The pairs of contact stay, which accepting another start would forget.
         system.reverse_step(end.q, -end.v, end.time, self._with_multipliers_of(start, end))
@@ -249,12 +260,14 @@ class ScalarParts:
     """
 
     def __init__(self, system: System) -> None:
+        """Collect the adjoints of the scalar unknowns, and set c to zero."""
         self.parts: list[ScalarsAdjoint] = []
         self._sizes: list[int] = []
         for scalars in system.scalar_unknowns:
             check(
                 isinstance(scalars, DifferentiableScalars),
-                f"gradient: '{type(scalars).__name__}' of the scene has no derivatives; leave it out.",
+                f"gradient: '{type(scalars).__name__}' of the scene has no derivatives; leave it "
+                "out.",
             )
             assert isinstance(scalars, DifferentiableScalars)
             self.parts.append(scalars.adjoint())
@@ -269,7 +282,8 @@ class ScalarParts:
             part.start()
 
     def take(self, ν: Array, μ: Array, h: float) -> None:
-        """Sum up parameters at the solved step of length h, and carry c to its start.  Collective."""
+        """Sum up parameters at the solved step of length h, and carry c to its start.
+        Collective."""
         at_start = []
         for part, own in zip(self.parts, self._split(ν), strict=True):
             part.linearise(h)
@@ -277,7 +291,8 @@ class ScalarParts:
         self.c = np.concatenate(at_start)
 
     def carry(self, by_position: Array, by_velocity: Array) -> None:
-        """Add what the geometry at the start of the step gives, in the reversed step.  Collective."""
+        """Add what the geometry at the start of the step gives, in the reversed step.
+        Collective."""
         for part in self.parts:
             part.carry(by_position, by_velocity)
 

@@ -1,4 +1,5 @@
-"""Derivatives of integrals with respect to what they depend on: constants, fields, positions of mesh nodes."""
+"""Derivatives of integrals with respect to what they depend on: constants, fields, positions of
+mesh nodes."""
 
 from __future__ import annotations
 
@@ -88,15 +89,16 @@ class FormDerivative:
             concerned = [ufl.replace(form, {coefficient: variable}) for form in concerned]
         else:
             space = coefficient.function_space
-        # Each form by itself: of a sum of forms with different quadrature the derivative by the nodes of
-        # the mesh was wrong by some 1e-3 with UFL 2024.2.
+        # Each form by itself: of a sum of forms with different quadrature the derivative by the
+        # nodes of the mesh was wrong by some 1e-3 with UFL 2024.2.
         test = ufl.TestFunction(space)
         self._forms = [compile_form(ufl.derivative(form, variable, test)) for form in concerned]
         self._vector = la.vector(space.dofmap.index_map, space.dofmap.index_map_bs)
         self._owned = space.dofmap.index_map.size_local * space.dofmap.index_map_bs
 
     def assemble(self) -> Array:
-        """The derivative: for a field (k,) of this rank's unknowns; for a constant this rank's share (k,)."""
+        """The derivative: for a field (k,) of this rank's unknowns; for a constant this rank's
+        share (k,)."""
         if not self._forms:
             return np.zeros(size_of(self._coefficient))
         components = 1
@@ -126,7 +128,8 @@ def size_of(coefficient: Coefficient) -> int:
 
 
 def _mesh_of(forms: Sequence[ufl.Form]) -> Mesh:
-    """The mesh of forms, as dolfinx's object; each form of a scene depends on coordinates of a body."""
+    """The mesh of forms, as dolfinx's object; each form of a scene depends on coordinates of a
+    body."""
     for form in forms:
         for function in form.coefficients():
             return function.function_space.mesh

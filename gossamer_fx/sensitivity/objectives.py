@@ -1,7 +1,8 @@
 """Results that have derivatives: what a gradient is taken of.
 
-An objective is a probe, a function of a run that returns a number, which also knows its derivatives with
-respect to coordinates and velocities.  `probes.Position` and its relatives are objectives, too.
+An objective is a probe, a function of a run that returns a number, which also knows its derivatives
+with respect to coordinates and velocities.  `probes.Position` and its relatives are objectives,
+too.
 """
 
 from __future__ import annotations
@@ -100,7 +101,8 @@ class Integral:
         self._compiled: tuple[fem.Form, fem.Form] | None = None
 
     def _prepare(self, system: System) -> tuple[fem.Form, fem.Form]:
-        """Value and derivative, compiled at the first use; they read the present positions.  Collective."""
+        """Value and derivative, compiled at the first use; they read the present positions.
+        Collective."""
         check(
             self.body in system.bodies,
             f"Integral: '{self.body.name}' is not in the scene; add it.",
@@ -141,8 +143,8 @@ class Integral:
 class EnclosedVolume(Integral):
     """Volume [m³] between a film and the origin, V = ⅓ ∫ x·n da.
 
-    It is the volume of a closed film.  Of an open one it is that of the cone from its rim to the origin,
-    e.g. the volume above the plane of the rim if the origin lies in that plane.
+    It is the volume of a closed film.  Of an open one it is that of the cone from its rim to the
+    origin, e.g. the volume above the plane of the rim if the origin lies in that plane.
 
     Args:
         film: the film; the normal points outwards.
@@ -167,7 +169,8 @@ class EnclosedVolume(Integral):
 
 @check_arguments
 class Energy:
-    """Energy [J] of a scene: stored, kinetic, and the internal energy of gas; of an equilibrium the stored one.
+    """Energy [J] of a scene: stored, kinetic, and the internal energy of gas; of an equilibrium the
+    stored one.
 
     Example:
         >>> energy = gx.analysis.Energy()
@@ -215,7 +218,8 @@ class Energy:
 
 
 def chambers_of(system: System) -> list[ChamberState]:
-    """The gas of all chambers in the order of the scalar unknowns, of which the pressures are the first."""
+    """The gas of all chambers in the order of the scalar unknowns, of which the pressures are the
+    first."""
     found: list[ChamberState] = []
     for scalars in system.scalar_unknowns:
         found += scalars.states().values()
@@ -226,7 +230,8 @@ def chambers_of(system: System) -> list[ChamberState]:
 class CrossingTime:
     """Time [s] at which another result of a run first passes a value, e.g. at which a tube is open.
 
-    Between two steps the result counts as linear, so that the time has an error of second order in h.
+    Between two steps the result counts as linear, so that the time has an error of second order in
+    h.
 
     Args:
         of: the result that is observed.
@@ -250,7 +255,8 @@ class CrossingTime:
     def __call__(self, run: HasScene) -> float:
         """Not known from one state; `gx.analysis.gradient` finds it in a tape."""
         raise InputError(
-            "CrossingTime: one state does not know when a value was passed; use it in gx.analysis.gradient(tape, ...)."
+            "CrossingTime: one state does not know when a value was passed; use it in "
+            "gx.analysis.gradient(tape, ...)."
         )
 
     def add_derivative(
@@ -280,7 +286,8 @@ class CrossingTime:
         """
         check(
             self.has_passed(values),
-            f"CrossingTime: the result does not pass {self.value!r}; in the recorded steps it is between "
+            f"CrossingTime: the result does not pass {self.value!r}; in the recorded steps it is "
+            "between "
             f"{min(values):.6g} and {max(values):.6g}.",
         )
         last = len(times) - 1
@@ -294,7 +301,8 @@ class CrossingTime:
 
 @check_arguments
 class Functional:
-    """A result given by two functions: its value and its derivative with respect to all coordinates.
+    """A result given by two functions: its value and its derivative with respect to all
+    coordinates.
 
     Args:
         value: function of a run that returns a number, the same on every rank.
@@ -341,7 +349,8 @@ class Functional:
                 given = np.ravel(np.asarray(by_coordinates, dtype=float))
                 check(
                     len(given) == owned.stop - owned.start,
-                    f"Functional: the derivative by '{body.name}' has {len(given)} entries; give one for each of the "
+                    f"Functional: the derivative by '{body.name}' has {len(given)} entries; give "
+                    "one for each of the "
                     f"{owned.stop - owned.start} coordinates of this rank.",
                 )
                 values[owned] += given

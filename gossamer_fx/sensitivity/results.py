@@ -23,9 +23,10 @@ class Derivative:
         name: "item.parameter".
         unit: SI unit of the derivative.
         values: for a field (k,) the entries of this rank; for numbers (k,) all, on every rank.
-        function: the same as a function on the mesh, which can be drawn; None for numbers.  Its values
-            are derivatives with respect to single entries, so that they are the smaller, the finer the
-            mesh is.
+        function: the same as a function on the mesh, which can be drawn; None for numbers.  Its
+            values are derivatives with respect to single entries, so that they are the smaller, the
+            finer the mesh is.
+        comm: ranks over which the values are distributed; None where each rank has all of them.
 
     Example:
         >>> found = gx.analysis.Derivative("spring.length", "m/m", np.array([-1.0]), None)
@@ -37,6 +38,7 @@ class Derivative:
     unit: str
     values: Array
     function: fem.Function | None
+    comm: MPI.Intracomm | None = None
 
     def along(self, change: Array | float) -> float:
         """The change of the result, to first order, for a change of the parameter.
@@ -48,9 +50,13 @@ class Derivative:
             on every rank the sum over all ranks.
         """
         share = float(np.sum(self.values * change))
-        if self.function is None:
+        comm = self.comm
+        if comm is None and self.function is not None:
+            comm = self.function.function_space.mesh.comm
+        # One rank has the velocities of a rigid body, which are not a field; the others add
+        # nothing.
+        if comm is None:
             return share
-        comm = self.function.function_space.mesh.comm
         return float(comm.allreduce(share))
 
 
@@ -63,8 +69,8 @@ class Gradient:
         value: the result.
         unit: SI unit of the result.
         derivatives: in the order in which they were asked for.
-        growth: of a run: by how much the adjoint grew from the end to the start, as a factor; None for
-            an equilibrium.  See `gx.analysis.gradient`.
+        growth: of a run: by how much the adjoint grew from the end to the start, as a factor; None
+            for an equilibrium.  See `gx.analysis.gradient`.
 
     Example:
         >>> by_length = gx.analysis.Derivative("spring.length", "m/m", np.array([-1.0]), None)
@@ -105,7 +111,11 @@ def collected(
             comm.Allreduce(MPI.IN_PLACE, values, op=MPI.SUM)
         derivatives.append(
             Derivative(
-                variable.name, _quotient(unit, variable.unit), values, variable.function(values)
+                variable.name,
+                _quotient(unit, variable.unit),
+                values,
+                variable.function(values),
+                comm if variable.is_distributed else None,
             )
         )
     return Gradient(value, unit, tuple(derivatives), growth)

@@ -38,26 +38,28 @@ class SolvedEquilibrium(Protocol):
 
 
 class StaticGradients:
-    """Gradients of results of one equilibrium, by the same variables; it may be found again in between.
+    """Gradients of results of one equilibrium, by the same variables; it may be found again in
+    between.
 
     Args:
         equilibrium: of the scene.
         by: names of the variables.
 
     Raises:
-        InputError: a name that the scene has not, a part of the scene without a gradient, or gas chambers.
+        InputError: a name that the scene has not, a part of the scene without a gradient, or gas
+            chambers.
     """
 
     def __init__(self, equilibrium: SolvedEquilibrium, by: Sequence[str]) -> None:
+        """Check that the scene has a gradient at an equilibrium, and find the variables.
+        Collective.
+        """
         system = equilibrium.system
         check(
             not system.scalar_unknowns,
-            "gradient: the gas of a chamber at equilibrium depends on how it got there; give the pressure as "
+            "gradient: the gas of a chamber at equilibrium depends on how it got there; give the "
+            "pressure as "
             "Pressure, or take the gradient of a run.",
-        )
-        check(
-            not system.active_sets,
-            "gradient: contact at an equilibrium has no gradient yet; take that of a run, or leave contact out.",
         )
         self._equilibrium = equilibrium
         self._system = system
@@ -108,7 +110,8 @@ class StaticGradients:
         return collected(value, objective.unit, self.variables, system.comm)
 
     def _explicit_derivatives(self, objective: Objective) -> list[list[FormDerivative]]:
-        """∂J/∂θ of each variable, compiled at the first use; empty where J does not depend on it."""
+        """∂J/∂θ of each variable, compiled at the first use; empty where J does not depend on
+        it."""
         known = self._explicit.get(id(objective))
         if known is not None:
             return known

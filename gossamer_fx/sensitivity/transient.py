@@ -4,8 +4,8 @@ Each step is repeated from the tape, its tangent factorised once, and one transp
 whatever the number of parameters; `sensitivity.backward` has the equations.
 
 How long a gradient means anything.  Where films flutter or touch, neighbouring motions separate
-exponentially.  The derivative is exact all the same, but it predicts finite changes only as long as their
-amplified size stays small.  The backward pass measures that: the norm of dJ/dv grows with it.
+exponentially.  The derivative is exact all the same, but it predicts finite changes only as long as
+their amplified size stays small.  The backward pass measures that: the norm of dJ/dv grows with it.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ from gossamer_fx.sensitivity.variables import (
 
 LOGGER = logging.getLogger("gossamer_fx")
 
-# Growth of the adjoint over a run from which a warning is given.  A free motion lets it grow linearly
-# with time, which is a factor of 4 by the measure of `growth_of`.
+# Growth of the adjoint over a run from which a warning is given.  A free motion lets it grow
+# linearly with time, which is a factor of 4 by the measure of `growth_of`.
 GROWTH_TO_WARN_OF = 1e3
 
 
@@ -52,20 +52,23 @@ class TransientGradients:
         by: names of the variables.
 
     Raises:
-        InputError: a name that the scene has not, a part of the scene without a gradient, or no step.
+        InputError: a name that the scene has not, a part of the scene without a gradient, or no
+            step.
     """
 
     def __init__(self, tape: RunTape, by: Sequence[str]) -> None:
+        """Check that the scene has a gradient of runs, and find the variables.  Collective."""
         system = tape.system
         check(
-            len(tape.nodes) > 1,
+            tape.steps > 0,
             "gradient: the tape has no step; make it before run.run().",
         )
         for kind in system.compiled:
             is_reversible = isinstance(kind, roles.Reversible | roles.Mass)
             check(
                 is_reversible,
-                f"gradient: '{type(kind).__name__}' of the scene has forces that differ in the reversed step; "
+                f"gradient: '{type(kind).__name__}' of the scene has forces that differ in the "
+                "reversed step; "
                 "leave it out of the scene.",
             )
         self._tape = tape
@@ -87,7 +90,7 @@ class TransientGradients:
             StepFailure: a step of the tape cannot be repeated.
         """
         system = self._system
-        nodes = self._tape.nodes
+        present = self._tape.nodes[-1]
         remainder = system.increment.remainder.copy()
         value, observed, shares = self._observed(objective)
         for variable in self.variables:
@@ -96,36 +99,39 @@ class TransientGradients:
         self._a.set(0.0)
         self._b.set(0.0)
         last = max(shares)
-        self._add_result(observed, nodes[last], shares[last])
-        self.norms = [float(self._b.norm())]
-        for k in range(last, 0, -1):
-            self.steps.solve(nodes[k - 1], nodes[k], self._a, self._b)
+        duration = 0.0
+        for start, end in self._tape.backwards(last):
+            if end.index == last:
+                self._add_result(observed, end, shares[last])
+                self.norms = [float(self._b.norm())]
+            duration += end.h
+            self.steps.solve(start, end, self._a, self._b)
             self._adjoint.set(self.steps.μ)
             self._adjoint.set_inertia(self.steps.inertia)
             for variable in self.variables:
                 variable.add_residual(self.steps.μ, with_inertia=True)
-            self.steps.carry(nodes[k - 1], nodes[k], self._a, self._b)
-            if k - 1 in shares:
-                self._add_result(observed, nodes[k - 1], shares[k - 1])
+            self.steps.carry(start, end, self._a, self._b)
+            if start.index in shares:
+                self._add_result(observed, start, shares[start.index])
             self.norms.append(float(self._b.norm()))
         self._finish_scalars()
         for variable in self.variables:
             variable.add_start(self._a, self._b)
-        self._tape.restore(nodes[-1])
+        self._tape.restore(present)
         remainder.copy(system.increment.remainder)
         growth = growth_of(self.norms)
-        self._warn(growth, nodes[last].time - nodes[0].time)
+        self._warn(growth, duration)
         return collected(value, objective.unit, self.variables, system.comm, growth)
 
     def _observed(self, objective: Objective) -> tuple[float, Objective, dict[int, float]]:
-        """The value of a result, what is observed for it, and the share of each node in its derivative."""
-        nodes = self._tape.nodes
+        """The value of a result, what is observed for it, and the share of each node in its
+        derivative."""
         view = SceneView(self._system)
         if not isinstance(objective, CrossingTime):
-            return objective(view), objective, {len(nodes) - 1: 1.0}
+            return objective(view), objective, {self._tape.steps: 1.0}
         times = []
         values = []
-        for node in nodes:
+        for node in self._tape.forwards():
             self._tape.restore(node)
             times.append(node.time)
             values.append(objective.of(view))
@@ -136,7 +142,8 @@ class TransientGradients:
         return value, objective.of, shares
 
     def _finish_scalars(self) -> None:
-        """Add what the initial state of the scalar unknowns gives; the system then stands at the start."""
+        """Add what the initial state of the scalar unknowns gives; the system then stands at the
+        start."""
         scalars = self.steps.scalars
         if not scalars.size:
             return
@@ -146,7 +153,8 @@ class TransientGradients:
         self.steps.clear(self._a)
 
     def _add_result(self, objective: Objective, node: Node, share: float) -> None:
-        """Add a share of the derivatives of a result in the state of a node, also those by parameters."""
+        """Add a share of the derivatives of a result in the state of a node, also those by
+        parameters."""
         system = self._system
         self._tape.restore(node)
         by_position = system.numbering.vector()
@@ -173,7 +181,8 @@ class TransientGradients:
                 part.add_energy_derivative(share)
 
     def _add_energy(self, variable: object, share: float) -> None:
-        """Add a share of the derivative of the energy that is not in its forms: of points, and of masses."""
+        """Add a share of the derivative of the energy that is not in its forms: of points, and of
+        masses."""
         system = self._system
         if isinstance(variable, PointVariable):
             variable.sum += share * variable.energy_derivative()
@@ -190,7 +199,8 @@ class TransientGradients:
         rate = math.log(growth) / duration
         if self._system.comm.rank == 0:
             LOGGER.warning(
-                "gradient: changes of the motion grow by a factor of %.1e in this run, as exp(%.3g t); "
+                "gradient: changes of the motion grow by a factor of %.1e in this run, as exp(%.3g "
+                "t); "
                 "a relative change of 1e-4 is predicted for about %.3g s",
                 growth,
                 rate,

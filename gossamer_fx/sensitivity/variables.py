@@ -1,4 +1,5 @@
-"""The variables of a gradient: parameters of a compiled scene, found by name, read, changed and derived by.
+"""The variables of a gradient: parameters of a compiled scene, found by name, read, changed and
+derived by.
 
 With the adjoint vector μ the derivative of a result J by a parameter θ is
 
@@ -18,6 +19,7 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
+from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.errors import InputError, check, check_on_all
 from gossamer_fx.model import roles
 from gossamer_fx.model.body import Array, Body, MeshBody, has_nodal_unknowns, is_on_mesh
@@ -35,10 +37,13 @@ from gossamer_fx.terms.scalar_unknowns import ScalarsAdjoint
 SHAPE = "shape"
 INITIAL_VELOCITY = "initial_velocity"
 INITIAL_POSITION = "initial_position"
+SPIN = "spin"
+VELOCITY = "velocity"
 
 
 class AdjointFields:
-    """An adjoint vector μ as functions on the meshes of bodies, which the derivatives of forms read.
+    """An adjoint vector μ as functions on the meshes of bodies, which the derivatives of forms
+    read.
 
     Attributes:
         of: the function of each body on a mesh.
@@ -134,6 +139,14 @@ class FormVariable(Variable):
     def __init__(
         self, name: str, unit: str, coefficients: Sequence[Coefficient], adjoint: AdjointFields
     ) -> None:
+        """Differentiate the forces by the coefficients.
+
+        Args:
+            name: of the variable.
+            unit: of the variable.
+            coefficients: constants or fields that are the variable; all have the same values.
+            adjoint: fields of the adjoint problem.
+        """
         first = coefficients[0]
         is_constant = isinstance(first, fem.Constant)
         super().__init__(name, unit, not is_constant, size_of(first))
@@ -144,7 +157,8 @@ class FormVariable(Variable):
         self._inertia: list[FormDerivative] | None = None
 
     def get(self) -> Array:
-        """Present values (k,) of the constant, of the function on this rank, or of the nodes of the mesh."""
+        """Present values (k,) of the constant, of the function on this rank, or of the nodes of the
+        mesh."""
         first = self.coefficients[0]
         if isinstance(first, MeshNodes):
             return first.get()
@@ -171,7 +185,8 @@ class FormVariable(Variable):
             self.sum -= self.inertia_derivative()
 
     def inertia_derivative(self) -> Array:
-        """∂(μ·M z)/∂θ (k,) of the vectors that the adjoint fields have; compiled at the first use."""
+        """∂(μ·M z)/∂θ (k,) of the vectors that the adjoint fields have; compiled at the first
+        use."""
         if self._inertia is None:
             masses = self._adjoint.inertia_forms()
             self._inertia = [FormDerivative(masses, one) for one in self.coefficients]
@@ -263,6 +278,36 @@ class InitialVariable(Variable):
         return None
 
 
+class RigidMotionVariable(Variable):
+    """Velocity or angular velocity (3,) of a rigid body at the start of a run.
+
+    The body's director d has the velocity ω × d, so that dJ/dω = Σ d × dJ/dḋ.
+    """
+
+    def __init__(self, name: str, body: RigidBody, system: System) -> None:
+        self._is_spin = name.rpartition(".")[2] == SPIN
+        super().__init__(name, "rad/s" if self._is_spin else "m/s", False, 3)
+        self._body = body
+        self._system = system
+
+    def get(self) -> Array:
+        return np.array(self._body.spin if self._is_spin else self._body.velocity)
+
+    def set(self, values: Array) -> None:
+        raise InputError(
+            f"'{self.name}' belongs to the start of a run; make a scene with another one."
+        )
+
+    def add_start(self, by_position: PETSc.Vec, by_velocity: PETSc.Vec) -> None:
+        # Four vectors on the rank that owns the body, none on the others; ranks are added up.
+        rates = by_velocity.array_r[self._system.block(self._body).owned].reshape(-1, 4, 3)
+        start = np.reshape(self._body.initial_state()[0], (-1, 4, 3))
+        if self._is_spin:
+            self.sum += np.cross(start[:, 1:], rates[:, 1:]).sum(axis=(0, 1))
+        else:
+            self.sum += rates[:, 0].sum(axis=0)
+
+
 class ScalarVariable(Variable):
     """A number of scalar unknowns: of a chamber, an orifice, a wall or a reservoir of gas."""
 
@@ -294,7 +339,7 @@ def _function(space: fem.FunctionSpace, values: Array) -> fem.Function:
     return function
 
 
-# ---- by name -------------------------------------------------------------------------------------------
+# ---- by name -------------------------------------------------------------------------------------
 
 
 def find_variables(
@@ -308,8 +353,8 @@ def find_variables(
     """The variables of a scene with these names; `scalars` are the adjoints of its scalar unknowns.
 
     Raises:
-        InputError: a name that the scene has not, with those that it has; a part of the scene without a
-            gradient.
+        InputError: a name that the scene has not, with those that it has; a part of the scene
+            without a gradient.
     """
     check(
         bool(names) and not isinstance(names, str),
@@ -333,7 +378,8 @@ def refuse_unknown_kinds(system: System) -> None:
         words = ""
         if not is_known:
             words = (
-                f"'{_brought_by(system, kind)}' has no gradient, as the derivatives of its forces are not known; "
+                f"'{_brought_by(system, kind)}' has no gradient, as the derivatives of its forces "
+                "are not known; "
                 "leave it out of the scene"
             )
         elif isinstance(kind, roles.GradientLimits):
@@ -357,7 +403,8 @@ def _find(
     in_time: bool,
     scalars: Sequence[ScalarsAdjoint],
 ) -> Variable:
-    """The variable of a parameter that is named 'item.parameter'; refuses unknown items and parameters."""
+    """The variable of a parameter that is named 'item.parameter'; refuses unknown items and
+    parameters."""
     check(
         isinstance(name, str) and "." in name,
         f"gradient: by has {name!r}; give 'item.parameter', e.g. 'film.thickness'.",
@@ -368,11 +415,14 @@ def _find(
     check(bool(items), f"gradient: the scene has no item '{item_name}'; its items are: {known}.")
     check(
         len(items) == 1,
-        f"gradient: {len(items)} items of the scene are called '{item_name}'; give them different names.",
+        f"gradient: {len(items)} items of the scene are called '{item_name}'; give them different "
+        "names.",
     )
     item: Any = items[0]
     if what == SHAPE and _has_shape(item):
         return _shape(system, name, item, adjoint)
+    if in_time and isinstance(item, RigidBody) and what in (SPIN, VELOCITY):
+        return RigidMotionVariable(name, item, system)
     if in_time and item in system.bodies and what in (INITIAL_VELOCITY, INITIAL_POSITION):
         return InitialVariable(name, item, system, what == INITIAL_VELOCITY)
     for part in scalars:
@@ -386,7 +436,8 @@ def _find(
     ]
     check(
         bool(found),
-        f"gradient: '{item_name}' has no parameter '{what}' that results can be derived by; it has: "
+        f"gradient: '{item_name}' has no parameter '{what}' that results can be derived by; it "
+        "has: "
         f"{', '.join(_names_of(system, item, in_time, scalars)) or 'none'}.",
     )
     unit = found[0][1].unit
@@ -420,6 +471,8 @@ def _names_of(
         names.update(part.names_of(item))
     if _has_shape(item):
         names.add(SHAPE)
+    if in_time and isinstance(item, RigidBody):
+        names |= {SPIN, VELOCITY}
     if in_time and item in system.bodies:
         names |= {INITIAL_POSITION, INITIAL_VELOCITY}
     return sorted(names)
@@ -440,7 +493,8 @@ def _shape(system: System, name: str, body: MeshBody, adjoint: AdjointFields) ->
         is_form = isinstance(kind, roles.ResidualForms)
         if not (is_form or isinstance(kind, roles.Mass | roles.IndependentOfShape)):
             raise InputError(
-                f"gradient: '{_brought_by(system, kind)}' is measured on the mesh when the scene is made, so that "
+                f"gradient: '{_brought_by(system, kind)}' is measured on the mesh when the scene "
+                "is made, so that "
                 f"there is no derivative by '{name}'; leave it out of the scene."
             )
     return FormVariable(name, "m", [MeshNodes(body.space.mesh)], adjoint)

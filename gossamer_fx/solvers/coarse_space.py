@@ -1,11 +1,13 @@
 """Coarse space for large meshes: affine functions on patches of nodes.
 
-Problem.  An incomplete factorisation couples unknowns a few cells apart.  A stiff film, in a step that
-is many times longer than a wave takes to cross a cell, couples unknowns as far apart as its edges.
+Problem.  An incomplete factorisation couples unknowns a few cells apart.  A stiff film, in a step
+that is many times longer than a wave takes to cross a cell, couples unknowns as far apart as its
+edges.
 
 Idea.  What the factorisation does not resolve varies slowly in space.  The nodes are divided into
-connected patches, and in a patch each component of the unknowns may vary affinely with the undeformed
-position X of the node.  This contains translations, rotations and uniform strains of the patch.
+connected patches, and in a patch each component of the unknowns may vary affinely with the
+undeformed position X of the node.  This contains translations, rotations and uniform strains of the
+patch.
 
 Algorithm.
 
@@ -26,13 +28,14 @@ Algorithm.
 
    with Pᵀ A P factorised by MUMPS.
 
-Source: aggregation of Vaněk, Mandel & Brezina (Computing 56 (1996) 179, doi:10.1007/BF02238511) without
-smoothing; large patches with affine functions replace the hierarchy of levels.
+Source: aggregation of Vaněk, Mandel & Brezina (Computing 56 (1996) 179, doi:10.1007/BF02238511)
+without smoothing; large patches with affine functions replace the hierarchy of levels.
 
-Cost.  A flat film has nine coarse unknowns a patch and three unknowns a node, so that the coarse matrix
-has about 30 times fewer rows than A.
+Cost.  A flat film has nine coarse unknowns a patch and three unknowns a node, so that the coarse
+matrix has about 30 times fewer rows than A.
 
-Limits.  Patches do not cross the boundaries of ranks, so that the coarse space depends on their number.
+Limits.  Patches do not cross the boundaries of ranks, so that the coarse space depends on their
+number.
 """
 
 from __future__ import annotations
@@ -50,15 +53,16 @@ from gossamer_fx.system.system import System
 
 Indices = npt.NDArray[np.integer]
 
-# Largest number of nodes in a patch.  Of 30 to 400, this one has the shortest time of a linear solve.
+# Largest number of nodes in a patch.  Of 30 to 400, this one has the shortest time of a linear
+# solve.
 NODES_PER_PATCH = 100
 
-# Eigenvalues of a Gram matrix below this fraction of the largest one are dropped: the patch is flat or
-# straight in their direction, up to a thirtieth of its extent.
+# Eigenvalues of a Gram matrix below this fraction of the largest one are dropped: the patch is flat
+# or straight in their direction, up to a thirtieth of its extent.
 FLATNESS = 1e-3
 
-# Smaller than the largest eigenvalue of a Gram matrix with one free node, which is 1 or more: components
-# that are fixed in the whole patch have no functions.
+# Smaller than the largest eigenvalue of a Gram matrix with one free node, which is 1 or more:
+# components that are fixed in the whole patch have no functions.
 LESS_THAN_ONE_NODE = 0.5
 
 TINY = float(np.finfo(float).tiny)  # against division by zero
@@ -176,7 +180,8 @@ def basis(body: MeshBody, is_free: Array) -> tuple[Indices, Indices, Array, int]
 
 
 def affine_functions(X: Array, patch: Indices) -> Array:
-    """The functions f (n, 4) of (1) at all nodes, of positions X (n, 3) [m] and their patches (n,)."""
+    """The functions f (n, 4) of (1) at all nodes, of positions X (n, 3) [m] and their patches
+    (n,)."""
     nodes_in_patch = np.bincount(patch)
     f = np.ones((len(X), 4))
     for i in range(3):
@@ -199,8 +204,8 @@ def orthonormalise(f: Array, g: Array, patch: Indices) -> tuple[Array, npt.NDArr
         patch: of each node, (n,).
 
     Returns:
-        V λ^(-1/2) (patches, s, 4, 4), zero where a function is dropped, and whether the functions are
-        kept (patches, s, 4).
+        V λ^(-1/2) (patches, s, 4, 4), zero where a function is dropped, and whether the functions
+        are kept (patches, s, 4).
     """
     # Gram matrices (patches, s, 4, 4): as g is f or zero, g f is g g.
     by_patch = np.argsort(patch, kind="stable")
@@ -222,8 +227,8 @@ def orthonormalise(f: Array, g: Array, patch: Indices) -> tuple[Array, npt.NDArr
 def patches(body: MeshBody, X: Array) -> Indices:
     """The patch of each node of this rank.
 
-    Nodes are halved across their longest extent until a box has few enough.  Nodes of a box that are
-    not connected by cells within it are then separated, such as the two films of a flat pillow.
+    Nodes are halved across their longest extent until a box has few enough.  Nodes of a box that
+    are not connected by cells within it are then separated, such as the two films of a flat pillow.
 
     Args:
         body: on a mesh.

@@ -1,30 +1,33 @@
-"""Preconditioner for films with a few other unknowns: hubs, tethers and multipliers are eliminated exactly.
+"""Preconditioner for films with a few other unknowns: hubs, tethers and multipliers are eliminated
+exactly.
 
-Problem.  An incomplete factorisation needs a diagonal without zeros, which Lagrange multipliers do not have.
-A film of any size would therefore be factorised completely because of one hub.
+Problem.  An incomplete factorisation needs a diagonal without zeros, which Lagrange multipliers do
+not have. A film of any size would therefore be factorised completely because of one hub.
 
-Idea.  Order the unknowns into those of the films, f, and the few others, g.  A residual r = (r_f, r_g) is to
-give a correction z = (z_f, z_g) with
+Idea.  Order the unknowns into those of the films, f, and the few others, g.  A residual r = (r_f,
+r_g) is to give a correction z = (z_f, z_g) with
 
     [ F  B ] [z_f]   [r_f]
     [ C  D ] [z_g] = [r_g]                                                                    (1)
 
-Only F is large, and it has no zeros on its diagonal.  Factorise it incompletely, F̃ ≈ F, and eliminate g
-exactly.  With Z = F̃⁻¹ B and the Schur complement Σ = D - C Z, block elimination of (1) gives
+Only F is large, and it has no zeros on its diagonal.  Factorise it incompletely, F̃ ≈ F, and
+eliminate g exactly.  With Z = F̃⁻¹ B and the Schur complement Σ = D - C Z, block elimination of (1)
+gives
 
     z_g = Σ⁻¹ (r_g - C F̃⁻¹ r_f)                                                               (2)
     z_f = F̃⁻¹ r_f - Z z_g                                                                     (3)
 
 Algorithm.
 
-1. Factorise F, with all couplings of contact, with `ILU_LEVELS` levels of fill.  Without the couplings of
-   contact the packed sail of IKAROS takes 9 to 55 Krylov iterations, with them 1 to 8.
+1. Factorise F, with all couplings of contact, with `ILU_LEVELS` levels of fill.  Without the
+   couplings of contact the packed sail of IKAROS takes 9 to 55 Krylov iterations, with them 1 to 8.
 2. Once a step, compute Z by an application of F̃⁻¹ to each column of B, and factorise Σ.
 3. In each Krylov iteration, apply (2) and (3).
-4. Within a step keep F̃ for the next Newton iteration while solves with it take few Krylov iterations.
-5. Where F is too ill-conditioned, as in slack film and long steps, Krylov iterations rise.  If a solve has
-   taken more of them than a complete factorisation costs, factorise the matrices completely for the next
-   `FACTORISED_STEPS` steps.
+4. Within a step keep F̃ for the next Newton iteration while solves with it take few Krylov
+   iterations.
+5. Where F is too ill-conditioned, as in slack film and long steps, Krylov iterations rise.  If a
+   solve has taken more of them than a complete factorisation costs, factorise the matrices
+   completely for the next `FACTORISED_STEPS` steps.
 
 Cost.  Step 2 costs as many applications of F̃⁻¹ as there are eliminated unknowns, hence at most
 `MAX_ELIMINATED`.  Step 3 costs one application of F̃⁻¹ and products with Z and C.
@@ -47,7 +50,8 @@ from gossamer_fx.model.body import Array, Indices
 if TYPE_CHECKING:
     from gossamer_fx.system.system import System
 
-# Levels of fill of F̃: of the packed sail with 30 thousand unknowns none takes 2 to 194 Krylov iterations, two 1 to 8.
+# Levels of fill of F̃: of the packed sail with 30 thousand unknowns none takes 2 to 194 Krylov
+# iterations, two 1 to 8.
 ILU_LEVELS = 2
 
 # Largest number of unknowns g: an application of F̃⁻¹ for each, once a step.
@@ -56,8 +60,8 @@ MAX_ELIMINATED = 60
 # Krylov iterations of a solve that cost as much as a complete factorisation.
 MAX_APPLICATIONS = 30
 
-# Krylov iterations of the last solve up to which F̃ is kept for the next matrix of the same step: a new one costs as
-# much as eight or nine.
+# Krylov iterations of the last solve up to which F̃ is kept for the next matrix of the same step: a
+# new one costs as much as eight or nine.
 MAX_APPLICATIONS_TO_KEEP = 7
 
 # Steps in which matrices are then factorised, before F̃ is tried again.
@@ -65,7 +69,8 @@ FACTORISED_STEPS = 10
 
 
 def eliminated_unknowns(system: System) -> Indices | None:
-    """Positions (k,) of the unknowns g of a scene; None if this preconditioner does not serve it."""
+    """Positions (k,) of the unknowns g of a scene; None if this preconditioner does not serve
+    it."""
     numbering = system.numbering
     if system.comm.size > 1 or numbering.block_size != 3:
         return None
@@ -135,7 +140,8 @@ class EliminatedJoints:
         self._step = step
         if is_new_step and self._complete_steps:
             self._complete_steps -= 1
-        # With factors of an earlier matrix, many iterations say nothing about those of the present one.
+        # With factors of an earlier matrix, many iterations say nothing about those of the present
+        # one.
         if self._applications > MAX_APPLICATIONS and not self._is_kept:
             self._complete_steps = FACTORISED_STEPS
         self._applications = 0
@@ -220,7 +226,8 @@ class EliminatedJoints:
             out[self._rest] = of_rest
 
     def recover(self) -> None:
-        """Become usable again after a system that was not solved: the next ones are factorised if this failed."""
+        """Become usable again after a system that was not solved: the next ones are factorised if
+        this failed."""
         self._step = None
         if self.problem:
             self._complete_steps = FACTORISED_STEPS

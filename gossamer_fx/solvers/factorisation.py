@@ -1,9 +1,10 @@
-"""Factorisations: sparse matrices by MUMPS, small ones by PETSc, dense ones by LAPACK; their reasons of failure.
+"""Factorisations: sparse matrices by MUMPS, small ones by PETSc, dense ones by LAPACK; their
+reasons of failure.
 
 MUMPS estimates its workspace from the sparsity pattern.  Pivots that it delays, such as those of
-Lagrange multipliers, may need more than that.  ICNTL(14) is the margin in per cent.  It is doubled, and
-the factorisation repeated, when INFOG(1) reports too small a workspace (MUMPS users' guide, sections on
-control parameters and error diagnostics).
+Lagrange multipliers, may need more than that.  ICNTL(14) is the margin in per cent.  It is doubled,
+and the factorisation repeated, when INFOG(1) reports too small a workspace (MUMPS users' guide,
+sections on control parameters and error diagnostics).
 """
 
 from __future__ import annotations
@@ -32,16 +33,18 @@ TINY = 1e-300
 # PETSc's types of preconditioners that are factorisations.
 TYPES = "lu", "cholesky"
 
-# Unknowns up to which PETSc factorises blocks of three faster than MUMPS.  Of a square sheet with 1323
-# unknowns a factorisation and its first solution take 0.9 ms instead of 1.2 ms, with 2523 unknowns 2.9 ms
-# instead of 2.6 ms; of the folded tube with 582 unknowns 0.25 ms instead of 0.94 ms.
+# Unknowns up to which PETSc factorises blocks of three faster than MUMPS.  Of a square sheet with
+# 1323 unknowns a factorisation and its first solution take 0.9 ms instead of 1.2 ms, with 2523
+# unknowns 2.9 ms instead of 2.6 ms; of the folded tube with 582 unknowns 0.25 ms instead of 0.94
+# ms.
 MAX_UNKNOWNS_BLOCKS = 1500
 
-# Relative residual of a solution from which the factors of blocks are not accurate enough.  Measured in
-# the tube and the sheet: 1e-15 to 3e-14.
+# Relative residual of a solution from which the factors of blocks are not accurate enough.
+# Measured in the tube and the sheet: 1e-15 to 3e-14.
 MAX_BLOCK_RESIDUAL = 1e-10
 
-# INFOG(1) of MUMPS: the error codes that more workspace may cure, and the words for all known codes.
+# INFOG(1) of MUMPS: the error codes that more workspace may cure, and the words for all known
+# codes.
 WORKSPACE_ERRORS = (-8, -9, -11, -14, -15, -17, -20)
 SINGULAR = -10
 REASONS = {
@@ -96,9 +99,10 @@ class Lapack:
 class BlockFactors:
     """LU factors of a small matrix of 3 x 3 blocks on one rank, as PETSc's Python preconditioner.
 
-    PETSc factorises blocks in the order of approximate minimum degree and without pivoting, which is
-    fast for small matrices: a new pattern costs 0.05 ms, MUMPS takes 0.4 ms for it.  Each factorisation
-    is tested by one solution; a matrix that needs pivots is factorised by MUMPS instead.
+    PETSc factorises blocks in the order of approximate minimum degree and without pivoting, which
+    is fast for small matrices: a new pattern costs 0.05 ms, MUMPS takes 0.4 ms for it.  Each
+    factorisation is tested by one solution; a matrix that needs pivots is factorised by MUMPS
+    instead.
 
     Attributes:
         problem: why the last factorisation failed; empty if it did not.
@@ -153,7 +157,8 @@ class BlockFactors:
         self._without_pivots.setFailedReason(PETSc.PC.FailedReason.NOERROR)
 
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Solve A x = b; x is NaN if A could not be factorised, so that the caller's iteration ends."""
+        """Solve A x = b; x is NaN if A could not be factorised, so that the caller's iteration
+        ends."""
         if self.problem:
             x.array[:] = np.nan
         else:
@@ -166,7 +171,7 @@ class BlockFactors:
         return "a factorisation of blocks"
 
 
-# ---- preconditioners that are factorisations -----------------------------------------------------------
+# ---- preconditioners that are factorisations -----------------------------------------------------
 
 
 def choose(pc: PETSc.PC, A: PETSc.Mat | None = None) -> None:
@@ -180,7 +185,8 @@ def choose(pc: PETSc.PC, A: PETSc.Mat | None = None) -> None:
 
 
 def choose_for_steps(pc: PETSc.PC, A: PETSc.Mat) -> None:
-    """Make a preconditioner the fastest factorisation of matrices like A, which must not be singular.
+    """Make a preconditioner the fastest factorisation of matrices like A, which must not be
+    singular.
 
     PETSc's option `-gx_pc_type` keeps the one by MUMPS.
     """
@@ -250,8 +256,8 @@ def renew(pc: PETSc.PC, margin: int = 0) -> None:
 def replace(pc: PETSc.PC, A: PETSc.Mat) -> None:
     """Make A the matrix of a factorisation; its pattern may differ from that of the matrix before.
 
-    A new pattern is ordered by approximate minimum fill.  For a folded film with 32 thousand unknowns
-    the ordering takes 20 ms instead of 70 ms with the default of MUMPS, and the numerical
+    A new pattern is ordered by approximate minimum fill.  For a folded film with 32 thousand
+    unknowns the ordering takes 20 ms instead of 70 ms with the default of MUMPS, and the numerical
     factorisation 87 ms instead of 86 ms.
     """
     before = pc.getOperators()[0]
@@ -283,7 +289,7 @@ def reason(pc: PETSc.PC) -> str:
     return f"MUMPS: {words} (INFOG(1) = {code}, INFOG(2) = {detail})"
 
 
-# ---- single systems ------------------------------------------------------------------------------------
+# ---- single systems ------------------------------------------------------------------------------
 
 
 def solve(A: PETSc.Mat, b: PETSc.Vec, x: PETSc.Vec) -> str:

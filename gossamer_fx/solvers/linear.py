@@ -6,10 +6,11 @@ pressures and the like), m being of the order of ten,
     [ A  G ] [δz]   [ r ]
     [ Hᵀ C ] [δy] = [ s ]                                                                     (1)
 
-A pressure acts on all nodes of a film, so that a column of G is dense and must not enter the pattern of A.
+A pressure acts on all nodes of a film, so that a column of G is dense and must not enter the
+pattern of A.
 
-Idea.  Block elimination (Govaerts & Pryce, IMA J. Numer. Anal. 13 (1993) 161) with any preconditioner
-P ≈ A.  With Z = P⁻¹ G and the dense Schur complement Σ = C - Hᵀ Z (m, m),
+Idea.  Block elimination (Govaerts & Pryce, IMA J. Numer. Anal. 13 (1993) 161) with any
+preconditioner P ≈ A.  With Z = P⁻¹ G and the dense Schur complement Σ = C - Hᵀ Z (m, m),
 
     δy = Σ⁻¹ (s - Hᵀ P⁻¹ r)                                                                   (2)
     δz = P⁻¹ r - Z δy                                                                         (3)
@@ -25,10 +26,11 @@ Algorithm, in a Newton iteration.
 3. Compute Σ from this Z.
 4. Apply (2) and (3) in each Krylov iteration.
 
-Cost.  A scalar unknown costs one application of P⁻¹ in a Newton iteration, however dense its column.
+Cost.  A scalar unknown costs one application of P⁻¹ in a Newton iteration, however dense its
+column.
 
-Limits.  (2) needs a regular Σ.  If Σ is singular, the result is not a number, and the step is repeated
-with a shorter length.
+Limits.  (2) needs a regular Σ.  If Σ is singular, the result is not a number, and the step is
+repeated with a shorter length.
 
 All options can be overridden by those of PETSc with the prefix `gx_` (e.g. `-gx_pc_type lu`).
 """
@@ -47,19 +49,21 @@ from gossamer_fx.system.tangent import Tangent
 # Unknowns up to which a factorisation costs less than preconditioned GMRES.
 MAX_UNKNOWNS_DIRECT = 3000
 
-# The same with contact: the pattern of the matrix changes from step to step, so that each factorisation
-# has to order the unknowns again, and couplings of contact increase the fill.
+# The same with contact: the pattern of the matrix changes from step to step, so that each
+# factorisation has to order the unknowns again, and couplings of contact increase the fill.
 MAX_UNKNOWNS_DIRECT_WITH_CONTACT = 900
 
-# Applications in a solve above which the preconditioner includes the strong couplings of contact for the
-# rest of the step.  Up to this number the matrix of fixed pattern, which is ordered once, costs less.
+# Applications in a solve above which the preconditioner includes the strong couplings of contact
+# for the rest of the step.  Up to this number the matrix of fixed pattern, which is ordered once,
+# costs less.
 MAX_APPLICATIONS_WITHOUT_COUPLINGS = 10
 
-# Z is computed again when a solve needs more applications than the first one with that Z, plus this.
+# Z is computed again when a solve needs more applications than the first one with that Z, plus
+# this.
 ALLOWED_EXTRA_APPLICATIONS = 1
 
-# Krylov iterations of a solve, all in one cycle of GMRES.  A solution that is not finished then still
-# serves as an inexact Newton step.
+# Krylov iterations of a solve, all in one cycle of GMRES.  A solution that is not finished then
+# still serves as an inexact Newton step.
 MAX_KSP_ITERATIONS = 60
 
 # Relative tolerance of a linear solve, except for the last of a step (`newton.FINAL_LINEAR_RATIO`):
@@ -77,7 +81,8 @@ REASONS = {
 
 
 class Composite:
-    """Vectors x = (z, y): coordinates distributed as A is, scalars y at the end of the part of rank 0.
+    """Vectors x = (z, y): coordinates distributed as A is, scalars y at the end of the part of rank
+    0.
 
     Args:
         comm: communicator of the vectors.
@@ -288,17 +293,19 @@ def configure(
     system: System,
     direct: bool,
 ) -> None:
-    """Choose the Krylov method and the preconditioner of the sparse part; PETSc's options may override.
+    """Choose the Krylov method and the preconditioner of the sparse part; PETSc's options may
+    override.
 
-    A matrix is factorised if `direct` or if it is small.  Lagrange multipliers have zeros on the diagonal,
-    for which an incomplete factorisation fails: with a few of them films are solved iteratively and the
-    rest is eliminated (`solvers.eliminated_joints`), with many the matrix is factorised, too.
+    A matrix is factorised if `direct` or if it is small.  Lagrange multipliers have zeros on the
+    diagonal, for which an incomplete factorisation fails: with a few of them films are solved
+    iteratively and the rest is eliminated (`solvers.eliminated_joints`), with many the matrix is
+    factorised, too.
 
     Two alternatives were measured and rejected:
-    - Constraints satisfied exactly by the coarse space instead: for an antenna with up to half a million
-      unknowns, on one and two ranks, it took no less time than the factorisation.
-    - A factorisation kept for the next Newton iteration, even for the last ones of a step: where films
-      switch, the additional Krylov iterations take longer than another factorisation.
+    - Constraints satisfied exactly by the coarse space instead: for an antenna with up to half a
+      million unknowns, on one and two ranks, it took no less time than the factorisation.
+    - A factorisation kept for the next Newton iteration, even for the last ones of a step: where
+      films switch, the additional Krylov iterations take longer than another factorisation.
 
     Args:
         ksp: linear solver of Newton's method.
@@ -354,7 +361,8 @@ def _needs_all_couplings(pc: PETSc.PC) -> bool:
 
 
 def _can_keep_factors(pc: PETSc.PC) -> bool:
-    """Whether a preconditioner serves for the next matrix as it is, so that the matrix need not be summed."""
+    """Whether a preconditioner serves for the next matrix as it is, so that the matrix need not be
+    summed."""
     if pc.getType() != "python":
         return False
     can_keep = getattr(pc.getPythonContext(), "can_keep", None)

@@ -5,48 +5,53 @@ Problem.  A step from q0 to q1 = q0 + p + w has the equations
     r(w, y) = 0    balance of forces [N], and constraints in the rows of multipliers          (1)
     s(w, y) = 0    equations of the scalar unknowns y, such as gas pressures                  (2)
 
-The predicted increment p comes from the stepper.  A film switches between taut, wrinkled and slack, so
-that a plain Newton iteration cycles or diverges at steps of practical length.
+The predicted increment p comes from the stepper.  A film switches between taut, wrinkled and slack,
+so that a plain Newton iteration cycles or diverges at steps of practical length.
 
-Idea.  The strains ε at the quadrature points are unknowns in addition to w, and are eliminated point
-by point (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237).  An iterate k has
-the strain that is linear in the last update, not the true strain e(q1):
+Idea.  The strains ε at the quadrature points are unknowns in addition to w, and are eliminated
+point by point (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237).  An iterate k has the strain
+that is linear in the last update, not the true strain e(q1):
 
     ε_k = e(q_{k-1}) + De(q_{k-1}) (w_k - w_{k-1})                                            (3)
 
-`terms.element_energies` evaluates (3) and the stress.  Therefore the residual depends on the sequence
-of iterates, and a line search, which evaluates it elsewhere, must not be used.
+`terms.element_energies` evaluates (3) and the stress.  Therefore the residual depends on the
+sequence of iterates, and a line search, which evaluates it elsewhere, must not be used.
 
 Algorithm.
 
-1. Start at w = 0 and at the first guess of y.  Fixed coordinates have their values of the end of the step.
+1. Start at w = 0 and at the first guess of y.  Fixed coordinates have their values of the end of
+   the step.
 2. Compute ε from (3), then r and s.
 3. If r and s pass the test of convergence (below), replace ε by the true strain e(q1) and evaluate
    r and s again.  If they pass again, go to step 6; otherwise continue with these strains.
 4. Assemble the tangent.  The first `geometric_stiffness_delay` tangents of a step have no geometric
    stiffness, as long as the residual is above `COMPLETE_TANGENT_RATIO` of the first one.
-5. Solve the linear system (`solvers.linear`), shorten the update where contact requires it, go to 2.
-6. If contact pairs were missing, add them and continue from 2, at most `MAX_ACTIVE_SET_UPDATES` times.
+5. Solve the linear system (`solvers.linear`), shorten the update where contact requires it, go to
+   2.
+6. If contact pairs were missing, add them and continue from 2, at most `MAX_ACTIVE_SET_UPDATES`
+   times.
 7. Refuse an inadmissible solution, e.g. one with interpenetration.
 
 Convergence.  With R the reference force, the norm of the first residual, |r| must not exceed
 
     max(relative R, absolute, floor ε_machine F, 1e-12 F_stop)                                (4)
 
-F is the scale of the forces that cancel in r (`System.force_scale`), so that the third number is the
-round-off floor: no iteration can reduce r below it.  In scenes with contact, F_stop is the force that
-stops all motion within the step; R is at most the larger one of F_stop and of the force of loads and
-supports, which contact carries when nothing moves.  A residual that no longer falls, by a
-factor of `STAGNATION_RATIO` from one iterate to the next, counts as solved up to `STAGNATION_FACTOR`
-times the round-off floor, or, with contact and (5), `CONTACT_STAGNATION_FACTOR` times.  While it falls,
-the work of the residual in the step, which is the error of the total energy, must also be small:
+F is the scale of the forces that cancel in r (`System.force_scale`), so that the third number is
+the round-off floor: no iteration can reduce r below it.  In scenes with contact, F_stop is the
+force that stops all motion within the step; R is at most the larger one of F_stop and of the force
+of loads and supports, which contact carries when nothing moves.  A residual that no longer falls,
+by a factor of `STAGNATION_RATIO` from one iterate to the next, counts as solved up to
+`STAGNATION_FACTOR` times the round-off floor, or, with contact and (5), `CONTACT_STAGNATION_FACTOR`
+times.  While it falls, the work of the residual in the step, which is the error of the total
+energy, must also be small:
 
     |r·(q1 - q0)| <= energy tolerance × largest energy so far                                 (5)
 
-Cost.  An iteration is one evaluation of the stress, one residual, one tangent and one linear system.
-A fluttering sheet takes 4 to 9 iterations a step, see the tables of `docs/theory/step.md`.
+Cost.  An iteration is one evaluation of the stress, one residual, one tangent and one linear
+system. A fluttering sheet takes 4 to 9 iterations a step, see the tables of `docs/theory/step.md`.
 
-Limits.  The iteration is local: a step that is too long fails (`NotConverged`) and the caller shortens it.
+Limits.  The iteration is local: a step that is too long fails (`NotConverged`) and the caller
+shortens it.
 """
 
 from __future__ import annotations
@@ -69,8 +74,8 @@ from gossamer_fx.model.body import Array
 from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.system import System
 
-# Contact pairs may be found missing only once a step is solved.  A step that still misses some after
-# this number of extensions is judged as it is, and usually refused as inadmissible.
+# Contact pairs may be found missing only once a step is solved.  A step that still misses some
+# after this number of extensions is judged as it is, and usually refused as inadmissible.
 MAX_ACTIVE_SET_UPDATES = 5
 
 # The last linear solve of a step reduces the residual to this fraction of the tolerance (4): what a
@@ -80,30 +85,34 @@ FINAL_LINEAR_RATIO = 0.01
 # No relative tolerance of a linear solve is smaller: round-off of the Krylov method.
 MIN_LINEAR_RTOL = 1e-12
 
-# Residual over the larger of the first two at which the iteration is declared divergent.  The second
-# one counts too, as the first may be round-off when the predictor is nearly exact.
+# Residual over the larger of the first two at which the iteration is declared divergent.  The
+# second one counts too, as the first may be round-off when the predictor is nearly exact.
 DIVERGENCE_RATIO = 1e12
 
-# The factors of a full matrix are reused once the residual is below this multiple of the tolerance (4) and
-# below this fraction of the first residual.  The last iterations of a step then cost no factorisation.
+# The factors of a full matrix are reused once the residual is below this multiple of the tolerance
+# (4) and below this fraction of the first residual.  The last iterations of a step then cost no
+# factorisation.
 REUSE_FACTORS_BELOW_TOLERANCE = 1e3
 REUSE_FACTORS_RATIO = 1e-6
 
-# Residual over the first one below which tangents have their geometric stiffness, whatever the delay:
-# without it the iteration converges only linearly.
+# Residual over the first one below which tangents have their geometric stiffness, whatever the
+# delay: without it the iteration converges only linearly.
 COMPLETE_TANGENT_RATIO = 0.01
 
-# With contact, a residual below this fraction of the force that stops all motion counts as zero.  Film
-# in free flight between two contacts has almost no forces, and its state follows round-off of strains.
+# With contact, a residual below this fraction of the force that stops all motion counts as zero.
+# Film in free flight between two contacts has almost no forces, and its state follows round-off of
+# strains.
 CONTACT_FLOOR_RATIO = 1e-12
 
-# A residual above this fraction of the one before no longer falls: it is round-off, provided that it is
-# below STAGNATION_FACTOR times the round-off floor.  The floor is an estimate, hence a margin of four.
+# A residual above this fraction of the one before no longer falls: it is round-off, provided that
+# it is below STAGNATION_FACTOR times the round-off floor.  The floor is an estimate, hence a margin
+# of four.
 STAGNATION_RATIO = 0.5
 STAGNATION_FACTOR = 4.0
 
-# With contact the margin is wider, provided that the residual passes (5): a gap is the difference of two
-# squared distances, so that friction and steep barriers have ten times the round-off of their stiffness.
+# With contact the margin is wider, provided that the residual passes (5): a gap is the difference
+# of two squared distances, so that friction and steep barriers have ten times the round-off of
+# their stiffness.
 CONTACT_STAGNATION_FACTOR = 32.0
 
 
@@ -131,21 +140,22 @@ class Newton:
     module.
 
     Without geometric stiffness the tangent is positive semi-definite in addition to the inertia, so
-    that the iteration is slow but safe.  With it, film under large compressive stress or a stiff fold
-    has an indefinite tangent far from the solution, and the iteration may diverge.  At rest (statics)
-    the geometric stiffness of film in tension is never left out.
+    that the iteration is slow but safe.  With it, film under large compressive stress or a stiff
+    fold has an indefinite tangent far from the solution, and the iteration may diverge.  At rest
+    (statics) the geometric stiffness of film in tension is never left out.
 
     Args:
         system: compiled scene.
         tolerances: when a step counts as solved.
-        direct: factorise the matrix whatever its size.  Statics need this: with little inertia, film
-            with slack parts is too ill-conditioned for an iterative solver.
+        direct: factorise the matrix whatever its size.  Statics need this: with little inertia,
+            film with slack parts is too ill-conditioned for an iterative solver.
 
     Attributes:
         geometric_stiffness_delay: number of tangents at the start of a step without geometric
             stiffness; a stepper sets it.
         energy: largest energy so far [J], the reference of (5); zero: (5) is not asked.
-        round_off_energy: energy [J] that round-off gives to a scene at rest, the largest of all steps.
+        round_off_energy: energy [J] that round-off gives to a scene at rest, the largest of all
+            steps.
         iterations: of the last solve, also if it failed.
         all_iterations: of all solves.
         linear_iterations: Krylov iterations of all solves.
@@ -187,7 +197,7 @@ class Newton:
         self._direct = direct
         self._set_up()
 
-    # ---- PETSc's solvers -------------------------------------------------------------------------------
+    # ---- PETSc's solvers -------------------------------------------------------------------------
 
     def _set_up(self) -> None:
         """Make PETSc's solvers for the matrices of the system."""
@@ -219,7 +229,8 @@ class Newton:
         kind = options.getString("snes_linesearch_type", "basic")
         check(
             kind == "basic",
-            f"-gx_snes_linesearch_type {kind}: the strains of the iteration follow each step of Newton's, so that a "
+            f"-gx_snes_linesearch_type {kind}: the strains of the iteration follow each step of "
+            "Newton's, so that a "
             "line search would lead it astray; leave the option out.",
         )
         options["snes_linesearch_type"] = "basic"
@@ -248,7 +259,7 @@ class Newton:
         """PETSc's solver of the linear systems."""
         return self._snes.getKSP()
 
-    # ---- a solve ---------------------------------------------------------------------------------------
+    # ---- a solve ---------------------------------------------------------------------------------
 
     def solve(self, increment: PETSc.Vec, y: Array) -> tuple[PETSc.Vec, Array, int]:
         """Solve the equations of a step; q1 is then in the system.
@@ -266,7 +277,8 @@ class Newton:
             Inadmissible: with what is wrong with the solution.
         """
         self._reset_convergence()
-        # With w = 0 at the predictor, w = -p is the start of the step: strains are linear from there.
+        # With w = 0 at the predictor, w = -p is the start of the step: strains are linear from
+        # there.
         increment.copy(self._linearisation_point)
         self._linearisation_point.scale(-1.0)
         self._fixed_values = self.system.predict(increment)
@@ -309,7 +321,8 @@ class Newton:
         started = time.perf_counter()
         self._x.copy(self._start)
         self._snes.solve(None, self._x)
-        # A factorisation that lacks workspace is repeated with more; the step is not rejected for it.
+        # A factorisation that lacks workspace is repeated with more; the step is not rejected for
+        # it.
         while self._snes.getConvergedReason() < 0 and factorisation.enlarge(self._preconditioner):
             self._start.copy(self._x)
             self._snes.solve(None, self._x)
@@ -326,7 +339,7 @@ class Newton:
             linear.recover(self._preconditioner)
             raise NotConverged(message)
 
-    # ---- callbacks of PETSc: residual and tangent ------------------------------------------------------
+    # ---- callbacks of PETSc: residual and tangent ------------------------------------------------
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, F: PETSc.Vec) -> None:
         """Residual F of (1) and (2) at x, with the strains (3)."""
@@ -343,14 +356,16 @@ class Newton:
         self._composite.join(self._r, self._s, F)
 
     def _split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
-        """w and y of x; fixed coordinates get their values, which not every linear solver keeps exactly."""
+        """w and y of x; fixed coordinates get their values, which not every linear solver keeps
+        exactly."""
         w, y = self._composite.split(x)
         with w as values:
             values[self.system.supports.held] = self._fixed_values
         return w, y
 
     def _limit_update(self, x: PETSc.Vec, update: PETSc.Vec) -> bool:
-        """Shorten an update where contact requires it; returns True, as PETSc asks whether it changed."""
+        """Shorten an update where contact requires it; returns True, as PETSc asks whether it
+        changed."""
         with update as values:
             self.system.limit_update(values[: self._composite.n])
         return True
@@ -430,7 +445,7 @@ class Newton:
             rtol = min(rtol, max(last, MIN_LINEAR_RTOL))
         self.ksp.setTolerances(rtol=rtol)
 
-    # ---- the test of convergence -----------------------------------------------------------------------
+    # ---- the test of convergence -----------------------------------------------------------------
 
     @property
     def round_off(self) -> float:
@@ -478,8 +493,8 @@ class Newton:
     def _set_reference(self) -> None:
         """Choose the reference force R of (4) from the first residual.
 
-        With contact the predictor may have passed through an obstacle.  Its forces are then thousands
-        of times larger than those of the solution, and are not a scale for the residual.
+        With contact the predictor may have passed through an obstacle.  Its forces are then
+        thousands of times larger than those of the solution, and are not a scale for the residual.
         """
         self._reference = self._norm
         self._contact_floor = 0.0
@@ -499,13 +514,15 @@ class Newton:
     def _external_force(self) -> float:
         """Norm [N] of the forces of loads, gas and supports at the last residual.
 
-        What rests on something has no motion to stop: then these are the scale of the contact forces.
+        What rests on something has no motion to stop: then these are the scale of the contact
+        forces.
         """
         external, _ = self.system.imbalance(self.system.external_forces())
         return external
 
     def _is_solved(self) -> bool:
-        """Whether the residual evaluated last passes (4) and (5), and constraints and scalars theirs."""
+        """Whether the residual evaluated last passes (4) and (5), and constraints and scalars
+        theirs."""
         residual = self._force_imbalance
         stagnates = self._norm > STAGNATION_RATIO * self._previous_norm
         is_small = residual <= self._tolerance and (
@@ -533,7 +550,7 @@ class Newton:
         work = system.comm.allreduce(float(forces @ moved))
         return abs(work) <= self.tolerances.energy * self.energy
 
-    # ---- reports ---------------------------------------------------------------------------------------
+    # ---- reports ---------------------------------------------------------------------------------
 
     def summary(self) -> str:
         """The linear solver, its iterations, and the shares of the wall time of all solves."""

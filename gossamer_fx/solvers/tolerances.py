@@ -16,22 +16,24 @@ class Tolerances:
     Args:
         relative: norm of the residual over that of the first guess of the step.
         absolute: residuals below this count as zero [N], whatever their ratio.
-        floor: residuals below this number of units in the last place of the forces that cancel in them
-            count as zero; four times as many if the residual no longer falls.
+        floor: residuals below this number of units in the last place of the forces that cancel in
+            them count as zero; four times as many if the residual no longer falls.
         energy: work of the residual in a step, which is the error of the total energy, over the
             largest energy so far; asked while the residual still falls.
-        scalars: largest relative residual of the equations of scalar unknowns, such as gas pressures.
+        scalars: largest relative residual of the equations of scalar unknowns, such as gas
+            pressures.
         constraint: largest violation of a constraint between points, in the units of the constraint
             (m, or 1 for directions).
         max_iterations: number of Newton iterations after which the step has failed.
 
-    The tolerances are those of one step.  What steps leave below them may add up, as all may miss to the same side: a
-    free rigid body closes its energy to 2e-12 in 400 steps of 26 ms, where two iterations just pass the test of the
-    residual, and to 1e-15 with `relative` 1e-12 (`tests/bodies/test_multibody_motion.py`).
+    The tolerances are those of one step.  What steps leave below them may add up, as all may miss
+    to the same side: a free rigid body closes its energy to 2e-12 in 400 steps of 26 ms, where two
+    iterations just pass the test of the residual, and to 1e-15 with `relative` 1e-12
+    (`tests/bodies/test_multibody_motion.py`).
 
     Raises:
-        InputError: a tolerance is negative, or one that has to be below 1 is not, or no iteration is
-            allowed.
+        InputError: a tolerance is negative, or one that has to be below 1 is not, or no iteration
+            is allowed.
 
     Example:
         >>> stepper = gx.Midpoint(dt=1e-3, tolerances=gx.Tolerances(relative=1e-12))
@@ -57,5 +59,6 @@ class Tolerances:
             check(value < 1, f"Tolerances: {name} is {value!r}; give a number below 1.")
         check(
             self.max_iterations >= 1,
-            f"Tolerances: max_iterations is {self.max_iterations!r}; give a number of at least one.",
+            f"Tolerances: max_iterations is {self.max_iterations!r}; give a number of at least "
+            "one.",
         )

@@ -1,12 +1,12 @@
 """Two-level preconditioner for large meshes: a coarse space, then an incomplete factorisation.
 
-Problem.  The tangent A of a film has stiff in-plane modes.  In a step that is many times longer than
-the time in which a wave crosses a cell, they couple unknowns as far apart as the edges of the film.  An
-incomplete factorisation L ≈ A couples unknowns a few cells apart only, so that Krylov iterations grow
-with the mesh.
+Problem.  The tangent A of a film has stiff in-plane modes.  In a step that is many times longer
+than the time in which a wave crosses a cell, they couple unknowns as far apart as the edges of the
+film.  An incomplete factorisation L ≈ A couples unknowns a few cells apart only, so that Krylov
+iterations grow with the mesh.
 
-Idea.  What the incomplete factorisation does not resolve varies slowly in space, and a coarse space of
-affine functions on patches of nodes resolves it (`solvers.coarse_space`); P is its prolongation.
+Idea.  What the incomplete factorisation does not resolve varies slowly in space, and a coarse space
+of affine functions on patches of nodes resolves it (`solvers.coarse_space`); P is its prolongation.
 
 Algorithm, for a residual r.
 
@@ -16,20 +16,20 @@ Algorithm, for a residual r.
 
 This is multiplicative and not symmetric, which GMRES does not require.
 
-Levels of fill of L.  Where a film switches between taut and slack, the tangent has narrow stiff bands in
-an almost slack film.  Measured on a fluttering film of 78 thousand unknowns: with two levels most systems
-are not solved within 60 iterations, four levels take 25, six take 6, and eight cost more than they save.
-In a quiet film two levels serve as well as six, for a third of the time.  Therefore L starts with two
-levels, and gets six when a solve has taken many iterations.
+Levels of fill of L.  Where a film switches between taut and slack, the tangent has narrow stiff
+bands in an almost slack film.  Measured on a fluttering film of 78 thousand unknowns: with two
+levels most systems are not solved within 60 iterations, four levels take 25, six take 6, and eight
+cost more than they save. In a quiet film two levels serve as well as six, for a third of the time.
+Therefore L starts with two levels, and gets six when a solve has taken many iterations.
 
-Several ranks factorise parts that overlap by two cells (additive Schwarz); without overlap the number of
-iterations doubles.  PETSc's options of L have the prefix `gx_local_`.
+Several ranks factorise parts that overlap by two cells (additive Schwarz); without overlap the
+number of iterations doubles.  PETSc's options of L have the prefix `gx_local_`.
 
-Cost.  An application is one product with A, one solve with L and one coarse solve.  The set-up of L is
-most of the cost of a Newton iteration; (Pᵀ A P) is set up about once a step.
+Cost.  An application is one product with A, one solve with L and one coarse solve.  The set-up of L
+is most of the cost of a Newton iteration; (Pᵀ A P) is set up about once a step.
 
-Limits.  L needs a diagonal without zeros, so that systems with Lagrange multipliers have other preconditioners
-(`solvers.eliminated_joints`), or are factorised.
+Limits.  L needs a diagonal without zeros, so that systems with Lagrange multipliers have other
+preconditioners (`solvers.eliminated_joints`), or are factorised.
 """
 
 from __future__ import annotations
@@ -40,17 +40,20 @@ from gossamer_fx.algebra.numbering import PREFIX
 from gossamer_fx.solvers.coarse_space import CoarseSpace
 from gossamer_fx.system.system import System
 
-# Levels of fill of the incomplete factorisation, to start with and for difficult systems; see the module.
+# Levels of fill of the incomplete factorisation, to start with and for difficult systems; see the
+# module.
 ILU_LEVELS = 2
 ILU_LEVELS_DIFFICULT = 6
 
 # Cells by which the parts of several ranks overlap; without overlap the Krylov iterations double.
 OVERLAP = 2
 
-# Applications in a solve up to which the coarse matrix of an earlier A of the same step is used again.
+# Applications in a solve up to which the coarse matrix of an earlier A of the same step is used
+# again.
 REUSE_COARSE_UP_TO = 10
 
-# Applications in a solve above which more levels of fill cost less than the iterations that they save.
+# Applications in a solve above which more levels of fill cost less than the iterations that they
+# save.
 MORE_FILL_ABOVE = 20
 
 
@@ -126,7 +129,8 @@ class TwoLevel:
         z.axpy(1.0, self._correction)
 
     def recover(self) -> None:
-        """Become usable again after a matrix, such as an infinite one, that could not be factorised."""
+        """Become usable again after a matrix, such as an infinite one, that could not be
+        factorised."""
         self._local.reset()
         self._local.setFailedReason(PETSc.PC.FailedReason.NOERROR)
         self._step = None

@@ -1,4 +1,5 @@
-"""The generalised-α method: a second stepper on the same system, for comparison; it conserves nothing."""
+"""The generalised-α method: a second stepper on the same system, for comparison; it conserves
+nothing."""
 
 from __future__ import annotations
 
@@ -18,8 +19,8 @@ from gossamer_fx.steppers.midpoint import SMALLEST_STEP
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import EndPoint
 
-# Length over the first step of the trial step in which the first acceleration is computed: forces that
-# depend on rates are differences over it, well above round-off, while positions hardly change.
+# Length over the first step of the trial step in which the first acceleration is computed: forces
+# that depend on rates are differences over it, well above round-off, while positions hardly change.
 TRIAL_STEP_RATIO = 1e-3
 
 
@@ -28,9 +29,9 @@ TRIAL_STEP_RATIO = 1e-3
 class GeneralizedAlpha:
     """Generalised-α method (Chung & Hulbert, J. Appl. Mech. 60 (1993) 371, doi:10.1115/1.2900803).
 
-    Second order in `dt`.  Equilibrium and constraints hold at the end of the step, and positions follow
-    from an acceleration-like variable a, which differs from the acceleration dv/dt (Arnold & Brüls,
-    Multibody Syst. Dyn. 18 (2007) 185, doi:10.1007/s11044-007-9084-0):
+    Second order in `dt`.  Equilibrium and constraints hold at the end of the step, and positions
+    follow from an acceleration-like variable a, which differs from the acceleration dv/dt (Arnold &
+    Brüls, Multibody Syst. Dyn. 18 (2007) 185, doi:10.1007/s11044-007-9084-0):
 
         M (dv/dt)_1 + f(q1) + De(q1)ᵀ λ1 = F1,   e(q1) = 0                                    (1)
         (1-α_m) a1 + α_m a0 = (1-α_f) (dv/dt)_1 + α_f (dv/dt)_0                               (2)
@@ -39,9 +40,9 @@ class GeneralizedAlpha:
 
         α_m = (2ρ-1)/(ρ+1),  α_f = ρ/(ρ+1),  γ = ½ - α_m + α_f,  β = ¼ (1 - α_m + α_f)²       (5)
 
-    The method loses or gains energy.  Damping and feedback are of first order only, as their rates are
-    those of the step before its end.  The energy balance counts loads that vary within a step with their
-    values at its end.
+    The method loses or gains energy.  Damping and feedback are of first order only, as their rates
+    are those of the step before its end.  The energy balance counts loads that vary within a step
+    with their values at its end.
 
     Args:
         dt: step [s].
@@ -50,8 +51,8 @@ class GeneralizedAlpha:
         tolerances: when a step counts as solved.
 
     Raises:
-        InputError: dt is not a positive number, or the spectral radius is not between 0 and 1; at the
-            start of a run: the scene has contact.
+        InputError: dt is not a positive number, or the spectral radius is not between 0 and 1; at
+            the start of a run: the scene has contact.
 
     Example:
         >>> run = gx.Simulation(gx.Scene(hub), gx.GeneralizedAlpha(dt=0.1, spectral_radius=0.9))
@@ -73,7 +74,8 @@ class GeneralizedAlpha:
         )
         check(
             0 <= self.spectral_radius <= 1,
-            f"GeneralizedAlpha: spectral_radius is {self.spectral_radius!r}; it lies between 0 and 1.",
+            f"GeneralizedAlpha: spectral_radius is {self.spectral_radius!r}; it lies between 0 and "
+            "1.",
         )
 
     @property
@@ -87,11 +89,13 @@ class GeneralizedAlpha:
         Raises:
             InputError: the scene has contact.
         """
-        # The force at the end of a step does no work along the step that an energy knows: a film that
-        # falls on a floor came back at three times its true height, and the energy balance was open.
+        # The force at the end of a step does no work along the step that an energy knows: a film
+        # that falls on a floor came back at three times its true height, and the energy balance was
+        # open.
         check(
             not system.active_sets,
-            "GeneralizedAlpha: the scene has contact, in which this method neither conserves energy nor "
+            "GeneralizedAlpha: the scene has contact, in which this method neither conserves "
+            "energy nor "
             "reports what it loses; use Midpoint, or leave the contact out.",
         )
         return GeneralizedAlphaSolver(system, self.spectral_radius, self.tolerances)
@@ -106,7 +110,8 @@ class GeneralizedAlphaSolver:
     """
 
     def __init__(self, system: System, ρ: float, tolerances: Tolerances) -> None:
-        """Compute the coefficients of the method for the spectral radius ρ, and make its vectors."""
+        """Compute the coefficients of the method for the spectral radius ρ, and make its
+        vectors."""
         self._system = system
         self._α_m = (2 * ρ - 1) / (ρ + 1)
         self._α_f = ρ / (ρ + 1)
@@ -177,7 +182,7 @@ class GeneralizedAlphaSolver:
         self._offset.axpy(-α_f / (1 - α_f) / c, self._acceleration)
         system.set_inertia(c, self._offset)
 
-    # ---- the first acceleration ------------------------------------------------------------------------
+    # ---- the first acceleration ------------------------------------------------------------------
 
     def _compute_first_acceleration(self, h: float) -> None:
         """Solve for the acceleration dv/dt of the initial state, and set a0 to it.

@@ -86,7 +86,8 @@ class History:
         return {name: variables.get_state() for name, variables in self._variables.items()}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned; the caller has restored `vectors` and `cells` before."""
+        """Restore what `get_state` returned; the caller has restored `vectors` and `cells`
+        before."""
         # Quantities derived from the coordinates first: history variables may depend on them.
         self._system.restart()
         for name, variables in self._variables.items():

@@ -20,8 +20,8 @@ from gossamer_fx.terms.discrete_gradient import PathAverage, StressRule
 # iteration is repeated at the next level, so that steps which converge at once pay nothing.
 GEOMETRIC_STIFFNESS_DELAYS = (0, 3, 8, 20)
 
-# Converged steps in a row after which the delay level is lowered by one.  Where no level helped, delays
-# are not tried again for as many steps: the repeated iterations would be wasted.
+# Converged steps in a row after which the delay level is lowered by one.  Where no level helped,
+# delays are not tried again for as many steps: the repeated iterations would be wasted.
 STEPS_PER_DELAY_LEVEL = 20
 
 # Smaller steps [s] make 1/h² in the equations overflow.
@@ -37,9 +37,9 @@ class Midpoint:
         M (v1 - v0)/h + De(q_mid)ᵀ S_avg = F_mid,    q_mid = (q0 + q1)/2
 
     The stress S_avg is the average of ψ'(e) over the straight path from e(q0) to e(q1), see
-    `terms.discrete_gradient`.  It conserves energy, momentum and angular momentum to the tolerance of
-    the nonlinear solve, for every step size and every sequence of step sizes (Simo & Tarnow, ZAMP 43
-    (1992) 757, doi:10.1007/BF00913408).
+    `terms.discrete_gradient`.  It conserves energy, momentum and angular momentum to the tolerance
+    of the nonlinear solve, for every step size and every sequence of step sizes (Simo & Tarnow,
+    ZAMP 43 (1992) 757, doi:10.1007/BF00913408).
 
     Args:
         dt: step [s].
@@ -108,8 +108,8 @@ class MidpointSolver:
     def step(self, h: float) -> int:
         """Advance the system by h [s].
 
-        An iteration that fails is repeated with more tangents without geometric stiffness, before the
-        step is given up.  An inadmissible solution is not retried: the same one would be found.
+        An iteration that fails is repeated with more tangents without geometric stiffness, before
+        the step is given up.  An inadmissible solution is not retried: the same one would be found.
 
         Returns:
             The number of Newton iterations of the attempt that converged.
@@ -134,7 +134,8 @@ class MidpointSolver:
                 return iterations
 
     def _raise_delay(self) -> bool:
-        """Go to the next delay level; returns False if there is none, or if delays are not tried."""
+        """Go to the next delay level; returns False if there is none, or if delays are not
+        tried."""
         is_highest = self._delay_level + 1 == len(GEOMETRIC_STIFFNESS_DELAYS)
         if self._steps_without_delay or is_highest:
             self._delay_level = 0

@@ -1,10 +1,10 @@
 """Steps as long as Newton's iteration and the accuracy allow.
 
-Problem.  A structure that deploys is quiet at one time and hits itself at another; a constant step is
-either too long for the one or too short for the other.
+Problem.  A structure that deploys is quiet at one time and hits itself at another; a constant step
+is either too long for the one or too short for the other.
 
-Idea.  The midpoint rule conserves energy, momenta and masses for every sequence of steps, so that the
-length may be chosen by cost and accuracy alone.
+Idea.  The midpoint rule conserves energy, momenta and masses for every sequence of steps, so that
+the length may be chosen by cost and accuracy alone.
 
 Algorithm, for a step of length h that took i Newton iterations.
 
@@ -12,29 +12,29 @@ Algorithm, for a step of length h that took i Newton iterations.
 
        e = h³ q'''/12,    q''' ≈ 2 (a - a_)/(h + h_)                                          (1)
 
-   from the mean accelerations a = (v1 - v0)/h of this step and a_ of the one before, whose length is
-   h_.  It is measured as root mean square over the mass,
+   from the mean accelerations a = (v1 - v0)/h of this step and a_ of the one before, whose length
+   is h_.  It is measured as root mean square over the mass,
 
        ε = √(eᵀ M e/m),    m the total mass                                                   (2)
 
 2. If ε exceeds the tolerance, undo the step and repeat it with h times
 
-       max(0.9 (tolerance/ε)^(1/3), min_factor)                                                      (3)
+       max(0.9 (tolerance/ε)^(1/3), min_factor)                                                  (3)
 
 3. If Newton's iteration fails, repeat the step with h times `min_factor`.
 4. Otherwise the next step is h times
 
-       max(min(target iterations/i, 0.9 (tolerance/ε)^(1/3), max_factor), min_factor)                    (4)
+       max(min(target iterations/i, 0.9 (tolerance/ε)^(1/3), max_factor), min_factor)            (4)
 
    A step that was repeated does not let the next one grow.
 
-Source: Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I (1993), section II.4, for
-the choice (3), (4); the error constant 1/12 is that of the trapezoidal rule.
+Source: Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I (1993), section II.4,
+for the choice (3), (4); the error constant 1/12 is that of the trapezoidal rule.
 
 Cost.  The estimate (1) costs one product with M and no further solve.
 
-Limits.  The estimate exists from the second step on, and is that of smooth motion: impacts within a step
-show only as a large difference of the accelerations.
+Limits.  The estimate exists from the second step on, and is that of smooth motion: impacts within a
+step show only as a large difference of the accelerations.
 """
 
 from __future__ import annotations
@@ -56,7 +56,8 @@ from gossamer_fx.system.system import System
 # Factor in (3) and (4), so that the next step does not fail by a small growth of the error.
 SAFETY_FACTOR = 0.9
 
-# Smallest step over the first, unless given: a run whose steps are a million times shorter will not end.
+# Smallest step over the first, unless given: a run whose steps are a million times shorter will not
+# end.
 SMALLEST_STEP_RATIO = 1e-6
 
 
@@ -65,12 +66,13 @@ SMALLEST_STEP_RATIO = 1e-6
 class StepControl:
     """Lets steps grow and shrink; the stepper's `dt` is the first step.
 
-    See the module for the rule.  Energy, momenta and masses are conserved for every sequence of steps.
+    See the module for the rule.  Energy, momenta and masses are conserved for every sequence of
+    steps.
 
     Args:
         target_iterations: target of Newton iterations a step.
-        error: largest local error of a step [m], as root mean square over the mass; None: errors are
-            not estimated.
+        error: largest local error of a step [m], as root mean square over the mass; None: errors
+            are not estimated.
         max_factor: largest ratio of a step to the one before.  For film that hits itself or snaps
             straight, 1.1 leads to fewer rejected steps.
         min_factor: smallest ratio of a step to the one before, and the ratio after a failure.
@@ -131,7 +133,8 @@ class StepControl:
 
 
 class ControlledSteps:
-    """The steps of a run whose lengths a `StepControl` chooses; see `Stepping` for the attributes."""
+    """The steps of a run whose lengths a `StepControl` chooses; see `Stepping` for the
+    attributes."""
 
     def __init__(
         self,
@@ -201,7 +204,8 @@ class ControlledSteps:
             self._local_error.begin_step()
 
     def _measure_error(self, h: float) -> float:
-        """Local error [m] of the step of length h [s] just made; zero if errors are not measured."""
+        """Local error [m] of the step of length h [s] just made; zero if errors are not
+        measured."""
         if self._local_error is None:
             return 0.0
         return self._local_error.measure(h)
@@ -235,8 +239,8 @@ class ControlledSteps:
 class LocalError:
     """Estimates the local error (1), (2) of the midpoint rule.
 
-    Around each step, call `begin_step`, make the step, call `measure`, and, if the step is accepted,
-    `commit`.
+    Around each step, call `begin_step`, make the step, call `measure`, and, if the step is
+    accepted, `commit`.
 
     Args:
         system: compiled scene.
@@ -261,11 +265,13 @@ class LocalError:
         self._mass = self._total_mass()
         check(
             self._mass > 0,
-            "StepControl: nothing in the scene has mass, whose error could be measured; leave error out.",
+            "StepControl: nothing in the scene has mass, whose error could be measured; leave "
+            "error out.",
         )
 
     def _total_mass(self) -> float:
-        """Mass [kg] that moves in the x direction: of all bodies, without multipliers and directors."""
+        """Mass [kg] that moves in the x direction: of all bodies, without multipliers and
+        directors."""
         system = self._system
         along_x = self._mean_acceleration
         with along_x as values:
@@ -280,7 +286,8 @@ class LocalError:
         self._system.v0.copy(self._start_velocity)
 
     def measure(self, h: float) -> float:
-        """Local error ε [m] of the step of length h [s] just made; zero for the first step of a run."""
+        """Local error ε [m] of the step of length h [s] just made; zero for the first step of a
+        run."""
         mean = self._mean_acceleration
         mean.waxpy(-1.0, self._start_velocity, self._system.v0)
         mean.scale(1 / h)

@@ -1,4 +1,5 @@
-"""How a run makes its steps: the contracts of steppers and step controls, and steps of equal length."""
+"""How a run makes its steps: the contracts of steppers and step controls, and steps of equal
+length."""
 
 from __future__ import annotations
 
@@ -106,7 +107,8 @@ class EqualSteps:
         """Take the step dt [s] and how often it may be halved."""
         check(
             halvings >= 0,
-            f"halvings is {halvings!r}; give the number of times that a step may be halved, or zero.",
+            f"halvings is {halvings!r}; give the number of times that a step may be halved, or "
+            "zero.",
         )
         self._system = system
         self._solver = solver
@@ -141,7 +143,8 @@ class EqualSteps:
 
 
 def even_step(remaining: float, wanted: float) -> float:
-    """Length [s] of equal steps that end in `remaining` seconds, each at most `wanted`, up to round-off.
+    """Length [s] of equal steps that end in `remaining` seconds, each at most `wanted`, up to
+    round-off.
 
     It is exactly `wanted` if it differs from that by round-off, so that the steps of a run do not
     depend on the times at which it is stopped and restarted.

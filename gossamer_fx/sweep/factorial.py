@@ -1,7 +1,8 @@
-"""Plain sweeps: runs with all combinations of some values, or with a list of values; a table and a picture.
+"""Plain sweeps: runs with all combinations of some values, or with a list of values; a table and a
+picture.
 
-The runs are those of `sweep.runs`: any number of processes share them, a run with a result is not repeated,
-and a run that was killed is made again, from its last checkpoint if it writes any.
+The runs are those of `sweep.runs`: any number of processes share them, a run with a result is not
+repeated, and a run that was killed is made again, from its last checkpoint if it writes any.
 """
 
 from __future__ import annotations
@@ -44,15 +45,15 @@ class Factorial:
     `./gossamer sweep SCENE --over cells=4,8 edge=0.2,0.3`.
 
     Args:
-        outcome: outcome(comm, folder, **values) makes one run and returns numbers by name; `folder` is
-            for the files of the run.
+        outcome: outcome(comm, folder, **values) makes one run and returns numbers by name; `folder`
+            is for the files of the run.
         over: values of each factor by name: numbers or words.
         listed: whether the first values of all factors belong together, the second ones, and so on;
             else all combinations are run.
 
     Raises:
-        InputError: no factor, values that are equal or neither numbers nor words, or lists of different
-            lengths.
+        InputError: no factor, values that are equal or neither numbers nor words, or lists of
+            different lengths.
 
     Example:
         >>> def outcome(comm, folder, bore, stroke):
@@ -89,7 +90,8 @@ class Factorial:
         runs = int(np.prod([float(count) for count in counts.values()]))
         check(
             self.listed or runs <= MAX_RUNS,
-            f"Factorial: {words}, which makes {runs} runs; give fewer values, at most {MAX_RUNS} runs.",
+            f"Factorial: {words}, which makes {runs} runs; give fewer values, at most {MAX_RUNS} "
+            "runs.",
         )
         cases = [repr(case) for case in self.cases()]
         check(

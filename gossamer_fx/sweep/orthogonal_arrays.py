@@ -1,12 +1,13 @@
-"""Orthogonal arrays: few runs in which each level of a factor meets each level of every other one equally often.
+"""Orthogonal arrays: few runs in which each level of a factor meets each level of every other one
+equally often.
 
-An array has a row for each run and a column for each factor; its entries are levels, counted from 0.  In
-any two columns all pairs of levels occur equally often, so that the mean over the runs with one level of
-a factor does not depend on the other factors, if effects add up.
+An array has a row for each run and a column for each factor; its entries are levels, counted from
+0.  In any two columns all pairs of levels occur equally often, so that the mean over the runs with
+one level of a factor does not depend on the other factors, if effects add up.
 
-Sources: C. R. Rao, J. R. Stat. Soc. Suppl. 9 (1947) 128, doi:10.2307/2983576, for the linear arrays;
-R. L. Plackett & J. P. Burman, Biometrika 33 (1946) 305, doi:10.1093/biomet/33.4.305, for L12.  The names
-are those of G. Taguchi.
+Sources: C. R. Rao, J. R. Stat. Soc. Suppl. 9 (1947) 128, doi:10.2307/2983576, for the linear
+arrays; R. L. Plackett & J. P. Burman, Biometrika 33 (1946) 305, doi:10.1093/biomet/33.4.305, for
+L12.  The names are those of G. Taguchi.
 """
 
 from __future__ import annotations
@@ -46,8 +47,8 @@ def orthogonal_array(name: str) -> Levels:
     """An orthogonal array (runs, columns) of levels from 0.
 
     Args:
-        name: L4 (3 columns of two levels), L8 (7), L12 (11), L16 (15), L9 (4 columns of three levels),
-            L27 (13), or L18 (1 column of two levels and 7 of three).
+        name: L4 (3 columns of two levels), L8 (7), L12 (11), L16 (15), L9 (4 columns of three
+            levels), L27 (13), or L18 (1 column of two levels and 7 of three).
 
     Raises:
         InputError: the name is unknown.
@@ -78,8 +79,8 @@ def _linear(levels: int, generators: int) -> Levels:
     rows = list(product(range(levels), repeat=generators))
     weights = []
     for combination in product(range(levels), repeat=generators):
-        # Multiples of a combination give the same column with its levels renamed, so that only those
-        # count whose first entry other than zero is one.
+        # Multiples of a combination give the same column with its levels renamed, so that only
+        # those count whose first entry other than zero is one.
         nonzero = [weight for weight in combination if weight]
         if nonzero and nonzero[0] == 1:
             weights.append(combination)

@@ -1,7 +1,7 @@
 """Robust design: choose the levels of control factors at which noise factors matter least.
 
-Problem.  A designer chooses some factors (an opening, a thickness); others vary by themselves (creases,
-temperature).  All combinations of levels are too many runs.
+Problem.  A designer chooses some factors (an opening, a thickness); others vary by themselves
+(creases, temperature).  All combinations of levels are too many runs.
 
 Algorithm, after G. Taguchi (S. Taguchi, Y. Wu, Robust Engineering, ASME Press 2000).
 
@@ -13,14 +13,14 @@ Algorithm, after G. Taguchi (S. Taguchi, Y. Wu, Robust Engineering, ASME Press 2
        -10 lg mean(y⁻²)          for numbers that should be large
        10 lg (mean(y)²/var(y))   for numbers that should not vary                             (1)
 
-4. The effect of a level is the mean ratio of all rows with that level.  The best level of each factor
-   is the one with the largest effect.
+4. The effect of a level is the mean ratio of all rows with that level.  The best level of each
+   factor is the one with the largest effect.
 5. Runs at the best levels confirm that effects add up: their ratio is compared with
 
        mean + Σ (effect of the level - mean)                                                  (2)
 
-Limits.  Effects are the means of few runs; interactions of factors appear as the difference between (2)
-and the ratio that is found.
+Limits.  Effects are the means of few runs; interactions of factors appear as the difference between
+(2) and the ratio that is found.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ class RobustDesign:
     """A robust design that `./gossamer sweep FILE` runs; in the file it has the name SWEEP.
 
     Args:
-        outcome: outcome(comm, folder, **values) makes one run and returns numbers by name; `folder` is
-            for the files of the run.
+        outcome: outcome(comm, folder, **values) makes one run and returns numbers by name; `folder`
+            is for the files of the run.
         control: levels of each control factor by name; as many as a column of the array has.
         goals: what numbers of the outcome should be, by name: "smaller" (the better), "larger", or
             "nominal" (should not vary).  The best levels are those of the first goal.
@@ -107,13 +107,15 @@ class RobustDesign:
         for name, level in self.usual.items():
             check(
                 name in self.control and level in self.control[name],
-                f"RobustDesign: {name}={level!r} is not a level of a control factor; give one of its levels.",
+                f"RobustDesign: {name}={level!r} is not a level of a control factor; give one of "
+                "its levels.",
             )
         # Refuses factors without a column now, before any run is made.
         self._columns()
 
     def _check_factors(self) -> None:
-        """Refuse factors whose levels cannot be told apart or written, and names that occur twice."""
+        """Refuse factors whose levels cannot be told apart or written, and names that occur
+        twice."""
         for name, levels in [*self.control.items(), *self.noise.items()]:
             # Other values could not be written to the files of results, and found in them again.
             is_plain = all(isinstance(level, str | int | float) for level in levels)
@@ -143,7 +145,8 @@ class RobustDesign:
             )
 
     def _columns(self) -> Levels:
-        """The array (runs, control factors): each factor has the first free column with as many levels.
+        """The array (runs, control factors): each factor has the first free column with as many
+        levels.
 
         Raises:
             InputError: no column is left for a factor.
@@ -156,14 +159,15 @@ class RobustDesign:
             fitting = [column for column in free if levels_of_column[column] == len(levels)]
             check(
                 bool(fitting),
-                f"RobustDesign: {self.array} has no column of {len(levels)} levels left for {name}; give it another "
+                f"RobustDesign: {self.array} has no column of {len(levels)} levels left for "
+                f"{name}; give it another "
                 "number of levels, or take a larger array.",
             )
             free.remove(fitting[0])
             chosen.append(fitting[0])
         return table[:, chosen]
 
-    # ---- runs ------------------------------------------------------------------------------------------
+    # ---- runs ------------------------------------------------------------------------------------
 
     def rows(self) -> list[dict[str, Any]]:
         """Values of the control factors in each row of the array, by name."""
@@ -180,7 +184,8 @@ class RobustDesign:
         return [case for row in self.rows() for case in self._with_noise(row)]
 
     def confirmations(self, results: Sequence[Result]) -> list[dict[str, Any]]:
-        """Values of all factors in the runs that confirm the design: usual levels, then best levels.
+        """Values of all factors in the runs that confirm the design: usual levels, then best
+        levels.
 
         Args:
             results: of `cases()`, in order.
@@ -196,7 +201,7 @@ class RobustDesign:
             {**control, **dict(zip(self.noise, levels, strict=True))} for levels in combinations
         ]
 
-    # ---- results ---------------------------------------------------------------------------------------
+    # ---- results ---------------------------------------------------------------------------------
 
     def before(self) -> dict[str, Any]:
         """The usual levels of the control factors, by name."""
@@ -225,7 +230,8 @@ class RobustDesign:
         return np.array(ratios)
 
     def effects(self, results: Sequence[Result], goal: str) -> dict[str, Array]:
-        """Effect [dB] of each level of each control factor: the mean ratio of the rows with that level."""
+        """Effect [dB] of each level of each control factor: the mean ratio of the rows with that
+        level."""
         ratios = self.ratios(results, goal)
         columns = self._columns()
         effects = {}
@@ -235,7 +241,8 @@ class RobustDesign:
         return effects
 
     def shares(self, results: Sequence[Result], goal: str) -> dict[str, float]:
-        """Share of each control factor in the variance of the ratio; the remainder is interactions."""
+        """Share of each control factor in the variance of the ratio; the remainder is
+        interactions."""
         ratios = self.ratios(results, goal)
         columns = self._columns()
         is_known = np.isfinite(ratios)
@@ -261,7 +268,8 @@ class RobustDesign:
         effects = self.effects(results, goal)
         check(
             all(np.isfinite(effect).any() for effect in effects.values()),
-            f"RobustDesign: no run has a finite {goal!r}; see why the runs failed in their results.",
+            f"RobustDesign: no run has a finite {goal!r}; see why the runs failed in their "
+            "results.",
         )
         best = {}
         for name, effect in effects.items():

@@ -1,12 +1,13 @@
 """Runs that any number of processes share: each process makes the next run that nobody has claimed.
 
-The processes are equal, without a master.  A process claims a run by a file lock, which the operating
-system releases when the process ends, also after kill -9.  The result of a run is a file that is moved
-into place when it is complete.  Therefore
+The processes are equal, without a master.  A process claims a run by a file lock, which the
+operating system releases when the process ends, also after kill -9.  The result of a run is a file
+that is moved into place when it is complete.  Therefore
 
 - any process may be killed at any time,
 - no run that has a result is repeated,
-- a run whose process was killed is made by another process, from its last checkpoint if it writes any.
+- a run whose process was killed is made by another process, from its last checkpoint if it writes
+  any.
 """
 
 from __future__ import annotations
@@ -98,8 +99,10 @@ class SharedRuns:
         return [found[k] for k in range(len(cases))]
 
     def result_file(self, values: Values) -> Path:
-        """The file of a run's result; its path without suffix is the folder of the run's other files."""
-        # The key depends on the values only, so that other processes and later sweeps find the result.
+        """The file of a run's result; its path without suffix is the folder of the run's other
+        files."""
+        # The key depends on the values only, so that other processes and later sweeps find the
+        # result.
         text = json.dumps(dict(values), sort_keys=True)
         key = hashlib.sha256(text.encode()).hexdigest()[:_KEY_LENGTH]
         return self._folder / f"{key}.json"
@@ -155,7 +158,8 @@ class SharedRuns:
         for name, number in numbers.items():
             check(
                 isinstance(number, Real) and not math.isnan(number),
-                f"The outcome of the run with {words} has {name!r} = {number!r}; let it return numbers.",
+                f"The outcome of the run with {words} has {name!r} = {number!r}; let it return "
+                "numbers.",
             )
         numbers = {name: float(number) for name, number in numbers.items()}
         result = Result(

@@ -29,8 +29,8 @@ BETTER = {"smaller": "smaller", "larger": "larger", "nominal": "alike"}
 def run_design(design: RobustDesign, comm: MPI.Intracomm, folder: Path) -> str:
     """Make the runs of a design that its folder lacks, then those that confirm it.
 
-    Writes runs.csv, sweep.md and main_effects.png.  Processes that run the same design in the same folder
-    share the runs.
+    Writes runs.csv, sweep.md and main_effects.png.  Processes that run the same design in the same
+    folder share the runs.
 
     Args:
         design: what to run.
@@ -68,7 +68,8 @@ def tables(design: RobustDesign, results: Sequence[Result], confirmed: Sequence[
     failed = [result for result in results if result.failed]
     seconds = sum(result.seconds for result in (*results, *confirmed))
     lines = [
-        f"{design.array}: {len(results)} runs and {len(confirmed)} to confirm, {seconds:.0f} s; {len(failed)} failed."
+        f"{design.array}: {len(results)} runs and {len(confirmed)} to confirm, "
+        f"{seconds:.0f} s; {len(failed)} failed."
     ]
     for result in failed:
         lines.append(f"- {values_text(result.values)}: {result.failed}")

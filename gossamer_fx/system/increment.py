@@ -1,4 +1,5 @@
-"""The increment of a step, kept apart from the coordinates so that their round-off does not enter the inertia."""
+"""The increment of a step, kept apart from the coordinates so that their round-off does not enter
+the inertia."""
 
 from __future__ import annotations
 
@@ -9,18 +10,19 @@ from gossamer_fx.algebra.numbering import Numbering
 from gossamer_fx.model.body import Array
 from gossamer_fx.terms.supports import Supports
 
-# Units in the last place by which the coordinates of a scene at rest may be wrong: the round-off of many
-# steps and the tolerance of Newton's iteration.  Films and plates at rest were measured to need 3 in 40
-# steps and 30 in 3000.
+# Units in the last place by which the coordinates of a scene at rest may be wrong: the round-off of
+# many steps and the tolerance of Newton's iteration.  Films and plates at rest were measured to
+# need 3 in 40 steps and 30 in 3000.
 REST_UNITS = 300.0
 
 
 class Increment:
-    """The end of a step, q1 = q0 + p + w: p is predicted by the stepper, w is what the solver finds.
+    """The end of a step, q1 = q0 + p + w: p is predicted by the stepper, w is what the solver
+    finds.
 
-    The inertia c M (w + o) is not computed from a difference of coordinates: c M would enlarge their
-    round-off by 1/h² and by the distance from the origin.  What q1 loses by rounding, `remainder`, is
-    added to the next p, so that it does not accumulate.
+    The inertia c M (w + o) is not computed from a difference of coordinates: c M would enlarge
+    their round-off by 1/h² and by the distance from the origin.  What q1 loses by rounding,
+    `remainder`, is added to the next p, so that it does not accumulate.
 
     Args:
         numbering: of the system.
@@ -48,7 +50,8 @@ class Increment:
         self._offset = offset
 
     def predict(self, increment: PETSc.Vec, q0: PETSc.Vec, t: float) -> Array:
-        """Choose p [m]; returns the w of the fixed coordinates, which have their values of time t [s]."""
+        """Choose p [m]; returns the w of the fixed coordinates, which have their values of time t
+        [s]."""
         self._p.waxpy(1.0, self.remainder, increment)
         self._scratch.waxpy(1.0, self._p, q0)
         self._supports.prescribe(self._scratch, t)
@@ -90,8 +93,8 @@ class Increment:
     def round_off_energy(self, M: PETSc.Mat, diagonal: PETSc.Vec, q1: PETSc.Vec) -> float:
         """Energy [J] that round-off gives to a scene at rest: ½ Σ K_ii (n ε q1_i)², n = REST_UNITS.
 
-        The inertia c M does not count: the increment of a step does not take part in the round-off of
-        the coordinates.
+        The inertia c M does not count: the increment of a step does not take part in the round-off
+        of the coordinates.
         """
         stiffness = abs(diagonal.array_r - self._diagonal_inertia(M))
         # Fixed coordinates are set and not solved for: they have no round-off.

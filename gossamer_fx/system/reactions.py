@@ -1,4 +1,5 @@
-"""Forces that supports and joints exert, from the residual and the multipliers of the last solution."""
+"""Forces that supports and joints exert, from the residual and the multipliers of the last
+solution."""
 
 from __future__ import annotations
 
@@ -46,7 +47,8 @@ def check_vector(what: str, about: Vector) -> Array:
 
 
 def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Array, Array]:
-    """Force [N] and moment about a point [N m], (3,) each, that a support exerts in the last solution.
+    """Force [N] and moment about a point [N m], (3,) each, that a support exerts in the last
+    solution.
 
     Raises:
         InputError: it is not in the scene, or holds nothing.
@@ -80,14 +82,16 @@ def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Ar
                 )
     check(
         found,
-        f"'{support.name}' is not a support of this scene; add it to the scene, or ask for one that is in it.",
+        f"'{support.name}' is not a support of this scene; add it to the scene, or ask for one "
+        "that is in it.",
     )
     total = system.comm.allreduce(total)
     return total[0], total[1]
 
 
 def joint_force(system: System, joint: Joint, about: Vector | None = None) -> tuple[Array, Array]:
-    """Force [N] and moment [N m], (3,) each, that a joint exerts on its second side `b`, in the last solution.
+    """Force [N] and moment [N m], (3,) each, that a joint exerts on its second side `b`, in the
+    last solution.
 
     The moment is about a point, by default the origin; side `a` feels the opposite.
 
@@ -104,7 +108,8 @@ def joint_force(system: System, joint: Joint, about: Vector | None = None) -> tu
     terms = [term for term in system.terms_of(joint) if isinstance(term, PointConstraint)]
     check(
         bool(terms),
-        f"'{joint.name}' is not a joint of this scene; add it to the scene, or ask for one that is in it.",
+        f"'{joint.name}' is not a joint of this scene; add it to the scene, or ask for one that is "
+        "in it.",
     )
     # The ground has no unknowns: the force on it is the opposite of that on the other side.
     second = list(_bodies(joint.b))
@@ -133,8 +138,8 @@ def _bodies(side: Attached | Frame) -> Iterable[Any]:
 def _held(system: System, term: Support, centre: Array) -> Array:
     """This rank's share of force and moment of held coordinates.
 
-    Supports that hold one coordinate together bear equal parts of its force, so that all reactions balance
-    the loads.
+    Supports that hold one coordinate together bear equal parts of its force, so that all reactions
+    balance the loads.
     """
     owned = system.block(term.body).owned
     vectors = term.body.block.size // 3

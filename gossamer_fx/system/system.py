@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Never, cast
+from typing import Any, Never, cast
 
 import numpy as np
 from dolfinx import fem
@@ -122,7 +122,8 @@ class System:
         supports = [term for term in kinds.pop(Supports, []) if isinstance(term, Support)]
         self.supports = Supports(supports, self)
         self.increment = Increment(numbering, self.supports)
-        # The terms of a kind are those that name it as their compiler, which the type of `kinds` cannot say.
+        # The terms of a kind are those that name it as their compiler, which the type of `kinds`
+        # cannot say.
         self.compiled = [kind(cast("list[Never]", alike), self) for kind, alike in kinds.items()]
         self._sort_by_role()
         self.losses = {name: 0.0 for kind in self._dissipating for name in kind.losses}
@@ -137,7 +138,8 @@ class System:
         return np.concatenate([np.zeros(0), *marks])
 
     def _sort_by_role(self) -> None:
-        """Lists of the compiled kinds by role, so that nobody is asked for what it has no part in."""
+        """Lists of the compiled kinds by role, so that nobody is asked for what it has no part
+        in."""
         compiled = self.compiled
         self.constraints = next((c for c in compiled if isinstance(c, CompiledConstraints)), None)
         self.active_sets = roles.playing(roles.ActiveSet, compiled)
@@ -159,7 +161,8 @@ class System:
 
     @property
     def position_marks(self) -> Array:
-        """1 for each position and 0 for each director among the vectors of this rank's nodes, (n,)."""
+        """1 for each position and 0 for each director among the vectors of this rank's nodes,
+        (n,)."""
         return self._is_position
 
     @property
@@ -167,7 +170,7 @@ class System:
         """The state in which the scene starts."""
         return self._initial
 
-    # ---- look-ups ------------------------------------------------------------------------------------
+    # ---- look-ups --------------------------------------------------------------------------------
 
     @property
     def items(self) -> list[object]:
@@ -182,7 +185,7 @@ class System:
         """The terms that an item of the scene has brought; none if it is not in the scene."""
         return next((part.terms for part in self._parts if part.item is item), ())
 
-    # ---- the initial state -----------------------------------------------------------------------------
+    # ---- the initial state -----------------------------------------------------------------------
 
     def initialise(self) -> None:
         """Take the initial state and set up the matrices, once scalar unknowns are attached."""
@@ -215,7 +218,8 @@ class System:
             self._commit()
 
     def parameters_changed(self) -> None:
-        """Assemble again what depends on coefficients of forms: masses, constant stiffness and loads."""
+        """Assemble again what depends on coefficients of forms: masses, constant stiffness and
+        loads."""
         for kind in self.compiled:
             if isinstance(kind, roles.ResidualForms):
                 kind.parameters_changed()
@@ -236,8 +240,9 @@ class System:
     def reverse_step(self, start: Array, rates: Array, t: float, end: Array) -> None:
         """Set the system to the present step run backwards in time, for gradients of a run.
 
-        A step of length h from t - h to t becomes one of length -h from t to t - h.  Terms with active
-        sets retain their pairs (`roles.ExchangesEnds`); all others start as from an accepted state.
+        A step of length h from t - h to t becomes one of length -h from t to t - h.  Terms with
+        active sets retain their pairs (`roles.ExchangesEnds`); all others start as from an accepted
+        state.
 
         Args:
             start: coordinates of this rank at time t [s], where the reversed step begins.
@@ -297,13 +302,26 @@ class System:
             self.K.assemble()
         self.coupled_tangent = Tangent(self.A, self.active_sets)
 
-    # ---- a step ----------------------------------------------------------------------------------------
+    # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self, h: float) -> Array:
-        """Start a step of length h [s] from (q0, v0); returns the first guess of the scalar unknowns."""
+        """Start a step of length h [s] from (q0, v0); returns the first guess of the scalar
+        unknowns."""
         self.h = h
         for active_set in self.active_sets:
             active_set.update_active_set()
+        return self._begin_without_search(h)
+
+    def begin_recorded_step(self, h: float, active_sets: Sequence[Any]) -> Array:
+        """Start a step as `begin_step` does, with the active sets that a tape has recorded."""
+        self.h = h
+        recorded = roles.playing(roles.ExchangesEnds, self.compiled)
+        for kind, saved in zip(recorded, active_sets, strict=True):
+            kind.load_active_set(saved)
+        return self._begin_without_search(h)
+
+    def _begin_without_search(self, h: float) -> Array:
+        """Start a step of length h [s] once the active sets are known."""
         t = self.time + self.rule.alpha * h
         for observer in self._step_observers:
             observer.begin_step(t)
@@ -311,7 +329,8 @@ class System:
         return np.concatenate([np.zeros(0), *guesses])
 
     def extend_active_set(self) -> bool:
-        """After a step was solved: whether pairs that it needs were missed; it is then solved again."""
+        """After a step was solved: whether pairs that it needs were missed; it is then solved
+        again."""
         if not self.active_sets:
             return False
         missed = [active_set.extend_active_set() for active_set in self.active_sets]
@@ -327,7 +346,8 @@ class System:
         return next(filter(None, found), "")
 
     def limit_update(self, update: Array) -> None:
-        """Shorten a Newton update (n,) of the owned coordinates, in place, where contact needs it."""
+        """Shorten a Newton update (n,) of the owned coordinates, in place, where contact needs
+        it."""
         for active_set in self.active_sets:
             active_set.limit_update(update)
 
@@ -343,7 +363,8 @@ class System:
     def set_increment(self, w: PETSc.Vec, base: PETSc.Vec | None) -> None:
         """Set q1 = q0 + p + w.
 
-        With a `base`, strains follow linearly from those at w = `base`; without, they are the true ones.
+        With a `base`, strains follow linearly from those at w = `base`; without, they are the true
+        ones.
         """
         self.increment.end(w, self.q0, self.q1)
         self._spread(self.q1, "q1")
@@ -387,6 +408,9 @@ class System:
         """
         out = self.numbering.vector()
         self.set_end(self.q0)
+        # Active sets are those of steps; between steps there are none.
+        for active_set in roles.playing(roles.ExchangesEnds, self.compiled):
+            active_set.activate_present()
         if self.K is not None:
             self.K.mult(self.q0, out)
         for kind in self._forces:
@@ -395,7 +419,8 @@ class System:
         return out
 
     def load_forces(self) -> PETSc.Vec:
-        """Forces [N] of loads at the last residual, with the opposite sign; zero at fixed coordinates."""
+        """Forces [N] of loads at the last residual, with the opposite sign; zero at fixed
+        coordinates."""
         out = self.numbering.vector()
         for load in self._loads:
             load.add_forces(out)
@@ -465,7 +490,8 @@ class System:
         return columns, rows, corner
 
     def commit(self, v1: PETSc.Vec) -> None:
-        """Accept the step: q1 and v1 are the state now, and its works and losses are added to the totals."""
+        """Accept the step: q1 and v1 are the state now, and its works and losses are added to the
+        totals."""
         change = self.q1.array_r - self.q0.array_r
         self.supplied_energy += self.supports.work(change)
         self.supplied_energy += sum(kind.supplied() for kind in self._supplying)
@@ -488,7 +514,8 @@ class System:
             recorder()
 
     def restore(self, q: Array, v: Array, t: float) -> None:
-        """Take an earlier accepted state: this rank's coordinates and velocities; totals do not change.
+        """Take an earlier accepted state: this rank's coordinates and velocities; totals do not
+        change.
 
         Kinds with history variables need theirs, too (`roles.StepHistory`).
         """
@@ -512,10 +539,11 @@ class System:
         for observer in self._state_observers:
             observer.commit()
 
-    # ---- the energy balance ------------------------------------------------------------------------------
+    # ---- the energy balance ----------------------------------------------------------------------
 
     def totals(self) -> Totals:
-        """Energies and momenta of the accepted state, and what was supplied and lost since the start."""
+        """Energies and momenta of the accepted state, and what was supplied and lost since the
+        start."""
         self.M.mult(self.v0, self._momenta)
         size = 3 * len(self._is_position)  # without multipliers
         p = self._momenta.array_r[:size].reshape(-1, 3)
@@ -560,7 +588,7 @@ class System:
             mass_supplied=mass_supplied,
         )
 
-    # ---- the residual, for solvers -------------------------------------------------------------------------
+    # ---- the residual, for solvers ---------------------------------------------------------------
 
     def force_scale(self, diagonal: PETSc.Vec) -> float:
         """Norm [N] of the forces that cancel in the last residual: the scale of its round-off.
@@ -570,7 +598,8 @@ class System:
         return self.increment.force_scale(self.M, diagonal, self.q1)
 
     def round_off_energy(self, diagonal: PETSc.Vec) -> float:
-        """Energy [J] that round-off gives to a scene at rest; the diagonal is that of the tangent."""
+        """Energy [J] that round-off gives to a scene at rest; the diagonal is that of the
+        tangent."""
         return self.increment.round_off_energy(self.M, diagonal, self.q1)
 
     def imbalance(self, r: PETSc.Vec) -> tuple[float, float]:
@@ -601,7 +630,7 @@ class System:
         _, rank = max(self.comm.allgather((largest, self.comm.rank)))
         return str(self.comm.bcast(words, root=rank))
 
-    # ---- forms ---------------------------------------------------------------------------------------------
+    # ---- forms -----------------------------------------------------------------------------------
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
         """The bilinear forms of the tangent of a body on a mesh."""
@@ -609,7 +638,8 @@ class System:
         return forms + [form for s in self.scalar_unknowns for form in s.tangents(body)]
 
     def _add_tangents(self, A: PETSc.Mat) -> None:
-        """Add to A the tangents of forms on meshes, of terms with arrays, and of scalar unknowns."""
+        """Add to A the tangents of forms on meshes, of terms with arrays, and of scalar
+        unknowns."""
         for body, field in self.fields.items():
             field.assemble(A, self.tangent_forms(body), self.block(body))
         for kind in self._tangents:

@@ -42,6 +42,12 @@ class Tangent:
             # Products instead of a sum, which would build a matrix in every iteration.
             C.multAdd(z, out, out)
 
+    def mult_transpose(self, z: PETSc.Vec, out: PETSc.Vec) -> None:
+        """Set out = (A + Σ C)ᵀ z."""
+        self.A.multTranspose(z, out)
+        for C in self._couplings:
+            C.multTransposeAdd(z, out, out)
+
     def whole(self) -> PETSc.Mat:
         """The sum as one matrix: A itself if nothing is coupled."""
         return self._sum(self._couplings)

@@ -41,8 +41,8 @@ class Assembly(Protocol):
         state: the accepted state, at `time`.
         end: positions at the end of the step, as iterated.
         previous: coordinates at the start of the last accepted step.
-        geometric: share of the geometric stiffness that tangents have: 1, or 0 in initial iterations
-            without it.
+        geometric: share of the geometric stiffness that tangents have: 1, or 0 in initial
+            iterations without it.
     """
 
     comm: MPI.Intracomm
@@ -71,20 +71,22 @@ class Assembly(Protocol):
         ...
 
 
-# The kind of terms that a class compiles.  Contravariant: what compiles stored energies and dissipation
-# can also compile stored energies alone.
+# The kind of terms that a class compiles.  Contravariant: what compiles stored energies and
+# dissipation can also compile stored energies alone.
 KindOfTerm = TypeVar("KindOfTerm", contravariant=True)
 
 
 # Type checkers infer no variance from a constructor, so that it is declared in the older way.
 class CompiledTerms(ABC, Generic[KindOfTerm]):  # noqa: UP046
-    """All terms of one kind, compiled; the roles that they play are its other bases (`model.roles`)."""
+    """All terms of one kind, compiled; the roles that they play are its other bases
+    (`model.roles`)."""
 
     @abstractmethod
     def __init__(self, terms: Sequence[KindOfTerm], system: Assembly) -> None: ...
 
 
-# What a kind of terms names as its compiler.  Nothing is a `Never`, so any class of compiled terms is one.
+# What a kind of terms names as its compiler.  Nothing is a `Never`, so any class of compiled terms
+# is one.
 type Compiler = type[CompiledTerms[Never]]
 
 
@@ -103,11 +105,13 @@ class CompiledConstraints(Tangents, CompiledTerms[KindOfTerm]):
 
     @abstractmethod
     def validate(self, q0: PETSc.Vec, v0: PETSc.Vec, free: PETSc.Vec) -> None:
-        """See that the initial state keeps the constraints, and none follows from others; `free` is 0 where held."""
+        """See that the initial state keeps the constraints, and none follows from others; `free` is
+        0 where held."""
 
     @abstractmethod
     def idle(self, free: PETSc.Vec, q0: PETSc.Vec) -> npt.NDArray[np.int64]:
-        """Positions in this rank's part of a vector of multipliers that touch held coordinates only."""
+        """Positions in this rank's part of a vector of multipliers that touch held coordinates
+        only."""
 
     @abstractmethod
     def add_curvature(self, v: PETSc.Vec, r: PETSc.Vec) -> None:

@@ -54,7 +54,8 @@ class Coordinates:
         function.x.scatter_forward()
 
     def add_forces(self, b: Array, forces: Array) -> None:
-        """Add an assembled vector b, of owned and ghost nodes, to the forces on this rank's unknowns."""
+        """Add an assembled vector b, of owned and ghost nodes, to the forces on this rank's
+        unknowns."""
         forces += b[: len(forces)]
 
     def assemble(self, A: PETSc.Mat, forms: Iterable[fem.Form], block: NumberedBlock) -> None:

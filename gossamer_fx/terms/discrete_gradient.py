@@ -1,10 +1,11 @@
 """Stress rules: the stress of a time step, such that energy and momenta are conserved exactly.
 
 Problem.  A time step from q0 to q1 needs one force for the whole step.  With the midpoint rule, the
-force of the middle configuration, the work of the step differs from the change of the stored energy;
-in stiff films the difference adds up until the motion explodes.
+force of the middle configuration, the work of the step differs from the change of the stored
+energy; in stiff films the difference adds up until the motion explodes.
 
-Idea.  Strains e(q) are quadratic in the coordinates, so that with q_mid = (1 - α) q0 + α q1 and α = 1/2
+Idea.  Strains e(q) are quadratic in the coordinates, so that with q_mid = (1 - α) q0 + α q1 and α =
+1/2
 
     De(q_mid)(q1 - q0) = e1 - e0,    e0 = e(q0), e1 = e(q1)                                      (1)
 
@@ -13,7 +14,8 @@ holds exactly.  A stress S_mean with
     S_mean·(e1 - e0) = ψ(e1) - ψ(e0)                                                             (2)
 
 then makes the work of the step equal to the change of the energy ψ.  Strains do not change in rigid
-motions, so that the force has no resultant and no moment: momentum and angular momentum are conserved.
+motions, so that the force has no resultant and no moment: momentum and angular momentum are
+conserved.
 
 Algorithm.
 
@@ -26,8 +28,9 @@ Algorithm.
        S_mean = ∫₀¹ ψ'(e0 + s (e1 - e0)) ds,                                                     (4)
 
    which satisfies (2) if the integral is exact.
-3. Where the law names the pieces of the path between which its state switches (`forms.strain_path`),
-   each piece is integrated in closed form.  Elsewhere Gauss points approximate (4).
+3. Where the law names the pieces of the path between which its state switches
+   (`forms.strain_path`), each piece is integrated in closed form.  Elsewhere Gauss points
+   approximate (4).
 4. What the quadrature misses of (2) is added along Δe = e1 - e0 (Gonzalez's correction, `defect`):
 
        S_mean + (ψ(e1) - ψ(e0) - S_mean·Δe)/|Δe|² Δe                                             (5)
@@ -36,22 +39,23 @@ Algorithm.
 
 `EndPoint` has α = 1 and S_mean = ψ'(e1): for statics, and for steppers to compare with.
 
-Why the integral has to be exact.  The average (4) of a convex ψ is the gradient of a convex function of
-e1: its derivative is symmetric and positive semi-definite.  A film that switches between taut, wrinkled
-and slack then does not make Newton's iteration cycle.  With Gauss points (5) is so large that the
-derivative is indefinite; on fine meshes a slack film is so soft that the iteration cycles.
+Why the integral has to be exact.  The average (4) of a convex ψ is the gradient of a convex
+function of e1: its derivative is symmetric and positive semi-definite.  A film that switches
+between taut, wrinkled and slack then does not make Newton's iteration cycle.  With Gauss points (5)
+is so large that the derivative is indefinite; on fine meshes a slack film is so soft that the
+iteration cycles.
 
-Cost.  One evaluation of the stress of a piece for each piece of the path; a path that stays in one state
-has a cheaper expression (`cases`).
+Cost.  One evaluation of the stress of a piece for each piece of the path; a path that stays in one
+state has a cheaper expression (`cases`).
 
 Limits.  A law that is not convex has an indefinite tangent.  The rule is for energies of quadratic
 measures: (1) does not hold for others.
 
-Measured on the free sheet of `demos/spinning_sheet.py` by `demos/studies/stress_rule.py`; its table is
-in `docs/theory/step.md`.  Sources: the path average, A. Harten, P. D. Lax & B. van Leer, SIAM Rev. 25
-(1983) 35, doi:10.1137/1025002; the correction, O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449,
-doi:10.1007/BF02440162; conservation by quadratic strains, J. C. Simo & N. Tarnow, Z. angew. Math. Phys.
-43 (1992) 757, doi:10.1007/BF00913408.
+Measured on the free sheet of `demos/spinning_sheet.py` by `demos/studies/stress_rule.py`; its table
+is in `docs/theory/step.md`.  Sources: the path average, A. Harten, P. D. Lax & B. van Leer, SIAM
+Rev. 25 (1983) 35, doi:10.1137/1025002; the correction, O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449,
+doi:10.1007/BF02440162; conservation by quadratic strains, J. C. Simo & N. Tarnow, Z. angew. Math.
+Phys. 43 (1992) 757, doi:10.1007/BF00913408.
 """
 
 from __future__ import annotations
@@ -75,7 +79,8 @@ ROUND_OFF = 4 * np.finfo(float).eps
 
 
 class PathEnergy(Protocol):
-    """What a stress rule knows of a stored energy: its density ψ, whether that is quadratic, and its pieces."""
+    """What a stress rule knows of a stored energy: its density ψ, whether that is quadratic, and
+    its pieces."""
 
     @property
     def density(self) -> Callable[[Expr], Expr]: ...
@@ -104,7 +109,8 @@ class StressRule(Protocol):
         ...
 
     def cases(self, energy: PathEnergy, e0: Expr, e1: Expr) -> list[tuple[Expr, Expr]]:
-        """Conditions under which S_mean costs less, and S_mean under each of them; the first that holds counts."""
+        """Conditions under which S_mean costs less, and S_mean under each of them; the first that
+        holds counts."""
         return []
 
     def function_of(self, law: CLaw) -> int:
@@ -114,14 +120,16 @@ class StressRule(Protocol):
             InputError: the rule has none; it then works only with laws in UFL.
         """
         raise InputError(
-            f"{type(self).__name__} has no stress for laws in C (Orthotropic); use PathAverage() or EndPoint()."
+            f"{type(self).__name__} has no stress for laws in C (Orthotropic); use PathAverage() "
+            "or EndPoint()."
         )
 
 
 @check_arguments
 @dataclass(frozen=True)
 class PathAverage(StressRule):
-    """Stress rule of `Midpoint`: the stress averaged along the straight path in strain space; see the module.
+    """Stress rule of `Midpoint`: the stress averaged along the straight path in strain space; see
+    the module.
 
     Args:
         points: of Gauss quadrature, for laws that do not give the smooth pieces of the path.
@@ -149,8 +157,8 @@ class PathAverage(StressRule):
         if energy.quadratic:
             return gradient(ψ, (e0 + e1) / 2)
         S = ufl.zero(Δe.ufl_shape)
-        # Step 3.  Where two pieces meet they have the same stress: the derivative of a point at which the
-        # integral is divided cancels, and need not be taken.
+        # Step 3.  Where two pieces meet they have the same stress: the derivative of a point at
+        # which the integral is divided cancels, and need not be taken.
         pieces = energy.pieces(e0, e1.expression()) if energy.pieces else []
         for piece in pieces:
             S += (piece.end - piece.start) * piece.stress(
@@ -166,7 +174,8 @@ class PathAverage(StressRule):
         return law.path_average
 
     def cases(self, energy: PathEnergy, e0: Expr, e1: Expr) -> list[tuple[Expr, Expr]]:
-        """Paths that stay in one state: six of ten in the iterations of a film that flutters, seven before it does."""
+        """Paths that stay in one state: six of ten in the iterations of a film that flutters, seven
+        before it does."""
         if energy.quadratic or not energy.pieces:
             return []
         pieces = energy.pieces(e0, e1.expression())
@@ -207,12 +216,13 @@ class EndPoint(StressRule):
 def gonzalez_correction(
     missing: Expr, changes: Sequence[Expr], smallest: float | Expr
 ) -> list[Expr]:
-    """Coefficients c_i along measures g_i that give back the energy which an approximate force misses.
+    """Coefficients c_i along measures g_i that give back the energy which an approximate force
+    misses.
 
         c_i = missing Δg_i / Σ_j Δg_j²,    so that Σ_i c_i Δg_i = missing
 
-    (O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449, doi:10.1007/BF02440162.)  If the measures g_i do not
-    change in rigid motions, the correction keeps both momenta.
+    (O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449, doi:10.1007/BF02440162.)  If the measures g_i do
+    not change in rigid motions, the correction keeps both momenta.
 
     Args:
         missing: change of the energy, less the work of the approximate force.
@@ -231,8 +241,9 @@ def defect(
 ) -> Expr:
     """Gonzalez correction (5) of the stress S along Δe: ((Δψ - S·Δe)/|Δe|²) Δe.
 
-    It is zero within the round-off of the energies, and for |Δe| < 1e-5 |e|.  There it would only amplify noise.
-    A film that is taut over the whole step needs no correction, and the noise would stop its convergence.
+    It is zero within the round-off of the energies, and for |Δe| < 1e-5 |e|.  There it would only
+    amplify noise. A film that is taut over the whole step needs no correction, and the noise would
+    stop its convergence.
     """
     Δe = e1 - e0
     # 1e-40 stands for a film at rest, both of whose strains are zero.

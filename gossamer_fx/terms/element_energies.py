@@ -1,52 +1,55 @@
 """Energies and dissipation ∫ψ(e(q)) dx on meshes, solved by a mixed iteration in strains.
 
-Problem.  A film's strain is quadratic in the coordinates.  Newton's iteration on the coordinates alone
-sees, after each update, stresses of the second-order strain that the update brings with it.  In a stiff,
-thin film they are many times the stresses of the solution, and the iteration zigzags.
+Problem.  A film's strain is quadratic in the coordinates.  Newton's iteration on the coordinates
+alone sees, after each update, stresses of the second-order strain that the update brings with it.
+In a stiff, thin film they are many times the stresses of the solution, and the iteration zigzags.
 
-Idea (D. Magisano, L. Leonetti & G. Garcea, Int. J. Numer. Meth. Eng. 109 (2017) 1237).  The strain ê at
-the quadrature points is a separate unknown, which is condensed at each point.  In the next iterate ê
-follows the *linearised* strain, so that the second-order part never produces stress.  At convergence ê is
-the true strain, and the solution is that of the original equations.
+Idea (D. Magisano, L. Leonetti & G. Garcea, Int. J. Numer. Meth. Eng. 109 (2017) 1237).  The strain
+ê at the quadrature points is a separate unknown, which is condensed at each point.  In the next
+iterate ê follows the *linearised* strain, so that the second-order part never produces stress.  At
+convergence ê is the true strain, and the solution is that of the original equations.
 
 Algorithm, for one iteration.  S(ê) is the stress of the step by the stress rule
 (`terms.discrete_gradient`), D = dS/dê, and w any variation of the coordinates.
 
 1. Residual, with the stress S + D (e(q1) - ê) that is linear about ê:
 
-       ∫ (S + D (e(q1) - ê))·De(q_mid)[w] dx                                                       (1)
+       ∫ (S + D (e(q1) - ê))·De(q_mid)[w] dx                                                     (1)
 
 2. Tangent:
 
-       ∫ D De(q1)[δ]·De(q_mid)[w] + α (γ S + (1-γ) S⁺)·D²e[δ, w] dx                                (2)
+       ∫ D De(q1)[δ]·De(q_mid)[w] + α (γ S + (1-γ) S⁺)·D²e[δ, w] dx                              (2)
 
    γ is the share of the geometric stiffness: 1, except in initial iterations without it (see
-   `solvers.newton`).  S⁺ is the tensile part of S at rest (α = 1), and zero in time steps.  In time steps
-   S⁺ would cost a thrown plate 50 % more iterations, and rejected steps.
+   `solvers.newton`).  S⁺ is the tensile part of S at rest (α = 1), and zero in time steps.  In time
+   steps S⁺ would cost a thrown plate 50 % more iterations, and rejected steps.
 3. Solve for the update δ of the coordinates.  The strain linearised about the last iterate is
 
-       e_lin = e(q1) - ½ D²e[δ, δ]                                                                 (3)
+       e_lin = e(q1) - ½ D²e[δ, δ]                                                               (3)
 
    after the update.  It is ê of the next iteration, except where the strain is chosen.
-4. Choice of strains, in laws with several states.  Where a film changes its state, the linearised stress
+4. Choice of strains, in laws with several states.  Where a film changes its state, the linearised
+   stress
 
-       σ = S + D (e_lin - ê)                                                                       (4)
+       σ = S + D (e_lin - ê)                                                                     (4)
 
-   of a point may be far from the stress of the linearised strain.  There the new ê is chosen between two
-   strains, e_lin and that which has the stress σ:
+   of a point may be far from the stress of the linearised strain.  There the new ê is chosen
+   between two strains, e_lin and that which has the stress σ:
 
-       (D + k I)(ê - e_lin) = σ - S(e_lin),    |ê - e_lin| <= |e_lin - ê_before|                   (5)
+       (D + k I)(ê - e_lin) = σ - S(e_lin),    |ê - e_lin| <= |e_lin - ê_before|                 (5)
 
-   with k a fraction of the largest stiffness.  Stiff points then follow the strain, soft points the stress.
+   with k a fraction of the largest stiffness.  Stiff points then follow the strain, soft points the
+   stress.
 5. Evaluate S and D at the new ê once at all points.  The forms of 1 and 2 only read them.
 
-How S and D are evaluated.  Compiled expressions, of which a path that stays in one state of the film (taut,
-wrinkled or slack) has a separate one; it costs a third to a sixth of the general one.  Laws with several
-states are evaluated by a C kernel (`terms.law_kernel`), which also chooses the strains.
+How S and D are evaluated.  Compiled expressions, of which a path that stays in one state of the
+film (taut, wrinkled or slack) has a separate one; it costs a third to a sixth of the general one.
+Laws with several states are evaluated by a C kernel (`terms.law_kernel`), which also chooses the
+strains.
 
-Cost.  The law is evaluated once at each point and iteration, as in Newton's method on the coordinates.
-ê, S and D are stored: 15 numbers at each quadrature point of a film.  (5) is one linear system of the size
-of the strain at each point that asks for it.
+Cost.  The law is evaluated once at each point and iteration, as in Newton's method on the
+coordinates. ê, S and D are stored: 15 numbers at each quadrature point of a film.  (5) is one
+linear system of the size of the strain at each point that asks for it.
 
 Limits.  The measure e has to be quadratic, so that (3) is exact.  The choice of strains changes the
 iterates and not the solution: at its end ê = e(q1) to the tolerance of the iteration.
@@ -150,6 +153,7 @@ class ElementEnergies(
         for b in self._forces.values():
             b.array[:] = 0
         for force in self.elements:
+            force.respond()
             fem.assemble_vector(self._forces[force.term.body].array, force.residual)
         with r as values:
             for body, b in self._forces.items():
@@ -158,7 +162,10 @@ class ElementEnergies(
                 self._system.fields[body].add_forces(b.array, values[owned])
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
-        return [force.tangent for force in self.elements if force.term.body is body]
+        on_body = [force for force in self.elements if force.term.body is body]
+        for force in on_body:
+            force.respond()
+        return [force.tangent for force in on_body]
 
     def dissipated(self) -> Array:
         return np.array([force.dissipated() for force in self._dissipating])
@@ -180,7 +187,10 @@ class ElementEnergies(
             return ""
         for force in self.elements:
             if isinstance(force.term, StoredEnergy) and force.term.c_law is not None:
-                return f"the law of '{force.term.name}' is written in C, without derivatives; use one of UFL"
+                return (
+                    f"the law of '{force.term.name}' is written in C, without derivatives; use one "
+                    "of UFL"
+                )
         return ""
 
     def residual_forms(self, body: Body, w: Expr) -> list[ufl.Form]:
@@ -196,11 +206,13 @@ class ElementEnergies(
 
 @dataclass(frozen=True, eq=False)
 class StoredEnergy:
-    """Stored energy ∫ψ(e(q)) dx: `measure` is quadratic in q, `density` ψ is a function of the strain alone.
+    """Stored energy ∫ψ(e(q)) dx: `measure` is quadratic in q, `density` ψ is a function of the
+    strain alone.
 
-    `pieces` cuts the path between two strains where ψ is not smooth; `pulling` is the part of a stress of which the
-    geometric stiffness is positive; `c_law` computes stresses in place of derivatives of `density`; `thermal` is
-    subtracted from the measure; `parameters` are coefficients of the density and of the thermal strain.
+    `pieces` cuts the path between two strains where ψ is not smooth; `pulling` is the part of a
+    stress of which the geometric stiffness is positive; `c_law` computes stresses in place of
+    derivatives of `density`; `thermal` is subtracted from the measure; `parameters` are
+    coefficients of the density and of the thermal strain.
     """
 
     name: str
@@ -219,7 +231,8 @@ class StoredEnergy:
 
 @dataclass(frozen=True, eq=False)
 class ViscousDissipation:
-    """Dissipation: stress φ'(ė) against the rate of the measure; φ is quadratic and convex, the loss 2∫∫φ(ė) dx dt."""
+    """Dissipation: stress φ'(ė) against the rate of the measure; φ is quadratic and convex, the
+    loss 2∫∫φ(ė) dx dt."""
 
     name: str
     body: MeshBody
@@ -241,7 +254,8 @@ class ElementForces:
 
     Attributes:
         residual, tangent: the compiled forms 1 and 2 of the module.
-        thermal: thermal strain that is subtracted from the measure of the term; None without expansion.
+        thermal: thermal strain that is subtracted from the measure of the term; None without
+            expansion.
     """
 
     def __init__(
@@ -261,7 +275,8 @@ class ElementForces:
         self._e0 = self._at_points(mesh, m)
         self._strain_variable = self._at_points(mesh, m)
         self._strain_before = self._e0.x.array.copy()
-        # S and D, row after row.
+        # S and D, row after row, and whether they are those of the present ê.
+        self._has_response = False
         self._response = self._at_points(mesh, m + m * m)
         S = ufl.as_vector([self._response[i] for i in range(m)])
         D = ufl.as_matrix([[self._response[m + i * m + j] for j in range(m)] for i in range(m)])
@@ -347,7 +362,7 @@ class ElementForces:
         geometric = at.α * ufl.dot(stress_in_tangent, second_variation)
         self.tangent = compile_form((material + geometric) * term.dx)
 
-    # ---- the course of a step --------------------------------------------------------------------------
+    # ---- the course of a step --------------------------------------------------------------------
 
     def begin_step(self, end: float) -> None:
         """Start a step that ends at the time `end` [s]: nothing is known of its stress yet."""
@@ -364,21 +379,32 @@ class ElementForces:
             self.thermal.commit()
 
     def linearise(self) -> None:
-        """Take ê from the strain at the last iterate and its linear change, then the response."""
+        """Take ê from the strain at the last iterate and its linear change."""
         if self._law is not None:
-            # The first guess is the strain of the last step's start: a film that flutters alternates
-            # from step to step.
+            # The first guess is the strain of the last step's start: a film that flutters
+            # alternates from step to step.
             self._law.linearise(
                 linear_strain=self._linearised_strains,
                 first_guess=lambda: self._strain_before.reshape(-1, self._size),
             )
+            self._has_response = True
             return
         self._tabulate(self._linearised_strain, self._strain_variable)
-        self._tabulate(self._one_response, self._response)
+        self._has_response = False
 
     def evaluate(self) -> None:
-        """Take the true strain e(q1) for ê, then the response."""
+        """Take the true strain e(q1) for ê."""
         self._tabulate(self._true_strain, self._strain_variable)
+        self._has_response = False
+
+    def respond(self) -> None:
+        """Evaluate (S, D) at the present ê, at the first use.
+
+        States that are only accepted or restored, as those of a tape, need strains and no stresses.
+        """
+        if self._has_response:
+            return
+        self._has_response = True
         if self._law is not None:
             self._law.respond()
         else:
@@ -394,7 +420,7 @@ class ElementForces:
         """Evaluate an expression at the quadrature points of all cells."""
         tabulate(expression, at_points, self._cells)
 
-    # ---- the energy balance ------------------------------------------------------------------------------
+    # ---- the energy balance ----------------------------------------------------------------------
 
     def energy(self) -> float:
         """Stored energy [J] of the last accepted state, this rank's share."""
@@ -404,21 +430,23 @@ class ElementForces:
 
     def dissipated(self) -> float:
         """Energy [J] dissipated in the step, this rank's share; asked before `commit`."""
+        self.respond()
         return float(fem.assemble_scalar(self._work))
 
     def heat(self) -> float:
         """Energy [J] that heat supplies in the step, -∫ S_mean·Δe_th dx; this rank's share."""
         if self.thermal is None:
             return 0.0
+        self.respond()
         return -float(fem.assemble_scalar(self._work_of_expansion))
 
-    # ---- sensitivities ---------------------------------------------------------------------------------
+    # ---- sensitivities ---------------------------------------------------------------------------
 
     def residual_form(self, w: Expr) -> ufl.Form:
         """The forces of the converged step, ∫ S̄·De(q_mid)[w] dx, with its true strains.
 
-        The compiled residual reads strains and stresses as numbers at points; here they are expressions,
-        so that UFL can derive them with respect to anything.
+        The compiled residual reads strains and stresses as numbers at points; here they are
+        expressions, so that UFL can derive them with respect to anything.
         """
         at = self._at
         term = self.term

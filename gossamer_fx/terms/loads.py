@@ -119,7 +119,8 @@ class Loads(
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """A load: `work(q, w)` is its virtual work, linear in w; `at(t)`, if given, sets its constants to time t.
+    """A load: `work(q, w)` is its virtual work, linear in w; `at(t)`, if given, sets its constants
+    to time t.
 
     `parameters` are constants of the work that no `at` sets.
     """
@@ -195,8 +196,9 @@ class LoadForces:
     def path_average(self) -> Array:
         """The force whose product with Δq is the work of the step, owned and ghost.
 
-        The midpoint rule does its work with the force at q_mid.  Of a force at the end of the step, the work along the
-        straight path is taken, by Simpson's rule: exact for forces that are at most cubic in q, such as pressure.
+        The midpoint rule does its work with the force at q_mid.  Of a force at the end of the step,
+        the work along the straight path is taken, by Simpson's rule: exact for forces that are at
+        most cubic in q, such as pressure.
         """
         end: Array = self.force.array.copy()
         α = self._at.α

@@ -105,9 +105,11 @@ class NodeMasses(Mass, CompiledTerms["NodeKineticEnergy"]):
 
 @dataclass(frozen=True, eq=False)
 class NodeKineticEnergy:
-    """Kinetic energy ½ Σ_ij mass[i, j] v_i·v_j of a body without mesh, v_i the rates of a node's vectors.
+    """Kinetic energy ½ Σ_ij mass[i, j] v_i·v_j of a body without mesh, v_i the rates of a node's
+    vectors.
 
-    `mass` (n, s, s) for the n owned nodes of s vectors: kg for positions, kg m and kg m² with directors.
+    `mass` (n, s, s) for the n owned nodes of s vectors: kg for positions, kg m and kg m² with
+    directors.
     """
 
     body: Body

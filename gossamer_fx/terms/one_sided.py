@@ -23,7 +23,8 @@ def one_sided_average(y0: Array, y1: Array) -> tuple[Array, Array]:
         y0, y1: arrays of one shape.
 
     Returns:
-        T_mean and dT_mean/dy1, of that shape; ½ (T(y0) + T(y1)) and ½ where the law acts all the way.
+        T_mean and dT_mean/dy1, of that shape; ½ (T(y0) + T(y1)) and ½ where the law acts all the
+        way.
     """
     pull0 = np.maximum(y0, 0.0)
     pull1 = np.maximum(y1, 0.0)

@@ -8,10 +8,10 @@ A multiplier whose measure depends on fixed coordinates only is fixed too.
 A constraint may close over time: e(q1) = f(t1) e(q_start), with f falling from 1 to 0.  The work
 -λ·(e(q1) - e(q0)) of its force counts as supplied.
 
-Where seams meet, a tie may follow from others: three points that are tied in a circle need two ties.
-Such ties are found in the graph whose vertices are coordinates and whose edges are constraints
-between two coordinates each; fixed coordinates are one vertex.  A tie that closes a circle in this
-graph is left out, if it says that it may be (`may_repeat`).
+Where seams meet, a tie may follow from others: three points that are tied in a circle need two
+ties. Such ties are found in the graph whose vertices are coordinates and whose edges are
+constraints between two coordinates each; fixed coordinates are one vertex.  A tie that closes a
+circle in this graph is left out, if it says that it may be (`may_repeat`).
 """
 
 from __future__ import annotations
@@ -229,7 +229,8 @@ class PointConstraints(
         r.assemble()
 
     def violation(self, q: PETSc.Vec) -> float:
-        """Largest violation of a constraint in a state, in its own units; the same on every rank."""
+        """Largest violation of a constraint in a state, in its own units; the same on every
+        rank."""
         targets = self._targets_at(self._system.time)
         worst = []
         for at, x, target in zip(self._measures, self._gather(q), targets, strict=True):
@@ -237,10 +238,11 @@ class PointConstraints(
             worst.append(float(violations.max(initial=0.0)))
         return float(self._comm.allreduce(max(worst), op=MPI.MAX))
 
-    # ---- before the first step ---------------------------------------------------------------------------------
+    # ---- before the first step -------------------------------------------------------------------
 
     def idle(self, free: PETSc.Vec, q0: PETSc.Vec) -> npt.NDArray[np.int64]:
-        """Positions in this rank's part of a vector of the multipliers that touch fixed coordinates only.
+        """Positions in this rank's part of a vector of the multipliers that touch fixed coordinates
+        only.
 
         `free` is 1 at coordinates that may move and 0 at fixed ones.
         """
@@ -254,7 +256,8 @@ class PointConstraints(
             stuck += int((is_idle & is_open).sum())
         check(
             self._comm.allreduce(stuck) == 0,
-            "A seam cannot close: nodes on both of its sides are fixed; free one side, or move its support.",
+            "A seam cannot close: nodes on both of its sides are fixed; free one side, or move its "
+            "support.",
         )
         return np.union1d(np.concatenate(found), self._repeated(free, q0))
 
@@ -267,7 +270,8 @@ class PointConstraints(
         return zip(range(len(self._measures)), self._measures, unknowns, masks, strict=True)
 
     def _repeated(self, free: PETSc.Vec, q0: PETSc.Vec) -> npt.NDArray[np.int64]:
-        """Positions in this rank's part of a vector of the ties that follow from others.  Collective."""
+        """Positions in this rank's part of a vector of the ties that follow from others.
+        Collective."""
         none = np.zeros(0, dtype=np.int64)
         if not any(term.may_repeat for term in self._terms):
             return none
@@ -290,7 +294,8 @@ class PointConstraints(
         root: dict[int, int] = {}
 
         def root_of(vertex: int) -> int:
-            """The vertex that stands for all that are connected with this one; paths are shortened."""
+            """The vertex that stands for all that are connected with this one; paths are
+            shortened."""
             while (above := root.setdefault(vertex, vertex)) != vertex:
                 root[vertex] = root[above]
                 vertex = above
@@ -307,7 +312,8 @@ class PointConstraints(
         return np.array(found, dtype=np.int64)
 
     def validate(self, q0: PETSc.Vec, v0: PETSc.Vec, free: PETSc.Vec) -> None:
-        """Check that the initial state satisfies all constraints, and that none follows from the others.
+        """Check that the initial state satisfies all constraints, and that none follows from the
+        others.
 
         Raises:
             InputError: a constraint is violated or redundant, by name.
@@ -332,18 +338,21 @@ class PointConstraints(
         for term, violation, rate in zip(self._terms, violations, rates, strict=True):
             check(
                 violation <= MAX_INITIAL_VIOLATION,
-                f"'{term.name}' does not hold at the start: it is off by {violation:.3g}; let the joined points "
+                f"'{term.name}' does not hold at the start: it is off by {violation:.3g}; let the "
+                "joined points "
                 "coincide.",
             )
             check(
                 rate <= MAX_INITIAL_RATE * speed,
-                f"'{term.name}' does not hold in rate at the start: the joined points separate with {rate:.3g} per "
+                f"'{term.name}' does not hold in rate at the start: the joined points separate "
+                f"with {rate:.3g} per "
                 "second; give both bodies the same velocity there.",
             )
         self._refuse_redundant(q0, free)
 
     def _refuse_redundant(self, q0: PETSc.Vec, free: PETSc.Vec) -> None:
-        """Look for left null vectors of the gradient of all constraints, its rows gathered on rank 0."""
+        """Look for left null vectors of the gradient of all constraints, its rows gathered on rank
+        0."""
         n = self._comm.allreduce(sum(at.n * at.m for at in self._measures))
         if n > MAX_CHECKED_CONSTRAINTS:
             return
@@ -391,7 +400,8 @@ class PointConstraints(
         involved = {self._terms[rows[i][0]].name for i in np.flatnonzero(takes_part)}
         names = ", ".join(f"'{name}'" for name in sorted(involved))
         return (
-            f"{null.shape[1]} of the constraints {names} follow from the others; free one of the joints, e.g. by a "
+            f"{null.shape[1]} of the constraints {names} follow from the others; free one of the "
+            "joints, e.g. by a "
             "ball joint instead of a revolute one."
         )
 
@@ -409,16 +419,18 @@ class Closing:
 
 @dataclass(frozen=True, eq=False)
 class PointConstraint:
-    """Measures that stay zero, by multipliers λ: e(q1) = 0 at the end of a step, force De(q_mid)ᵀλ in it.
+    """Measures that stay zero, by multipliers λ: e(q1) = 0 at the end of a step, force De(q_mid)ᵀλ
+    in it.
 
-    The force does no work: De(q_mid)(q1 - q0) = e(q1) - e(q0) = 0.  It conserves momentum and angular
-    momentum if e is invariant to translations and rotations.
+    The force does no work: De(q_mid)(q1 - q0) = e(q1) - e(q0) = 0.  It conserves momentum and
+    angular momentum if e is invariant to translations and rotations.
 
     Attributes:
         name: in messages and output.
         measure: e(q).
         closing: how e goes to zero from what it is at the start; None: it is zero from the start.
-        may_repeat: whether a tie of two nodes that follows from others is left out, instead of refused.
+        may_repeat: whether a tie of two nodes that follows from others is left out, instead of
+            refused.
     """
 
     name: str

@@ -153,8 +153,8 @@ class Stencil:
         on = _all_or_some(S.any(axis=1) | dS.any(axis=(1, 2)))
         slope_mid = self.at.slope(self._middle(Y, on), on)
         slope_end = self.at.slope(Y[on], on)
-        # The derivative of S·De(q_mid): S depends on the end, De on the middle.  Not symmetric where
-        # the two slopes differ.
+        # The derivative of S·De(q_mid): S depends on the end, De on the middle.  Not symmetric
+        # where the two slopes differ.
         material = slope_mid.transpose(0, 2, 1) @ (dS[on] @ slope_end)
         geometric = self._α * self.at.geometric(S[on], on)
         return material + geometric, on
@@ -216,7 +216,8 @@ class Stencil:
         return energy
 
     def set_number(self, key: str, value: float, at: Array) -> None:
-        """Give a number of the density a value at some tuples of ports, of which `at` (n,) is true."""
+        """Give a number of the density a value at some tuples of ports, of which `at` (n,) is
+        true."""
         values = np.broadcast_to(getattr(self.density, key), at.shape)
         values = np.where(at, value, values)
         self.density = replace(self.density, **{key: values})
@@ -326,7 +327,7 @@ class PointEnergies(
                     found[term.name] += float(share)
         return found
 
-    # ---- sensitivities ---------------------------------------------------------------------------------
+    # ---- sensitivities ---------------------------------------------------------------------------
 
     def get_number(self, term: PointStoredEnergy | PointDissipation, key: str) -> Array:
         """Present value (1,) of the number `key` of a term's density."""

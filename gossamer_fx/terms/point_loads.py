@@ -1,10 +1,11 @@
-"""Loads on points and directors of bodies: known on every rank, entered by the one that owns the first port."""
+"""Loads on points and directors of bodies: known on every rank, entered by the one that owns the
+first port."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Protocol, cast, runtime_checkable
+from dataclasses import dataclass
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from petsc4py import PETSc
@@ -37,7 +38,8 @@ class PointForce(Protocol):
         X: Array,
         V: Array,
     ) -> None:
-        """Start a step at time t from the vectors X (3k,) and their rates V; forces act `lag` seconds later."""
+        """Start a step at time t from the vectors X (3k,) and their rates V; forces act `lag`
+        seconds later."""
         ...
 
     def force(self, X: Array) -> Array:
@@ -46,6 +48,23 @@ class PointForce(Protocol):
 
     def tangent(self, X: Array) -> Array:
         """Their derivatives (3k, 3k)."""
+        ...
+
+
+@runtime_checkable
+class ForceWithNumbers(Protocol):
+    """A force that knows its derivatives by numbers, which are parameters of its load."""
+
+    def get_number(self, key: str) -> Array:
+        """The present value (m,) of a number or vector."""
+        ...
+
+    def with_number(self, key: str, value: Array) -> PointForce:
+        """The force with another value (m,)."""
+        ...
+
+    def force_by_number(self, key: str, X: Array) -> Array:
+        """Derivatives (3k, m) of the forces at the configuration X (3k,) in which forces act."""
         ...
 
 
@@ -73,7 +92,8 @@ class PointLoads(
     IndependentOfShape,
     CompiledTerms["PointLoad"],
 ):
-    """All `PointLoad` terms of a scene: force f(X_mid) on attached vectors X = P q + o, work f·(X1 - X0)."""
+    """All `PointLoad` terms of a scene: force f(X_mid) on attached vectors X = P q + o, work f·(X1
+    - X0)."""
 
     def __init__(self, terms: Sequence[PointLoad], system: Assembly) -> None:
         """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
@@ -126,25 +146,33 @@ class PointLoads(
                 indices = self._indices[k]
                 A.setValues(indices, indices, K, addv=PETSc.InsertMode.ADD_VALUES)
 
-    # ---- sensitivities ---------------------------------------------------------------------------------
+    # ---- sensitivities ---------------------------------------------------------------------------
 
     def get_number(self, term: PointLoad, key: str) -> Array:
-        return np.array(getattr(self._laws[self._terms.index(term)], key), dtype=float)
+        return np.array(self._with_numbers(term).get_number(key), dtype=float)
 
     def set_number(self, term: PointLoad, key: str, value: Array) -> None:
-        k = self._terms.index(term)
         # Laws are values that scenes share: a changed number needs another law.
-        self._laws[k] = replace(cast(Any, self._laws[k]), **{key: np.array(value, dtype=float)})
+        changed = self._with_numbers(term).with_number(key, np.array(value, dtype=float))
+        self._laws[self._terms.index(term)] = changed
 
     def work_by_number(self, term: PointLoad, key: str, w: PETSc.Vec) -> Array:
-        """The force is the number itself, so that the work is that of the vectors on which it acts."""
+        """-w·Pᵀ ∂f/∂number (m,): loads are subtracted from the residual."""
         k = self._terms.index(term)
         P, _ = self._maps[k]
-        work: Array = -P @ self._gather(w)[k]
+        # Collective, so asked for on all ranks.
+        vectors = P @ self._gather(w)[k]
+        by_number = self._with_numbers(term).force_by_number(key, self._middle()[k])
+        work: Array = -by_number.T @ vectors
         return work if self._mine[k] else np.zeros(len(work))
 
     def energy_by_number(self, term: PointLoad, key: str) -> Array:
-        return np.zeros(3 * len(term.ports))
+        return np.zeros(len(self.get_number(term, key)))
+
+    def _with_numbers(self, term: PointLoad) -> ForceWithNumbers:
+        law = self._laws[self._terms.index(term)]
+        assert isinstance(law, ForceWithNumbers), "a load with parameters has them"
+        return law
 
     def without_gradient(self) -> str:
         """Why the scene has no gradient: a load depends on velocities or on its history.  Empty if
@@ -152,7 +180,10 @@ class PointLoads(
         """
         for term in self._terms:
             if not _is_of_position(term.law):
-                return f"'{term.name}' depends on more than positions and time; leave it out of the scene"
+                return (
+                    f"'{term.name}' depends on more than positions and time; leave it out of the "
+                    "scene"
+                )
         return ""
 
     def supplied(self) -> float:

@@ -32,7 +32,8 @@ class AttachedMasses(Mass, CompiledTerms["AttachedKineticEnergy"]):
         self._add(G, 2 * cross)
 
     def _add(self, matrix: PETSc.Mat, each: Array) -> None:
-        """Add Σ_ij mass[i, j] w_i·(each v_j), with the same matrix `each` (3, 3) for all vectors."""
+        """Add Σ_ij mass[i, j] w_i·(each v_j), with the same matrix `each` (3, 3) for all
+        vectors."""
         for term in self._terms:
             # Each tuple is added on one rank; the matrix adds up what ranks share.
             own = evaluated_here(term.ports)

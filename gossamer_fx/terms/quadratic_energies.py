@@ -1,4 +1,5 @@
-"""Energies that are quadratic in the coordinates of a body: ½ a(q, q), such as the bending of a plate."""
+"""Energies that are quadratic in the coordinates of a body: ½ a(q, q), such as the bending of a
+plate."""
 
 from __future__ import annotations
 
@@ -66,10 +67,11 @@ class QuadraticEnergies(
 
 @dataclass(frozen=True, eq=False)
 class QuadraticEnergy:
-    """Stored energy ½ a(q, q) of a constant symmetric bilinear form a(q, w), which may hold interior facets.
+    """Stored energy ½ a(q, q) of a constant symmetric bilinear form a(q, w), which may hold
+    interior facets.
 
-    The force at q_mid is linear, so that energy is conserved.  Momenta are conserved if a(q, q) is the same
-    for all rigid motions of q.
+    The force at q_mid is linear, so that energy is conserved.  Momenta are conserved if a(q, q) is
+    the same for all rigid motions of q.
     """
 
     name: str

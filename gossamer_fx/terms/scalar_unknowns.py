@@ -1,4 +1,5 @@
-"""Interfaces of a compiled scene for items that extend it: scalar unknowns and initial conditions."""
+"""Interfaces of a compiled scene for items that extend it: scalar unknowns and initial
+conditions."""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ from gossamer_fx.terms.assembly import Assembly
 
 @dataclass(frozen=True)
 class ScalarTotals:
-    """Share of scalar unknowns in the ledger: energies [J], masses [kg]; supplied ones since the start."""
+    """Share of scalar unknowns in the ledger: energies [J], masses [kg]; supplied ones since the
+    start."""
 
     stored: dict[str, float]
     supplied: float
@@ -26,7 +28,8 @@ class ScalarTotals:
 
 @runtime_checkable
 class InitialCondition(Protocol):
-    """Something that changes the initial state of a whole scene, after that of its bodies was taken."""
+    """Something that changes the initial state of a whole scene, after that of its bodies was
+    taken."""
 
     name: str
 
@@ -36,7 +39,8 @@ class InitialCondition(Protocol):
 
 
 class ScalarUnknowns(Protocol):
-    """Scalar unknowns y coupled to whole fields, e.g. gas pressures: rows and columns outside the sparse matrix.
+    """Scalar unknowns y coupled to whole fields, e.g. gas pressures: rows and columns outside the
+    sparse matrix.
 
     They are the same on every rank.  With the coordinates z of the bodies, a Newton step reads
 
@@ -51,7 +55,8 @@ class ScalarUnknowns(Protocol):
         ...
 
     def begin_step(self, h: float, t: float) -> Array:
-        """Start a step of length h whose rates are taken at time t; returns a first guess of y (size,)."""
+        """Start a step of length h whose rates are taken at time t; returns a first guess of y
+        (size,)."""
         ...
 
     def residual(self, y: Array) -> Array:
@@ -59,11 +64,13 @@ class ScalarUnknowns(Protocol):
         ...
 
     def add_force(self, values: Array) -> None:
-        """Add the forces of these unknowns, at the y of the last `residual`, to the owned part of r."""
+        """Add the forces of these unknowns, at the y of the last `residual`, to the owned part of
+        r."""
         ...
 
     def tangents(self, body: Body) -> Iterable[fem.Form]:
-        """Their derivatives with respect to the coordinates of one body, as far as they are made of forms."""
+        """Their derivatives with respect to the coordinates of one body, as far as they are made of
+        forms."""
         ...
 
     def add_tangents(self, A: PETSc.Mat) -> None:
@@ -75,11 +82,13 @@ class ScalarUnknowns(Protocol):
         ...
 
     def inadmissible(self) -> str:
-        """In words, what cannot be in the solution of a step, e.g. a negative volume; else nothing."""
+        """In words, what cannot be in the solution of a step, e.g. a negative volume; else
+        nothing."""
         ...
 
     def unsolved(self) -> str:
-        """In words, of what the last residual is far from zero, e.g. the gas of a chamber; else nothing."""
+        """In words, of what the last residual is far from zero, e.g. the gas of a chamber; else
+        nothing."""
         ...
 
     def commit(self) -> None:
@@ -95,7 +104,8 @@ class ScalarUnknowns(Protocol):
         ...
 
     def get_state(self) -> dict[str, Any]:
-        """Its state and what was supplied: numbers, words and lists of them, the same on every rank."""
+        """Its state and what was supplied: numbers, words and lists of them, the same on every
+        rank."""
         ...
 
     def set_state(self, state: dict[str, Any]) -> None:
@@ -133,7 +143,8 @@ class ScalarsAdjoint(Protocol):
         ...
 
     def take(self, ν: Array, μ: Array) -> Array:
-        """Sum up parameters; the derivatives (size,) of the result by the scalars at the start of the step."""
+        """Sum up parameters; the derivatives (size,) of the result by the scalars at the start of
+        the step."""
         ...
 
     def carry(self, by_position: Array, by_velocity: Array) -> None:
@@ -162,7 +173,8 @@ class DifferentiableScalars(Protocol):
 
 @runtime_checkable
 class ChangesWithVolume(Protocol):
-    """Scalar unknowns that are gas: at rest a process is chosen, and vibrations have its stiffness."""
+    """Scalar unknowns that are gas: at rest a process is chosen, and vibrations have its
+    stiffness."""
 
     def set_static_process(self, process: str) -> None:
         """Choose what stays constant while an equilibrium is looked for: "adiabatic", ..."""

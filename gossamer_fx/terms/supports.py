@@ -53,7 +53,8 @@ class Supports(CompiledTerms["Support"]):
                     check_on_all(
                         system.comm,
                         both == 0,
-                        f"'{mover.name}' moves coordinates that '{other.name}' holds or moves, too; let each node be "
+                        f"'{mover.name}' moves coordinates that '{other.name}' holds or moves, "
+                        "too; let each node be "
                         "held by one of them, or give them other components.",
                     )
 
@@ -106,7 +107,8 @@ def _restricted(motion: Motion, mine: npt.NDArray[np.bool_]) -> Motion:
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """Coordinates that are fixed at their initial values, or have the values `motion(t)` [m], (n,) like `dofs`.
+    """Coordinates that are fixed at their initial values, or have the values `motion(t)` [m], (n,)
+    like `dofs`.
 
     `dofs` are owned and ghost scalar indices of the body's block.
     """

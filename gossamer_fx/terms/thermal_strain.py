@@ -1,7 +1,7 @@
 """Thermal strain of a stored energy, at both ends of a step.
 
-The stored energy is ψ(e - e_th(t)).  In a step the difference goes from e0 - e_th(t0) to e1 - e_th(t1);
-the stress rule gives a mean stress S of this path, with
+The stored energy is ψ(e - e_th(t)).  In a step the difference goes from e0 - e_th(t0) to e1 -
+e_th(t1); the stress rule gives a mean stress S of this path, with
 
     S·(Δe - Δe_th) = Δψ.
 

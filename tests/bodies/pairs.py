@@ -1,4 +1,5 @@
-"""Pairs of bodies with a common point, the items that can act on them, and the invariants of their motion."""
+"""Pairs of bodies with a common point, the items that can act on them, and the invariants of their
+motion."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ DT = 5e-3
 
 
 class Motion:
-    """A rigid velocity field that every body of a scene starts with, so that all joints hold in rate."""
+    """A rigid velocity field that every body of a scene starts with, so that all joints hold in
+    rate."""
 
     def __init__(self, numbers: tuple[float, ...]) -> None:
         self.velocity = np.array(numbers[:3])
@@ -147,7 +149,7 @@ def joint(kind: str, a: Any, b: Any) -> Any:
     return kinds[kind](full, other, axis=AXIS)
 
 
-# ---- what may act on a body; `loose` is a mass at rest nearby, so that the motion is not rigid ----------------
+# ---- what may act on a body; `loose` is a mass at rest nearby, so that the motion is not rigid ---
 
 
 def loose_mass() -> gx.PointMass:
@@ -212,7 +214,8 @@ def tape(item: Any, loose: gx.PointMass) -> list:
 
 
 def control(item: Any, loose: gx.PointMass) -> list:
-    """Held between samples, for a torque that follows grows without bound where the Euler angles are singular.
+    """Held between samples, for a torque that follows grows without bound where the Euler angles
+    are singular.
 
     Gains are such that the delay does not make a beam's section unstable, which has little inertia.
     """
@@ -266,7 +269,8 @@ def hinge_parts(a: Any, b: Any) -> list:
 
 
 def conserves(scene: gx.Scene, closed: bool = True) -> gx.Simulation:
-    """Energy to 1e-9 and constraints to 1e-10 over 200 steps; in a `closed` system, momenta to 1e-10."""
+    """Energy to 1e-9 and constraints to 1e-10 over 200 steps; in a `closed` system, momenta to
+    1e-10."""
     # Newton's tolerance is far below the limits of energy and momenta that are asserted.
     run = gx.Simulation(scene, gx.Midpoint(dt=DT, tolerances=gx.Tolerances(relative=1e-12)))
     for k in range(4):

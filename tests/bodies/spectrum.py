@@ -1,4 +1,5 @@
-"""Frequencies of small vibrations about a state, by dense algebra on one rank, to compare with formulas."""
+"""Frequencies of small vibrations about a state, by dense algebra on one rank, to compare with
+formulas."""
 
 from __future__ import annotations
 
@@ -16,9 +17,11 @@ def dense(A: object) -> np.ndarray:
 
 
 def angular_frequencies(scene: gx.Scene, direction: int | None = None) -> np.ndarray:
-    """ω [rad/s] of the vibrations about the initial state, ascending; of one component of the positions if wanted.
+    """ω [rad/s] of the vibrations about the initial state, ascending; of one component of the
+    positions if wanted.
 
-    K - ω²M on the coordinates that the supports leave free, projected on the null space of the constraints.
+    K - ω²M on the coordinates that the supports leave free, projected on the null space of the
+    constraints.
     """
     # At the end point the tangent is the stiffness of the state alone, without averages over a
     # step.
@@ -45,7 +48,8 @@ def angular_frequencies(scene: gx.Scene, direction: int | None = None) -> np.nda
 
 
 def roots(K: np.ndarray, M: np.ndarray) -> np.ndarray:
-    """√ of the eigenvalues of the pencil; negative ones (round-off of rigid motions) count as zero."""
+    """√ of the eigenvalues of the pencil; negative ones (round-off of rigid motions) count as
+    zero."""
     return np.sqrt(
         np.maximum(
             eigh((K + K.T) / 2, (M + M.T) / 2, eigvals_only=True),

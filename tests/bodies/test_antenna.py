@@ -1,4 +1,5 @@
-"""The membrane antenna: conservation, the rigid limit of its swing, and the accuracy of its attitude control."""
+"""The membrane antenna: conservation, the rigid limit of its swing, and the accuracy of its
+attitude control."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ def test_free_antenna_conserves() -> None:
 
 
 def test_swing_is_nearly_rigid() -> None:
-    """The paper's figures agree with a commercial code within 0.02 m; the rigid limit is as near."""
+    """The paper's figures agree with a commercial code within 0.02 m; the rigid limit is as
+    near."""
     result = antenna_pendulum.main(dt=1e-2)
     error = abs(result["tip"][-1] + 2.655)
     assert error < 0.02
@@ -36,12 +38,14 @@ def test_swing_is_nearly_rigid() -> None:
 def test_attitude_reaches_its_target(case: int, accepted: float) -> None:
     result = antenna_attitude.main(case=case)
     assert result["angle_error"] < accepted
-    # of an energy of 2.5e-4 J, against which the round-off of the booms' forces counts: their EA is 6e6 N
+    # of an energy of 2.5e-4 J, against which the round-off of the booms' forces counts: their EA is
+    # 6e6 N
     assert abs(result["energy_error"]) < 1e-7
 
 
 def test_attitude_follows_the_designed_response() -> None:
-    """Ω = 0.6 rad/s, ζ = 1: 1 - (1 + Ωt) exp(-Ωt) of 8° after 3 s, for the antenna is nearly rigid in its plane."""
+    """Ω = 0.6 rad/s, ζ = 1: 1 - (1 + Ωt) exp(-Ωt) of 8° after 3 s, for the antenna is nearly rigid
+    in its plane."""
     result = antenna_attitude.main(case=1, until=3.0, dt=0.05)
     measured = result["angles"][-1][2]
     expected = 8 * (1 - 2.8 * 2.718281828**-1.8)
@@ -51,7 +55,8 @@ def test_attitude_follows_the_designed_response() -> None:
 
 @pytest.mark.mpi
 def test_joints_of_the_antenna_across_ranks() -> None:
-    """All ranks together find what each finds alone: tip and film of the swing, controlled angles and torques."""
+    """All ranks together find what each finds alone: tip and film of the swing, controlled angles
+    and torques."""
     swings = [
         antenna_pendulum.main(until=0.1, comm=comm) for comm in (MPI.COMM_WORLD, MPI.COMM_SELF)
     ]

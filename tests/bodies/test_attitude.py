@@ -1,8 +1,8 @@
 """Attitude control compared with the closed form of a rigid body, and the angles that it measures.
 
-The closed form is the step response of the linear equation I θ'' + K_d θ' + K_p (θ - θ_c) = 0 of second order, e.g.
-K. Ogata, Modern Control Engineering, 5th ed. (2010), § 5-3; of a sampled torque it is the exact solution under a
-constant torque from sample to sample.
+The closed form is the step response of the linear equation I θ'' + K_d θ' + K_p (θ - θ_c) = 0 of
+second order, e.g. K. Ogata, Modern Control Engineering, 5th ed. (2010), § 5-3; of a sampled torque
+it is the exact solution under a constant torque from sample to sample.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from gossamer_fx.control.rotation import euler_angles, euler_axes, position_grad
 def controlled(
     inertia: float, kp: float, kd: float, target: float, period: float, dt: float
 ) -> gx.Simulation:
-    """A rigid body whose angle about z is controlled to `target` [rad]; inertia [kg m²], period [s]."""
+    """A rigid body whose angle about z is controlled to `target` [rad]; inertia [kg m²], period
+    [s]."""
     body = gx.RigidBody(1.0, np.full(3, inertia))
     control = gx.control.AttitudeControl(
         body.frame(),
@@ -51,7 +52,8 @@ RESPONSES = [
 @pytest.mark.mpi
 @pytest.mark.parametrize(("gains", "degrees"), RESPONSES)
 def test_step_response(gains: tuple[float, float, float], degrees: tuple[float, ...]) -> None:
-    """I θ'' = -K_p (θ - θ_c) - K_d θ' from rest, θ_c = 8°; the ledger closes with the control's work as supplied."""
+    """I θ'' = -K_p (θ - θ_c) - K_d θ' from rest, θ_c = 8°; the ledger closes with the control's
+    work as supplied."""
     run = controlled(
         *gains,
         target=np.radians(8.0),
@@ -78,7 +80,8 @@ def test_torque_held_between_samples() -> None:
         period=0.1,
         dt=0.02,
     )
-    # Angle and rate [rad, rad/s] at these times [s], with a torque that is constant between samples.
+    # Angle and rate [rad, rad/s] at these times [s], with a torque that is constant between
+    # samples.
     for t, exact in (
         (1.0, (0.1069307, 0.19332098)),
         (2.0, (0.34818193, 0.27242071)),
@@ -115,7 +118,8 @@ def test_angles_of_a_stretched_and_turned_patch() -> None:
 
 
 def test_patch_has_the_mean_gradient_of_the_triangles_around_its_centre() -> None:
-    """Of a square cut into four by its centre: what a patch measures is the position gradient at that node."""
+    """Of a square cut into four by its centre: what a patch measures is the position gradient at
+    that node."""
     rng = np.random.default_rng(0)
     square = np.array([[1.0, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0], [0, 0, 0]])
     x = square + 0.3 * rng.standard_normal((5, 3))
@@ -148,7 +152,8 @@ def test_axes_of_the_angles() -> None:
 
 
 def test_the_error_of_an_angle_is_the_short_way_round() -> None:
-    """Target 170°, angle 181°, which is measured as -179°: the torque acts on an error of -11°, not 349°."""
+    """Target 170°, angle 181°, which is measured as -179°: the torque acts on an error of -11°, not
+    349°."""
     body = gx.RigidBody(1.0, (1.0, 1.0, 1.0))
     control = gx.control.AttitudeControl(
         body.frame(),

@@ -1,13 +1,16 @@
 """Beams against the elastica, the frequencies of Euler and Bernoulli, and their sections.
 
 Sources:
-    cantilever under a dead tip force    K. E. Bisshopp & D. C. Drucker, Large deflection of cantilever beams, Quarterly
-        of Applied Mathematics 3 (1945) 272, doi:10.1090/qam/13360; figures as in K. Mattiasson, Numerical results from
-        large deflection beam and frame problems analysed by means of elliptic integrals, IJNME 17 (1981) 145,
-        doi:10.1002/nme.1620170113
-    frequencies    roots βL of cos βL cosh βL = 1 (free at both ends) and = -1 (clamped and free): R. D. Blevins,
+    cantilever under a dead tip force    K. E. Bisshopp & D. C. Drucker, Large deflection of
+                                         cantilever beams, Quarterly
+        of Applied Mathematics 3 (1945) 272, doi:10.1090/qam/13360; figures as in K. Mattiasson,
+        Numerical results from large deflection beam and frame problems analysed by means of
+        elliptic integrals, IJNME 17 (1981) 145, doi:10.1002/nme.1620170113
+    frequencies    roots βL of cos βL cosh βL = 1 (free at both ends) and = -1 (clamped and free):
+                   R. D. Blevins,
         Formulas for Natural Frequency and Mode Shape (1979), table 8-1
-    sections    moments of inertia of tubes; torsion constant of a square, S. P. Timoshenko & J. N. Goodier, Theory of
+    sections    moments of inertia of tubes; torsion constant of a square, S. P. Timoshenko & J. N.
+                Goodier, Theory of
         Elasticity, 3rd ed. (1970), § 109
 """
 
@@ -27,7 +30,8 @@ COMM = MPI.COMM_WORLD
 
 
 def cantilever(elements: int, slenderness: float, load: float) -> tuple[float, float, int]:
-    """Tip (w/L, u/L) and Newton iterations under a dead tip force P = load EI/L² across a circular beam, L/r given."""
+    """Tip (w/L, u/L) and Newton iterations under a dead tip force P = load EI/L² across a circular
+    beam, L/r given."""
     section = gx.sections.solid_circle(
         1 / slenderness,
         E=1e9,
@@ -71,7 +75,8 @@ def test_four_elements_suffice() -> None:
 
 
 def test_no_locking_and_no_more_iterations_in_slender_beams() -> None:
-    """From L/r = 100, where shear and extension are below 0.1 %, to 1e4; at 10 they add 5 %, as the theory says."""
+    """From L/r = 100, where shear and extension are below 0.1 %, to 1e4; at 10 they add 5 %, as the
+    theory says."""
     tips, iterations = zip(
         *[(c[:2], c[2]) for c in (cantilever(8, s, 10) for s in (1e1, 1e2, 1e3, 1e4))], strict=True
     )
@@ -155,7 +160,8 @@ def test_square_section_has_the_torsion_constant_of_saint_venant() -> None:
 
 @pytest.mark.mpi
 def test_thrown_beam_conserves() -> None:
-    """A curved beam, spinning and bent by its own motion, 200 steps: energy, momenta, orthonormal directors."""
+    """A curved beam, spinning and bent by its own motion, 200 steps: energy, momenta, orthonormal
+    directors."""
     section = gx.sections.rectangle(
         0.02,
         0.05,

@@ -1,4 +1,5 @@
-"""Joints between sections of beams: equal to a continuous beam, in every relative direction, and conserving."""
+"""Joints between sections of beams: equal to a continuous beam, in every relative direction, and
+conserving."""
 
 from __future__ import annotations
 
@@ -52,7 +53,8 @@ def triad(run: gx.Simulation, frame: gx.Frame) -> np.ndarray:
 @pytest.mark.mpi
 @pytest.mark.parametrize("direction", DIRECTIONS)
 def test_two_arms_in_free_flight_conserve(direction: str) -> None:
-    """Energy, momenta and constraints, while the arms bend under the spin; their sections stay as they met."""
+    """Energy, momenta and constraints, while the arms bend under the spin; their sections stay as
+    they met."""
     one = arm("one", (-1.0, 0.0, 0.0), velocity=MOTION)
     two = arm("two", DIRECTIONS[direction], velocity=MOTION)
     frames = one.frame("start"), two.frame("start")
@@ -86,7 +88,8 @@ def test_frames_of_joints_are_no_bodies_of_a_description() -> None:
 
 
 def tip(parts: int, load: tuple[float, float, float]) -> np.ndarray:
-    """Displaced end of a cantilever of 1 m that is made of that many beams, of 8 elements in all."""
+    """Displaced end of a cantilever of 1 m that is made of that many beams, of 8 elements in
+    all."""
     ends = np.linspace(0, 1, parts + 1)
     beams = [
         gx.Beam(
@@ -189,7 +192,8 @@ def test_a_beam_slides_along_a_beam() -> None:
 
 @pytest.mark.mpi
 def test_all_that_meets_at_a_section_shares_its_normal() -> None:
-    """A hinge with spring and damper, about an axis oblique to the sections of both beams: two bodies are added."""
+    """A hinge with spring and damper, about an axis oblique to the sections of both beams: two
+    bodies are added."""
     one = arm("one", (-1.0, 0.0, 0.0))
     two = arm("two", (0.2, 1.0, 0.1))
     axis = (0.4, 0.5, -0.3)

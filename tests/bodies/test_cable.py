@@ -1,13 +1,16 @@
 """Cables against closed forms.
 
 Sources:
-    spinning loop     balance of a polygon of bars with consistent mass; λ² = 1 + 2 μ Ω² R²/EA of the circle
-    elastic catenary  H. M. Irvine, Cable Structures (1981), chapter 2, with N = EA λ (λ² - 1)/2 for EA (λ - 1)
-    hanging cable     ω √(L/g) = half the zeros of J0 (D. Bernoulli): G. N. Watson, A Treatise on the Theory of Bessel
-                      Functions, 2nd ed. (1944), chapter 1; with a tip mass the zeros of the corresponding combination
-                      of J0, J1, Y0 and Y1
-    spinning cable    (T(x) w')' + μ ω² w = 0 with the tension T = μ Ω² (R² - x²)/2: Legendre's equation, whose
-                      eigenvalues are (ω/Ω)² = n (2 n - 1) for a hub of radius zero; for a hub of 0.2 L by quadrature
+    spinning loop     balance of a polygon of bars with consistent mass; λ² = 1 + 2 μ Ω² R²/EA of
+                      the circle
+    elastic catenary  H. M. Irvine, Cable Structures (1981), chapter 2, with N = EA λ (λ² - 1)/2 for
+    EA (λ - 1)
+    hanging cable     ω √(L/g) = half the zeros of J0 (D. Bernoulli): G. N. Watson, A Treatise on
+                      the Theory of Bessel Functions, 2nd ed. (1944), chapter 1; with a tip mass the
+                      zeros of the corresponding combination of J0, J1, Y0 and Y1
+    spinning cable    (T(x) w')' + μ ω² w = 0 with the tension T = μ Ω² (R² - x²)/2: Legendre's
+                      equation, whose eigenvalues are (ω/Ω)² = n (2 n - 1) for a hub of radius zero;
+                      for a hub of 0.2 L by quadrature
 """
 
 from __future__ import annotations
@@ -89,7 +92,8 @@ def test_elastic_catenary() -> None:
 
 
 def hanging(tip_mass: float, elements: int = 64) -> gx.Scene:
-    """Cable of 1 m and 1 kg along -z under g = 1 m/s², stretched as its weight and a tip mass stretch it."""
+    """Cable of 1 m and 1 kg along -z under g = 1 m/s², stretched as its weight and a tip mass
+    stretch it."""
     EA = 1e5
 
     def stretched(x: np.ndarray) -> np.ndarray:
@@ -156,7 +160,8 @@ def test_spinning_cable_frequencies(hub: float, squares: tuple[float, ...]) -> N
 
 
 def test_tension_only_cable_goes_slack() -> None:
-    """Thrown together it carries nothing: the ends meet as if there were no cable, and energy is kept throughout."""
+    """Thrown together it carries nothing: the ends meet as if there were no cable, and energy is
+    kept throughout."""
     cable = gx.Cable(
         line(COMM, [(0, 0, 0), (1, 0, 0)], 4),
         gx.TensionOnly(EA=100.0, line_density=1.0),

@@ -1,4 +1,5 @@
-"""The generalised-α method is second order, with joints and gas too, and drifts where the midpoint rule does not."""
+"""The generalised-α method is second order, with joints and gas too, and drifts where the midpoint
+rule does not."""
 
 from __future__ import annotations
 
@@ -37,7 +38,8 @@ def oscillator(stepper: gx.GeneralizedAlpha) -> float:
 
 
 def physical_pendulum(stepper: gx.GeneralizedAlpha) -> float:
-    """Error of the angle of a bar, hinged at its end and released at 1 rad from the vertical, after 1 s, g = 9.81.
+    """Error of the angle of a bar, hinged at its end and released at 1 rad from the vertical, after
+    1 s, g = 9.81.
 
     θ'' = -(3g/2) sin θ; the exact angle is that of the Jacobi function sn.
     """
@@ -70,7 +72,8 @@ def physical_pendulum(stepper: gx.GeneralizedAlpha) -> float:
 
 
 def blown_piston(stepper: gx.GeneralizedAlpha) -> float:
-    """Error of a piston driven by gas through a choked inlet, at t = 0.1 s (97.060879 mm by converged integration)."""
+    """Error of a piston driven by gas through a choked inlet, at t = 0.1 s (97.060879 mm by
+    converged integration)."""
     gas = gx.IdealGas(gamma=1.4, R=287.0)
     mass = gx.PointMass(0.5, (0.0, 0.0, 0.0))
     bag = gx.Chamber(
@@ -106,7 +109,8 @@ def test_second_order(problem, radius: float) -> None:
 
 
 def test_starts_with_the_forces_of_dampers_and_constraints() -> None:
-    """v' = -c v/m: one step has the error of the rule, some h², not that of an acceleration that begins at zero."""
+    """v' = -c v/m: one step has the error of the rule, some h², not that of an acceleration that
+    begins at zero."""
     mass = gx.PointMass(2.0, (1.0, 0.0, 0.0), velocity=(1.0, 0.0, 0.0))
     damper = gx.connectors.Damper(
         mass.port(),
@@ -166,7 +170,8 @@ def test_free_antenna_drifts_where_the_midpoint_rule_does_not() -> None:
 
 
 def test_contact_is_refused():
-    """A film that fell on a floor came back at three times its height, with an open energy balance."""
+    """A film that fell on a floor came back at three times its height, with an open energy
+    balance."""
     sheet = contact_film(MPI.COMM_SELF)
     floor = gx.contact.Plane(point=(0.0, 0.0, -0.01), normal=(0.0, 0.0, 1.0))
     scene = gx.Scene(gx.Contact(sheet, floor, distance=1e-3))

@@ -2,7 +2,8 @@
 
 Sources:
     rigid bodies on a linear spring    half an oscillation of the reduced mass: π √(m/k), V √(m/k)
-    elastic bars    Saint-Venant's waves of the speed c = √(E/ρ): W. Goldsmith, Impact (1960), chapter 3; K. L. Johnson,
+    elastic bars    Saint-Venant's waves of the speed c = √(E/ρ): W. Goldsmith, Impact (1960),
+                    chapter 3; K. L. Johnson,
         Contact Mechanics (1985), § 11.1, doi:10.1017/CBO9781139171731
 """
 
@@ -24,7 +25,8 @@ STIFFNESS = 1e4
 
 
 def collision(offset: float, dt: float) -> gx.Simulation:
-    """A ball of 1 kg at 2 m/s towards one of 3 kg at rest, with a gap of 1 mm; centres `offset` off the line."""
+    """A ball of 1 kg at 2 m/s towards one of 3 kg at rest, with a gap of 1 mm; centres `offset` off
+    the line."""
     first = gx.RigidBody(
         1.0,
         np.full(3, 0.004),
@@ -76,7 +78,8 @@ def test_central_impact_of_two_bodies() -> None:
 
 
 def test_oblique_impact_conserves() -> None:
-    """Energy, momentum and angular momentum over an impact off the line of the centres, which deflects both."""
+    """Energy, momentum and angular momentum over an impact off the line of the centres, which
+    deflects both."""
     run = collision(0.12, 5e-4)
     run.run(until=0.06)
     measured = abs(rates(run)[0, 1])
@@ -89,7 +92,8 @@ def test_oblique_impact_conserves() -> None:
     assert error < 1e-12
 
 
-# bars of 0.5 m: E [Pa], ρ [kg/m³], length [m], section [m²], elements, speed of sound, stop as stiff as an element
+# bars of 0.5 m: E [Pa], ρ [kg/m³], length [m], section [m²], elements, speed of sound, stop as
+# stiff as an element
 E = 2.3e9
 ρ = 1400.0
 L = 0.5
@@ -154,8 +158,8 @@ def test_bar_on_a_wall() -> None:
 def test_two_bars_exchange_their_velocities() -> None:
     """2L/c in contact at the mean stress ρcΔv/2, then the first rests; Δv = 2 m/s.
 
-    The stop between the ends holds them apart, as a rod without mass would.  Momentum is kept to the round-off of the
-    velocities, that of positions over the step of 4 µs.
+    The stop between the ends holds them apart, as a rod without mass would.  Momentum is kept to
+    the round-off of the velocities, that of positions over the step of 4 µs.
     """
     rod = 0.1
     one = bar(-L - rod / 2, 2.0, "one")

@@ -63,7 +63,8 @@ def test_spin_of_a_whole_scene_has_the_momenta_of_a_rigid_body() -> None:
 
 
 def test_steady_spin_stays_steady() -> None:
-    """Started from its equilibrium under centrifugal force, the length of the spinning dumbbell is constant."""
+    """Started from its equilibrium under centrifugal force, the length of the spinning dumbbell is
+    constant."""
     beam, hub, tip, joints = dumbbell()
     bodies = (beam, hub, tip)
     balance = Equilibrium(
@@ -94,7 +95,8 @@ def test_steady_spin_stays_steady() -> None:
 
 @pytest.mark.mpi
 def test_a_function_of_the_start_is_asked_once() -> None:
-    """So that joints, which measure their length at the start, see the film that is moved: it may be a random one."""
+    """So that joints, which measure their length at the start, see the film that is moved: it may
+    be a random one."""
     random = np.random.default_rng(3)
     asked = []
 

@@ -1,4 +1,5 @@
-"""Invalid joints are refused with one sentence; closed loops are solved if their constraints are not redundant."""
+"""Invalid joints are refused with one sentence; closed loops are solved if their constraints are
+not redundant."""
 
 from __future__ import annotations
 
@@ -164,9 +165,11 @@ def test_force_that_is_no_number_is_refused() -> None:
 
 
 def four_bars(balls: bool) -> gx.Scene:
-    """A rectangle of ground and three bars in the plane z = 0, its sides turning with 1 rad/s about z.
+    """A rectangle of ground and three bars in the plane z = 0, its sides turning with 1 rad/s about
+    z.
 
-    With four hinges along z three constraints are redundant; with balls at both ends of the coupler, none.
+    With four hinges along z three constraints are redundant; with balls at both ends of the
+    coupler, none.
     """
     corners = [np.array(p, dtype=float) for p in ((0, 0, 0), (0, 1, 0), (2, 1, 0), (2, 0, 0))]
     # The two cranks turn about their lower ends; the coupler translates at 1 m/s.
@@ -222,7 +225,8 @@ def test_closed_loop_of_hinges_is_refused_by_name() -> None:
 
 
 def test_closed_loop_is_solved() -> None:
-    """The rectangle turns as a parallelogram: its sides stay parallel, the kinetic energy is constant."""
+    """The rectangle turns as a parallelogram: its sides stay parallel, the kinetic energy is
+    constant."""
     run = gx.Simulation(four_bars(balls=True), gx.Midpoint(dt=0.01))
     run.run(until=1.0)
     q = run.system.q0.array_r[:36].reshape(3, 4, 3)
@@ -238,7 +242,8 @@ def test_closed_loop_is_solved() -> None:
 
 
 def joined(comm: MPI.Comm) -> list[float]:
-    """Film, beam, rigid body, cable and mass, joined across whatever ranks they live on: figures after 20 steps."""
+    """Film, beam, rigid body, cable and mass, joined across whatever ranks they live on: figures
+    after 20 steps."""
     film = gx.Membrane(
         sheet(comm, 3, 3),
         gx.Miyazaki(
@@ -315,7 +320,8 @@ def test_joints_across_ranks() -> None:
 
 
 def test_a_screw_on_its_axis() -> None:
-    """A cylindrical joint lets a body slide along and turn about its axis only: s = F t²/2m, φ = M t²/2I."""
+    """A cylindrical joint lets a body slide along and turn about its axis only: s = F t²/2m, φ = M
+    t²/2I."""
     # A unit vector: (1, 2, 2) has the length 3.
     axis = np.array([1.0, 2.0, 2.0]) / 3
     bolt = gx.RigidBody(

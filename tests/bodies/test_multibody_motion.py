@@ -2,9 +2,11 @@
 
 Sources of the exact motions:
     spring pendulum    m r'' = -k (|r| - l0) r/|r| + m g, integrated to 1e-10
-    free rigid body    L. D. Landau & E. M. Lifshitz, Mechanics, 3rd ed. (1976), § 37, in elliptic functions
-    hinged rods        Lagrange's equations of two uniform rods in a plane, integrated to 1e-10; as of the double
-                       pendulum in Landau & Lifshitz, § 5, problem 1, with the rods' moments of inertia m l²/12
+    free rigid body    L. D. Landau & E. M. Lifshitz, Mechanics, 3rd ed. (1976), § 37, in elliptic
+                       functions
+    hinged rods        Lagrange's equations of two uniform rods in a plane, integrated to 1e-10; as
+                       of the double pendulum in Landau & Lifshitz, § 5, problem 1, with the rods'
+                       moments of inertia m l²/12
 """
 
 from __future__ import annotations

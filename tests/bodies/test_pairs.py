@@ -1,4 +1,5 @@
-"""Conservation for every body, every pair of bodies with every joint, and random scenes (property tests)."""
+"""Conservation for every body, every pair of bodies with every joint, and random scenes (property
+tests)."""
 
 from __future__ import annotations
 
@@ -92,7 +93,8 @@ def test_pair_at_a_distance(name: str, kind: str, numbers: tuple[float, ...]) ->
 
 @st.composite
 def scenes(draw: st.DrawFn) -> tuple[gx.Scene, bool, bool]:
-    """Two joined bodies with anything that can act on them; whether the system is closed, and loses nothing."""
+    """Two joined bodies with anything that can act on them; whether the system is closed, and loses
+    nothing."""
     first, second, kind = draw(st.sampled_from(JOINTED))
     motion = Motion(draw(numbers))
     a = BODIES[first](motion, "first")

@@ -1,4 +1,5 @@
-"""Ropes with viscosity: damped while they are taut, without force while they are slack, and never in compression."""
+"""Ropes with viscosity: damped while they are taut, without force while they are slack, and never
+in compression."""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ def scene(x, v, *more, damping=C):
 
 @pytest.mark.mpi
 def test_a_slack_rope_is_free_and_a_plain_damper_is_not():
-    """A mass that flies below the rope's length has a constant speed; with a damper in addition it slows down."""
+    """A mass that flies below the rope's length has a constant speed; with a damper in addition it
+    slows down."""
     free, mass = scene(0.2, 0.5)
     run = gx.Simulation(free, gx.Midpoint(dt=1e-2))
     run.run(until=0.5)
@@ -87,7 +89,8 @@ def test_a_taut_rope_decays_as_a_damped_oscillator():
 @pytest.mark.mpi
 @pytest.mark.parametrize("damping", [0.1, 5.0, 100.0])
 def test_a_bounce_on_a_rope_loses_energy_and_nothing_pushes(damping):
-    """However strong the viscosity: the loss never falls, the ledger closes, the mass is never pushed outwards."""
+    """However strong the viscosity: the loss never falls, the ledger closes, the mass is never
+    pushed outwards."""
     made, mass = scene(0.9, 2.0, damping=damping)
     run = gx.Simulation(made, gx.Midpoint(dt=2e-3))
     speeds = []

@@ -166,7 +166,8 @@ def test_four_panels_meet_in_a_point() -> None:
 
 @pytest.mark.mpi
 def test_closed_edges_are_turned_to_each_other() -> None:
-    """Two rings with different meshes, one turned by 50 degrees: nobody has to turn while they are sewn."""
+    """Two rings with different meshes, one turned by 50 degrees: nobody has to turn while they are
+    sewn."""
     turned = np.deg2rad(50.0)
     c = np.cos(turned)
     s = np.sin(turned)

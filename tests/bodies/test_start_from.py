@@ -1,4 +1,5 @@
-"""Scenes that start from the end of another scene: joints, springs and probes use the initial positions."""
+"""Scenes that start from the end of another scene: joints, springs and probes use the initial
+positions."""
 
 from __future__ import annotations
 

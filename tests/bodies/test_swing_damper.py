@@ -1,4 +1,5 @@
-"""Dampers of the hub of IKAROS: the gradient of the energy of the swing against differences, and the search."""
+"""Dampers of the hub of IKAROS: the gradient of the energy of the swing against differences, and
+the search."""
 
 from __future__ import annotations
 
@@ -31,7 +32,8 @@ def test_the_slope_of_the_energy_left_is_that_of_differences(comm):
 
 
 def test_more_damping_is_found_for_a_short_time(comm):
-    """Within 3 s, a twelfth of an oscillation, the swing is damped best by dampers that are nearly a brake."""
+    """Within 3 s, a twelfth of an oscillation, the swing is damped best by dampers that are nearly
+    a brake."""
     found = swing_damper.main(until=UNTIL, dt=DT, pitch=PITCH, start=1.0, iterations=3, comm=comm)
     assert found["damping [N s/m]"] > 1.0
     assert (

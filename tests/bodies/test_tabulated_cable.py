@@ -1,4 +1,5 @@
-"""Cables with a measured law: exact potential and averages, conservation, tangents, and bad tables."""
+"""Cables with a measured law: exact potential and averages, conservation, tangents, and bad
+tables."""
 
 from __future__ import annotations
 

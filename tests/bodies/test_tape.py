@@ -1,7 +1,8 @@
 """Tapes on films against a closed form, and their mass and conservation.
 
-A strip of film with a tape of the same strain, free to contract, has one stress in each, so that the force is that of
-two bars of St. Venant-Kirchhoff's law side by side: N = λ (E1 t b + E2 A2)(λ² - 1)/2.
+A strip of film with a tape of the same strain, free to contract, has one stress in each, so that
+the force is that of two bars of St. Venant-Kirchhoff's law side by side: N = λ (E1 t b + E2 A2)(λ²
+- 1)/2.
 """
 
 from __future__ import annotations
@@ -95,7 +96,8 @@ def test_taped_film_conserves(tape) -> None:
 
 @pytest.mark.mpi
 def test_a_group_that_cannot_hold_a_tape_is_named_with_the_place(comm) -> None:
-    """An edge whose nodes coincide, as at the pole of a revolved mesh, and a group without edges."""
+    """An edge whose nodes coincide, as at the pole of a revolved mesh, and a group without
+    edges."""
     points = np.array(
         [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
     )

@@ -40,7 +40,8 @@ def length_of(run: gx.Simulation) -> float:
 
 @pytest.mark.mpi
 def test_a_brake_stops_a_mass_as_friction_does() -> None:
-    """It pulls with B from where the tether is stretched by B/k: the rest of ½ m v² is lost on the way."""
+    """It pulls with B from where the tether is stretched by B/k: the rest of ½ m v² is lost on the
+    way."""
     run, mass = flying(1.2, length=L, brake_force=BRAKE)
     run.run(until=0.45)
     kinetic = MASS * 1.2**2 / 2
@@ -185,7 +186,8 @@ def test_masses_on_a_film_count_in_its_spin_and_weight(comm) -> None:
 @pytest.mark.mpi
 @pytest.mark.parametrize("tension_only", [False, True])
 def test_slack_film_is_free_of_damping_in_tension_only(comm, tension_only: bool) -> None:
-    """A film that is pressed together flies apart: its slack strain rate is damped by the one, not by the other."""
+    """A film that is pressed together flies apart: its slack strain rate is damped by the one, not
+    by the other."""
     film = gx.Membrane(
         sheet(comm, 2, 2, 0.2, 0.2),
         KAPTON_HN.law(25e-6, residual_stiffness=0.0),

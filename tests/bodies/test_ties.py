@@ -1,4 +1,5 @@
-"""Films and cables that are tied along lines: common motion, and conservation of energy and momenta."""
+"""Films and cables that are tied along lines: common motion, and conservation of energy and
+momenta."""
 
 from __future__ import annotations
 

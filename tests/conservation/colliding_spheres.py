@@ -40,8 +40,8 @@ class Collisions(
 ):
     """Pairs of spheres that may touch in the step, as one stencil.
 
-    Before a step they are those within reach at the present speeds; those that its end shows to be missing are added.
-    A sphere that another has passed through refuses the step.
+    Before a step they are those within reach at the present speeds; those that its end shows to be
+    missing are added. A sphere that another has passed through refuses the step.
     """
 
     def __init__(self, terms: Sequence[CollidingSpheres], system: Assembly) -> None:
@@ -133,7 +133,8 @@ class Collisions(
 
 @dataclass(frozen=True, eq=False)
 class CollidingSpheres:
-    """Spheres of one radius [m] about points, pushed apart by k (2r - l); `foresight` 0 finds pairs too late."""
+    """Spheres of one radius [m] about points, pushed apart by k (2r - l); `foresight` 0 finds pairs
+    too late."""
 
     ports: tuple[Port, ...]
     radius: float

@@ -1,4 +1,5 @@
-"""Air that slows films: closed forms of a fall and a throw, energy balance, moments that vanish by symmetry."""
+"""Air that slows films: closed forms of a fall and a throw, energy balance, moments that vanish by
+symmetry."""
 
 from __future__ import annotations
 
@@ -140,8 +141,8 @@ def test_a_film_that_flutters_loses_what_is_booked(comm, wind) -> None:
 
 @pytest.mark.mpi
 def test_a_film_that_spins_in_its_plane_keeps_its_spin(comm) -> None:
-    """Air pushes it along its axis: it is slowed, and its angular momentum stays, but for the strain of its spin, 1e-5,
-    that lets it bulge."""
+    """Air pushes it along its axis: it is slowed, and its angular momentum stays, but for the
+    strain of its spin, 1e-5, that lets it bulge."""
     film = gx.Membrane(
         sheet(comm, 4, 4),
         STIFF,

@@ -1,4 +1,5 @@
-"""Pairs that are found in each step: growing pattern of the matrix, rejected steps, and conservation."""
+"""Pairs that are found in each step: growing pattern of the matrix, rejected steps, and
+conservation."""
 
 from __future__ import annotations
 
@@ -73,7 +74,8 @@ def test_pairs_that_were_overlooked_are_found_after_the_step() -> None:
 def test_a_step_in_which_spheres_pass_through_each_other_is_refused() -> None:
     a = gx.PointMass(
         1.0,
-        # Not half a metre: then both would end in one point, and round-off would decide what follows.
+        # Not half a metre: then both would end in one point, and round-off would decide what
+        # follows.
         (-0.46, 0.0, 0.0),
         velocity=(50.0, 0.0, 0.0),
         name="a",

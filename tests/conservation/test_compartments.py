@@ -60,7 +60,8 @@ def test_a_cylinder_without_caps_holds_the_volume_of_its_polygon(order):
 
 
 def compartments(order: int = 1, cells: int = 6, law=FILM):
-    """A flat tube in space, turning and drifting, inflated from a tank through the first of two compartments."""
+    """A flat tube in space, turning and drifting, inflated from a tank through the first of two
+    compartments."""
 
     def slightly_open(X):
         lift = 1e-3 * np.sin(np.pi * X[0] / 0.3) * np.cos(np.pi * X[1] / 0.1)

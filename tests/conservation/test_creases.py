@@ -1,4 +1,5 @@
-"""Creases on films: conservation through the flat state, with yielding and folds pressed shut; checkpoints."""
+"""Creases on films: conservation through the flat state, with yielding and folds pressed shut;
+checkpoints."""
 
 from __future__ import annotations
 

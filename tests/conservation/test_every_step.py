@@ -1,4 +1,5 @@
-"""Energy and momenta are conserved for every step: round-off grows neither as 1/h² nor with the distance to 0."""
+"""Energy and momenta are conserved for every step: round-off grows neither as 1/h² nor with the
+distance to 0."""
 
 from __future__ import annotations
 
@@ -104,7 +105,8 @@ def test_film_that_wrinkles(comm, h):
 # With energy = 0.9 the test on the energy never acts; with 1e-12 it closes the balance.
 @pytest.mark.parametrize("energy, least, most", [(0.9, 1e-10, 1e-6), (1e-12, 0.0, 1e-10)])
 def test_a_step_far_too_long_closes_by_the_work_of_its_residual(comm, energy, least, most):
-    """Its predictor is so bad that a residual of 1e-10 of the predictor's, which is enough otherwise, does work."""
+    """Its predictor is so bad that a residual of 1e-10 of the predictor's, which is enough
+    otherwise, does work."""
     film = gx.Membrane(
         sheet(comm, 6, 6),
         gx.Miyazaki(

@@ -1,4 +1,5 @@
-"""Exact balances of films: what each load, support and damper does to energy and momenta, step by step."""
+"""Exact balances of films: what each load, support and damper does to energy and momenta, step by
+step."""
 
 from __future__ import annotations
 
@@ -57,7 +58,8 @@ def changes(run: gx.Simulation) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.mpi
 @pytest.mark.parametrize("order", [1, 2])
 def test_gravity_adds_its_impulse_and_nothing_else(comm, order):
-    """P grows by m g t; about the centre of mass the film moves as if it floated, so its internal energy agrees."""
+    """P grows by m g t; about the centre of mass the film moves as if it floated, so its internal
+    energy agrees."""
     g = (0.3, -0.2, -9.81)
     film = free_sheet(comm, order)
     falling = run_of(film, gx.Gravity(film, g))
@@ -74,7 +76,8 @@ def test_gravity_adds_its_impulse_and_nothing_else(comm, order):
 
 @pytest.mark.mpi
 def test_pressure_in_a_closed_film_gives_no_momentum(comm):
-    """The pressure in an airbag inflates it from flat, and pushes and turns the whole of it by nothing."""
+    """The pressure in an airbag inflates it from flat, and pushes and turns the whole of it by
+    nothing."""
     film = gx.Membrane(airbag(comm, 1.0, 6), LAW)
     run = run_of(
         film,
@@ -118,7 +121,8 @@ def test_a_guide_leaves_the_momentum_along_it():
 
 @pytest.mark.mpi
 def test_mass_damping_slows_every_motion_alike(comm):
-    """P shrinks by (1 - ch/2)/(1 + ch/2) a step, L but for terms in h²; the whole loss counts as dissipated."""
+    """P shrinks by (1 - ch/2)/(1 + ch/2) a step, L but for terms in h²; the whole loss counts as
+    dissipated."""
     film = gx.Membrane(
         sheet(comm, 5, 5),
         LAW,
@@ -200,7 +204,8 @@ def test_an_iterative_linear_solver_leaves_no_energy_behind(comm):
 
 @pytest.mark.mpi
 def test_curved_film_with_gas_spins_freely(comm):
-    """A sphere of curved triangles, quadratic film, gas inside and a vent into space: the gas carries no momentum."""
+    """A sphere of curved triangles, quadratic film, gas inside and a vent into space: the gas
+    carries no momentum."""
     gas = gx.IdealGas(gamma=1.4, R=287.0)
     law = gx.Miyazaki(
         E=2e6,
@@ -242,7 +247,8 @@ def test_curved_film_with_gas_spins_freely(comm):
 
 @pytest.mark.mpi
 def test_gas_and_outer_pressure_are_booked(comm):
-    """A bag that swells against an atmosphere: its work on the outside is taken from what was supplied."""
+    """A bag that swells against an atmosphere: its work on the outside is taken from what was
+    supplied."""
     gas = gx.IdealGas(gamma=1.4, R=287.0)
     law = gx.Linear(
         E=2e6,

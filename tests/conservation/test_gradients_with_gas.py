@@ -1,4 +1,5 @@
-"""Gradients through steps with gas: energy taken back to the start, remainders, times of crossings."""
+"""Gradients through steps with gas: energy taken back to the start, remainders, times of
+crossings."""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ def airbag_from_a_tank(
     volume=4e-4,
     p=1e3,
 ):
-    """A quarter of an airbag that a tank blows up through an orifice, choked at first; free in space."""
+    """A quarter of an airbag that a tank blows up through an orifice, choked at first; free in
+    space."""
     film = gx.Membrane(
         airbag(comm, edge=0.2, cells=4),
         law or gx.Linear(**ELASTIC),
@@ -53,8 +55,16 @@ def airbag_from_a_tank(
     return gx.Scene(film, bag, inlet), 2e-4, 30
 
 
+def airbag_with_a_valve(comm, factor=1.0):
+    """The same airbag, whose orifice opens and closes again."""
+    return airbag_from_a_tank(
+        comm, area=lambda t: factor * 5e-5 * np.sin(np.pi * min(t / 5e-3, 1.0)) ** 2
+    )
+
+
 def tube_with_a_ring(comm, area=1e-5, coefficient=0.8, thickness=1e-4):
-    """Two compartments of a flat tube; gas passes between them through a ring that opens and closes."""
+    """Two compartments of a flat tube; gas passes between them through a ring that opens and
+    closes."""
     law = gx.Linear(E=1e8, nu=0.3, density=1400.0, thickness=thickness)
     film = gx.Membrane(
         flat_tube(comm, 0.3, 0.06, 4, compartments=2),
@@ -185,6 +195,7 @@ PARAMETERS = [
     (airbag_from_a_tank, "bag", "tank.pressure", "tank", 3e4),
     (airbag_from_a_tank, "bag", "tank.volume", "volume", 4e-4),
     (airbag_from_a_tank, "bag", "bag.pressure", "p", 1e3),
+    (airbag_with_a_valve, "bag", "inlet.area_factor", "factor", 1.0),
     (tube_with_a_ring, "compartment 2", "passage.discharge_coefficient", "coefficient", 0.8),
     (tube_with_a_ring, "compartment 2", "film.thickness", "thickness", 1e-4),
     (tube_with_a_ring, "compartment 2", "inlet.area", "area", 1e-5),
@@ -227,7 +238,8 @@ def test_remainders_are_of_second_order(comm, make, chamber, name, argument, val
 
 @pytest.mark.mpi
 def test_the_time_at_which_a_pressure_is_reached_has_a_derivative(comm):
-    """By the area of the inlet, against differences; the same steps, so that the time is a smooth function."""
+    """By the area of the inlet, against differences; the same steps, so that the time is a smooth
+    function."""
     run, tape = recorded(airbag_from_a_tank, comm)
     reached = gx.analysis.CrossingTime(pressure_of(run, "bag"), 1200.0)
     found = gx.analysis.gradient(tape, of=reached, by=["inlet.area", "film.thickness"])

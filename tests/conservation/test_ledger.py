@@ -118,7 +118,8 @@ def test_loads_supports_and_damping_are_booked(comm) -> None:
 
 @pytest.mark.mpi
 def test_the_error_is_over_the_largest_energy_also_if_nobody_looked(comm) -> None:
-    """A mass falls on a spring and comes back to rest, where its energies and flows are almost zero again."""
+    """A mass falls on a spring and comes back to rest, where its energies and flows are almost zero
+    again."""
 
     def fall(*outputs: Output) -> gx.Simulation:
         mass = gx.PointMass(2.0, position=(0.0, 0.0, -1.0), comm=comm)
@@ -158,7 +159,8 @@ def test_any_sequence_of_steps(steps: list[float]) -> None:
 
 @pytest.mark.mpi
 def test_a_step_that_fails_says_where_and_leaves_the_ledger(comm, folder: Path) -> None:
-    """One Newton iteration is not enough once the film flutters; the rows up to there are on file."""
+    """One Newton iteration is not enough once the film flutters; the rows up to there are on
+    file."""
     film = gx.Membrane(
         sheet(comm, 6, 6),
         LAW,

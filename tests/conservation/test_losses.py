@@ -29,7 +29,8 @@ CAUSES = ["air", "strain", "rope damping", "reel"]
 
 
 def scene(comm: MPI.Comm = COMM) -> gx.Scene:
-    """A film that drifts as a whole, a mass that a brake stops, and one that swings on a damped rope."""
+    """A film that drifts as a whole, a mass that a brake stops, and one that swings on a damped
+    rope."""
     film = gx.Membrane(
         sheet(comm, 2, 2),
         LAW,

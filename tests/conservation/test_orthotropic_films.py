@@ -1,4 +1,5 @@
-"""Orthotropic films in motion: energy and momenta are kept while cells switch between taut, wrinkled and slack."""
+"""Orthotropic films in motion: energy and momenta are kept while cells switch between taut,
+wrinkled and slack."""
 
 from __future__ import annotations
 

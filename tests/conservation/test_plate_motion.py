@@ -1,4 +1,5 @@
-"""Balances of plates: bending conserves energy, and the work of a turning clamp counts as supplied."""
+"""Balances of plates: bending conserves energy, and the work of a turning clamp counts as
+supplied."""
 
 from __future__ import annotations
 

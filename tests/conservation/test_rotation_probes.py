@@ -1,4 +1,5 @@
-"""Nutation, angular momentum about the centre of mass and waves of spinning scenes, against closed forms."""
+"""Nutation, angular momentum about the centre of mass and waves of spinning scenes, against closed
+forms."""
 
 from __future__ import annotations
 
@@ -49,9 +50,11 @@ def test_a_symmetric_body_keeps_its_nutation_and_its_momentum_goes_around_in_it(
 
 @pytest.mark.parametrize("sense", [1, -1])
 def test_a_wave_runs_around_a_spinning_disc_as_lamb_and_southwell_found(comm, sense):
-    """In axes that turn with a disc without bending stiffness two waves without nodal circle have ω² = (2.5 - ν/2) Ω².
+    """In axes that turn with a disc without bending stiffness two waves without nodal circle have
+    ω² = (2.5 - ν/2) Ω².
 
-    H. Lamb, R. Southwell, Proc. R. Soc. Lond. A 99 (1921) 272: with n waves, s nodal circles and m = n + 2 s,
+    H. Lamb, R. Southwell, Proc. R. Soc. Lond. A 99 (1921) 272: with n waves, s nodal circles and m
+    = n + 2 s,
 
         ω²/Ω² = (m (m + 2) (3 + ν) - n² (1 + 3 ν))/8
 

@@ -33,7 +33,11 @@ ROUNDING_MEASURES = np.array([0.5, -0.5, -0.5, 1, 0, 1])
 def measures_of(vectors: np.ndarray) -> np.ndarray:
     """Return e (6,) of r, a, b (3, 3)."""
     products = []
-    for i, j in zip(FIRST, SECOND, strict=True):
+    for i, j in zip(
+        FIRST,
+        SECOND,
+        strict=True,
+    ):
         products.append(vectors[i] @ vectors[j])
     return np.array(products)
 
@@ -44,7 +48,8 @@ def weights(u: float, v: float) -> np.ndarray:
 
 
 def closest_parameters(e: np.ndarray, is_edges: bool) -> np.ndarray:
-    """Return the (u, v) of the least φ·e over the triangle or square: interior, sides and corners."""
+    """Return the (u, v) of the least φ·e over the triangle or square: interior, sides and
+    corners."""
     _, ra, rb, aa, ab, bb = e
     F = np.array([[aa, ab], [ab, bb]])
     g = np.array([ra, rb])
@@ -61,7 +66,11 @@ def closest_parameters(e: np.ndarray, is_edges: bool) -> np.ndarray:
         corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
     following = corners[1:] + corners[:1]
     candidates = []
-    for start, end in zip(corners, following, strict=True):
+    for start, end in zip(
+        corners,
+        following,
+        strict=True,
+    ):
         corner = np.array(start, float)
         side = np.subtract(end, start)
         slope = side @ (g + F @ corner)
@@ -69,13 +78,18 @@ def closest_parameters(e: np.ndarray, is_edges: bool) -> np.ndarray:
         # A side without length is one point.
         t = 0.0
         if curvature > 0:
-            t = np.clip(-slope / curvature, 0, 1)
+            t = np.clip(
+                -slope / curvature,
+                0,
+                1,
+            )
         candidates.append(corner + t * side)
     return min(candidates, key=lambda z: weights(*z) @ e)
 
 
 class PairTwin:
-    """One pair in one step: its distance as a function of e, r moved to the closest points of x0."""
+    """One pair in one step: its distance as a function of e, r moved to the closest points of
+    x0."""
 
     def __init__(
         self,

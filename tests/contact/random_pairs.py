@@ -72,7 +72,8 @@ def _place_across_edge(
     d: float,
     rng: np.random.Generator,
 ) -> None:
-    """Move the second edges of pairs (n, 4, 3) near the first ones, at or just beyond their ends."""
+    """Move the second edges of pairs (n, 4, 3) near the first ones, at or just beyond their
+    ends."""
     first_edge = x[:, 1] - x[:, 0]
     second_edge = x[:, 3] - x[:, 2]
     normal = _unit(np.cross(first_edge, second_edge))
@@ -95,7 +96,8 @@ def _place_at_wall(
     d: float,
     rng: np.random.Generator,
 ) -> None:
-    """Make the last two points of pairs (n, 4, 3) orthonormal, and put the first ones near the wall."""
+    """Make the last two points of pairs (n, 4, 3) orthonormal, and put the first ones near the
+    wall."""
     axis = _unit(x[:, 2])
     along_axis = np.einsum("nc,nc->n", axis, x[:, 3])
     x[:, 2] = axis
@@ -118,8 +120,8 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 def make_degenerate(kind: int, x: np.ndarray) -> None:
     """Make degenerate pairs of x (n, 4, 3), in place.
 
-    A third are parallel edges or slivers, a third edges of no length or triangles of two corners, and a
-    sixth have a common point of both sides.
+    A third are parallel edges or slivers, a third edges of no length or triangles of two corners,
+    and a sixth have a common point of both sides.
     """
     count = len(x)
     third = slice(0, count // 3)

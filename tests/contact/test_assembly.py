@@ -1,4 +1,5 @@
-"""The tangent of contact: which blocks are in the system's matrix, and which are multiplied separately."""
+"""The tangent of contact: which blocks are in the system's matrix, and which are multiplied
+separately."""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ from tests.contact.scenes import contact_set_of, film, simulate
 
 
 def touching(comm, body: str) -> gx.Simulation:
-    """Films in the middle of a collision; one of them is held at an edge; with a body they rub, too."""
+    """Films in the middle of a collision; one of them is held at an edge; with a body they rub,
+    too."""
     lower = film(comm, name="lower")
     upper = film(
         comm,

@@ -1,4 +1,5 @@
-"""Contact in scenes: conservation, no penetration, second order, lines, restart, ranks, bad input."""
+"""Contact in scenes: conservation, no penetration, second order, lines, restart, ranks, bad
+input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Contact pressure as a field: its integral is the force, on any number of ranks, for orders 1 and 2."""
+"""Contact pressure as a field: its integral is the force, on any number of ranks, for orders 1 and
+2."""
 
 from __future__ import annotations
 

@@ -110,7 +110,8 @@ def test_a_predictor_that_passed_through_is_no_measure_of_the_residual():
 # 0.16 of the distance separates the two gaps.
 @pytest.mark.parametrize("gap, words", [(0.13, "would pass through"), (0.25, "")])
 def test_edges_nearer_than_their_barrier_lets_them_are_refused(comm, gap, words):
-    """In the middle of edges a barrier is infinite at 0.16 of the distance at which contact begins."""
+    """In the middle of edges a barrier is infinite at 0.16 of the distance at which contact
+    begins."""
     d = 1e-3
     films = [
         film(comm, n=2, name="lower"),

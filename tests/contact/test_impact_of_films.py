@@ -1,4 +1,5 @@
-"""Impacts with exact answers: films on a penalty, oblique impact; cables, beams, edges and corners that meet."""
+"""Impacts with exact answers: films on a penalty, oblique impact; cables, beams, edges and corners
+that meet."""
 
 from __future__ import annotations
 
@@ -43,7 +44,8 @@ def down(speed: float):
 
 
 def test_films_face_to_face_meet_as_bodies_on_a_spring() -> None:
-    """Area penalty ε, areal mass m: contact for π √(m/2ε), depth Δv √(m/2ε), velocities exchanged."""
+    """Area penalty ε, areal mass m: contact for π √(m/2ε), depth Δv √(m/2ε), velocities
+    exchanged."""
     m = 0.01065
     ε = 1e6
     Δv = 1.0
@@ -56,7 +58,8 @@ def test_films_face_to_face_meet_as_bodies_on_a_spring() -> None:
         velocity=down(Δv),
         name="small",
     )
-    # one triangle that reaches beyond the small film, with its centre below that one's, and as heavy as that
+    # one triangle that reaches beyond the small film, with its centre below that one's, and as
+    # heavy as that
     base = gx.Membrane(
         _triangle(0.3),
         # Area of an equilateral triangle in a circle of radius R: ¾ √3 R².
@@ -215,6 +218,7 @@ def test_the_ends_of_a_cylinder_are_round() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("case", ["bars", "wall", "block"])
 def test_impacts_with_exact_answers(case: str) -> None:
-    """Contact time 5 %, velocities and mean stress 3 % (they are told as one number); bodies on a spring 1 %."""
+    """Contact time 5 %, velocities and mean stress 3 % (they are told as one number); bodies on a
+    spring 1 %."""
     measured = problem(COMM, case)["deviation"]
     assert measured < (0.01 if case == "block" else 0.03)

@@ -1,4 +1,5 @@
-"""The contact potential: the C kernel against its twin, conservation by the discrete rule, tangents."""
+"""The contact potential: the C kernel against its twin, conservation by the discrete rule,
+tangents."""
 
 from __future__ import annotations
 
@@ -286,7 +287,8 @@ def test_the_barrier_begins_at_its_distance_and_is_infinite_where_edges_cross(u:
 
 
 def test_edges_about_to_cross_are_pushed_back_the_more_the_nearer_they_are() -> None:
-    """Where s is below its offset a barrier has no energy, but its forces go on; no step ends there."""
+    """Where s is below its offset a barrier has no energy, but its forces go on; no step ends
+    there."""
     pairs = crossing_edges(1e-6)
     heights = np.linspace(0.5e-3, 1e-5, 2000)
     x = [np.array([[-0.5, 0, z], [0.5, 0, z], [0, -0.5, 0], [0, 0.5, 0]]) for z in heights]

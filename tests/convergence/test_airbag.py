@@ -1,9 +1,11 @@
-"""The inflated square airbag of the literature, mostly wrinkled, as the rest state of damped dynamics.
+"""The inflated square airbag of the literature, mostly wrinkled, as the rest state of damped
+dynamics.
 
-Two flat square sheets, diagonal 1.2 m, thickness 0.6 mm, E = 588 MPa, ν = 0.4, joined along their edges, follower
-pressure 5 kPa inside.  M is the centre of a sheet, A a corner, B the middle of an edge.  Converged solutions of several
-meshes and patterns: w_M = 0.2164(2) m, u_A = 0.0494(1) m, V = 0.1250(1) m³, σ1(M) = 3.92(5) MPa (mean of the
-elements at M), and u_B between 0.118 and 0.128 m: it lies on a slack edge.
+Two flat square sheets, diagonal 1.2 m, thickness 0.6 mm, E = 588 MPa, ν = 0.4, joined along their
+edges, follower pressure 5 kPa inside.  M is the centre of a sheet, A a corner, B the middle of an
+edge.  Converged solutions of several meshes and patterns: w_M = 0.2164(2) m, u_A = 0.0494(1) m, V =
+0.1250(1) m³, σ1(M) = 3.92(5) MPa (mean of the elements at M), and u_B between 0.118 and 0.128 m: it
+lies on a slack edge.
 """
 
 from __future__ import annotations
@@ -36,8 +38,8 @@ RAMP = 0.03  # s
 def inflate(cells: int, until: float, order: int = 1) -> dict[str, float]:
     """Inflate with damping that brings the film to rest within a tenth of a second.
 
-    Mass damping ends the large motion; the fast vibration of the stress, which the midpoint rule keeps, needs a little
-    of stiffness damping (much of it would make wrinkles creep).
+    Mass damping ends the large motion; the fast vibration of the stress, which the midpoint rule
+    keeps, needs a little of stiffness damping (much of it would make wrinkles creep).
     """
     film = gx.Membrane(
         airbag(MPI.COMM_SELF, EDGE, cells),

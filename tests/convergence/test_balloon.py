@@ -1,7 +1,8 @@
-"""A spherical balloon with the inertia of its film, filled through a choked inlet: film and gas as one system.
+"""A spherical balloon with the inertia of its film, filled through a choked inlet: film and gas as
+one system.
 
-R0 = 0.2 m, t = 0.2 mm, E = 2 MPa, ν = 0.45, ρ = 1100 kg/m³, St. Venant-Kirchhoff; 50 Pa inside, a vacuum outside,
-reservoir of 1e5 Pa and 300 K, C_dA = 3e-5 m².  The radius obeys
+R0 = 0.2 m, t = 0.2 mm, E = 2 MPa, ν = 0.45, ρ = 1100 kg/m³, St. Venant-Kirchhoff; 50 Pa inside, a
+vacuum outside, reservoir of 1e5 Pa and 300 K, C_dA = 3e-5 m².  The radius obeys
 
     m_s r̈ = 4πr²p - 8πr t S,    S = E/(1-ν) (λ² - 1)/2,    λ = r/R0,    m_s = 4πR0²tρ
 
@@ -34,7 +35,8 @@ def balloon(
     comm: MPI.Comm,
     cells: int = 10,
 ) -> tuple[np.ndarray, gx.Simulation]:
-    """(mean radius, p, T, m, elastic energy) at the given times, on curved triangles with quadratic fields."""
+    """(mean radius, p, T, m, elastic energy) at the given times, on curved triangles with quadratic
+    fields."""
     law = gx.Linear(
         E=2e6,
         nu=0.45,

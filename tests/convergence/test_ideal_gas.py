@@ -1,4 +1,5 @@
-"""Ideal gas without a mesh, against exact solutions and converged integrations; γ = 1.4, R = 287 J/(kg K)."""
+"""Ideal gas without a mesh, against exact solutions and converged integrations; γ = 1.4, R = 287
+J/(kg K)."""
 
 from __future__ import annotations
 
@@ -27,7 +28,7 @@ def closes(run: gx.Simulation) -> bool:
     return abs(run.mass_error) <= 1e-12 and abs(run.energy_error) <= 1e-12
 
 
-# ---- filling a rigid tank from a reservoir: V = 0.01 m³, C_d A = 1e-6 m², 2e5 Pa, 300 K ---------------------------
+# ---- filling a rigid tank from a reservoir: V = 0.01 m³, C_d A = 1e-6 m², 2e5 Pa, 300 K ----------
 
 # State of the supply [Pa, K].
 P0 = 2e5
@@ -112,7 +113,7 @@ def test_temperature_of_a_filled_tank_is_that_of_the_enthalpy_it_got(case):
     assert m * T_now == pytest.approx(expected, rel=1e-12)
 
 
-# ---- choked blow-down into a vacuum: V = 0.01 m³, C_d A = 2e-6 m², 3e5 Pa, 300 K ------------------------------------
+# ---- choked blow-down into a vacuum: V = 0.01 m³, C_d A = 2e-6 m², 3e5 Pa, 300 K -----------------
 
 # Time [s]: pressure [Pa] and temperature [K] of the choked isentropic blow-down.
 BLOW_DOWN = {5: (227693.391, 277.268810), 20: (105678.916, 222.666412)}
@@ -142,7 +143,7 @@ def test_blow_down_into_a_vacuum():
         assert observed_order(steps, row) == pytest.approx(2, abs=0.1)
 
 
-# ---- two tanks: V = 0.01 and 0.02 m³, C_d A = 3e-6 m², 4e5 and 2e4 Pa, 300 K ----------------------------------------
+# ---- two tanks: V = 0.01 and 0.02 m³, C_d A = 3e-6 m², 4e5 and 2e4 Pa, 300 K ---------------------
 
 # Time [s]: pressure [Pa] and temperature [K] of donor and taker; the last row is the equilibrium.
 TWO_TANKS = {
@@ -183,7 +184,8 @@ def test_two_tanks_equalise():
         assert observed_order(steps, row) == pytest.approx(2, abs=0.15)
 
 
-# ---- a piston: A = 0.01 m², M = 0.5 kg, k = 2000 N/m, V = 1e-3 m³ + A x, filled from 1e5 Pa through 2e-5 m² ---------
+# ---- a piston: A = 0.01 m², M = 0.5 kg, k = 2000 N/m, V = 1e-3 m³ + A x, filled from 1e5 Pa
+# through 2e-5 m²
 
 PISTON = {  # t: x [m], ẋ [m/s], p, T, m
     0.1: (0.097060879, 1.716119, 26993.99, 387.4909, 0.478326e-3),

@@ -1,4 +1,5 @@
-"""The midpoint rule is of second order in h where the motion is smooth: a taut film that never wrinkles."""
+"""The midpoint rule is of second order in h where the motion is smooth: a taut film that never
+wrinkles."""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ UNTIL = 1e-3  # s, a quarter of a period of the lowest mode
 def drum(
     law: gx.Linear | gx.Miyazaki, dt: float, order: int = 1, n: int = 4
 ) -> tuple[np.ndarray, gx.Simulation]:
-    """Positions and velocities [m], [m/s] of a stretched square film after a blow, its edges held."""
+    """Positions and velocities [m], [m/s] of a stretched square film after a blow, its edges
+    held."""
     film = gx.Membrane(
         sheet(
             MPI.COMM_SELF,
@@ -70,7 +72,8 @@ def test_positions_and_velocities_converge_with_order_two(law, order):
 
 
 def test_taut_film_moves_as_one_that_cannot_wrinkle():
-    """Path average and correction add nothing, not even noise: the same motion, in as many iterations."""
+    """Path average and correction add nothing, not even noise: the same motion, in as many
+    iterations."""
     (linear, run_linear), (wrinkling, run_wrinkling) = (
         drum(law, 5e-5) for law in (LINEAR, MIYAZAKI)
     )

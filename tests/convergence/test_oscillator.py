@@ -1,4 +1,5 @@
-"""The integrator on problems with exact solutions, without finite elements: a mass on a spring, and free masses."""
+"""The integrator on problems with exact solutions, without finite elements: a mass on a spring, and
+free masses."""
 
 from __future__ import annotations
 

@@ -155,7 +155,8 @@ def test_a_finger_bends_as_a_beam_and_reaches_the_angle_that_is_wanted() -> None
 
 @pytest.mark.mpi
 def test_a_ring_rests_on_the_floor_with_its_weight(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The polyhedron has less area than the torus, by the square of the cells over the tube's radius."""
+    """The polyhedron has less area than the torus, by the square of the cells over the tube's
+    radius."""
     monkeypatch.setattr(resting_ring, "OVERPRESSURES", (100.0,))
     found = resting_ring.main(size=0.08, comm=MPI.COMM_WORLD)
     assert found["push/weight, 100 Pa"] == pytest.approx(1.0, abs=0.02)

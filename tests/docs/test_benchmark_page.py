@@ -1,4 +1,5 @@
-"""The page of errors against CPU time: it shows the stored results, and its problems can be solved."""
+"""The page of errors against CPU time: it shows the stored results, and its problems can be
+solved."""
 
 from __future__ import annotations
 

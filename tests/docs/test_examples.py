@@ -25,7 +25,8 @@ FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """What examples may use without making it: meshes, one body of each kind, gas, runs, a folder."""
+    """What examples may use without making it: meshes, one body of each kind, gas, runs, a
+    folder."""
     folder = tmp_path_factory.mktemp("examples")
     mesh = sheet(COMM, 4, 4)
     curve = line(COMM, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 4)

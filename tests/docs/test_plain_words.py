@@ -53,7 +53,8 @@ Line = tuple[int, str]
 
 
 def texts_of_code(source: str) -> Iterator[Line]:
-    """Docstrings, messages and comments of a Python file, by line; what is in backticks is a name."""
+    """Docstrings, messages and comments of a Python file, by line; what is in backticks is a
+    name."""
     for node in ast.walk(ast.parse(source)):
         is_text = isinstance(node, ast.Constant) and isinstance(node.value, str)
         # A string without a space is a name or a key.
@@ -91,7 +92,8 @@ def newest_section(changelog: str) -> str:
 
 
 def files(names: tuple[str, ...], suffix: str) -> list[Path]:
-    """Files with this suffix among the named files and folders, but for generated ones and EXCEPT."""
+    """Files with this suffix among the named files and folders, but for generated ones and
+    EXCEPT."""
     found: list[Path] = []
     for path in (ROOT / name for name in names):
         found += [path] if path.is_file() else sorted(path.rglob(f"*{suffix}"))

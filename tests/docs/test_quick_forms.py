@@ -1,4 +1,5 @@
-"""The quick forms of studies and validations end well, and every demo is run: ./gossamer test -m slow tests/docs.
+"""The quick forms of studies and validations end well, and every demo is run: ./gossamer test -m
+slow tests/docs.
 
 Demos are run by the tests of what they show, with coarse meshes and short times.
 """

@@ -1,4 +1,5 @@
-"""Fold maps: isometric on lines of the mesh, layers separated for contact, and used by all that reads positions."""
+"""Fold maps: isometric on lines of the mesh, layers separated for contact, and used by all that
+reads positions."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ WIDTH = math.pi * 0.03 / 2  # of a tube of 30 mm that is pressed flat
 
 @dataclass(frozen=True)
 class Sample:
-    """A map, a mesh for it, its fold angles [deg] by group, and what opening its layers may cost [J]."""
+    """A map, a mesh for it, its fold angles [deg] by group, and what opening its layers may cost
+    [J]."""
 
     folds: Any
     mesh: Callable[[MPI.Intracomm], gx.Mesh]
@@ -228,7 +230,8 @@ def test_fold_lines_and_their_angles(comm, name: str) -> None:
     "name", [name for name in SAMPLES if name not in ("zigzag", "miura", "fold with a radius")]
 )
 def test_layers_are_apart(comm, name: str) -> None:
-    """Contact accepts the start, nothing intersects, and unconnected layers of film do not touch."""
+    """Contact accepts the start, nothing intersects, and unconnected layers of film do not
+    touch."""
     sample = SAMPLES[name]
     film = gx.Membrane(sample.mesh(comm), LAW)
     contact = gx.Contact(film, distance=2e-4)

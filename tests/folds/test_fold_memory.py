@@ -1,4 +1,5 @@
-"""Creases of deploying sails give and take the energy of their closed forms; effects follow their criteria."""
+"""Creases of deploying sails give and take the energy of their closed forms; effects follow their
+criteria."""
 
 from __future__ import annotations
 
@@ -33,7 +34,8 @@ def test_creases_begin_with_the_energy_of_their_rest_angle(
 
 @pytest.mark.mpi
 def test_opening_a_fold_takes_what_its_rest_angle_tells(comm) -> None:
-    """Two panels are flattened slowly from a fold of θ0: the work is ½ k L θ0² (2 s - 1), or k L φ (θ0 - φ/2)."""
+    """Two panels are flattened slowly from a fold of θ0: the work is ½ k L θ0² (2 s - 1), or k L φ
+    (θ0 - φ/2)."""
     fold = gx.fold.Zigzag(length=0.2, panels=2, angle=0.6)
     # A fold turns by twice the angle of its panels.
     turned = 1.2
@@ -49,7 +51,8 @@ def test_opening_a_fold_takes_what_its_rest_angle_tells(comm) -> None:
 
 
 def _work_of_flattening(comm, fold, stiffness: float, ratio: float, yield_angle) -> float:
-    """Energy [J] that a fold takes, stored and dissipated, while its panels are turned until they are flat."""
+    """Energy [J] that a fold takes, stored and dissipated, while its panels are turned until they
+    are flat."""
     from gossamer_fx.meshes.sheet import sheet
     from gossamer_fx.presets.films import KAPTON_HN
 

@@ -1,4 +1,5 @@
-"""The sail of IKAROS: its folded start, the first moments of stage 2, the budget of its spin, its steady spin."""
+"""The sail of IKAROS: its folded start, the first moments of stage 2, the budget of its spin, its
+steady spin."""
 
 from __future__ import annotations
 
@@ -51,7 +52,8 @@ def test_the_cross_has_the_inertia_of_the_closed_form(comm) -> None:
     ("hub", "spins"), [(70.0, (9.5, 6.6, 2.7)), (85.0, (10.6, 7.4, 3.1)), (95.0, (11.2, 8.0, 3.4))]
 )
 def test_the_budget_of_the_spin(hub: float, spins: tuple[float, float, float]) -> None:
-    """25 rpm wound; arms of 5.2 m and 6.37 m out; the open square.  The published figures have two digits."""
+    """25 rpm wound; arms of 5.2 m and 6.37 m out; the open square.  The published figures have two
+    digits."""
     # Angular momentum of the wound sail with the given inertia of the hub.
     momentum = 25.0 * ikaros.arm_inertia(0.0, hub)
     # Half an outer and half an inner side of the square membrane [m].
@@ -71,7 +73,8 @@ def test_the_budget_of_the_spin(hub: float, spins: tuple[float, float, float]) -
 def test_the_spin_follows_the_budget_where_masses_are_paid_out_slowly(
     comm, hub: float, mass: float
 ) -> None:
-    """Four masses on tethers, from 1 m to 3 m in four minutes: ω = L/(I + 4 m r²) within 1e-3 at every step."""
+    """Four masses on tethers, from 1 m to 3 m in four minutes: ω = L/(I + 4 m r²) within 1e-3 at
+    every step."""
     body = gx.RigidBody(290.0, (hub, hub, hub), name="hub")
     ω = 15.0 * RPM
     duration = 240.0
@@ -207,7 +210,8 @@ def test_the_sail_opens_in_stage_2(tmp_path) -> None:
 
 @pytest.mark.mpi
 def test_the_ring_of_guides_is_braked_against_the_hub(comm) -> None:
-    """Turned by a couple, the ring's rate against the hub grows to M/c as exp(-c t (1/I + 1/I'))."""
+    """Turned by a couple, the ring's rate against the hub grows to M/c as exp(-c t (1/I +
+    1/I'))."""
     hub = gx.RigidBody(10.0, (2.0, 2.0, 2.0), name="hub")
     c = 3.0
     moment = 0.5
@@ -259,7 +263,8 @@ def test_the_ring_of_guides_is_braked_against_the_hub(comm) -> None:
 def test_arms_wound_round_the_hub_are_isometric_and_apart(
     comm, n: int, inner: int, outer: int, bends: int, out: int
 ) -> None:
-    """Pressed together without strain; opened by 1 mm no layers intersect, and some 10 mJ are stored."""
+    """Pressed together without strain; opened by 1 mm no layers intersect, and some 10 mJ are
+    stored."""
     energies = []
     for gap in (0.0, 1e-3):
         folds = gx.fold.Ikaros(

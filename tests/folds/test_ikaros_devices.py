@@ -1,4 +1,5 @@
-"""The sail of IKAROS with its devices: its mass, its symmetry, the windmill torque, and its flights."""
+"""The sail of IKAROS with its devices: its mass, its symmetry, the windmill torque, and its
+flights."""
 
 from __future__ import annotations
 
@@ -94,7 +95,8 @@ def test_a_sail_with_mirrors_has_no_windmill_torque() -> None:
     found = ikaros_devices.figures(spinning())
     pressure = ikaros_devices.PRESSURE_AT_AU / DISTANCE**2
     assert abs(found["torque"]) < 1e-11 * pressure * 174 * 7
-    # Devices farther out than the mean of the sail: more than the 677 kg m² of mass that is spread evenly.
+    # Devices farther out than the mean of the sail: more than the 677 kg m² of mass that is spread
+    # evenly.
     assert found["J"] == pytest.approx(775.7, abs=0.1)
     assert found["slack tethers"] == 0
     # A sail that sunlight pushes away from the Sun.
@@ -140,5 +142,6 @@ def test_curved_devices_make_a_windmill_whose_torque_brakes_the_flight() -> None
     assert found["rms tilt"] > 3
     assert abs(found["torque"]) > 1e-7
     rigid = ikaros_devices.fly_frozen(search, 1.0, 0.0, until=20.0, dt=1.0)
-    # The static torque is of the same triangles, at a sun angle of zero; a step turns the sail by 6°.
+    # The static torque is of the same triangles, at a sun angle of zero; a step turns the sail by
+    # 6°.
     assert rigid["torque"] == pytest.approx(found["torque"], rel=0.05)

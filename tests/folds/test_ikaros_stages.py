@@ -1,4 +1,5 @@
-"""The wound sail of IKAROS is let out by guides on a braked ring, and released when they are drawn away."""
+"""The wound sail of IKAROS is let out by guides on a braked ring, and released when they are drawn
+away."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The inflatable tube in one call: its parts, its deployment from the folded state with contact, and its balances."""
+"""The inflatable tube in one call: its parts, its deployment from the folded state with contact,
+and its balances."""
 
 from __future__ import annotations
 
@@ -120,7 +121,8 @@ def test_a_folded_tube_begins_to_deploy(comm) -> None:
 
 @pytest.mark.mpi
 def test_caps_keep_the_ends_straight(comm) -> None:
-    """A free tube, one end of which is on a heavy block, the other on a bar that lies where the folded tube ends."""
+    """A free tube, one end of which is on a heavy block, the other on a bar that lies where the
+    folded tube ends."""
     block = gx.RigidBody(
         1.0,
         (1e-3, 1e-3, 1e-3),
@@ -180,7 +182,8 @@ def test_what_cannot_be_is_refused(comm, options, words: str) -> None:
 
 @pytest.mark.mpi
 def test_gravity_air_outside_and_gas_that_was_left_inside(comm) -> None:
-    """The tube begins to open by what was left in it, against the air; the work of gravity and air is in the ledger."""
+    """The tube begins to open by what was left in it, against the air; the work of gravity and air
+    is in the ledger."""
     from demos import folded_tube
 
     case = folded_tube.build(
@@ -213,7 +216,8 @@ def test_the_demo(tmp_path) -> None:
 @pytest.mark.slow
 @pytest.mark.mpi
 def test_a_deployment_to_its_end_on_any_ranks(comm) -> None:
-    """Rings open, and pressures even out, as on one rank; round-off grows, so times agree to a part of the steps."""
+    """Rings open, and pressures even out, as on one rank; round-off grows, so times agree to a part
+    of the steps."""
     from demos import folded_tube
 
     found = folded_tube.main(comm=comm)

@@ -1,4 +1,5 @@
-"""The lid of a box: closed by its latch, opened by its spring according to the closed form, limited by its stop."""
+"""The lid of a box: closed by its latch, opened by its spring according to the closed form, limited
+by its stop."""
 
 from __future__ import annotations
 
@@ -96,10 +97,11 @@ def test_walls_leave_the_room_free_and_the_lid_covers_it() -> None:
 
 @pytest.mark.mpi
 def test_a_free_body_carries_the_box(comm) -> None:
-    """Lid and body turn against each other; momentum and angular momentum stay; the angle is the closed form's.
+    """Lid and body turn against each other; momentum and angular momentum stay; the angle is the
+    closed form's.
 
-    With the reduced inertia: without external moments the spring turns both by φr (1 - cos ωt) with ω² = k/I,
-    where 1/I is that of the lid about the hinge for a body that is much heavier.
+    With the reduced inertia: without external moments the spring turns both by φr (1 - cos ωt) with
+    ω² = k/I, where 1/I is that of the lid about the hinge for a body that is much heavier.
     """
     body = gx.RigidBody(2e3, (50.0, 60.0, 70.0), velocity=(0.3, 0.0, -0.1), comm=comm, name="bus")
     turn = (0.3, -0.5, 0.8)
@@ -135,7 +137,8 @@ def test_a_free_body_carries_the_box(comm) -> None:
 
 @pytest.mark.mpi
 def test_the_lid_moves_with_a_turning_body_at_the_start(comm) -> None:
-    """Before the first step, lid and body have one angular velocity: all joints hold their velocities."""
+    """Before the first step, lid and body have one angular velocity: all joints hold their
+    velocities."""
     body = gx.RigidBody(2.0, (0.1, 0.2, 0.25), spin=(0.4, -1.0, 2.0), comm=comm, name="bus")
     box = gx.assemblies.LiddedBox(SIZES, (0.1, 0.0, 0.2), body=body, release_time=1.0)
     run = gx.Simulation(gx.Scene(box), gx.Midpoint(dt=1e-4))

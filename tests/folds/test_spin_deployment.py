@@ -1,4 +1,5 @@
-"""A sail wound round a hub deploys with contact with itself and conserves energy and angular momentum."""
+"""A sail wound round a hub deploys with contact with itself and conserves energy and angular
+momentum."""
 
 from __future__ import annotations
 
@@ -79,7 +80,8 @@ def test_a_driven_hub_with_creases_and_friction() -> None:
 
 @pytest.mark.mpi
 def test_a_tip_that_sticks_is_held_until_it_is_let_go_and_angular_momentum_stays(comm):
-    """A tilted spin, a hub off its axis and a stuck tip are inner or initial matters: the ledger closes."""
+    """A tilted spin, a hub off its axis and a stuck tip are inner or initial matters: the ledger
+    closes."""
     case = spin_deployment.build(comm, tilt=2.0, offset=1e-3, stuck=0.006)
     radii = {name: probe for name, probe in case.probes.items() if name.startswith("radius")}
     series = gx.Series({**radii, "nutation": case.probes["nutation [deg]"]})

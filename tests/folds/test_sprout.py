@@ -1,4 +1,5 @@
-"""Two tubes in V and the film between them deploy from a cube, with contact and conservation; their deployed state."""
+"""Two tubes in V and the film between them deploy from a cube, with contact and conservation; their
+deployed state."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ def test_the_tubes_begin_to_open(comm) -> None:
 
 @pytest.mark.mpi
 def test_the_stack_is_small_and_in_front_of_the_cube(comm) -> None:
-    """Tubes and film fill a box; the root of each tube is where it will be; no layer is stretched much."""
+    """Tubes and film fill a box; the root of each tube is where it will be; no layer is stretched
+    much."""
     case = sprout.build(comm)
     starts = [item for item in case.scene.items if type(item).__name__ == "Folded"]
     assert len(starts) == 3
@@ -51,7 +53,8 @@ def test_the_stack_is_small_and_in_front_of_the_cube(comm) -> None:
 
 @pytest.mark.slow
 def test_the_tubes_stand_out_in_v(tmp_path) -> None:
-    """Both are straight and as wide as the round tube; span and reach are those of the flat figure within a tenth."""
+    """Both are straight and as wide as the round tube; span and reach are those of the flat figure
+    within a tenth."""
     found = sprout.main(tmp_path, until=0.12, **SHORT)
     assert found["penetrations"] == 0
     assert (
@@ -69,13 +72,14 @@ def test_the_tubes_stand_out_in_v(tmp_path) -> None:
 
 @pytest.mark.mpi
 def test_the_lid_of_the_box_turns_the_cube_back(comm) -> None:
-    """A cube of 5 kg carries the box: momenta of lid, films and cube together are conserved; the valves are closed."""
+    """A cube of 5 kg carries the box: momenta of lid, films and cube together are conserved; the
+    valves are closed."""
     found = sprout.main(comm=comm, until=1e-3, mass=5.0, box=True, delay=1.0, **SHORT)
     assert found["penetrations"] == 0
     assert found["energy_error"] < 1e-9
     assert found["angular_momentum_drift"] < 1e-9
-    # A spring of 10 N m for a millisecond: a quarter of its impulse turns the lid about its own centre, and the cube
-    # has the opposite, less what the lid has by its way past the cube.
+    # A spring of 10 N m for a millisecond: a quarter of its impulse turns the lid about its own
+    # centre, and the cube has the opposite, less what the lid has by its way past the cube.
     lid_share = 2.5e-3 / sprout.inertia(5.0)
     assert 0.3 * lid_share < found["spin"] < lid_share
     # Nothing has left the tank.
@@ -121,7 +125,8 @@ def test_settling_takes_the_largest_energy_of_the_window() -> None:
 
 @pytest.mark.mpi
 def test_the_deployed_tubes_bear_the_film(comm) -> None:
-    """Deflection of the tips, moment at the root and tension are those of the design by closed forms."""
+    """Deflection of the tips, moment at the root and tension are those of the design by closed
+    forms."""
     held = sprout_deployed.build(comm, cell=0.016, film_cell=0.1, held=True)
     alone = sprout_deployed.build(comm, cell=0.016, held=True, with_film=False)
     for satellite in (held, alone):
@@ -148,7 +153,8 @@ def test_forces_of_film_and_cables_are_in_equilibrium() -> None:
 
 
 def test_a_flat_root_is_a_hinge() -> None:
-    """Across its plane a tube with a flat root has a hundredth of the frequency of a clamped one, at most."""
+    """Across its plane a tube with a flat root has a hundredth of the frequency of a clamped one,
+    at most."""
     flat = sprout_deployed.build(
         MPI.COMM_WORLD, cell=0.016, held=True, with_film=False, round_ends=False
     )
@@ -160,7 +166,8 @@ def test_a_flat_root_is_a_hinge() -> None:
 
 
 def test_a_run_ends_when_its_motion_has_settled() -> None:
-    """A damped oscillator: the largest kinetic energy of the window has the envelope exp(-2 δ t), δ = c/(2 m)."""
+    """A damped oscillator: the largest kinetic energy of the window has the envelope exp(-2 δ t), δ
+    = c/(2 m)."""
     mass = gx.PointMass(1.0, position=(1.1, 0.0, 0.0), comm=MPI.COMM_WORLD, name="mass")
     ground = gx.Ground((0.0, 0.0, 0.0))
     spring = gx.connectors.Spring(mass.port(), ground, stiffness=1e5, length=1.0)

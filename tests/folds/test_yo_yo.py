@@ -10,7 +10,8 @@ from demos import yo_yo
 
 
 def test_the_closed_form_keeps_energy_and_angular_momentum() -> None:
-    """Of hub and masses, with the cords' tangent point at angle φ = ω0 t of the hub and s = R φ of cord unwound."""
+    """Of hub and masses, with the cords' tangent point at angle φ = ω0 t of the hub and s = R φ of
+    cord unwound."""
     cells = 36
     R = yo_yo.wound(36)[0]
     I, m, t = yo_yo.inertia(cells), 2 * yo_yo.MASS, np.linspace(0, 0.3, 31)  # noqa: E741

@@ -1,7 +1,9 @@
-"""Gravity and sunlight against Basilisk (bsk 2.12.1 of PyPI, University of Colorado), whose numbers are kept here.
+"""Gravity and sunlight against Basilisk (bsk 2.12.1 of PyPI, University of Colorado), whose numbers
+are kept here.
 
-Its spherical-harmonics model had the coefficients of `egm2008.txt` to degree 20, its faceted sunlight one plate of 2 m²
-with 0.8 mirrored and 0.05 scattered, 7000 km from the Earth's centre towards x, the Sun 1 au towards z.
+Its spherical-harmonics model had the coefficients of `egm2008.txt` to degree 20, its faceted
+sunlight one plate of 2 m² with 0.8 mirrored and 0.05 scattered, 7000 km from the Earth's centre
+towards x, the Sun 1 au towards z.
 """
 
 from __future__ import annotations
@@ -21,7 +23,8 @@ GRAVITY = [
     ((-2.5e6, 5.5e6, -3.5e6), (2.926462426878247, -6.438406339477357, 4.108351831036327)),
     ((1e5, 2e5, -6.6e6), (-0.13737649391983048, -0.27504347456210965, 9.107267763003096)),
 ]
-# direction to the Sun in the axes of the plate, whose normal is z; force and torque for its centre (0.1, 0.2, 0.3) m
+# direction to the Sun in the axes of the plate, whose normal is z; force and torque for its centre
+# (0.1, 0.2, 0.3) m
 SUNLIGHT = [
     (
         (-4.6792109804653416e-05, 0.0, 0.9999999989052492),

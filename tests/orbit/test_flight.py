@@ -1,4 +1,5 @@
-"""Scenes in orbit: Kepler's motion, conservation, tides, perturbations, and strains without round-off of 7000 km."""
+"""Scenes in orbit: Kepler's motion, conservation, tides, perturbations, and strains without
+round-off of 7000 km."""
 
 from __future__ import annotations
 
@@ -110,7 +111,8 @@ def test_dumbbell_hangs_on_its_spring_by_the_tide() -> None:
 
 @pytest.mark.parametrize("tilt", [1e-3, math.radians(40)])
 def test_libration_of_a_dumbbell(tilt: float) -> None:
-    """Time of a quarter of a swing in the plane: that of a pendulum 3/2 n² sin 2θ, an elliptic integral."""
+    """Time of a quarter of a swing in the plane: that of a pendulum 3/2 n² sin 2θ, an elliptic
+    integral."""
     from scipy.special import ellipk
 
     quarter = ellipk(math.sin(tilt) ** 2) / (math.sqrt(3) * RATE)
@@ -230,7 +232,8 @@ def test_flexible_body_keeps_energy_and_angular_momentum_of_the_whole() -> None:
 
 
 def test_oblateness_turns_the_node_and_the_perigee() -> None:
-    """Secular rates by J2 against the formulas of first order, over one revolution of an orbit of e = 0.05."""
+    """Secular rates by J2 against the formulas of first order, over one revolution of an orbit of e
+    = 0.05."""
     a = 8e6
     e = 0.05
     i = 0.6
@@ -324,7 +327,8 @@ def test_what_cannot_fly_is_refused() -> None:
 @pytest.mark.slow
 def test_a_stiffer_body_moves_as_the_rigid_one() -> None:
     # The error falls by the factor of the stiffness, 4.
-    """A dumbbell on springs of 1, 4, 16 N/m against two masses on a bar: the angle errs by 1/stiffness."""
+    """A dumbbell on springs of 1, 4, 16 N/m against two masses on a bar: the angle errs by
+    1/stiffness."""
     tilt = 0.5
     until = 600.0
     h = 1.0

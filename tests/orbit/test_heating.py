@@ -206,7 +206,7 @@ def test_groups_have_their_own_temperatures(comm) -> None:
     assert comm.allreduce(values.max(initial=0.0), op=MPI.MAX) == pytest.approx(heat.highest)
 
 
-# ---- the Earth ------------------------------------------------------------------------------------------
+# ---- the Earth -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("height", [1.05, 1.2, 3.0])
@@ -294,7 +294,7 @@ def test_an_eclipse_cools_the_film_as_fast_as_it_radiates(comm) -> None:
     assert abs(end.heat.error) < 1e-12
 
 
-# ---- histories ------------------------------------------------------------------------------------------
+# ---- histories -----------------------------------------------------------------------------------
 
 
 def heated_run(comm, until: float, **options: object) -> tuple[gx.Simulation, object]:
@@ -336,8 +336,8 @@ def test_a_restart_goes_on_with_the_temperatures_of_all_triangles(comm, folder: 
     rest, again = heated_run(comm, 1.0, restart=folder)
     a = heating.balance(whole)
     b = again.balance(rest)
-    # Hot film wrinkles and flutters: on several ranks the order of sums differs from run to run, and the
-    # motion amplifies it.
+    # Hot film wrinkles and flutters: on several ranks the order of sums differs from run to run,
+    # and the motion amplifies it.
     agreement = 1e-9 if comm.size == 1 else 1e-3
     for name in ("stored", "absorbed", "emitted", "lowest", "highest", "mean"):
         assert getattr(b, name) == pytest.approx(getattr(a, name), rel=agreement)
@@ -365,7 +365,7 @@ def test_steps_that_are_undone_take_their_heat_back(comm) -> None:
     assert abs(run.energy_error) < 1e-8
 
 
-# ---- bad input --------------------------------------------------------------------------------------
+# ---- bad input -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

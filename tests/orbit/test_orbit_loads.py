@@ -81,7 +81,8 @@ def one_step(*items: object, dt: float = 1e-3) -> gx.Simulation:
 @pytest.mark.mpi
 @pytest.mark.parametrize("degrees", [0.0, 30.0, 60.0, 150.0])
 def test_sunlight_on_film_and_plate(degrees: float) -> None:
-    """Along and across the normal as McInnes' formulas, on a film and on a rigid plate, also lit from the back."""
+    """Along and across the normal as McInnes' formulas, on a film and on a rigid plate, also lit
+    from the back."""
     tilt = math.radians(degrees)
     orbit = Orbit(sun=(0, 0, 1))
     body, surface = plate(tilt, JPL_SAIL)
@@ -223,7 +224,8 @@ def test_drag_on_film_and_plate(order: int) -> None:
 
 @pytest.mark.mpi
 def test_drag_on_a_closed_film_is_that_of_a_sphere() -> None:
-    """Diffuse flow on a sphere (Schaaf & Chambre 1961), at a low and a high speed ratio; second order in the cells."""
+    """Diffuse flow on a sphere (Schaaf & Chambre 1961), at a low and a high speed ratio; second
+    order in the cells."""
     for molecule in (1e-28, 2.6566962e-26):
         errors = []
         for cells in (8, 16):
@@ -251,7 +253,8 @@ def test_drag_on_a_closed_film_is_that_of_a_sphere() -> None:
 
 
 def test_fast_air_is_newtons_stream() -> None:
-    """Without heat of the air, molecules that stay leave their momentum, those mirrored twice the normal one."""
+    """Without heat of the air, molecules that stay leave their momentum, those mirrored twice the
+    normal one."""
     a = np.array([0.3, 0.2, 0.9])
     U = np.array([100.0, -30.0, 50.0])
     cold = 1e-3

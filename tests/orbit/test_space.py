@@ -1,4 +1,5 @@
-"""Elements, shadow, optics, free-molecular flow, Sun and Moon, each against closed forms or another route."""
+"""Elements, shadow, optics, free-molecular flow, Sun and Moon, each against closed forms or another
+route."""
 
 from __future__ import annotations
 
@@ -252,7 +253,8 @@ def test_free_molecular_flow_is_the_integral_over_maxwells_molecules(
     flux = moment(1)
     brought = moment(2)
     for σn, σt in ((1.0, 1.0), (0.8, 0.9), (0.0, 0.0)):
-        # a wall of that heat sends the same number back, with √π/2 of its thermal speed on average along the normal
+        # a wall of that heat sends the same number back, with √π/2 of its thermal speed on average
+        # along the normal
         pressure = (2 - σn) * brought + σn * flux * math.sqrt(math.pi) / 2 * wall
         shear = σt * flux * s * math.sin(angle)
         A, B = coefficients(

@@ -1,4 +1,5 @@
-"""Sunlight of a given direction in equilibria: resultants in closed form, groups, directions in time, bad input."""
+"""Sunlight of a given direction in equilibria: resultants in closed form, groups, directions in
+time, bad input."""
 
 from __future__ import annotations
 

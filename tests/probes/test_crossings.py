@@ -1,4 +1,5 @@
-"""`Crossings` counts edges that intersect triangles, not those that touch, on any number of ranks."""
+"""`Crossings` counts edges that intersect triangles, not those that touch, on any number of
+ranks."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ def film(comm, name, moved, n=4):
 
 
 def upright(height):
-    """Return the map to a square across the middle of the unit square, from a height [m] upwards."""
+    """Return the map to a square across the middle of the unit square, from a height [m]
+    upwards."""
     return lambda X: np.vstack([0 * X[0] + 0.4321, 0.1 + 0.8 * X[1], X[0] + height])
 
 
@@ -76,7 +78,8 @@ def crosses(x: np.ndarray, edge: np.ndarray, triangle: np.ndarray) -> bool:
 def crossed_films(comm):
     """A run of a wavy film through a flat one, and the probe of their crossings."""
     wavy = film(comm, "wavy", lambda X: np.vstack([X[0], X[1], 0.3 * np.sin(5 * X[0]) + 0.05]))
-    # Moved a little: edges in the plane of an edge of the film would cross triangles or not by round-off of the mesh.
+    # Moved a little: edges in the plane of an edge of the film would cross triangles or not by
+    # round-off of the mesh.
     flat = film(comm, "flat", lambda X: np.vstack([X[0], X[1] + 0.013, X[2]]), 5)
     run = gx.Simulation(gx.Scene(wavy, flat), gx.Midpoint(dt=1e-3))
     return run, gx.probes.Crossings(wavy, flat)

@@ -163,7 +163,8 @@ def test_with_all_modes_it_is_the_film() -> None:
     for run in (full, reduced):
         run.run(until=0.4)
     assert reduced.system.numbering.size == full.system.numbering.size
-    # the kernel of the points chooses strains as the film's forms do, but for the first ones of a step
+    # the kernel of the points chooses strains as the film's forms do, but for the first ones of a
+    # step
     assert reduced.iterations <= full.iterations + 2 * reduced.step
     x = reduced.scene.bodies[0]
     shape = (
@@ -175,7 +176,8 @@ def test_with_all_modes_it_is_the_film() -> None:
 
 
 def test_more_modes_come_closer(recorded) -> None:
-    # this film is set spinning without tension and flutters: of its 46 modes it needs more than a taut one does
+    # this film is set spinning without tension and flutters: of its 46 modes it needs more than a
+    # taut one does
     film, shapes = recorded
     errors = []
     for modes in (6, 18, 36):

@@ -24,12 +24,21 @@ def test_the_mesh_is_a_closed_torus_with_its_cords(comm):
     φ = braided_torus.section_angles(TORUS, around)
     mesh = braided_torus.torus_mesh(
         comm,
-        braided_torus.surface(line, 0.17, φ),
+        braided_torus.surface(
+            line,
+            0.17,
+            φ,
+        ),
         [0, 4],
     )
     film = gx.Membrane(
         mesh,
-        gx.Linear(1e9, 0.3, density=1e3, thickness=1e-4),
+        gx.Linear(
+            1e9,
+            0.3,
+            density=1e3,
+            thickness=1e-4,
+        ),
         order=2,
     )
     scene = gx.Scene(film, gx.Pressure(film, 1.0))
@@ -39,7 +48,11 @@ def test_the_mesh_is_a_closed_torus_with_its_cords(comm):
     assert total < 1e-12
     law = gx.CableLaw(1.0, 1.0)
     for name in ("cord 0", "cord 1"):
-        tape = gx.connectors.Tape.along_edges(film, law, edges=name)
+        tape = gx.connectors.Tape.along_edges(
+            film,
+            law,
+            edges=name,
+        )
         # Both cords are half of the minor radius further in than the centre line.
         circle = 2 * math.pi * (1.5 - 0.17 / 2)
         assert float(sum(tape.lengths)) == pytest.approx(circle, rel=2e-3)
@@ -49,10 +62,20 @@ def test_a_cable_pulls_along_its_line_with_its_stiffness():
     # Two points without a common coordinate: no component of the force is zero.
     pulley = np.array([0.6, 0.0, -0.2])
     X = np.array([1.5, 0.1, -0.1])
-    cable = braided_torus.Cable(None, pulley, 45.0, 1e6)
+    cable = braided_torus.Cable(
+        None,
+        pulley,
+        45.0,
+        1e6,
+    )
     assert cable.tension(X + 1.0) == 45.0
     cable.hold(X)
-    cable.begin(1e-3, 0.0, X, 0 * X)
+    cable.begin(
+        1e-3,
+        0.0,
+        X,
+        0 * X,
+    )
     # 45 N of pretension, and 1e6 N/m for 1 mm.
     assert cable.tension(X) == pytest.approx(45.0 + 1e3)
     force = cable.force(X)
@@ -62,9 +85,18 @@ def test_a_cable_pulls_along_its_line_with_its_stiffness():
     for j, step in enumerate(1e-6 * np.eye(3)):
         # Central differences with 1 µm.
         differences[:, j] = (cable.force(X + step) - cable.force(X - step)) / 2e-6
-    assert cable.tangent(X) == pytest.approx(differences, rel=1e-6, abs=1.0)
+    assert cable.tangent(X) == pytest.approx(
+        differences,
+        rel=1e-6,
+        abs=1.0,
+    )
     # A slack cable does not push.
-    cable.begin(-1.0, 0.0, X, 0 * X)
+    cable.begin(
+        -1.0,
+        0.0,
+        X,
+        0 * X,
+    )
     assert cable.tension(X) == 0.0
 
 
@@ -80,13 +112,18 @@ def test_the_torus_grows_with_the_pressure_as_its_cords_do(comm):
     """Two cords carry p π r² (1 - 2 cot²β), and the radius follows their strain; coarse."""
     case = read_case(CASES / "hiad_torus_growth.toml", MODELS)
     inputs = case.tests[0].inputs
-    prediction = braided_torus.predict(inputs, comm, True)
+    prediction = braided_torus.predict(
+        inputs,
+        comm,
+        True,
+    )
     growth = float(prediction.quantities["growth of the mean radius"].y)
     torus = braided_torus.Torus.read(inputs)
     tube = torus.tube
     later = replace(tube, cord_force=tube.cord_force * 137.9 / 34.5)
     strain = later.cord_strain_after_inflation() - tube.cord_strain_after_inflation()
-    # The cords are on a circle that is half a minor radius smaller; the wall and the section count, too.
+    # The cords are on a circle that is half a minor radius smaller; the wall and the section count,
+    # too.
     assert growth == pytest.approx(strain * torus.shape_radius.mean(), rel=0.2)
 
 

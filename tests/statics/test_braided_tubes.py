@@ -35,7 +35,8 @@ def test_the_inflated_wall_and_cords_balance_the_pressure():
 
 @pytest.mark.mpi
 def test_the_tube_begins_in_equilibrium_and_reaches_the_measured_plateau(comm):
-    """Two cords up, coarse: no load before bending, the measured curve, and the closed form of the plateau."""
+    """Two cords up, coarse: no load before bending, the measured curve, and the closed form of the
+    plateau."""
     test = CASE.tests[3]
     tube = braided_tube.Tube.read(test.inputs)
     model = braided_tube.build(tube, comm, 6)

@@ -86,7 +86,8 @@ def test_torque_of_a_twisted_beam(comm):
 
 @pytest.mark.mpi
 def test_a_root_that_turns_and_moves_books_its_work(comm):
-    """A boom whose root turns about z and moves along y as the boom does at the start: the ledger closes."""
+    """A boom whose root turns about z and moves along y as the boom does at the start: the ledger
+    closes."""
     ω = 2.0
     u = 0.5
     beam = beam_along_x(
@@ -121,7 +122,8 @@ def test_a_root_that_turns_and_moves_books_its_work(comm):
 @pytest.mark.mpi
 @pytest.mark.parametrize("kind", ["beam", "cable"])
 def test_lines_slide_in_planes_of_any_direction(comm, kind):
-    """A line that hangs between a pin and a slope of 45°: the slope pushes along its normal alone."""
+    """A line that hangs between a pin and a slope of 45°: the slope pushes along its normal
+    alone."""
     n = np.array([-1.0, 0.0, 1.0]) / math.sqrt(2)
     if kind == "beam":
         body = beam_along_x(comm)

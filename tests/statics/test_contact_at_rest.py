@@ -65,7 +65,8 @@ STIFFNESS = 1e9 * 25e-6
 @pytest.mark.mpi
 @pytest.mark.parametrize(("law", "increments"), [("penalty", 8), ("barrier", 40)])
 def test_a_tube_between_two_planes(comm, law, increments):
-    """A tube of the radius R, pressed to the height 2 H, lies flat on a width of π (R - H) on each side.
+    """A tube of the radius R, pressed to the height 2 H, lies flat on a width of π (R - H) on each
+    side.
 
     The force is that of the pressure on this width.
     """

@@ -1,7 +1,9 @@
-"""A creased strip pulled at its ends: hinge and elastica, derived twice, against plates; and a crease identified.
+"""A creased strip pulled at its ends: hinge and elastica, derived twice, against plates; and a
+crease identified.
 
-The table holds for panels of 0.05 m, k = 2e-3 N m/(m rad), rest angle 120°, E = 2.5 GPa, t = 50 µm, ν = 0.  It follows
-from the first integral of the elastica, ½ B φ'² = F (cos φ1 - cos φ), φ1 at the end of a panel, φ0 = θ/2 at the crease:
+The table holds for panels of 0.05 m, k = 2e-3 N m/(m rad), rest angle 120°, E = 2.5 GPa, t = 50 µm,
+ν = 0.  It follows from the first integral of the elastica, ½ B φ'² = F (cos φ1 - cos φ), φ1 at the
+end of a panel, φ0 = θ/2 at the crease:
 
     l = ∫ dφ / φ',    B φ'(0) = k (θ - θr),    distance of the ends 2 ∫ cos φ ds
 """
@@ -23,7 +25,8 @@ from demos.studies import crease
 from demos.studies.crease import LENGTH, REST, STIFFNESS, STRIP, WIDTH
 from gossamer_fx.meshes.creased_strip import creased_strip
 
-# force [N/m], angle between the panels (180° - θ) [deg], distance of the ends [mm], depth of the V [mm]
+# force [N/m], angle between the panels (180° - θ) [deg], distance of the ends [mm], depth of the V
+# [mm]
 TABLE = (
     (0.003, 63.468904, 58.922268, 40.362531),
     (0.01, 69.756794, 72.641667, 34.057634),
@@ -37,7 +40,8 @@ TABLE = (
 def by_quadrature(force: float) -> tuple[float, float, float]:
     """A row of the table.
 
-    With p = sin(φ1/2) and sin(φ/2) = p cosh u the singular integrand at the end becomes ds = du/(√(F/B) cos(φ/2)).
+    With p = sin(φ1/2) and sin(φ/2) = p cosh u the singular integrand at the end becomes ds =
+    du/(√(F/B) cos(φ/2)).
     """
     B = STRIP.bending_stiffness
 
@@ -104,7 +108,8 @@ def test_plates_of_eight_cells(comm, force: float, tolerance: float) -> None:
 
 
 def test_a_crease_alone_carries_the_moment_at_its_hinge(comm) -> None:
-    """A held strip, loaded at its end: with a stiff crease it moves as without one, with a soft one F l²/(k b) more."""
+    """A held strip, loaded at its end: with a stiff crease it moves as without one, with a soft one
+    F l²/(k b) more."""
     ends = []
     for stiffness in (None, 1e3, 1e-2):
         mesh = creased_strip(comm, 6, 1, LENGTH, WIDTH)
@@ -145,7 +150,8 @@ def test_own_weight_opens_a_hanging_strip() -> None:
 
 
 def measured(noise: float) -> tuple[list[float], list[float], list[float]]:
-    """Weights [N], angles [rad] and distances [m] of a strip, with errors of `noise` standard deviations."""
+    """Weights [N], angles [rad] and distances [m] of a strip, with errors of `noise` standard
+    deviations."""
     weights = [1e-5, 1e-4, 5e-4, 3e-3]
     random = np.random.default_rng(3)
     rows = [STRIP.equilibrium(1.9, 3e-3, weight) for weight in weights]

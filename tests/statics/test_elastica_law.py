@@ -1,4 +1,5 @@
-"""The law of wrinkled strips on a sheared film: the wave lengths that it is given, and its error against a plate."""
+"""The law of wrinkled strips on a sheared film: the wave lengths that it is given, and its error
+against a plate."""
 
 from __future__ import annotations
 
@@ -31,7 +32,8 @@ def test_wrinkles_of_a_thick_film_have_the_predicted_length() -> None:
     found = elastica_law.reference(400e-6)
     λ = 1e3 * elastica_law.half_wavelength(400e-6)
     assert found["plate's λ [mm]"] == pytest.approx(λ, rel=0.2)
-    # More than a tension field, E t L γ/4 of an endless sheet, and less than a sheet that does not wrinkle.
+    # More than a tension field, E t L γ/4 of an endless sheet, and less than a sheet that does not
+    # wrinkle.
     stiffness = elastica_law.FILM["E"] * 400e-6 * elastica_law.LENGTH * elastica_law.GAMMA
     assert stiffness / 4 < found["force"] < stiffness / (2 * (1 + elastica_law.FILM["nu"]))
 

@@ -21,7 +21,8 @@ LAWS = [
 
 
 def quarter(comm, law, cells, order, pressure, rim=(0, 1, 2)):
-    """A quarter of a flat disc of radius 1 m under pressure, supported at the rim, in its planes of symmetry."""
+    """A quarter of a flat disc of radius 1 m under pressure, supported at the rim, in its planes of
+    symmetry."""
     film = gx.Membrane(
         quarter_disc(comm, cells, 1.0, order),
         law,
@@ -55,7 +56,8 @@ def positions(equilibrium, comm):
 def test_clamped_disc_under_pressure_rises_as_it_must_by_every_law(
     comm, law, cells, order, tolerance
 ):
-    """w0/a and V/a³ of a StVK disc at q = pa/(Et) = 0.1, ν = 0.3, from the axisymmetric equations; nothing wrinkles."""
+    """w0/a and V/a³ of a StVK disc at q = pa/(Et) = 0.1, ν = 0.3, from the axisymmetric equations;
+    nothing wrinkles."""
     p = 0.1 * FILM["E"] * FILM["thickness"]
     _, scene = quarter(comm, law, cells, order, p)
     equilibrium = Equilibrium(scene)
@@ -72,7 +74,8 @@ def test_clamped_disc_under_pressure_rises_as_it_must_by_every_law(
 
 
 def test_mylar_balloon(comm):
-    """Thickness and radius of the inflated balloon of two discs, extrapolated to an inextensible film (Taylor 1919)."""
+    """Thickness and radius of the inflated balloon of two discs, extrapolated to an inextensible
+    film (Taylor 1919)."""
     thickness = []
     radius = []
     # Two stiffnesses, to extrapolate the linear dependence on q away.
@@ -139,7 +142,8 @@ def test_reaction_work_and_stretch_of_a_pulled_strip(comm):
 
 
 def test_increments_follow_a_prescribed_motion(comm):
-    """A stretched film of ν = 0: the force on the moved edge at every increment, and its work in small ones."""
+    """A stretched film of ν = 0: the force on the moved edge at every increment, and its work in
+    small ones."""
     film, _, _ = strip(comm)
     pulled = gx.Fixed(
         film,
@@ -198,7 +202,8 @@ def test_a_search_that_cannot_be_is_refused(name, value):
 
 @pytest.mark.mpi
 def test_work_of_a_moved_edge_closes_the_ledger_in_time(comm):
-    """A film shaken at one edge: energy = what the motion supplied, to round-off, and it is not nothing."""
+    """A film shaken at one edge: energy = what the motion supplied, to round-off, and it is not
+    nothing."""
     film = gx.Membrane(sheet(comm, 4, 4), gx.Miyazaki(**FILM))
 
     def shake(X, t):
@@ -222,7 +227,8 @@ def test_work_of_a_moved_edge_closes_the_ledger_in_time(comm):
 @pytest.mark.parametrize("law", ["Miyazaki 1e-6", "Miyazaki 1e-8"])
 def test_square_airbag_comes_to_rest_in_few_iterations(comm, law, cells, iterations):
     # Limits of iterations: measured ones, with a third more.
-    """Quarter of one sheet from its flat, stress-free state under 5 kPa at once, against converged references."""
+    """Quarter of one sheet from its flat, stress-free state under 5 kPa at once, against converged
+    references."""
     result = airbag.problem(comm, law, "P1", cells)
     assert result["iterations"] <= iterations
     assert result["residual"] < 1e-8
@@ -239,7 +245,8 @@ def test_square_airbag_comes_to_rest_in_few_iterations(comm, law, cells, iterati
     [(8, (0.216181, 0.049403, 0.124409, 3.9816e6)), (16, (0.216516, 0.049328, 0.124843, 3.8886e6))],
 )
 def test_square_airbag_on_a_mesh_that_others_have_solved_on(comm, cells, exact):
-    """The same discrete problem, so the same digits: constant strains, u = 1e-6, cells of four triangles."""
+    """The same discrete problem, so the same digits: constant strains, u = 1e-6, cells of four
+    triangles."""
     result = airbag.problem(comm, "Miyazaki 1e-6", "P1", cells)
     measured = [result[name] for name in ("w_M", "u_A", "V", "σ1_M")]
     # Published with five or six digits by others on the same mesh.

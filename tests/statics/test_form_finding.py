@@ -104,7 +104,8 @@ def test_edge_cables_of_a_film_between_four_corners_are_arcs(comm, force):
 
 
 def test_saddle_of_the_demo_has_cables_of_their_force(comm):
-    """Its cables are nearly plane arcs; what bends them out of the film's tangent plane is small."""
+    """Its cables are nearly plane arcs; what bends them out of the film's tangent plane is
+    small."""
     result = four_corner_film.main(comm=comm)
     # 3 %: cables bend out of the tangent plane.
     assert result["radius of a cable [m]"] == pytest.approx(result["force/tension [m]"], rel=0.03)

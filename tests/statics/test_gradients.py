@@ -15,6 +15,7 @@ from demos.studies.crease import folded
 from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import EDGES, crossed_sheet
+from gossamer_fx.meshes.tube_section import cylinder
 from gossamer_fx.sensitivity.static import StaticGradients
 
 SIDE = 0.5  # m
@@ -344,7 +345,8 @@ def test_energy_of_a_loaded_spring(comm):
 
 
 def test_energy_of_a_film_by_its_thickness_and_shape(comm):
-    """A taut square held at its edges: W = E t ε²/(1-ν) A with ε of the stress-free size; exact derivatives."""
+    """A taut square held at its edges: W = E t ε²/(1-ν) A with ε of the stress-free size; exact
+    derivatives."""
     E = 2.5e9
     nu = 0.3
     t = 25e-6
@@ -366,9 +368,9 @@ def test_energy_of_a_film_by_its_thickness_and_shape(comm):
     energy = E * t / (1 - nu) * green**2
     assert found.value == pytest.approx(energy)
     assert found["film.thickness"].values == pytest.approx([energy / t])
-    # The stress-free square grows to the size 1 + s, and the held rim stays: the stretch is (1 + ε)/(1 + s).
-    # W = C A ((1 + ε)²/(1 + s)² - 1)²/4, A = (1 + s)²; dW/ds at s = 0 follows.
-    # Biaxial stiffness per stretch, E t/(1 - ν).
+    # The stress-free square grows to the size 1 + s, and the held rim stays: the stretch is (1 +
+    # ε)/(1 + s). W = C A ((1 + ε)²/(1 + s)² - 1)²/4, A = (1 + s)²; dW/ds at s = 0 follows. Biaxial
+    # stiffness per stretch, E t/(1 - ν).
     C = E * t / (1 - nu)
     exact = 2 * energy - 2 * C * green * (1 + stretch) ** 2
     shape = found["film.shape"]
@@ -490,7 +492,8 @@ def hanging(comm: MPI.Intracomm) -> tuple[gx.Equilibrium, gx.analysis.Functional
 
 
 def test_a_minimisation_finds_the_lengths_of_ropes(comm):
-    """Three lengths place a mass: the least distance is zero, and the ropes then balance its weight."""
+    """Three lengths place a mass: the least distance is zero, and the ropes then balance its
+    weight."""
     equilibrium, distance = hanging(comm)
     found = gx.analysis.minimise(
         equilibrium,
@@ -563,17 +566,16 @@ REFUSED: dict[str, tuple[Callable[[gx.Membrane], list], list[str], str]] = {
         ["pressure.pressure"],
         "'pressure' has no parameter 'pressure'",
     ),
-    "contact": (
+    "contact without a given stiffness": (
         lambda film: [
             gx.Contact(
                 film,
                 gx.contact.Plane(point=(0, 0, -1), normal=(0, 0, 1)),
                 distance=1e-3,
-                stiffness=1e6,
             )
         ],
         ["film.thickness"],
-        "contact at an equilibrium has no gradient",
+        "'contact' derives its stiffness",
     ),
 }
 
@@ -605,3 +607,86 @@ def test_the_demo_removes_most_of_the_wrinkles_at_equal_mass(comm):
     # A tenth of the wrinkling of the even sail, as the demo says.
     assert found["wrinkling over that of the even sail"] < 0.1
     assert found["mass over that of the even sail"] == pytest.approx(1.0, rel=1e-6)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("law", ["penalty", "barrier"])
+def test_a_film_on_a_floor_sinks_with_its_weight(comm, law):
+    """K d b'(z/d) + ρ t g = 0 of a film at the height z, so that dz/dt = -ρ g/(K b''(z/d)).
+
+    b = (1 - x)²/2 of the penalty, (1 - x)³/(4x) of the barrier.
+    """
+    distance = 1e-3
+    stiffness = 1e6
+    density = 1400.0
+    thickness = 1e-4
+    film = gx.Membrane(
+        crossed_sheet(comm, 2, 2, 0.1, 0.1),
+        gx.Linear(1e9, 0.3, density=density, thickness=thickness),
+        displacement=lambda X: 0 * X + np.array([[0.0], [0.0], [2 * distance]]),
+    )
+    floor = gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1))
+    contact = gx.Contact(film, floor, distance=distance, stiffness=stiffness, law=law)
+    # Nothing but contact holds the height.
+    held = [gx.Fixed(film, edge, components=(0, 1)) for edge in EDGES]
+    equilibrium = gx.Equilibrium(gx.Scene(contact, gx.Gravity(film), *held))
+    equilibrium.find()
+    height = gx.analysis.Integral(film, lambda q: q[2] / 0.01 * film.dx, unit="m")
+    found = gx.analysis.gradient(
+        equilibrium, of=height, by=["film.thickness", "film.density", "gravity of film.g"]
+    )
+    x = found.value / distance
+    curvature = 1.0
+    if law == "barrier":
+        curvature = (1 - x**3) / (2 * x**3)
+    g = 9.80665
+    compliance = g / (stiffness * curvature)
+    assert found["film.thickness"].values[0] == pytest.approx(-density * compliance, rel=1e-6)
+    assert found["film.density"].values[0] == pytest.approx(-thickness * compliance, rel=1e-6)
+    by_g = found["gravity of film.g"].values[2]
+    assert by_g == pytest.approx(density * thickness * compliance / g, rel=1e-6)
+
+
+@pytest.mark.mpi
+def test_a_pressed_tube_has_the_gradients_of_differences(comm):
+    """A tube between two planes, whose contact grows with the load: by its thickness and its
+    pressure."""
+    thickness = 1e-4
+    pressure = 1000.0
+
+    def pressed(change: dict[str, float]) -> tuple[gx.Equilibrium, gx.analysis.Integral]:
+        law = gx.Linear(1e7, 0.3, density=1000.0, thickness=change.get("tube.thickness", thickness))
+        tube = gx.Membrane(cylinder(comm, 0.05, 0.02, 16, 1), law, name="tube")
+        planes = [
+            gx.contact.Plane(
+                point=(0, 0, side * 0.0515),
+                normal=(0, 0, -side),
+                motion=lambda t, side=side: (0.0, 0.0, -side * 5e-3 * t),
+                name=f"plane {side}",
+            )
+            for side in (-1, 1)
+        ]
+        contact = gx.Contact(tube, *planes, distance=1e-3, stiffness=5e7, law="penalty")
+        load = gx.Pressure(tube, change.get("pressure.pressure", pressure))
+        held = [gx.Fixed(tube, rim, components=(0,)) for rim in ("first rim", "last rim")]
+        held += [gx.Fixed(tube, line, components=(1,)) for line in ("top", "bottom")]
+        equilibrium = gx.Equilibrium(gx.Scene(contact, load, *held))
+        for k in range(5):
+            equilibrium.find(at=k / 4)
+        size = gx.analysis.Integral(tube, lambda q: q[2] ** 2 * tube.dx, unit="m⁴")
+        return equilibrium, size
+
+    equilibrium, size = pressed({})
+    names = {"tube.thickness": thickness, "pressure.pressure": pressure}
+    found = gx.analysis.gradient(equilibrium, of=size, by=list(names))
+    assert equilibrium.system.totals().stored["contact"] > 0
+    for name, value in names.items():
+        errors = []
+        for δ in CHANGES[1:4]:
+            sizes = []
+            for sign in (-1, 1):
+                other, of = pressed({name: value * (1 + sign * δ)})
+                sizes.append(of(other))
+            difference = (sizes[1] - sizes[0]) / (2 * δ * value)
+            errors.append(abs(found[name].values[0] / difference - 1))
+        assert min(errors) < AGREEMENT, (name, errors)

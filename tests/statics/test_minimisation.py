@@ -1,4 +1,5 @@
-"""`gx.analysis.minimise` and `minimise_runs`: SciPy and PETSc, fields, bases and runs, on 1 and 2 ranks."""
+"""`gx.analysis.minimise` and `minimise_runs`: SciPy and PETSc, fields, bases and runs, on 1 and 2
+ranks."""
 
 from __future__ import annotations
 
@@ -21,8 +22,8 @@ def blown_up(
 ) -> tuple[gx.Membrane, gx.Equilibrium, gx.analysis.Integral]:
     """A quarter of a disc under pressure with a field of thickness, and what it is to minimise.
 
-    The result is the mean square of the deflection, and of the distance of the thickness from a given one,
-    so that there is one minimum.  The stress-free shape is a bowl of a rise [m].
+    The result is the mean square of the deflection, and of the distance of the thickness from a
+    given one, so that there is one minimum.  The stress-free shape is a bowl of a rise [m].
     """
     mesh = quarter_disc(comm, 6, RADIUS)
     x = mesh.domain.geometry.x
@@ -104,7 +105,8 @@ def test_a_field_on_several_ranks_is_minimised_without_a_method(comm, by_scipy):
 
 @pytest.mark.mpi
 def test_numbers_and_fields_are_minimised_together(comm):
-    """A pressure, which all ranks share, and a thickness: with a free pressure the deflection vanishes."""
+    """A pressure, which all ranks share, and a thickness: with a free pressure the deflection
+    vanishes."""
     _, equilibrium, result = blown_up(comm)
     found = gx.analysis.minimise(
         equilibrium,
@@ -168,7 +170,8 @@ LENGTH = 0.9  # m
 
 
 def swing(values: dict[str, np.ndarray]) -> gx.analysis.Gradient:
-    """Height after a second of a mass on a spring, which starts 0.1 m below its rest, and its gradient."""
+    """Height after a second of a mass on a spring, which starts 0.1 m below its rest, and its
+    gradient."""
     mass = gx.PointMass(1.0, (0.0, 0.0, -1.0), name="mass")
     spring = gx.connectors.Spring(
         mass.port(),
@@ -186,7 +189,8 @@ def swing(values: dict[str, np.ndarray]) -> gx.analysis.Gradient:
 @pytest.mark.mpi
 @pytest.mark.parametrize("method", [None, "blmvm"])
 def test_a_run_is_minimised_to_the_closed_form(comm, method):
-    """The mass is lowest after a whole oscillation; the rule turns by φ with tan(φ/2) = ω h/2 in a step."""
+    """The mass is lowest after a whole oscillation; the rule turns by φ with tan(φ/2) = ω h/2 in a
+    step."""
     found = gx.analysis.minimise_runs(
         swing,
         {"spring.stiffness": 30.0},

@@ -103,7 +103,8 @@ def test_disc_that_spins_about_a_hub(comm, turning):
 
 
 def test_disc_that_spins_freely(comm):
-    """(ω/Ω)² = [(n+2s)(n+2s+2)(3+ν) - n²(1+3ν)]/8: a quarter has n = 0, 2, 4 with s = 0, and n = 0 with s = 1."""
+    """(ω/Ω)² = [(n+2s)(n+2s+2)(3+ν) - n²(1+3ν)]/8: a quarter has n = 0, 2, 4 with s = 0, and n = 0
+    with s = 1."""
     film = gx.Membrane(quarter_disc(comm, 8, 1.0, 2), SPUN, order=2)
     held = [gx.Fixed(film, "x axis", components=(1,)), gx.Fixed(film, "y axis", components=(0,))]
     equilibrium = Equilibrium(gx.Scene(film, *held, Centrifugal(film, (0.0, 0.0, SPIN))))
@@ -162,7 +163,8 @@ def test_coriolis_matrix_of_a_film(comm):
 
 @pytest.mark.mpi
 def test_a_mass_on_a_gas_spring(comm):
-    """ω² = γ p A²/(m V) of a piston with gas, and the frequencies of springs across are those without gas."""
+    """ω² = γ p A²/(m V) of a piston with gas, and the frequencies of springs across are those
+    without gas."""
     mass = 2.0
     area = 0.01
     volume = 2e-3
@@ -230,8 +232,8 @@ def test_a_drum_over_closed_air(comm):
         frequencies[closed] = [mode.frequency for mode in modes(equilibrium, 4)]
     drum = frequencies[False]
     with_gas = frequencies[True]
-    # The gas adds κ g⊗g: 1 + κ Σ (g·φ)²/(ω_mn² - ω²) = 0 over the modes of odd m and n, whose g·φ is
-    # 8/(π² m n √(ρt)) with unit modal mass.
+    # The gas adds κ g⊗g: 1 + κ Σ (g·φ)²/(ω_mn² - ω²) = 0 over the modes of odd m and n, whose g·φ
+    # is 8/(π² m n √(ρt)) with unit modal mass.
     κ = 1.4 * 1e3 / 0.5
     m, n = np.meshgrid(np.arange(1, 40, 2), np.arange(1, 40, 2))
     squares = np.pi**2 * N0 / 0.028 * (m**2 + n**2)
@@ -248,7 +250,8 @@ def test_a_drum_over_closed_air(comm):
 
 @pytest.mark.mpi
 def test_effective_masses(comm):
-    """The mode (1, 1) of a square drum moves 64/π⁴ of its mass; without supports all is in rigid motions."""
+    """The mode (1, 1) of a square drum moves 64/π⁴ of its mass; without supports all is in rigid
+    motions."""
     film = gx.Membrane(
         sheet(comm, 8, 8),
         TENSIONED,
@@ -341,7 +344,8 @@ def test_cantilever(comm):
 @pytest.mark.mpi
 @pytest.mark.parametrize("above", [0.0, 1.01, 2.4])
 def test_a_free_hub_with_tethers_in_a_turning_frame(comm, above):
-    """ω/Ω = √(R/L) in the plane, √(1 + R/L) out of it, of tethers L with tip masses that swing against each other.
+    """ω/Ω = √(R/L) in the plane, √(1 + R/L) out of it, of tethers L with tip masses that swing
+    against each other.
 
     The hub of radius R is free: at zero frequency the stiffness is singular.
     """
@@ -411,7 +415,8 @@ def test_modes_near_a_frequency_in_a_turning_frame(comm):
 
 
 def test_a_film_on_a_free_hub_in_a_turning_frame(comm):
-    """A rigid hub, much heavier than its film, is as good as held: the disc's own frequencies, hub free."""
+    """A rigid hub, much heavier than its film, is as good as held: the disc's own frequencies, hub
+    free."""
     film = gx.Membrane(ring(comm, 0.2, 1.0, 4, 24, 2), SPUN, order=2)
     mass = 1e4 * 5e-5 * 1e9 / SPIN**2 * 1e-4 * np.pi
     hub = gx.RigidBody(

@@ -62,7 +62,8 @@ def test_what_nothing_holds_has_no_equilibrium(comm, load):
     ],
 )
 def test_an_unloaded_slack_film_rests_where_it_is(comm, law):
-    """Its residual was 5.5, of loads that are nothing but round-off; now it is below the round-off of the film."""
+    """Its residual was 5.5, of loads that are nothing but round-off; now it is below the round-off
+    of the film."""
     body = film(comm, law=law, displacement=lambda X: -0.1 * X)
     found = Equilibrium(gx.Scene(body)).find()
     # Loads are zero, so that the residual is relative to the round-off of the film.
@@ -72,7 +73,8 @@ def test_an_unloaded_slack_film_rests_where_it_is(comm, law):
 
 @pytest.mark.filterwarnings("ignore:invalid value encountered")
 def test_the_result_is_the_state_that_was_found_before_the_last_iteration(comm):
-    """A pendulum hung at (1, 0, 0), whose turn about the vertical nothing resists: the residual was nan."""
+    """A pendulum hung at (1, 0, 0), whose turn about the vertical nothing resists: the residual was
+    nan."""
     bob = gx.RigidBody(1.0, (1.0, 1.0, 1.0), position=(1.0, 0.0, -1.0))
     scene = gx.Scene(
         gx.constraints.BallJoint(bob.port((0.0, 0.0, 1.0)), gx.Ground((1.0, 0.0, 0.0))),
@@ -193,7 +195,8 @@ def test_the_reaction_of_what_is_not_in_the_scene_is_refused(comm):
 
 
 def test_what_lies_on_an_obstacle_counts_as_supported(comm):
-    """After one iteration it is not at rest; the advice must not be to hold what the floor holds."""
+    """After one iteration it is not at rest; the advice must not be to hold what the floor
+    holds."""
     lying = film(comm)
     floor = gx.contact.Plane(point=(0.0, 0.0, -1e-3), normal=(0.0, 0.0, 1.0))
     weight = gx.Gravity(lying)

@@ -1,4 +1,5 @@
-"""Panels of orthotropic film, sheared and stretched, against the closed forms of uniform tension."""
+"""Panels of orthotropic film, sheared and stretched, against the closed forms of uniform
+tension."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ def compliance_along(angle: float, E1: float = E1) -> float:
     ids=["right", "left"],
 )
 def test_a_sheared_panel_carries_diagonal_tension(comm, side: int) -> None:
-    """Of film with E1 = E2 the tension is at 45 degrees to the axes: W = e_tt²/(2 F_tt), S = e_tt/F_tt."""
+    """Of film with E1 = E2 the tension is at 45 degrees to the axes: W = e_tt²/(2 F_tt), S =
+    e_tt/F_tt."""
     law = gx.Orthotropic(
         E2,
         E2,
@@ -70,7 +72,8 @@ def test_a_sheared_panel_carries_diagonal_tension(comm, side: int) -> None:
 
 
 def strain_of_tension(angle: float) -> tuple[float, float, float]:
-    """Strains along, across and of shear (2 E12) of a unit stress at an angle to the first axis [1/Pa]."""
+    """Strains along, across and of shear (2 E12) of a unit stress at an angle to the first axis
+    [1/Pa]."""
     t = np.array([math.cos(angle), math.sin(angle)])
     n = np.array([-math.sin(angle), math.cos(angle)])
     e1 = t[0] ** 2 / E1 - NU12 / E1 * t[1] ** 2
@@ -86,7 +89,8 @@ def strain_of_tension(angle: float) -> tuple[float, float, float]:
 def test_a_pulled_strip_stretches_contracts_and_shears_at_any_angle_to_its_axes(
     comm, angle: float, kind
 ) -> None:
-    """f = t μ S with the stretch μ, μ² - 1 = 2 S F_tt; the sides turn, since F couples tension and shear."""
+    """f = t μ S with the stretch μ, μ² - 1 = 2 S F_tt; the sides turn, since F couples tension and
+    shear."""
     direction = (math.cos(angle), -math.sin(angle), 0.0)
     more = {"residual_stiffness": 1e-2} if kind is gx.Orthotropic else {}
     law = kind(
@@ -128,7 +132,8 @@ def test_a_pulled_strip_stretches_contracts_and_shears_at_any_angle_to_its_axes(
 
 @pytest.mark.mpi
 def test_a_strip_across_its_stiff_axis_is_softer(comm) -> None:
-    """Stretched along the first or the second axis between fixed edges: the energies are as E1 and E2."""
+    """Stretched along the first or the second axis between fixed edges: the energies are as E1 and
+    E2."""
     stretch = 1.005
 
     def energy(direction) -> float:

@@ -84,7 +84,8 @@ def test_two_halves_of_a_symmetric_plate_are_one():
 
 
 def test_a_hinge_transmits_no_moment():
-    """A strip that hangs over at a hinge: the part beyond it turns freely, and only membrane forces hold it."""
+    """A strip that hangs over at a hinge: the part beyond it turns freely, and only membrane forces
+    hold it."""
     plate = gx.Plate(
         irregular_sheet(WORLD, 6, 2, 0.3, 0.1),
         LAW,
@@ -104,7 +105,8 @@ def test_a_hinge_transmits_no_moment():
 
 
 def test_small_strains_in_the_plane_are_those_of_the_film():
-    """So nothing in the plane is without stiffness: strains linear in a cell are not changed by the ties."""
+    """So nothing in the plane is without stiffness: strains linear in a cell are not changed by the
+    ties."""
     domain = irregular_sheet(WORLD, 3, 3, 1.0, 1.0).domain
     V = fem.functionspace(domain, ("Lagrange", 2, (3,)))
     X = fem.Function(V)
@@ -141,7 +143,8 @@ def test_the_bending_energy_is_never_negative_with_hardly_more_than_the_least_pe
 
 
 def test_the_energy_of_a_cylinder_is_that_of_its_curvature():
-    """½ D κ² per area, of positions that are those of a cylinder of radius 1/κ, wherever it is turned."""
+    """½ D κ² per area, of positions that are those of a cylinder of radius 1/κ, wherever it is
+    turned."""
     κ = 2.0
     errors = []
     Q, _ = np.linalg.qr(np.random.default_rng(2).standard_normal((3, 3)))
@@ -164,7 +167,8 @@ def test_the_energy_of_a_cylinder_is_that_of_its_curvature():
 
 @pytest.mark.mpi
 def test_a_sheared_plate_comes_to_rest_in_wrinkles(comm):
-    """From a start that is nearly flat, against large compressive stress: to four fifths of its energy."""
+    """From a start that is nearly flat, against large compressive stress: to four fifths of its
+    energy."""
     length = 0.1
     height = 0.05
     δ = 1e-3
@@ -206,7 +210,8 @@ def test_a_sheared_plate_comes_to_rest_in_wrinkles(comm):
 
 @pytest.mark.slow
 def test_a_sheared_film_has_the_wrinkles_of_the_theory(comm):
-    """Half wavelength and amplitude of Wong & Pellegrino (2006), and the force of a tension field."""
+    """Half wavelength and amplitude of Wong & Pellegrino (2006), and the force of a tension
+    field."""
     found = wrinkled_plate.problem(comm, "theory", 5)
     # Theory of one wave length for the whole sheet: 15 and 20 % are what it can promise.
     assert found["λ/theory"] == pytest.approx(1, abs=0.15)
@@ -217,7 +222,8 @@ def test_a_sheared_film_has_the_wrinkles_of_the_theory(comm):
 
 @pytest.mark.slow
 def test_a_tape_spring_folds_at_the_moment_of_the_theory(comm):
-    """It resists until it snaps, and then with (1+ν) D α however far it is bent (Seffen & Pellegrino 1999)."""
+    """It resists until it snaps, and then with (1+ν) D α however far it is bent (Seffen &
+    Pellegrino 1999)."""
     found = tape_spring.problem(comm, 8)
     # 5 % of the plateau, 15 % of the peak, which depends on the ends.
     assert found["plateau/(1+ν)Dα"] == pytest.approx(1, abs=0.05)

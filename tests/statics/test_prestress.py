@@ -1,4 +1,5 @@
-"""Films, cables and beams with initial stress or strain: statics, frequencies and runs with known answers."""
+"""Films, cables and beams with initial stress or strain: statics, frequencies and runs with known
+answers."""
 
 from __future__ import annotations
 
@@ -40,7 +41,7 @@ def start_of(equilibrium: gx.Equilibrium) -> np.ndarray:
     return found
 
 
-# ---- films -----------------------------------------------------------------------------------------------
+# ---- films ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.mpi
@@ -133,7 +134,8 @@ def test_a_film_has_the_stress_that_was_given(comm, law):
 
 @pytest.mark.mpi
 def test_a_strain_and_a_field_of_stress(comm):
-    """σ = E/(1-ν) e of an equal strain e; a function of the points and a number give the same film."""
+    """σ = E/(1-ν) e of an equal strain e; a function of the points and a number give the same
+    film."""
     strain = STRESS * (1 - NU) / E
     by_strain = held(gx.Membrane(sheet(comm, 3, 3), FILM, initial_strain=strain))
     by_field = held(
@@ -214,7 +216,7 @@ def test_a_prestressed_film_that_flies_conserves_energy_and_momenta(comm, order)
     assert error <= 1e-11 * size
 
 
-# ---- cables ----------------------------------------------------------------------------------------------
+# ---- cables --------------------------------------------------------------------------------------
 
 
 @pytest.mark.mpi
@@ -236,7 +238,8 @@ def test_string(comm):
 
 @pytest.mark.parametrize("factor", [0.98, 0.9], ids=str)
 def test_a_cable_that_is_cut_short(comm, factor):
-    """Its tension is that of the law at the stretch 1/factor, and its mass that of the natural length."""
+    """Its tension is that of the law at the stretch 1/factor, and its mass that of the natural
+    length."""
     cable = gx.Cable(
         line(comm, [(0, 0, 0), (2.0, 0, 0)], 4),
         ROPE,
@@ -291,7 +294,7 @@ def test_a_turnbuckle_tightens_a_cable(comm):
         assert tension == pytest.approx(expected, rel=1e-6)
 
 
-# ---- beams -----------------------------------------------------------------------------------------------
+# ---- beams ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -300,7 +303,8 @@ def test_a_turnbuckle_tightens_a_cable(comm):
     ids=["tension", "compression"],
 )
 def test_beam_under_axial_force(comm, share):
-    """ω² = (π/L)⁴ EI/μ (1 + N/P), P = π² EI/L² the Euler load, of a slender beam on two supports."""
+    """ω² = (π/L)⁴ EI/μ (1 + N/P), P = π² EI/L² the Euler load, of a slender beam on two
+    supports."""
     section = gx.sections.solid_circle(
         2e-3,
         E=70e9,
@@ -325,7 +329,7 @@ def test_beam_under_axial_force(comm, share):
     assert found == pytest.approx(expected, rel=2e-3)
 
 
-# ---- bad input -------------------------------------------------------------------------------------------
+# ---- bad input -----------------------------------------------------------------------------------
 
 
 def test_what_is_refused(comm):

@@ -11,7 +11,8 @@ from demos import reflector
 
 
 def error_of_the_inflated_closed_form(comm, cells: int) -> float:
-    """Largest distance [m] from the paraboloid of a dish that is made as the closed form and inflated."""
+    """Largest distance [m] from the paraboloid of a dish that is made as the closed form and
+    inflated."""
     film, equilibrium = reflector.build(comm, cells, 2)
     exact = reflector.exact_meridian()
     x = film.mesh.domain.geometry.x
@@ -26,7 +27,8 @@ def error_of_the_inflated_closed_form(comm, cells: int) -> float:
 
 @pytest.mark.mpi
 def test_a_dish_made_as_the_closed_form_inflates_to_the_paraboloid(comm):
-    """The closed form needs no fit: the distance vanishes with the third power of the mesh size, or faster."""
+    """The closed form needs no fit: the distance vanishes with the third power of the mesh size, or
+    faster."""
     coarse = error_of_the_inflated_closed_form(comm, 6)
     fine = error_of_the_inflated_closed_form(comm, 12)
     assert math.log2(coarse / fine) > 2.5

@@ -1,4 +1,5 @@
-"""Results of an equilibrium by public names: positions, stresses, reactions, joint forces, probes."""
+"""Results of an equilibrium by public names: positions, stresses, reactions, joint forces,
+probes."""
 
 from __future__ import annotations
 
@@ -89,7 +90,8 @@ def test_reaction_of_a_clamped_beam(comm):
 
 @pytest.mark.mpi
 def test_forces_of_joints_at_rest_and_in_motion(comm):
-    """A body hung on a hinge that hangs on another: weights; a body swung on a joint: m ω² r to second order in h."""
+    """A body hung on a hinge that hangs on another: weights; a body swung on a joint: m ω² r to
+    second order in h."""
     upper = gx.RigidBody(
         2.0,
         (1.0, 1.0, 1.0),
@@ -180,7 +182,8 @@ def test_angular_velocity_of_a_beam(comm):
 
 @pytest.mark.mpi
 def test_a_line_search_is_refused(comm):
-    """The residual follows the iterates one by one: asked at another place, it is another function."""
+    """The residual follows the iterates one by one: asked at another place, it is another
+    function."""
     from petsc4py import PETSc
 
     film = gx.Membrane(sheet(comm, 2, 2), LAW)

@@ -1,4 +1,5 @@
-"""Edges, hubs and end plates under a given total force and moment: the motion is found, at rest and in time."""
+"""Edges, hubs and end plates under a given total force and moment: the motion is found, at rest and
+in time."""
 
 from __future__ import annotations
 
@@ -177,7 +178,8 @@ def test_a_wrinkled_hub_needs_no_secant(comm):
 @pytest.mark.mpi
 @pytest.mark.parametrize("ratio", [0.5, 2.0])
 def test_an_inflated_tube_bends_under_the_moment_on_its_end_plate(comm, ratio):
-    """κ of Stein & Hedgepeth for the moment given, before and after the first wrinkle; the plate does not choke."""
+    """κ of Stein & Hedgepeth for the moment given, before and after the first wrinkle; the plate
+    does not choke."""
     tube = bent_tube
     film = gx.Membrane(
         cylinder(
@@ -247,7 +249,8 @@ def test_a_beam_is_bent_into_an_arc_by_the_torque_on_its_end(comm):
 @pytest.mark.mpi
 @pytest.mark.parametrize("kind", ["straight", "stretching", "hub", "sliding", "body"])
 def test_momenta_of_a_free_film_grow_by_force_and_torque(comm, kind):
-    """Nothing is held: momentum F t, angular momentum T t about the origin, and the ledger closes."""
+    """Nothing is held: momentum F t, angular momentum T t about the origin, and the ledger
+    closes."""
     law = gx.Linear(E, 0.3, density=DENSITY, thickness=THICKNESS)
     hub = gx.RigidBody(0.1, (1e-3, 1e-3, 1e-3), name="hub") if kind == "body" else None
     if kind in ("straight", "stretching"):

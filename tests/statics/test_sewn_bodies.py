@@ -3,8 +3,8 @@
 Sources:
     pillow    W. H. Paulsen, Amer. Math. Monthly 101 (1994) 953: the mylar balloon of two discs
     tube      p r λ_a = N of a ring of n chords, whose tension N balances the pressure exactly
-    pumpkin   G. I. Taylor (1919): a film without hoop stress, whose meridian is that of the mylar balloon;
-              tendons that bear all of the load form it
+    pumpkin   G. I. Taylor (1919): a film without hoop stress, whose meridian is that of the mylar
+              balloon; tendons that bear all of the load form it
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ MYLAR_THICKNESS = 0.913893162
 
 
 def quarter_pillow(cells: tuple[int, int], q: float) -> tuple[float, float]:
-    """Radius and thickness of a pillow of two quarter discs, 0.1 apart at first, sewn and inflated."""
+    """Radius and thickness of a pillow of two quarter discs, 0.1 apart at first, sewn and
+    inflated."""
     law = gx.Miyazaki(
         E=1e9,
         nu=0.3,
@@ -76,7 +77,8 @@ def quarter_pillow(cells: tuple[int, int], q: float) -> tuple[float, float]:
 @pytest.mark.mpi
 @pytest.mark.parametrize("cells", [(10, 10), (10, 12)])
 def test_two_flat_discs_become_the_mylar_balloon(cells: tuple[int, int]) -> None:
-    """Two stiffnesses are extrapolated to the inextensible film, as in the study of the mylar balloon."""
+    """Two stiffnesses are extrapolated to the inextensible film, as in the study of the mylar
+    balloon."""
     coarse = quarter_pillow(cells, 2e-3)
     fine = quarter_pillow(cells, 1e-3)
     radius, thickness = 2 * np.array(fine) - coarse
@@ -87,7 +89,8 @@ def test_two_flat_discs_become_the_mylar_balloon(cells: tuple[int, int]) -> None
 
 @pytest.mark.mpi
 def test_a_sheet_becomes_a_tube() -> None:
-    """A bent sheet whose edges are 3 % of the circumference apart is sewn, and stretched by pressure."""
+    """A bent sheet whose edges are 3 % of the circumference apart is sewn, and stretched by
+    pressure."""
     n = 24
     chord = 0.02
     law = gx.Linear(
@@ -228,7 +231,8 @@ def test_pumpkin_balloon_tends_to_the_constant_stress_shape() -> None:
 
 @pytest.mark.mpi
 def test_panels_touch_while_they_are_sewn() -> None:
-    """A panel is sewn to the one below it on two sides while its weight presses it on that: it stays above."""
+    """A panel is sewn to the one below it on two sides while its weight presses it on that: it
+    stays above."""
     law = gx.Miyazaki(
         E=1e6,
         nu=0.3,

@@ -1,4 +1,5 @@
-"""Equilibria and modes are written and read like runs, and a search says how it goes and stops when asked."""
+"""Equilibria and modes are written and read like runs, and a search says how it goes and stops when
+asked."""
 
 from __future__ import annotations
 
@@ -35,7 +36,7 @@ def drum(comm, *others, **options):
     return gx.Equilibrium(gx.Scene(film, load, *supports, *others), **options), film
 
 
-# ---- records ---------------------------------------------------------------------------------------------
+# ---- records -------------------------------------------------------------------------------------
 
 
 @pytest.mark.mpi
@@ -145,12 +146,13 @@ def test_what_cannot_be_recorded(comm, folder):
         gx.plot.modes([folder / "run"], folder / "modes.png")
 
 
-# ---- the search ------------------------------------------------------------------------------------------
+# ---- the search ----------------------------------------------------------------------------------
 
 
 @pytest.mark.mpi
 def test_a_signal_ends_a_search_with_the_last_state(comm, caplog, folder):
-    """A pressure that sends the signal: the search ends after the pseudo-step, and its state can be recorded."""
+    """A pressure that sends the signal: the search ends after the pseudo-step, and its state can be
+    recorded."""
     calls = []
 
     def pressure(t):
@@ -205,14 +207,15 @@ def test_what_is_not_regular_is_warned_of(comm, caplog):
     assert caplog.text == ""
 
 
-# ---- remedies and gas ------------------------------------------------------------------------------------
+# ---- remedies and gas ----------------------------------------------------------------------------
 
 AIR = gx.IdealGas(gamma=1.4, R=287.05)
 OUTSIDE = 101325.0
 
 
 def bag_in_air(comm, cells, gas_volume, **options):
-    """A flat bag whose gas comes from a small tank: of the volume `gas_volume` [m³] at 200 Pa above the outside."""
+    """A flat bag whose gas comes from a small tank: of the volume `gas_volume` [m³] at 200 Pa above
+    the outside."""
     film = gx.Membrane(airbag(comm, 1.0, cells), LAW)
     tank = 1e-3
     gas = gx.Chamber(

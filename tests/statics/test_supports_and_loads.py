@@ -1,4 +1,5 @@
-"""Supports of any body in any direction, loads along edges, weights of attached masses, damping of lines."""
+"""Supports of any body in any direction, loads along edges, weights of attached masses, damping of
+lines."""
 
 from __future__ import annotations
 
@@ -90,7 +91,8 @@ def test_a_strip_slides_in_planes_of_any_direction(comm, angle):
     ids=["dead", "following"],
 )
 def test_a_normal_load_pulls_along_the_film_or_as_the_mesh_was(comm, following):
-    """The strip starts turned by a right angle: the load that follows pulls it along, the dead one turns it back."""
+    """The strip starts turned by a right angle: the load that follows pulls it along, the dead one
+    turns it back."""
     quarter = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     film = gx.Membrane(
         sheet(comm, 4, 2, 2.0, 1.0),
@@ -273,3 +275,16 @@ def test_supports_that_share_corners_balance_the_load_together(comm) -> None:
     assert forces.sum(axis=0) == pytest.approx([0.0, 10.0, 0.0], rel=1e-6, abs=1e-6)
     # The pattern of triangles is not symmetric, the sheet nearly.
     assert forces[1, 1] == pytest.approx(forces[3, 1], rel=0.1)
+
+
+def test_a_scene_that_is_fixed_everywhere_is_at_rest(comm):
+    """Nothing can move: the supports carry the whole weight, and no equation is left to solve."""
+    # One cell of 1 m: all four nodes are on the edges that are fixed.
+    film = gx.Membrane(sheet(comm, 1, 1), LAW)
+    supports = [gx.Fixed(film, group, name=group) for group in ("left", "right")]
+    equilibrium = gx.Equilibrium(gx.Scene(*supports, gx.Gravity(film)))
+    found = equilibrium.find()
+    assert found.iterations == 0
+    weight = 9.80665 * 1000.0 * THICKNESS
+    carried = sum(equilibrium.reaction(support)[0] for support in supports)
+    assert carried == pytest.approx([0.0, 0.0, weight], rel=1e-3)

@@ -38,7 +38,8 @@ def strip(
     expansion,
     order: int = 1,
 ) -> tuple[gx.Scene, gx.Fixed]:
-    """A strip with one cell across, stretched between its ends, whose sides are free in its plane."""
+    """A strip with one cell across, stretched between its ends, whose sides are free in its
+    plane."""
     mesh = sheet(comm, 4, 1, LENGTH, WIDTH)
     film = gx.Membrane(
         mesh,
@@ -214,7 +215,7 @@ def test_a_string_that_is_cooled_sounds_higher(comm) -> None:
     assert tones[1] > 1.2 * tones[0]
 
 
-# ---- plates -----------------------------------------------------------------------------------------
+# ---- plates --------------------------------------------------------------------------------------
 
 
 @pytest.mark.mpi
@@ -282,7 +283,8 @@ def test_a_free_plate_with_a_gradient_is_a_shallow_sphere(comm) -> None:
     # It bends freely: held flat, it would store ½ ∫ M0:κ0 = D (1 + ν) κ² A.
     stiffness = 2e9 * 1e-9 / (12 * (1 - 0.09))
     held_flat = stiffness * 1.3 * κ**2 * 0.04
-    # The heat at the clamped edges is that of the path of the continuation, see `EquilibriumResult`.
+    # The heat at the clamped edges is that of the path of the continuation, see
+    # `EquilibriumResult`.
     assert result.totals.supplied == pytest.approx(held_flat, rel=0.03)
     assert abs(result.totals.energy) < 0.06 * held_flat
 
@@ -314,7 +316,7 @@ def test_a_linear_temperature_needs_no_stress_in_a_free_plate(comm) -> None:
     assert abs(stress).max(initial=0.0) < 2 * ALPHA * 50.0 * (2e9 * ALPHA * 50.0)
 
 
-# ---- gradients --------------------------------------------------------------------------------------
+# ---- gradients -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["alpha", "reference_temperature", "thickness"])
@@ -366,7 +368,7 @@ def test_a_field_of_temperatures_is_a_variable(comm) -> None:
     assert by_temperature > 0  # warmer film is less taut
 
 
-# ---- bad input --------------------------------------------------------------------------------------
+# ---- bad input -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -137,7 +137,8 @@ def map_of(run, film, field: str) -> np.ndarray:
     ids=["first axis", "second axis"],
 )
 def test_maps_of_a_fabric_along_its_axes(comm, direction, along, across):
-    """Stretched along an axis, crests run along it: a = -(γ2 + ν γ1) with the ratio and bending of that axis."""
+    """Stretched along an axis, crests run along it: a = -(γ2 + ν γ1) with the ratio and bending of
+    that axis."""
     law = fabric(E, E / 2, NU, E / 4, direction)
     run, film, t = stretched(law, comm)
     # ν12 E2 = ν21 E1

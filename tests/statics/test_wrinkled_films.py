@@ -61,7 +61,8 @@ def test_reference_of_the_hub_is_continuous_where_wrinkles_begin():
 
 
 def test_fields_of_wrinkles_are_drawn(folder):
-    """b/H = 1 - K^(-½) of the strip wrinkles, in lines across it; of the airbag 0.70 of the cells do."""
+    """b/H = 1 - K^(-½) of the strip wrinkles, in lines across it; of the airbag 0.70 of the cells
+    do."""
     found = wrinkle_fields.main(folder)
     assert found["strip wrinkled"] == pytest.approx(1 - wrinkle_fields.K**-0.5, abs=0.01)
     assert found["airbag wrinkled"] == pytest.approx(0.70, abs=0.02)

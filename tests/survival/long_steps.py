@@ -1,4 +1,5 @@
-"""A run with steps of two seconds as a separate program: python3 -m tests.survival.long_steps FOLDER."""
+"""A run with steps of two seconds as a separate program: python3 -m tests.survival.long_steps
+FOLDER."""
 
 from __future__ import annotations
 

@@ -66,7 +66,8 @@ def filled_tube(comm: MPI.Comm, cells: int = 4) -> gx.Scene:
 
 
 def turning_beam(comm: MPI.Comm) -> gx.Scene:
-    """A beam on a hub with sampled attitude control, and a damper: multipliers and history variables."""
+    """A beam on a hub with sampled attitude control, and a damper: multipliers and history
+    variables."""
     section = gx.sections.solid_circle(0.01, E=1e9, nu=0.3, density=1500.0)
     axis = line(comm, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 4)
     beam = gx.Beam(
@@ -102,7 +103,8 @@ def turning_beam(comm: MPI.Comm) -> gx.Scene:
 
 
 def numbers(run: gx.Simulation) -> np.ndarray:
-    """Totals by which states are compared on any number of ranks: energies, works, momenta, gas mass."""
+    """Totals by which states are compared on any number of ranks: energies, works, momenta, gas
+    mass."""
     totals = run.totals
     energies = [totals.kinetic, *totals.stored.values()]
     works = [totals.supplied, *totals.losses.values()]

@@ -1,4 +1,5 @@
-"""Mount a file system of 2 MB in memory: python3 -m tests.survival.small_disk FOLDER; exit code 77 if refused.
+"""Mount a file system of 2 MB in memory: python3 -m tests.survival.small_disk FOLDER; exit code 77
+if refused.
 
 The command `mount` is not everywhere; the call of the C library is.
 """

@@ -1,4 +1,5 @@
-"""A restart compares the scene with that of the checkpoint and refuses other parameters, unless they are named."""
+"""A restart compares the scene with that of the checkpoint and refuses other parameters, unless
+they are named."""
 
 from __future__ import annotations
 
@@ -168,7 +169,7 @@ def test_a_checkpoint_of_one_number_of_ranks_is_compared_on_another(folder: Path
     assert run(3, scene(), restart=folder).step == 3
 
 
-# ---- events --------------------------------------------------------------------------------------------------------
+# ---- events --------------------------------------------------------------------------------------
 
 
 def fall(until: float, events: list[Any], **options: Any) -> gx.Simulation:
@@ -233,7 +234,7 @@ def test_an_event_at_the_start_happens(folder: Path) -> None:
     assert (stopped.step, stopped.time) == (0, 0.0)
 
 
-# ---- contact and flight --------------------------------------------------------------------------------------------
+# ---- contact and flight --------------------------------------------------------------------------
 
 
 def touching(ball: Any = None, contact: Any = None, law: Any = LAW, under: Any = None) -> gx.Scene:
@@ -402,7 +403,8 @@ def test_small_numbers_are_compared_relatively(
 
 
 def test_what_is_noticed_of_a_function() -> None:
-    """Its name, constants and values of enclosing scopes, whatever the version of Python; not the order of names."""
+    """Its name, constants and values of enclosing scopes, whatever the version of Python; not the
+    order of names."""
 
     def noticed(one: Any, other: Any) -> bool:
         there, here = (json.loads(json.dumps(describe(f))) for f in (one, other))

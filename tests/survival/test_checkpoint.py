@@ -65,7 +65,8 @@ def test_a_restarted_run_is_the_uninterrupted_one(folder: Path, kind: str) -> No
 @pytest.mark.mpi
 @pytest.mark.parametrize("kind", SCENES)
 def test_other_number_of_ranks(folder: Path, kind: str) -> None:
-    """All ranks write and each reads for itself, and the other way round: 2 → 1 and 1 → 2 under mpirun -n 2."""
+    """All ranks write and each reads for itself, and the other way round: 2 → 1 and 1 → 2 under
+    mpirun -n 2."""
     run_to(
         4,
         SCENES[kind](COMM),
@@ -90,7 +91,8 @@ def test_other_number_of_ranks(folder: Path, kind: str) -> None:
 
 @pytest.mark.mpi
 def test_coordinates_find_their_nodes_on_other_ranks(folder: Path) -> None:
-    """Every node of the state that is read has the position and velocity that its point of the mesh has."""
+    """Every node of the state that is read has the position and velocity that its point of the mesh
+    has."""
     run_to(
         3,
         fluttering_sheet(COMM, 5, order=2),
@@ -151,7 +153,7 @@ def test_generalized_alpha_remembers_its_accelerations(folder: Path) -> None:
     assert measured == pytest.approx(numbers(whole), rel=1e-9, abs=1e-12)
 
 
-# ---- outputs -------------------------------------------------------------------------------------------------------
+# ---- outputs -------------------------------------------------------------------------------------
 
 
 def outputs(folder: Path) -> list:
@@ -173,7 +175,8 @@ def table(path: Path) -> np.ndarray:
 
 @pytest.mark.mpi
 def test_outputs_go_on_without_gap_or_duplicate(folder: Path) -> None:
-    """A run that came to step 7, 13 is restarted at step 5, 10: later rows are cut off and written again."""
+    """A run that came to step 7, 13 is restarted at step 5, 10: later rows are cut off and written
+    again."""
     run_to(
         15,
         fluttering_sheet(COMM),
@@ -301,7 +304,7 @@ def test_as_many_checkpoints_are_kept_as_were_asked_for(
     assert measured == steps
 
 
-# ---- refusals ------------------------------------------------------------------------------------------------------
+# ---- refusals ------------------------------------------------------------------------------------
 
 
 @pytest.mark.mpi
@@ -461,7 +464,8 @@ def test_a_restart_from_the_start_records_it_once(folder: Path) -> None:
 
 @pytest.mark.parametrize("end", ["ended", "stopped"])
 def test_a_restart_knows_of_steps_that_failed(folder: Path, end: str) -> None:
-    """Steps that are hard to solve: what the stepper learned of them goes on, and no digit depends on the end."""
+    """Steps that are hard to solve: what the stepper learned of them goes on, and no digit depends
+    on the end."""
     dt = 1e-2
     steps = 2
 

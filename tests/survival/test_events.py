@@ -77,7 +77,8 @@ def test_the_first_of_two_events_in_a_step_comes_first() -> None:
 
 @pytest.mark.mpi
 def test_pressure_opens_a_valve() -> None:
-    """A tank fills a bottle; at 1.2 bar a second orifice is opened.  Mass and energy are kept through the event."""
+    """A tank fills a bottle; at 1.2 bar a second orifice is opened.  Mass and energy are kept
+    through the event."""
     opened = []
     tank = gx.Tank(
         1e-3,

@@ -1,7 +1,7 @@
 """Every argument of every item of a scene is compared at a restart.
 
-Each public item is made twice, the second time with one argument changed, and the descriptions that checkpoints store
-must differ.  Arguments that cannot be changed alone are listed with the reason.
+Each public item is made twice, the second time with one argument changed, and the descriptions that
+checkpoints store must differ.  Arguments that cannot be changed alone are listed with the reason.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Extreme cases: each run ends with small errors of its balances, or with the reason of its failure."""
+"""Extreme cases: each run ends with small errors of its balances, or with the reason of its
+failure."""
 
 from __future__ import annotations
 
@@ -41,7 +42,8 @@ def test_the_map_covers_its_ranges() -> None:
 
 @pytest.mark.mpi
 def test_a_step_that_would_turn_a_chamber_inside_out_is_not_taken() -> None:
-    """A piston that is pushed through its closed end: pV = const cannot pass V = 0, however long the step."""
+    """A piston that is pushed through its closed end: pV = const cannot pass V = 0, however long
+    the step."""
     mass = gx.PointMass(
         1.0,
         velocity=(0.0, 0.0, -100.0),

@@ -1,4 +1,5 @@
-"""Faults of a run: a full disk, a removed folder, a function that fails. They are named, and no data are lost."""
+"""Faults of a run: a full disk, a removed folder, a function that fails. They are named, and no
+data are lost."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ from tests.survival.scenes import DT, filled_tube, fluttering_sheet
 
 COMM = MPI.COMM_WORLD
 ROOT = Path(gx.__file__).parent.parent
-# A command that may mount file systems in a separate name space; others need a user name space for that.
+# A command that may mount file systems in a separate name space; others need a user name space for
+# that.
 MOUNTING = ["unshare", "--mount"]
 if os.geteuid() != 0:
     MOUNTING.insert(1, "--map-root-user")
@@ -99,7 +101,8 @@ def test_a_restart_on_a_disk_that_is_full_is_refused(tmp_path: Path) -> None:
     mount = f"{sys.executable} -m tests.survival.small_disk {disk}"
     script = (
         f"{mount} && cp -r {tmp_path}/run/. {disk} || exit 77;"
-        f"head -c 3000000 /dev/zero > {disk}/filler 2> /dev/null; {again}; code=$?; rm {disk}/filler;"
+        f"head -c 3000000 /dev/zero > {disk}/filler 2> /dev/null; {again}; code=$?; rm "
+        f"{disk}/filler;"
         f"[ $code = 3 ] && {again}"
     )
     said = subprocess.run(
@@ -156,7 +159,8 @@ def test_a_rank_that_cannot_write_does_not_wait_for_ever(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("free", [0, 8, 24, 100])
 def test_a_start_on_a_disk_that_is_full_says_so(tmp_path: Path, free: int) -> None:
-    """With so many kB free: for nothing, an output, all but the first checkpoint, and some steps."""
+    """With so many kB free: for nothing, an output, all but the first checkpoint, and some
+    steps."""
     disk = tmp_path / "disk"
     disk.mkdir()
     start = f"{sys.executable} -m tests.survival.faults {disk} nothing vtx"

@@ -120,7 +120,8 @@ def wait_until_ready(run: subprocess.Popen[str]) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_killed_at_random_moments(tmp_path: Path, ranks: int) -> None:
-    """25 times kill -9, anywhere between compilation and end; each restart goes on until the next."""
+    """25 times kill -9, anywhere between compilation and end; each restart goes on until the
+    next."""
     reference = whole(tmp_path)
     rng = np.random.default_rng(ranks)
     killed = 0

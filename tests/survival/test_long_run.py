@@ -29,7 +29,8 @@ def resident(_: gx.Simulation) -> float:
 
 @pytest.mark.slow
 def test_a_sheet_flutters_for_long(tmp_path: Path) -> None:
-    """Equations are solved to round-off; its share grows as the sheet flies away, 0.4 m a second."""
+    """Equations are solved to round-off; its share grows as the sheet flies away, 0.4 m a
+    second."""
     probes = {
         "energy": lambda run: run.energy_error,
         "momentum": lambda run: relative_drift(
@@ -50,7 +51,8 @@ def test_a_sheet_flutters_for_long(tmp_path: Path) -> None:
     assert run.step == STEPS
     table = np.genfromtxt(tmp_path / "long.csv", delimiter=",", names=True)
     print(
-        f"{table[-1]}, {run.iterations / run.step:.2f} iterations a step, {run.substeps} steps rejected"
+        f"{table[-1]}, {run.iterations / run.step:.2f} iterations a step, {run.substeps} steps "
+        "rejected"
     )
     position = 1 + 0.4 * table["time"]  # m
     round_off = 4 * np.finfo(float).eps * table["step"] * position

@@ -1,4 +1,5 @@
-"""Files belong to one run: a second run is refused, a forgotten restart deletes nothing, damage is reported."""
+"""Files belong to one run: a second run is refused, a forgotten restart deletes nothing, damage is
+reported."""
 
 from __future__ import annotations
 
@@ -133,7 +134,8 @@ def test_the_lock_of_a_run_that_was_killed_is_no_obstacle(tmp_path: Path) -> Non
 
 @pytest.mark.mpi
 def test_runs_of_one_program_follow_each_other(folder: Path) -> None:
-    """Also where the first was never run, or is called again later; but not one within the other."""
+    """Also where the first was never run, or is called again later; but not one within the
+    other."""
     ball(outputs=[gx.Ledger(folder / "a.csv")])
     one = ball(outputs=[gx.Ledger(folder / "a.csv")])
     one.run(until=DT)
@@ -206,7 +208,7 @@ def test_a_forgotten_restart_deletes_nothing(folder: Path) -> None:
     assert measured == ["step-00000000", "step-00000001"]
 
 
-# ---- damage --------------------------------------------------------------------------------------------------------
+# ---- damage --------------------------------------------------------------------------------------
 
 
 def test_any_changed_byte_and_any_removed_key_of_a_checkpoint_is_told(tmp_path: Path) -> None:
@@ -303,7 +305,8 @@ def restore(folder: Path, content: dict[str, bytes]) -> None:
 def test_a_damaged_recording_is_refused_when_it_is_read_and_when_a_run_goes_on(
     tmp_path: Path,
 ) -> None:
-    """Every file of the fields and the tables, shortened by half or by a byte, emptied, or removed."""
+    """Every file of the fields and the tables, shortened by half or by a byte, emptied, or
+    removed."""
     record(tmp_path, 4)
     read_all(tmp_path)
     kept = files(tmp_path / "run")
@@ -326,7 +329,8 @@ def test_a_damaged_recording_is_refused_when_it_is_read_and_when_a_run_goes_on(
 
 
 def test_a_recording_that_was_replaced_by_another_runs_is_refused(tmp_path: Path) -> None:
-    """Fields with steps at other times, a table with other rows; nothing is cut off before that is found."""
+    """Fields with steps at other times, a table with other rows; nothing is cut off before that is
+    found."""
     record(tmp_path / "one", 4)
     record(tmp_path / "other", 4, dt=DT / 2)
     other = files(tmp_path / "other" / "run")

@@ -137,7 +137,8 @@ def test_a_step_that_is_taken_back_leaves_no_trace(
 ) -> None:
     """The same step twice, with another one between that is undone, is the same to the last digit.
 
-    On several ranks to round-off: a parallel factorisation adds in the order in which its messages arrive.
+    On several ranks to round-off: a parallel factorisation adds in the order in which its messages
+    arrive.
     """
     run = gx.Simulation(scene(COMM), gx.Midpoint(dt=1e-3))
     run.run(until=3e-3)
@@ -183,7 +184,8 @@ def test_milestones_are_met_exactly_and_steps_fit_between_them() -> None:
 
 @pytest.mark.mpi
 def test_a_step_that_fails_is_cut_and_recovers() -> None:
-    """A first step a thousand times too long is cut until it converges; without room to cut, the run fails by name."""
+    """A first step a thousand times too long is cut until it converges; without room to cut, the
+    run fails by name."""
     from gossamer_fx.solvers.tolerances import Tolerances
 
     stepper = gx.Midpoint(dt=0.05, tolerances=Tolerances(max_iterations=5))

@@ -1,4 +1,5 @@
-"""Errors of the user's functions during a run: one sentence on all ranks, and the last good state is saved."""
+"""Errors of the user's functions during a run: one sentence on all ranks, and the last good state
+is saved."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""A run of the small tube as a separate program: python3 -m tests.survival.tube_run FOLDER STEPS [--restart]."""
+"""A run of the small tube as a separate program: python3 -m tests.survival.tube_run FOLDER STEPS
+[--restart]."""
 
 from __future__ import annotations
 

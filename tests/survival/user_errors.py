@@ -1,4 +1,5 @@
-"""A run whose functions fail, as a separate program: python3 -m tests.survival.user_errors FOLDER WHAT RANK."""
+"""A run whose functions fail, as a separate program: python3 -m tests.survival.user_errors FOLDER
+WHAT RANK."""
 
 from __future__ import annotations
 

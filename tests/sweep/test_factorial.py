@@ -1,4 +1,5 @@
-"""Plain sweeps: which runs are made, what their table says, and how they go on after an interruption."""
+"""Plain sweeps: which runs are made, what their table says, and how they go on after an
+interruption."""
 
 from __future__ import annotations
 
@@ -97,7 +98,7 @@ def test_other_words_are_refused(words: list[str], refused: str) -> None:
         values_of(words)
 
 
-# ---- the command ----------------------------------------------------------------------------------------------------
+# ---- the command ---------------------------------------------------------------------------------
 
 alone = pytest.mark.skipif(
     "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ,

@@ -1,4 +1,5 @@
-"""Processes that share a sweep are killed: no run with a result is repeated, and all runs are completed."""
+"""Processes that share a sweep are killed: no run with a result is repeated, and all runs are
+completed."""
 
 from __future__ import annotations
 
@@ -55,7 +56,8 @@ def test_any_process_may_be_killed(tmp_path):
     assert {("1", "1"), ("2", "3")} <= set(ended) and len(set(ended)) == 6
     results = list((tmp_path / "out" / "runs").glob("*.json"))
     assert len(results) == 6 and all(json.loads(path.read_text())["numbers"] for path in results)
-    # one that came to its end was made again only if its process was killed before the result was written
+    # one that came to its end was made again only if its process was killed before the result was
+    # written
     begun = [tuple(line[1:3]) for line in words if line[0] == "begin"]
     assert len(begun) <= 6 + 4 and len(ended) <= 6 + 2
 

@@ -21,7 +21,8 @@ CONTROL = {
 
 
 def decibels(comm, folder, a, b, c, n=0):
-    """A number whose S/N is a sum of effects: 3 dB for a, 1 dB for each level of b, none of c; and noise."""
+    """A number whose S/N is a sum of effects: 3 dB for a, 1 dB for each level of b, none of c; and
+    noise."""
     if a == 2 and c == "z" and b == 4.0:
         raise gx.StepFailure("It snapped.")
     return {
@@ -88,7 +89,8 @@ def test_a_design_is_run_reported_and_not_run_again(comm, tmp_path):
         usual={"a": 2},
     )
     text = run_design(one, comm, folder)
-    # the usual levels, a 2, b 2, c y, are a row of the array; so are those of the best ones, or they are not
+    # the usual levels, a 2, b 2, c y, are a row of the array; so are those of the best ones, or
+    # they are not
     assert 36 <= len(made) <= 40 and "It snapped." in text and "a 2: " not in text
     assert "usual: a 2, b 2, c y" in text and "best: a 2" in text
     again = run_design(one, comm, folder)

@@ -1,4 +1,5 @@
-"""Scenes of every kind whose parameters can be replaced by bad ones, and bad inputs written by hand."""
+"""Scenes of every kind whose parameters can be replaced by bad ones, and bad inputs written by
+hand."""
 
 from __future__ import annotations
 
@@ -110,7 +111,7 @@ BAD: dict[str, list[Any]] = {
     "list": [5.0, "text", [None], [3.0], {"a": 1}],
 }
 
-# ---- complete scenes -------------------------------------------------------------------------------------------------
+# ---- complete scenes -----------------------------------------------------------------------------
 
 Call = Callable[..., Any]
 
@@ -328,7 +329,8 @@ ROUND = {"dt": (1e-5, "positive"), "until": (2e-5, "number")}
 
 
 def scenes(folder: Path) -> dict[str, tuple[Call, dict[str, tuple[Any, str]]]]:
-    """By name: what runs it, and its parameters with their kinds; in `folder` are a "file" and a "folder.d"."""
+    """By name: what runs it, and its parameters with their kinds; in `folder` are a "file" and a
+    "folder.d"."""
     z = (0.0, 0.0, 1.0)
     return {
         "film": (
@@ -509,7 +511,7 @@ def _fits(scene: str, name: str, bad: Any) -> bool:
     return repr(bad) in MAY.get(f"{scene} {name}", set())
 
 
-# ---- by hand ---------------------------------------------------------------------------------------------------------
+# ---- by hand -------------------------------------------------------------------------------------
 
 
 def three_sheets(model: Any) -> None:

@@ -1,4 +1,5 @@
-"""A valid call of every public class and function, from which bad ones are made by changing one argument."""
+"""A valid call of every public class and function, from which bad ones are made by changing one
+argument."""
 
 from __future__ import annotations
 
@@ -54,7 +55,8 @@ UNCALLED |= {
 
 @dataclass(frozen=True)
 class Inputs:
-    """What some calls read: a recorded run and mode, a mesh file, and an equilibrium with its modes."""
+    """What some calls read: a recorded run and mode, a mesh file, and an equilibrium with its
+    modes."""
 
     film: gx.Membrane
     equilibrium: gx.Equilibrium

@@ -71,7 +71,8 @@ def house_of(module: str) -> str:
 
 
 def imports_of(path: Path) -> set[str]:
-    """Modules of the package that a file imports, those for annotations and within functions included."""
+    """Modules of the package that a file imports, those for annotations and within functions
+    included."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("gossamer_fx"):
@@ -132,7 +133,7 @@ def test_heavy_libraries_are_imported_where_they_are_used(path: Path) -> None:
     assert not loaded & HEAVY
 
 
-# ---- public names -----------------------------------------------------------------------------------------------
+# ---- public names --------------------------------------------------------------------------------
 
 
 STUBS = sorted(PACKAGE.rglob("__init__.pyi"))

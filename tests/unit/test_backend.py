@@ -1,4 +1,5 @@
-"""The interface to dolfinx: one file contains all that depends on its version; sheets meet where dolfinx allows it."""
+"""The interface to dolfinx: one file contains all that depends on its version; sheets meet where
+dolfinx allows it."""
 
 from __future__ import annotations
 
@@ -105,7 +106,8 @@ def test_interpolation_points_are_nodes(comm: MPI.Comm, order: int, expected: in
 def test_sheets_or_lines_meet_three_at_a_place(
     comm: MPI.Comm, dim: int, cells: int, nodes: int
 ) -> None:
-    """Three sheets on one edge, three lines from one point: known to dolfinx since 0.10 on several ranks."""
+    """Three sheets on one edge, three lines from one point: known to dolfinx since 0.10 on several
+    ranks."""
 
     def build(model: Any) -> None:
         geo = model.geo

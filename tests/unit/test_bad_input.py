@@ -1,4 +1,5 @@
-"""Invalid input is refused in one sentence that names it, before anything is computed, on any number of ranks."""
+"""Invalid input is refused in one sentence that names it, before anything is computed, on any
+number of ranks."""
 
 from __future__ import annotations
 
@@ -507,7 +508,7 @@ def test_unwritable_folder(folder: Path) -> None:
         )
 
 
-# ---- generated: every public name ------------------------------------------------------------------------------------
+# ---- generated: every public name ----------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -596,12 +597,13 @@ def test_unknown_and_missing_arguments_are_one_sentence() -> None:
         gx.Midpoint(dt=0.1, step=2)
 
 
-# ---- what was written before is kept ---------------------------------------------------------------------------------
+# ---- what was written before is kept -------------------------------------------------------------
 
 
 @pytest.mark.mpi
 def test_a_refused_run_destroys_nothing(folder: Path) -> None:
-    """Outputs that are asked for before the one that is refused leave the files of an earlier run alone."""
+    """Outputs that are asked for before the one that is refused leave the files of an earlier run
+    alone."""
     names = ["ledger.csv", "probes.csv"]
     if WORLD.rank == 0:
         for name in names:
@@ -649,14 +651,15 @@ def test_pictures_and_reports_do_not_fall_on_folders(tmp_path: Path) -> None:
             draw(tmp_path / "folder.gif")
 
 
-# ---- the command line ------------------------------------------------------------------------------------------------
+# ---- the command line ----------------------------------------------------------------------------
 
 GOOD = """
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
 def build(comm, cells=2, until=2e-3):
     law = gx.Linear(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
-    return gx.Case(gx.Scene(gx.Membrane(sheet(comm, cells, cells), law)), gx.Midpoint(dt=1e-3), until=until)
+    film = gx.Membrane(sheet(comm, cells, cells), law)
+    return gx.Case(gx.Scene(film), gx.Midpoint(dt=1e-3), until=until)
 """
 SCENES = {
     "no file": (None, [], "no.py"),

@@ -1,4 +1,5 @@
-"""Bad inputs of whole scenes, generated and by hand: one sentence each, never a traceback, never taken in silence.
+"""Bad inputs of whole scenes, generated and by hand: one sentence each, never a traceback, never
+taken in silence.
 
 The default tests take some of the generated ones; all of them, about two minutes:
 
@@ -27,7 +28,8 @@ TOLD = (gx.InputError, gx.StepFailure, gx.NoEquilibrium, gx.OutputFailure)
 
 
 def outcome(act: Callable[[], Any]) -> tuple[str, str]:
-    """Whether it is told in a sentence, ends in a traceback, or is taken in silence; and the words."""
+    """Whether it is told in a sentence, ends in a traceback, or is taken in silence; and the
+    words."""
     try:
         act()
     except TOLD as error:

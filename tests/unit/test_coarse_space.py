@@ -1,4 +1,5 @@
-"""The coarse space of large meshes: the functions that it contains, and the number of Krylov iterations with it."""
+"""The coarse space of large meshes: the functions that it contains, and the number of Krylov
+iterations with it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The signed fold angle: its sign, its derivatives, and the discrete gradient that conserves energy and torque."""
+"""The signed fold angle: its sign, its derivatives, and the discrete gradient that conserves energy
+and torque."""
 
 from __future__ import annotations
 
@@ -40,7 +41,8 @@ def test_panels_that_rise_to_the_normal_have_a_positive_angle(θ: float) -> None
 
 
 def test_vectors_along_the_fold_do_not_change_its_angle() -> None:
-    """The angle is that between the planes of the panels, however these are sheared and stretched."""
+    """The angle is that between the planes of the panels, however these are sheared and
+    stretched."""
     X = panels(0.7)
     sheared = np.array([[2.0, 0, 0], [0.3, 1.5, 0], [-0.8, 0, 0.6]]) @ X
     assert dihedral_angle.angle(sheared) == pytest.approx(0.7)

@@ -1,4 +1,5 @@
-"""Stress rules: the work of the averaged stress equals the change of energy, for all states on the path."""
+"""Stress rules: the work of the averaged stress equals the change of energy, for all states on the
+path."""
 
 from __future__ import annotations
 
@@ -100,7 +101,8 @@ def test_it_does_so_on_paths_through_zero_and_equal_principal_strains(law, start
     assert np.isfinite(S).all() and np.isfinite(D).all()
     size = max(abs(e0).max(), abs(e1).max())
     length = abs(e1 - e0).max()
-    # where the path is short the correction is left out: a state that switches on it misses up to (Δe)²/100
+    # where the path is short the correction is left out: a state that switches on it misses up to
+    # (Δe)²/100
     missed = 1e-2 * length**2 if length < 3e-5 * size else 0.0
     error = abs((S * (e1 - e0)).sum() - Δψ[0])
     limit = 1e-14 * size**2 + missed + 1e-15 * length
@@ -192,7 +194,8 @@ def test_correction_leaves_the_tangent_symmetric_and_definite(law):
 
 
 def test_average_converges_with_the_number_of_points():
-    """Where the path switches its state, ψ' has a kink: Gauss points of any number converge with order 2."""
+    """Where the path switches its state, ψ' has a kink: Gauss points of any number converge with
+    order 2."""
     law = MIYAZAKI
     e0 = random_strains(CELLS, 0.1, seed=7)
     e1 = random_strains(CELLS, 0.1, seed=8)

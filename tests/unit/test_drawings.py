@@ -38,7 +38,8 @@ def drawing(path: Path, draw: Callable[[Any], None], unit: int = 4) -> Path:
 
 
 def two_panels(model: Any) -> None:
-    """A disc of 200 mm with a hole of 50 mm, and half a disc on a rectangle of 200 x 100 mm, named "flap"."""
+    """A disc of 200 mm with a hole of 50 mm, and half a disc on a rectangle of 200 x 100 mm, named
+    "flap"."""
     model.add_circle((0, 0), 100, dxfattribs={"layer": "rim"})
     model.add_circle((10, 0), 25, dxfattribs={"layer": "valve"})
     seam = {"layer": "seam"}

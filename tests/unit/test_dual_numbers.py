@@ -1,4 +1,5 @@
-"""Dual numbers differentiate formulas as calculus does, also formulas with a complex step inside."""
+"""Dual numbers differentiate formulas as calculus does, also formulas with a complex step
+inside."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ def test_values_and_slopes_are_those_of_calculus(formula, point) -> None:
 
 
 def test_a_complex_step_inside_gives_second_derivatives() -> None:
-    """∂ṁ/∂p_u by a complex step, and its derivatives by p_u and p_d, of a flow that is not choked."""
+    """∂ṁ/∂p_u by a complex step, and its derivatives by p_u and p_d, of a flow that is not
+    choked."""
     ε = 1e-30
     pu, pd = variables(np.array([1e5, 8e4]))
     slope = isentropic_flow(NITROGEN, pu + 1j * ε, 300.0, pd, 1e-5).imag / ε

@@ -1,4 +1,5 @@
-"""The table of a mesh's edges: ends, triangles on both sides, groups and nodes, on any number of ranks."""
+"""The table of a mesh's edges: ends, triangles on both sides, groups and nodes, on any number of
+ranks."""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ def owned(table: EdgeTable, of: np.ndarray) -> int:
 
 @pytest.mark.mpi
 def test_a_sheet_has_the_edges_that_it_should_have() -> None:
-    """n² squares of two triangles: 2n(n + 1) sides and n² diagonals, of which 4n are on the boundary."""
+    """n² squares of two triangles: 2n(n + 1) sides and n² diagonals, of which 4n are on the
+    boundary."""
     mesh = sheet(WORLD, 5, 5)
     table = mesh.edges
     measured = owned(table, np.ones(len(table.count)))
@@ -46,7 +48,8 @@ def test_a_sheet_has_the_edges_that_it_should_have() -> None:
 
 @pytest.mark.mpi
 def test_every_rank_tells_the_same_of_an_edge() -> None:
-    """Global ends, number of triangles, and for edges all triangles of which are known those on the left and right."""
+    """Global ends, number of triangles, and for edges all triangles of which are known those on the
+    left and right."""
     table = airbag(WORLD, 1.0, 6).edges
     cells = (
         table.domain.topology.index_map(2)
@@ -70,7 +73,8 @@ def test_every_rank_tells_the_same_of_an_edge() -> None:
 
 @pytest.mark.mpi
 def test_left_is_left_and_the_opposite_vertex_is_opposite() -> None:
-    """Of a flat sheet with normals upwards, z · (t × (c - a)) is positive for the third vertex c on the left."""
+    """Of a flat sheet with normals upwards, z · (t × (c - a)) is positive for the third vertex c on
+    the left."""
     table = sheet(WORLD, 4, 3).edges
     x = vertex_points(table.domain)
     start, end = x[table.vertices].transpose(1, 0, 2)
@@ -102,7 +106,8 @@ def test_nodes_go_from_end_to_end(order: int) -> None:
 
 @pytest.mark.mpi
 def test_groups_of_edges() -> None:
-    """The seam of an airbag is inside its closed surface, and the boundary of each of its sheets."""
+    """The seam of an airbag is inside its closed surface, and the boundary of each of its
+    sheets."""
     mesh = airbag(WORLD, 1.0, 6)
     table = mesh.edges
     seam = mesh.curve("seam", "test")

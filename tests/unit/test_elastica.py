@@ -138,7 +138,8 @@ def test_stress_is_monotone_and_the_tangent_symmetric_and_positive_semidefinite(
 
 
 def test_stress_is_continuous_where_the_state_switches():
-    """Random lines in strain space: over a tiny step the stress changes by no more than the stiffness allows."""
+    """Random lines in strain space: over a tiny step the stress changes by no more than the
+    stiffness allows."""
     S = at_strains("stress")
     state = at_strains("state")
     for size in (3e-4, 1e-2, 0.3):

@@ -1,4 +1,5 @@
-"""The preconditioner that eliminates hubs and multipliers: it solves, and knows when to factorise instead."""
+"""The preconditioner that eliminates hubs and multipliers: it solves, and knows when to factorise
+instead."""
 
 from __future__ import annotations
 
@@ -56,7 +57,8 @@ def run_iteratively(comm, monkeypatch, **limits):
 
 
 def test_steps_are_those_of_a_factorisation(monkeypatch):
-    """Energy and momenta are kept, and the state is the same to the tolerance of Newton's iteration."""
+    """Energy and momenta are kept, and the state is the same to the tolerance of Newton's
+    iteration."""
     comm = MPI.COMM_SELF
     run = run_iteratively(comm, monkeypatch)
     solver = run.solver.newton
@@ -141,7 +143,8 @@ def test_matrices_are_factorised_after_a_solve_that_took_too_long(monkeypatch):
 
 
 def test_a_singular_elimination_is_followed_by_factorisations(monkeypatch):
-    """A Schur complement of zeros ends the iteration, and the step is made with complete factors."""
+    """A Schur complement of zeros ends the iteration, and the step is made with complete
+    factors."""
     run = run_iteratively(MPI.COMM_SELF, monkeypatch)
     context = run.solver.newton._preconditioner.getPythonContext()
     zeros = (

@@ -29,7 +29,8 @@ def test_a_singular_full_matrix_is_told_and_the_next_one_is_solved():
 @pytest.mark.mpi
 @pytest.mark.parametrize("masses", [64, 128])
 def test_a_pinned_hub_with_many_ropes_makes_its_steps(comm, masses):
-    """Pivots that MUMPS puts off need more than the workspace that it reckons with: INFOG(1) = -9."""
+    """Pivots that MUMPS puts off need more than the workspace that it reckons with: INFOG(1) =
+    -9."""
     hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="hub")
     items = [gx.constraints.RevoluteJoint(hub.frame(), gx.ground_frame(), axis=(0, 0, 1))]
     for k in range(masses):
@@ -193,7 +194,8 @@ def test_blocks_are_factorised_whether_or_not_they_need_pivots():
 
 
 def test_singular_blocks_are_told_and_the_next_matrix_is_solved():
-    """A row of zeros has no pivot; the iteration that asked ends with NaN and goes on with the next matrix."""
+    """A row of zeros has no pivot; the iteration that asked ends with NaN and goes on with the next
+    matrix."""
     definite = np.eye(6)
     singular = np.diag([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])
     pc = factorised(singular)

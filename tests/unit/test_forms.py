@@ -1,4 +1,5 @@
-"""Kernels are compiled once, and their cache survives runs that were interrupted while they compiled."""
+"""Kernels are compiled once, and their cache survives runs that were interrupted while they
+compiled."""
 
 from __future__ import annotations
 
@@ -65,7 +66,8 @@ def test_an_error_of_the_compiler_is_shown(comm, cache):
 
 
 def test_kernels_do_not_depend_on_what_was_made_before(cache, monkeypatch):
-    """Behind any number of others: UFL signs with the numbers of labels, and sorts constants by theirs as words."""
+    """Behind any number of others: UFL signs with the numbers of labels, and sorts constants by
+    theirs as words."""
 
     def kernels(others: int) -> set[str]:
         monkeypatch.setattr(ufl.Constant, "_counter", itertools.count(others))

@@ -1,4 +1,5 @@
-"""What a run has taken is given back: MPICH has 2048 communicators, and a run of a film takes about ten of them.
+"""What a run has taken is given back: MPICH has 2048 communicators, and a run of a film takes about
+ten of them.
 
 On several ranks PETSc keeps what Python drops until all ranks ask it to look.
 """

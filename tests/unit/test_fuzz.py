@@ -183,7 +183,7 @@ def test_damaged_mesh_files_for_ten_minutes(
     check()
 
 
-# ---- scenes ----------------------------------------------------------------------------------------------------------
+# ---- scenes --------------------------------------------------------------------------------------
 
 ANY = st.one_of(
     st.floats(allow_nan=True, allow_infinity=True),
@@ -220,7 +220,8 @@ USUAL = {
 
 
 def run_pillow(mesh: gx.Mesh, n: dict[str, Any]) -> str:
-    """A pillow of these numbers for three steps: what is said, or nothing if the run ends with finite energies."""
+    """A pillow of these numbers for three steps: what is said, or nothing if the run ends with
+    finite energies."""
     try:
         law = gx.Miyazaki(
             n["E"],

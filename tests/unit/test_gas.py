@@ -24,11 +24,12 @@ def pressures(states):
     return np.array([s.pressure for s in states])
 
 
-# ---- the law of the orifice ----------------------------------------------------------------------------------------
+# ---- the law of the orifice ----------------------------------------------------------------------
 
 
 def test_choked_flow_has_the_exact_value_whatever_is_downstream():
-    """ṁ* = C_dA p_u √(γ/(R T_u)) (2/(γ+1))^((γ+1)/(2(γ-1))) = 4.6671e-4 kg/s for 1e-6 m², 2e5 Pa, 300 K."""
+    """ṁ* = C_dA p_u √(γ/(R T_u)) (2/(γ+1))^((γ+1)/(2(γ-1))) = 4.6671e-4 kg/s for 1e-6 m², 2e5 Pa,
+    300 K."""
     critical = (2 / 2.4) ** (1.4 / 0.4)
     flows = [
         1e-6 * isentropic_flow(AIR, 2e5, 300.0, x * 2e5, LAMINAR)
@@ -73,13 +74,14 @@ def test_vacuum_gives_no_flow():
     assert measured < 0
 
 
-# ---- flows of a scene ----------------------------------------------------------------------------------------------
+# ---- flows of a scene ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("dt", [1e-3, 0.1, 10.0, 1e4])
 @pytest.mark.parametrize("p", [1e-3, 5e4, 99e3, 3e5])
 def test_stiff_filling_does_not_ring(dt, p):
-    """A wide opening equalises within milliseconds; steps up to a million times longer reach p0 and stay there."""
+    """A wide opening equalises within milliseconds; steps up to a million times longer reach p0 and
+    stay there."""
     vessel = gx.Chamber(
         gas=AIR,
         pressure=p,
@@ -229,7 +231,8 @@ def test_closed_valve_lets_nothing_through():
 
 @pytest.mark.parametrize("dt", [1.0, 10.0, 1e3])
 def test_wall_warms_the_gas_exponentially(dt):
-    """T = T_w + (T_0 - T_w) exp(-k t/(m c_v)) in a rigid closed chamber, for steps of any length."""
+    """T = T_w + (T_0 - T_w) exp(-k t/(m c_v)) in a rigid closed chamber, for steps of any
+    length."""
     vessel = gx.Chamber(
         gas=AIR,
         pressure=1e5,
@@ -252,7 +255,8 @@ def test_wall_warms_the_gas_exponentially(dt):
 
 
 def test_graph_of_five_chambers_keeps_mass_and_energy():
-    """A ring with two chords, one of them to a hot chamber; in the end all pressures are ΣU(γ-1)/ΣV."""
+    """A ring with two chords, one of them to a hot chamber; in the end all pressures are
+    ΣU(γ-1)/ΣV."""
     volumes = (0.01, 0.02, 0.005, 0.03, 0.01)
     start_pressures = (4e5, 1e-3, 2e5, 5e4, 1e5)
     temperatures = (300.0, 300.0, 350.0, 280.0, 900.0)
@@ -290,7 +294,8 @@ def test_graph_of_five_chambers_keeps_mass_and_energy():
 
 
 def test_chain_through_a_chamber_without_volume_to_speak_of():
-    """A tiny chamber between two large ones passes on what it gets: the flows of both openings become equal."""
+    """A tiny chamber between two large ones passes on what it gets: the flows of both openings
+    become equal."""
     big = gx.Tank(
         1.0,
         gas=AIR,

@@ -22,13 +22,14 @@ FILM = gx.Linear(
 )
 
 
-# ---- which side is out ----------------------------------------------------------------------------------------------
+# ---- which side is out ---------------------------------------------------------------------------
 
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("seed", range(6))
 def test_a_flat_film_inflates_to_the_side_of_its_normals(seed: int) -> None:
-    """In a plane somewhere in space V is round-off of either sign: the sheet with normals along n moves along n."""
+    """In a plane somewhere in space V is round-off of either sign: the sheet with normals along n
+    moves along n."""
     random = np.random.default_rng(seed)
     R = np.linalg.qr(random.normal(size=(3, 3)))[0]
     R *= np.sign(np.linalg.det(R))
@@ -59,7 +60,7 @@ def test_a_flat_film_inflates_to_the_side_of_its_normals(seed: int) -> None:
     assert measured > 1e-3 + 1e-5
 
 
-# ---- derivatives ----------------------------------------------------------------------------------------------------
+# ---- derivatives ---------------------------------------------------------------------------------
 
 
 def cylinder(pressure: float, temperature: float, x: float = 0.2) -> gx.Chamber:
@@ -110,7 +111,8 @@ def two_pistons() -> gx.Scene:
 
 @pytest.mark.parametrize("scene", [vented_piston, heated_piston, two_pistons])
 def test_the_gas_follows_the_volume_as_its_coupling_says(scene) -> None:
-    """C δy = -Hᵀ δq of the coupling against central differences of the gas at volumes a little larger and smaller."""
+    """C δy = -Hᵀ δq of the coupling against central differences of the gas at volumes a little
+    larger and smaller."""
     run = gx.Simulation(scene(), gx.Midpoint(dt=5e-3))
     system = run.system
     border = system.scalar_unknowns[0]
@@ -136,7 +138,7 @@ def test_the_gas_follows_the_volume_as_its_coupling_says(scene) -> None:
     assert measured == pytest.approx(difference, rel=1e-6)
 
 
-# ---- rings ----------------------------------------------------------------------------------------------------------
+# ---- rings ---------------------------------------------------------------------------------------
 
 
 def hoop(n: int) -> gx.Mesh:
@@ -215,7 +217,7 @@ def test_rings_of_even_and_odd_numbers_of_edges_close_a_volume(n: int, order: in
     assert volumes[1] == pytest.approx(volumes[0], rel=1e-11) != pytest.approx(exact, rel=1e-3)
 
 
-# ---- steps that fail ------------------------------------------------------------------------------------------------
+# ---- steps that fail -----------------------------------------------------------------------------
 
 
 def test_the_chamber_is_named_whose_gas_is_not_in_balance() -> None:

@@ -1,4 +1,5 @@
-"""The study of how long gradients of deployments predict changes: its parts, and a short form of it."""
+"""The study of how long gradients of deployments predict changes: its parts, and a short form of
+it."""
 
 from __future__ import annotations
 
@@ -12,7 +13,8 @@ from gossamer_fx.sensitivity.transient import GROWTH_TO_WARN_OF
 
 
 def test_the_times_of_a_warning_are_those_of_an_exponential_growth() -> None:
-    """With exp(λ t) a warning begins at ln(1000)/λ, and a change of δ is predicted until ln(1/δ)/λ."""
+    """With exp(λ t) a warning begins at ln(1000)/λ, and a change of δ is predicted until
+    ln(1/δ)/λ."""
     times = np.linspace(0.01, 0.2, 20)
     rate = 50.0
     found = study.warned(times, np.exp(rate * times))
@@ -29,7 +31,8 @@ def test_gradients_of_the_disc_predict_its_first_milliseconds(comm) -> None:
     found = study.problem(comm, "disc", share=0.02)
     last = study.FRAMES - 1
     end = 1e3 * found[f"time {last}"]
-    # The difference of two runs has the tolerance of their steps, which counts for the least change.
+    # The difference of two runs has the tolerance of their steps, which counts for the least
+    # change.
     for change, bound in ((1e-6, 1e-2), (1e-4, 1e-3), (1e-2, 2e-2)):
         errors = [found[f"error {change:g} at {k}"] for k in range(study.FRAMES)]
         assert max(errors) < bound

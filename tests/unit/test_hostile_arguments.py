@@ -1,7 +1,8 @@
 """Every argument of every public class is replaced by hostile values, and what is made is run.
 
-A call or a run may take a value, or refuse it in one sentence; it never ends in a traceback, and it never
-accepts a value that is not a real number.  The default test takes some of the values; all of them, about four minutes:
+A call or a run may take a value, or refuse it in one sentence; it never ends in a traceback, and it
+never accepts a value that is not a real number.  The default test takes some of the values; all of
+them, about four minutes:
 
     ./gossamer python -m pytest -m slow -s tests/unit/test_hostile_arguments.py
 """
@@ -47,7 +48,8 @@ def fail(*given: Any) -> Any:
     raise ZeroDivisionError("of the user")
 
 
-# Values that are not real numbers, and functions that do not return any: none may be accepted as numbers.
+# Values that are not real numbers, and functions that do not return any: none may be accepted as
+# numbers.
 NOT_REAL: dict[str, Any] = {
     "nan": math.nan,
     "complex": 1j,
@@ -112,7 +114,8 @@ def sheet_film(name: str = "film") -> gx.Membrane:
 
 
 def calls_of_classes(folder: Path) -> dict[str, dict[str, Any]]:
-    """Return the valid calls of all public classes, with those that the list of calls leaves out."""
+    """Return the valid calls of all public classes, with those that the list of calls leaves
+    out."""
     calls = {
         name: call
         for name, call in valid_calls(folder, make_inputs(folder)).items()

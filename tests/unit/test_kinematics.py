@@ -1,4 +1,5 @@
-"""Measures of the film: quadratic, invariant under rigid motions, exact for homogeneous deformations."""
+"""Measures of the film: quadratic, invariant under rigid motions, exact for homogeneous
+deformations."""
 
 from __future__ import annotations
 
@@ -76,7 +77,8 @@ def test_rigid_motion_gives_no_strain(comm, surface, order):
 @pytest.mark.mpi
 @every_film
 def test_strain_of_a_homogeneous_deformation(comm, surface, order):
-    """E = ½(FᵀF - I) has the invariants of Bᵀ½(GᵀG - I)B for x = GX, whatever frame B of the surface is chosen."""
+    """E = ½(FᵀF - I) has the invariants of Bᵀ½(GᵀG - I)B for x = GX, whatever frame B of the
+    surface is chosen."""
     film = Membrane(SURFACES[surface](comm), LAW, order=order)
     G = np.array([[1.2, 0.3, -0.1], [0.05, 0.9, 0.2], [-0.3, 0.1, 1.1]])
     E = film.measure(moved(film, lambda X: G @ X))
@@ -95,7 +97,8 @@ def test_strain_of_a_homogeneous_deformation(comm, surface, order):
 @pytest.mark.mpi
 @every_film
 def test_strain_is_quadratic_in_the_positions(comm, surface, order):
-    """De(q_mid)·(q1 - q0) = e1 - e0 for any two configurations, on which the conservation of energy rests."""
+    """De(q_mid)·(q1 - q0) = e1 - e0 for any two configurations, on which the conservation of energy
+    rests."""
     film = Membrane(SURFACES[surface](comm), LAW, order=order)
     q0 = moved(film, lambda X: np.sin(3 * X) + X)
     q1 = moved(film, lambda X: 2 * X[[1, 2, 0]] - X**2)
@@ -139,7 +142,8 @@ def test_area_vector_of_a_sphere(comm):
 @pytest.mark.mpi
 @pytest.mark.parametrize("order", [1, 2])
 def test_mass_and_initial_state(comm, order):
-    """Initial functions are met, and the kinetic energy is that of the exact mass for a rigid velocity."""
+    """Initial functions are met, and the kinetic energy is that of the exact mass for a rigid
+    velocity."""
     law = Linear(
         E=1.0,
         nu=0.3,

@@ -1,4 +1,5 @@
-"""The launcher inside an environment: it passes arguments through, and misuse is reported in one sentence."""
+"""The launcher inside an environment: it passes arguments through, and misuse is reported in one
+sentence."""
 
 import os
 import pty

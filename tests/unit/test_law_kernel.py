@@ -1,4 +1,5 @@
-"""The compiled law kernel: the choice of strains against equation (5) in NumPy, and against a law with one state."""
+"""The compiled law kernel: the choice of strains against equation (5) in NumPy, and against a law
+with one state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Cells as straight pieces: they fill the cell, have its orientation, and agree with VTK's order of nodes."""
+"""Cells as straight pieces: they fill the cell, have its orientation, and agree with VTK's order of
+nodes."""
 
 from __future__ import annotations
 

@@ -41,8 +41,8 @@ def at_strains(law: FilmLaw, what: str) -> Samples:
     return Samples(expression)
 
 
-# Exact values of Miyazaki's law with (k1, k2) = (1, u) wrinkled, (u, u) slack; E = 1, ν = 0.3, u = 1e-4.
-# ε11, ε22, ε12 (tensor), states that are right, S11, S22, S12, W
+# Exact values of Miyazaki's law with (k1, k2) = (1, u) wrinkled, (u, u) slack; E = 1, ν = 0.3, u =
+# 1e-4. ε11, ε22, ε12 (tensor), states that are right, S11, S22, S12, W
 TABLE = [
     (2e-3, 1e-3, 0, (TAUT,), 2.5274725e-3, 1.7582418e-3, 0, 3.406593e-6),
     (2e-3, -5e-4, 0, (TAUT,), 2.0329670e-3, 1.0989011e-4, 0, 2.005495e-6),

@@ -1,4 +1,5 @@
-"""Measured series over the probes of a run: units, gaps, differences, and files that are refused."""
+"""Measured series over the probes of a run: units, gaps, differences, and files that are
+refused."""
 
 from __future__ import annotations
 

@@ -135,7 +135,8 @@ def test_cells_outside_any_group_are_left_out(comm):
 
 @pytest.mark.mpi
 def test_orientation_of_the_cells_survives(comm):
-    """Normals of a closed surface keep pointing outwards, also where dolfinx reorders the vertices of cells."""
+    """Normals of a closed surface keep pointing outwards, also where dolfinx reorders the vertices
+    of cells."""
     import ufl
 
     for order in (1, 2):

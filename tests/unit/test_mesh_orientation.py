@@ -1,4 +1,5 @@
-"""Normals of meshes that gmsh_mesh and read_mesh turn: neighbours agree, closed surfaces have them outwards."""
+"""Normals of meshes that gmsh_mesh and read_mesh turn: neighbours agree, closed surfaces have them
+outwards."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Files that describe the project for indexes, archives and package managers say the same as pyproject.toml."""
+"""Files that describe the project for indexes, archives and package managers say the same as
+pyproject.toml."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The orthotropic film that bears no compression: its C functions and its UFL against theory, at given strains."""
+"""The orthotropic film that bears no compression: its C functions and its UFL against theory, at
+given strains."""
 
 from __future__ import annotations
 
@@ -325,7 +326,8 @@ def test_states_are_those_of_the_stress(law) -> None:
 
 @every_law
 def test_paths_between_strains_of_special_shape_are_finite_and_do_the_work(law) -> None:
-    """Zero, equal and opposite strains, uniaxial ones, limits between states, round-off, and very different sizes."""
+    """Zero, equal and opposite strains, uniaxial ones, limits between states, round-off, and very
+    different sizes."""
     special = np.array(
         [
             [0.0, 0.0, 0.0],

@@ -1,4 +1,5 @@
-"""Outputs of a run: fields, probes, pictures; complete also after a failure, and no files if the run is refused."""
+"""Outputs of a run: fields, probes, pictures; complete also after a failure, and no files if the
+run is refused."""
 
 from __future__ import annotations
 
@@ -55,7 +56,8 @@ def falling_film() -> gx.Membrane:
 def strained(
     order: int = 1, n: int = 6, stretch: object = None, comm: MPI.Comm = COMM
 ) -> gx.Membrane:
-    """E22 = -1e-3 everywhere; E11 = 1e-2, 1e-3, -1e-3 on x < 1/6, < 1/2, < 1: taut, wrinkled, slack (ν = 0.3)."""
+    """E22 = -1e-3 everywhere; E11 = 1e-2, 1e-3, -1e-3 on x < 1/6, < 1/2, < 1: taut, wrinkled, slack
+    (ν = 0.3)."""
 
     def displacement(x: np.ndarray) -> np.ndarray:
         λ = np.sqrt(
@@ -90,7 +92,7 @@ def table(path: Path) -> dict[str, np.ndarray]:
     return dict(zip(rows[0], np.array(rows[1:], dtype=float).T, strict=True))
 
 
-# ---- fields --------------------------------------------------------------------------------------------------------
+# ---- fields --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -108,7 +110,8 @@ def test_principal_values_of_a_uniform_strain(
     """A film that is stretched and then turned in space; the direction of stress turns with it.
 
     The stresses are those of the potential of `Miyazaki` (IJNME 66 (2006) 1179, eqs. 13-20, with
-    the ratios (1, u) where the film is wrinkled and (u, u) where it is slack), evaluated by hand for u = 1e-4.
+    the ratios (1, u) where the film is wrinkled and (u, u) where it is slack), evaluated by hand
+    for u = 1e-4.
     """
     U = np.diag(np.sqrt(1 + 2 * np.array([E11, E22, 0.0])))
     angle = 0.7
@@ -171,7 +174,7 @@ def test_a_linear_film_is_taut() -> None:
     assert measured == 1
 
 
-# ---- VTX -----------------------------------------------------------------------------------------------------------
+# ---- VTX -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.mpi
@@ -265,7 +268,7 @@ def test_folder_that_cannot_be_written(folder: Path, kind: str) -> None:
         fall(falling_film(), [output])
 
 
-# ---- probes --------------------------------------------------------------------------------------------------------
+# ---- probes --------------------------------------------------------------------------------------
 
 
 @pytest.mark.mpi
@@ -412,7 +415,7 @@ def test_outputs_are_complete_after_a_failure(folder: Path) -> None:
             assert file.num_steps() == 5
 
 
-# ---- pictures ------------------------------------------------------------------------------------------------------
+# ---- pictures ------------------------------------------------------------------------------------
 
 
 def test_triangles_leave_no_pixel_out(comm: MPI.Comm) -> None:
@@ -447,7 +450,8 @@ def test_triangles_leave_no_pixel_out(comm: MPI.Comm) -> None:
 
 
 def test_the_nearer_triangle_hides_the_farther_where_they_cross() -> None:
-    """Planes z = x and z = 50 over a square of 100 pixels cross in the middle, in whatever order they are drawn."""
+    """Planes z = x and z = 50 over a square of 100 pixels cross in the middle, in whatever order
+    they are drawn."""
     square = np.array([[[0, 0], [100, 0], [0, 100]], [[100, 100], [100, 0], [0, 100]]], dtype=float)
     slope = np.concatenate([square, square[..., :1]], axis=2)
     flat = np.concatenate([square, np.full((2, 3, 1), 50.0)], axis=2)
@@ -559,7 +563,7 @@ def test_fields_of_one_file_share_one_element() -> None:
         assert all(isinstance(f, fem.Function) for f in functions)
 
 
-# ---- what a run says -----------------------------------------------------------------------------------------------
+# ---- what a run says -----------------------------------------------------------------------------
 
 
 class Terminal(io.StringIO):

@@ -87,7 +87,8 @@ def test_the_part_of_the_page_conserves(own: ModuleType) -> None:
 
 
 def test_its_frequency_is_that_of_the_linear_spring(own: ModuleType) -> None:
-    """Small motions of a symmetric triple with masses m, 2m, m: ω² = k (1/m + 4/(2m) + 1/m) = 4k/m."""
+    """Small motions of a symmetric triple with masses m, 2m, m: ω² = k (1/m + 4/(2m) + 1/m) =
+    4k/m."""
     masses = [
         gx.PointMass(
             m,

@@ -14,7 +14,8 @@ from demos.studies.plate import CIRCLE, DISC, LEISSA, NU, SQUARE
 
 
 def disc_frequency(n: int, s: int, free: bool) -> float:
-    """The s-th λ² = ω a² √(ρt/D) of a plate J_n(λr) + c I_n(λr), n nodal diameters (Leissa, NASA SP-160, ch. 2)."""
+    """The s-th λ² = ω a² √(ρt/D) of a plate J_n(λr) + c I_n(λr), n nodal diameters (Leissa, NASA
+    SP-160, ch. 2)."""
 
     def edge(λ: float) -> float:
         """Determinant of both conditions at the edge, zero at an eigenvalue."""
@@ -25,7 +26,11 @@ def disc_frequency(n: int, s: int, free: bool) -> float:
         for f, fp, sign in ((jv, jvp, -1.0), (iv, ivp, 1.0)):
             w = f(n, λ)
             dw = λ * fp(n, λ)
-            ddw = λ**2 * fp(n, λ, 2)
+            ddw = λ**2 * fp(
+                n,
+                λ,
+                2,
+            )
             laplacian_slope = sign * λ**2 * dw  # of a plate ∇²w = ±λ² w
             moment = ddw + NU * (dw - n**2 * w)
             shear = laplacian_slope - (1 - NU) * n**2 * (dw - w)
@@ -34,13 +39,23 @@ def disc_frequency(n: int, s: int, free: bool) -> float:
         return float(m1 * v2 - m2 * v1)
 
     # Fine enough that no interval has two of the roots that are tabulated.
-    grid = np.linspace(0.5, 12, 2000)
+    grid = np.linspace(
+        0.5,
+        12,
+        2000,
+    )
     # I_n grows as exp(λ).
     values = [edge(λ) * math.exp(-λ) for λ in grid]
     roots = []
     for k in range(len(grid) - 1):
         if values[k] * values[k + 1] < 0:
-            roots.append(brentq(edge, grid[k], grid[k + 1]))
+            roots.append(
+                brentq(
+                    edge,
+                    grid[k],
+                    grid[k + 1],
+                )
+            )
     return roots[s] ** 2
 
 
@@ -90,7 +105,8 @@ def clamped_disc(load: float, thickness: float, degree: int = 16) -> float:
 
     ∫ (A/2 (E_r² + 2ν E_r E_t + E_t²) + D/2 (κ_r² + 2ν κ_r κ_t + κ_t²)) 2πs ds - p V
 
-    with Green strains E and curvatures κ_r = θ', κ_t = sin θ/s of the meridian r(s), z(s), z' = tan θ r'.
+    with Green strains E and curvatures κ_r = θ', κ_t = sin θ/s of the meridian r(s), z(s), z' = tan
+    θ r'.
     """
     s, weight = legendre.leggauss(40)
     s = (s + 1) / 2
@@ -145,7 +161,11 @@ def test_the_frequencies_of_circular_plates_follow_from_bessel_functions() -> No
     # The study's values have six digits.
     for edge, found in CIRCLE.items():
         for (n, s), value in found.items():
-            measured = disc_frequency(n, s, edge == "free")
+            measured = disc_frequency(
+                n,
+                s,
+                edge == "free",
+            )
             assert measured == pytest.approx(value, rel=1e-5)
     measured = jn_zeros(0, 1)[0]
     assert measured == pytest.approx(2.404826, rel=1e-6)
@@ -161,11 +181,19 @@ def test_the_frequencies_of_square_plates_are_those_of_ritz_and_near_to_leissas(
 
 @pytest.mark.parametrize("load", DISC)
 def test_the_clamped_disc_rises_as_its_meridian_says(load: float) -> None:
-    measured = clamped_disc(load, 0.01, 12)
+    measured = clamped_disc(
+        load,
+        0.01,
+        12,
+    )
     assert measured == pytest.approx(DISC[load], rel=1e-3)
 
 
 def test_a_small_load_lifts_the_clamped_disc_as_linear_theory_says() -> None:
-    measured = clamped_disc(0.01, 0.01, 12)
+    measured = clamped_disc(
+        0.01,
+        0.01,
+        12,
+    )
     expected = 0.01 * 12 * (1 - NU**2) / 64
     assert measured == pytest.approx(expected, rel=1e-3)

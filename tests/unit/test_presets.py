@@ -43,7 +43,8 @@ def test_mylar_is_as_its_sheet_says_in_other_units() -> None:
 
 @pytest.mark.parametrize(
     "gas, speed",
-    # of sound at 0 °C [m/s], measured: CRC Handbook of Chemistry and Physics, section 14, "Speed of sound"
+    # of sound at 0 °C [m/s], measured: CRC Handbook of Chemistry and Physics, section 14, "Speed of
+    # sound"
     [(gases.AIR, 331.45), (gases.NITROGEN, 337.0), (gases.HELIUM, 973.0), (gases.ARGON, 308.0)],
 )
 def test_gases_have_the_measured_speed_of_sound(gas: gx.IdealGas, speed: float) -> None:

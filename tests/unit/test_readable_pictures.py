@@ -1,4 +1,5 @@
-"""What users see in pictures: rare colours, names of curves, ropes and tapes, letters on a phone."""
+"""What users see in pictures: rare colours, names of curves, ropes and tapes, letters on a
+phone."""
 
 from __future__ import annotations
 
@@ -54,7 +55,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> gx.plot.RunReader:
     return gx.plot.RunReader(folder)
 
 
-# ---- ropes, springs and tapes ---------------------------------------------------------------------------------------
+# ---- ropes, springs and tapes --------------------------------------------------------------------
 
 
 def test_ropes_springs_and_tapes_are_drawn(recorded: gx.plot.RunReader) -> None:
@@ -87,11 +88,12 @@ def test_a_scene_without_them_writes_no_table(tmp_path: Path) -> None:
     assert not (tmp_path / "run" / "lines.csv").exists()
 
 
-# ---- colours --------------------------------------------------------------------------------------------------------
+# ---- colours -------------------------------------------------------------------------------------
 
 
 def test_a_gif_keeps_the_colour_of_a_few_cells_in_one_frame(tmp_path: Path) -> None:
-    """As of film that is slack for a moment: blue in one frame of sixty, among shades of grey and orange."""
+    """As of film that is slack for a moment: blue in one frame of sixty, among shades of grey and
+    orange."""
     from PIL import Image
 
     height = 80
@@ -125,7 +127,7 @@ def test_the_view_shows_numbers_smoothly_and_states_by_triangle(
         assert colours == corners * triangles * len(data["labels"])
 
 
-# ---- names of curves ------------------------------------------------------------------------------------------------
+# ---- names of curves -----------------------------------------------------------------------------
 
 
 def test_long_names_keep_what_tells_them_apart() -> None:
@@ -191,7 +193,7 @@ def test_a_curve_that_ends_at_zero_has_its_name(tmp_path: Path) -> None:
     assert {text.get_text() for text in axes.texts} == {"kinetic", "in contact"}
 
 
-# ---- a phone, a film as MP4 -----------------------------------------------------------------------------------------
+# ---- a phone, a film as MP4 ----------------------------------------------------------------------
 
 
 def test_a_report_has_pictures_for_a_narrow_screen(

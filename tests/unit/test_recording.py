@@ -110,7 +110,8 @@ def test_what_was_recorded_is_read_back(recorded: Path) -> None:
 
 @pytest.mark.mpi
 def test_a_restart_on_other_ranks_is_one_run(folder: Path) -> None:
-    """Half on one rank, each on its own folder; the rest on all: the films of both halves are read as one."""
+    """Half on one rank, each on its own folder; the rest on all: the films of both halves are read
+    as one."""
     case = pillow(WORLD)
     saved = gx.Checkpoints(folder / "checkpoints", every=4)
     first = case.simulation([case.recording(folder)], saved)
@@ -168,7 +169,8 @@ def test_pictures_and_animation(recorded: Path, tmp_path: Path) -> None:
 
 
 def test_pictures_from_a_chosen_place(recorded: Path, tmp_path: Path) -> None:
-    """From above a flat scene is as deep as it is; each picture may fill its frame; a camera may follow."""
+    """From above a flat scene is as deep as it is; each picture may fill its frame; a camera may
+    follow."""
     from PIL import Image
 
     from gossamer_fx.plot.camera import aim
@@ -303,7 +305,7 @@ def test_components_of_a_probe_share_a_panel() -> None:
     assert panels["tip [m]"]["y"] is y
 
 
-# ---- another run in the folder --------------------------------------------------------------------------------------
+# ---- another run in the folder -------------------------------------------------------------------
 
 
 def fall(folder: Path, overwrite: bool = False) -> gx.Simulation:

@@ -90,8 +90,8 @@ def test_a_lone_film_pays_for_itself_only(tmp_path: Path) -> None:
     assert not any(
         seen[what] for what in ("scalar unknowns", "stiffness", "constraints", "searching")
     )
-    # mass, residual, tangent, energy; strain, linearised strain, response of any path and of those that stay taut,
-    # wrinkled or slack, which of these a path is, and the energy density
+    # mass, residual, tangent, energy; strain, linearised strain, response of any path and of those
+    # that stay taut, wrinkled or slack, which of these a path is, and the energy density
     kernels = sorted(p.name for p in tmp_path.rglob("libffcx_*.c"))
     forms = [k for k in kernels if "_forms_" in k]
     expressions = [k for k in kernels if "_expressions_" in k]

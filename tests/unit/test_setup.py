@@ -40,8 +40,8 @@ while [ ! -e "$HERE/go on" ]; do /bin/sleep 0.05; done
 kill $first $second $!
 trap - TERM INT HUP
 """
-# Of the tree that mmdebstrap makes, what the launcher needs: a loader that starts this test's Python
-# for the end of the set-up, and runs commands of the launcher without entering the tree.
+# Of the tree that mmdebstrap makes, what the launcher needs: a loader that starts this test's
+# Python for the end of the set-up, and runs commands of the launcher without entering the tree.
 MAKE_TREE = """
 mkdir -p "$target/usr/bin" "$target/usr/lib/x-linux-gnu" "$target/etc"
 : > "$target/usr/bin/python3"

@@ -1,4 +1,5 @@
-"""The site: every public name says what it is, programs on pages run, commands and links are ones that work."""
+"""The site: every public name says what it is, programs on pages run, commands and links are ones
+that work."""
 
 from __future__ import annotations
 
@@ -51,7 +52,8 @@ def test_the_reference_has_every_public_name_once(generate: ModuleType) -> None:
 
 
 def test_names_in_texts_and_programs_exist() -> None:
-    """What follows `gx.`, in pages, docstrings, demos and tests, but for the page that lists old names."""
+    """What follows `gx.`, in pages, docstrings, demos and tests, but for the page that lists old
+    names."""
     files = [page for page in PAGES if page.name != "migration.md"]
     for folder in ("gossamer_fx", "demos", "tests"):
         files += sorted((ROOT / folder).rglob("*.py"))
@@ -92,7 +94,8 @@ def test_docstrings_become_markdown(generate: ModuleType) -> None:
 def test_programs_on_pages_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = path.read_text(encoding="utf-8")
     programs = re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
-    # Every program is marked in the one way that this test finds; files that are shown are run elsewhere.
+    # Every program is marked in the one way that this test finds; files that are shown are run
+    # elsewhere.
     others = re.findall(r"^```(?!python\n).*?py.*\n", text, re.MULTILINE | re.IGNORECASE)
     assert [line for line in others if "literalinclude" not in line] == []
     assert not re.findall(
@@ -119,7 +122,8 @@ def _not_in(text: str, programs: list[str]) -> str:
 
 
 def commands(text: str) -> list[list[str]]:
-    """Words of every ./gossamer or gossamer command in a page: in fences, and in code between backticks."""
+    """Words of every ./gossamer or gossamer command in a page: in fences, and in code between
+    backticks."""
     lines = [
         line.strip()
         for block in re.findall(r"^```(?:sh)\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
@@ -151,7 +155,7 @@ def test_commands_on_pages_are_understood(path: Path) -> None:
             )
             assert set(rest[1:]) <= {"--quick", "--fresh"}, told
         elif command == "bench":
-            assert rest[0] in {"errors", "all"} or f'"{rest[0]}"' in BENCHMARKS, told
+            assert rest[0] in {"errors", "all", "model"} or f'"{rest[0]}"' in BENCHMARKS, told
         elif command in {"run", "plot", "report", "export"}:
             parsed = _parser().parse_args(words)
             if command == "run" and parsed.scene.parts[0] == "demos":
@@ -179,7 +183,7 @@ def test_every_page_is_in_the_table_of_contents() -> None:
         assert name in listed | {"index", "README"}, name
 
 
-# ---- the page of messages --------------------------------------------------------------------------------------------
+# ---- the page of messages ------------------------------------------------------------------------
 
 MESSAGES = (DOCS / "messages.md").read_text(encoding="utf-8")
 QUOTED = re.findall(r'"([^"]+)"', MESSAGES)
@@ -210,7 +214,7 @@ def test_exit_codes_on_the_page_of_messages_are_those_of_signals_and_errors() ->
     assert codes == {1, 2} | {128 + number for number in SIGNALS}
 
 
-# ---- from 0.1 to 1.0 -------------------------------------------------------------------------------------------------
+# ---- from 0.1 to 1.0 -----------------------------------------------------------------------------
 
 MIGRATION = (DOCS / "migration.md").read_text(encoding="utf-8")
 

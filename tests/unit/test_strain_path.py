@@ -14,7 +14,8 @@ SAMPLES = (np.arange(4000) + 0.5) / 4000
 
 
 def mohr(e):
-    """Return centre and radius of Mohr's circle of strains (..., 3), the radius as its two components."""
+    """Return centre and radius of Mohr's circle of strains (..., 3), the radius as its two
+    components."""
     centre = (e[..., 0] + e[..., 1]) / 2
     half_difference = (e[..., 0] - e[..., 1]) / 2
     half_shear = e[..., 2] / 2

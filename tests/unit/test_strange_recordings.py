@@ -1,4 +1,5 @@
-"""Recordings from other users: every key of run.json is checked, and no name is executed as part of a page."""
+"""Recordings from other users: every key of run.json is checked, and no name is executed as part of
+a page."""
 
 from __future__ import annotations
 
@@ -77,7 +78,8 @@ def record(folder: Path, name: str, fields: tuple[str, ...] = ()) -> gx.plot.Run
 
 
 class Page(HTMLParser):
-    """What a browser would find in a page: elements with their attributes, scripts, and the texts outside."""
+    """What a browser would find in a page: elements with their attributes, scripts, and the texts
+    outside."""
 
     def __init__(self, text: str) -> None:
         super().__init__(convert_charrefs=True)
@@ -116,7 +118,8 @@ ALLOWED = {
 
 
 def check_page(text: str, name: str) -> None:
-    """The page has our elements only, two scripts, and the name as a text; its policy allows our script alone."""
+    """The page has our elements only, two scripts, and the name as a text; its policy allows our
+    script alone."""
     page = Page(text)
     assert {tag for tag, _ in page.elements} <= ALLOWED
     attributes = {key for _, found in page.elements for key in found}
@@ -147,7 +150,8 @@ def check_page(text: str, name: str) -> None:
 def test_names_are_texts_in_a_report(
     tmp_path: Path, attack: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Names of bodies, groups, chambers, probes, the title, and of a field, in every part of the page and the data."""
+    """Names of bodies, groups, chambers, probes, the title, and of a field, in every part of the
+    page and the data."""
     fields: tuple[str, ...] = ()
     if attack.isprintable():
         field = attack.replace("(", "`").replace(")", "`")  # dolfinx cuts names at parentheses
@@ -173,7 +177,8 @@ def test_texts_of_a_strangers_file_are_texts_in_a_report(tmp_path: Path) -> None
     about = json.loads(path.read_text())
 
     def spoil(tree: Any) -> Any:
-        """All texts but names of bodies and fields, which are names of files, and all keys of versions and laws."""
+        """All texts but names of bodies and fields, which are names of files, and all keys of
+        versions and laws."""
         if isinstance(tree, dict):
             return {key: spoil(value) for key, value in tree.items()}
         if isinstance(tree, list):
@@ -191,7 +196,7 @@ def test_texts_of_a_strangers_file_are_texts_in_a_report(tmp_path: Path) -> None
     check_page((tmp_path / "report.html").read_text(encoding="utf-8"), attack)
 
 
-# ---- damaged files --------------------------------------------------------------------------------------------------
+# ---- damaged files -------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -303,7 +308,8 @@ def test_what_is_not_a_run_json_is_refused_in_a_sentence(recorded: Path, tmp_pat
 def test_damaged_tables_are_refused_in_a_sentence(
     recorded: Path, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Without a column or its first row, with words, with rows of other lengths, with other columns."""
+    """Without a column or its first row, with words, with rows of other lengths, with other
+    columns."""
     monkeypatch.setattr("gossamer_fx.plot.report.view_data", lambda run: {})
     shutil.copytree(recorded, tmp_path / "run")
     path = tmp_path / "run" / name

@@ -1,4 +1,5 @@
-"""Scenes that can be computed, but are not what was meant: each is refused or warned of in one sentence."""
+"""Scenes that can be computed, but are not what was meant: each is refused or warned of in one
+sentence."""
 
 from __future__ import annotations
 
@@ -36,7 +37,7 @@ def compiled(*items: Any) -> gx.Simulation:
     return gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=1e-4))
 
 
-# ---- contact ---------------------------------------------------------------------------------------
+# ---- contact -------------------------------------------------------------------------------------
 
 
 @pytest.mark.mpi
@@ -116,7 +117,7 @@ def test_a_box_around_all_of_a_film_is_refused(comm) -> None:
     compiled(gx.Contact(sail, room, beside, distance=DISTANCE))
 
 
-# ---- plates ----------------------------------------------------------------------------------------
+# ---- plates --------------------------------------------------------------------------------------
 
 
 def test_a_hinge_group_given_twice_is_refused() -> None:
@@ -149,7 +150,8 @@ def test_a_clamped_edge_may_have_an_oblique_direction(comm) -> None:
 
 
 def stiffness_of_cantilever(aspect: float, thickness: float) -> float:
-    """Stiffness over exact of a strip of unit length, clamped at x = 0, with eight columns of cells."""
+    """Stiffness over exact of a strip of unit length, clamped at x = 0, with eight columns of
+    cells."""
     width = 1 / 8 / aspect
     law = gx.Linear(
         1e9,
@@ -225,10 +227,11 @@ def test_a_complex_motion_is_refused() -> None:
         compiled(held)
 
 
-# ---- bags ------------------------------------------------------------------------------------------
+# ---- bags ----------------------------------------------------------------------------------------
 
 
-# Corners of a cube about the origin, the bits of their number being their signs; triangles with outward normals.
+# Corners of a cube about the origin, the bits of their number being their signs; triangles with
+# outward normals.
 CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 OUTWARD = np.array(
     [
@@ -298,7 +301,7 @@ def test_parts_are_labelled_alike_on_all_ranks(comm) -> None:
     assert first.isdisjoint(second)
 
 
-# ---- meshes that are folded over -------------------------------------------------------------------
+# ---- meshes that are folded over -----------------------------------------------------------------
 
 
 def moved(comm: MPI.Intracomm, move: Callable[[np.ndarray], np.ndarray]) -> Mesh:
@@ -318,7 +321,8 @@ def overlap(X: np.ndarray) -> np.ndarray:
 def test_cells_folded_over_in_the_plane_are_warned_of(comm, caplog) -> None:
     mesh = moved(comm, overlap)
     count, share = folded_in_plane(mesh.edges)
-    # one column of sixteen triangles between x = 0.5, now 0.65, and 0.625: 0.025 wide of 1.05 in all
+    # one column of sixteen triangles between x = 0.5, now 0.65, and 0.625: 0.025 wide of 1.05 in
+    # all
     assert count == 16
     assert share == pytest.approx(0.025 / 1.05, rel=1e-9)
     with caplog.at_level(logging.WARNING):

@@ -1,4 +1,5 @@
-"""Every film law on 1e5 random strains: stress and tangent are derivatives, the energy is convex and C1.  E = t = 1."""
+"""Every film law on 1e5 random strains: stress and tangent are derivatives, the energy is convex
+and C1.  E = t = 1."""
 
 from __future__ import annotations
 

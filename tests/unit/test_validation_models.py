@@ -65,7 +65,8 @@ def test_a_bent_tube_wrinkles_and_tends_to_the_collapse_moment():
 
 
 def test_the_stiffness_of_a_tube_is_that_of_its_fit():
-    """Bending and shear in series: the secant of the tube of 0.13 m at 0.3 bar is 397 N/m, see the case file."""
+    """Bending and shear in series: the secant of the tube of 0.13 m at 0.3 bar is 397 N/m, see the
+    case file."""
     radius = 0.065
     pressure = 0.3e5
     bending = 3 * math.pi * radius**3 * wall_stiffness(radius, pressure)

@@ -1,7 +1,8 @@
-"""What studies of deployments share: columns for the energy balance, and cases that are computed twice.
+"""What studies of deployments share: columns for the energy balance, and cases that are computed
+twice.
 
-Folded film moves chaotically; what differs between a case and the same with its start nudged, no mesh and no step can
-tell.
+Folded film moves chaotically; what differs between a case and the same with its start nudged, no
+mesh and no step can tell.
 """
 
 from __future__ import annotations
@@ -9,8 +10,8 @@ from __future__ import annotations
 STARTS = ["usual", "nudged"]  # values of an axis "start"
 # Relative change of a value: far below its accuracy, and far above round-off.
 NUDGE = 1e-9
-# Columns of the tables: what a demo returns of its energy balance and of its steps.  "rejected" is the number of
-# rejected steps.
+# Columns of the tables: what a demo returns of its energy balance and of its steps.  "rejected" is
+# the number of rejected steps.
 LEDGER = (
     "dissipated",
     "penetrations",

@@ -1,4 +1,5 @@
-"""What a study found: a markdown table, a picture of error against run time and h, and what falls short."""
+"""What a study found: a markdown table, a picture of error against run time and h, and what falls
+short."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ def curves(study: Study, results: list[Result]) -> dict[tuple[Any, ...], list[Re
     return found
 
 
-# By so much an observed order may be below the expected one: coarse cases are not yet in the asymptotic range.
+# By so much an observed order may be below the expected one: coarse cases are not yet in the
+# asymptotic range.
 ORDER_MARGIN = 0.3
 
 
@@ -66,7 +68,8 @@ def table(study: Study, results: list[Result]) -> str:
 
 
 def summary(studies: list[tuple[Study, list[Result]]]) -> str:
-    """Markdown: of every study, measure and element, what the finest cases leave at worst, and orders if expected."""
+    """Markdown: of every study, measure and element, what the finest cases leave at worst, and
+    orders if expected."""
     lines = [
         "| study | measure | element | largest error | order | CPU time [s] |",
         "|---" * 6 + "|",
@@ -111,7 +114,8 @@ def _span(values: list[float], digits: int, kind: str) -> str:
 
 
 def shortfalls(study: Study, results: list[Result]) -> list[str]:
-    """What is not as the study declares: failures, errors beyond the tolerance, orders below the expected rate."""
+    """What is not as the study declares: failures, errors beyond the tolerance, orders below the
+    expected rate."""
     found = [
         f"{_words(result.case)}: {result.failed}"
         for result in results
@@ -124,14 +128,16 @@ def shortfalls(study: Study, results: list[Result]) -> list[str]:
             # Written so that an error that is not a number falls short, too.
             if not error <= measure.tolerance:
                 found.append(
-                    f"{measure.name}, {_words(done[-1].case)}: error {error:.2g} > {measure.tolerance:.2g}"
+                    f"{measure.name}, {_words(done[-1].case)}: error {error:.2g} > "
+                    f"{measure.tolerance:.2g}"
                 )
             rate = measure.rate(done[-1].case)
             if math.isfinite(rate) and len(done) > 1:
                 overall = order(study, measure, done[0], done[-1])
                 if not overall >= rate - ORDER_MARGIN:
                     found.append(
-                        f"{measure.name}, {_words(done[-1].case)}: order {overall:.2f}, expected {rate:.2g}"
+                        f"{measure.name}, {_words(done[-1].case)}: order {overall:.2f}, expected "
+                        f"{rate:.2g}"
                     )
     return found
 
@@ -222,4 +228,6 @@ def _words(case: dict[str, Any]) -> str:
 
 
 def _number(value: float, digits: int) -> str:
-    return "" if math.isnan(value) else f"{value:.{digits}g}"
+    if math.isnan(value):
+        return ""
+    return f"{value:.{digits}g}"

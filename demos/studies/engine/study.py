@@ -1,7 +1,9 @@
-"""Studies: a problem over meshes, elements, laws, steppers, ..., and what error a second of computing leaves.
+"""Studies: a problem over meshes, elements, laws, steppers, ..., and what error a second of
+computing leaves.
 
-A `Study` is data: a problem, the axes along which it is varied, references and expected rates.  `run` computes what is
-not in the study's CSV yet, so that an interrupted study goes on where it stopped, and writes table and picture.
+A `Study` is data: a problem, the axes along which it is varied, references and expected rates.
+`run` computes what is not in the study's CSV yet, so that an interrupted study goes on where it
+stopped, and writes table and picture.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ class Measure:
 
     Args:
         name: its key in what the problem returns.
-        reference: exact value, or a function of the case; zero for a result that is an error itself.
+        reference: exact value, or a function of the case; zero for a result that is an error
+            itself.
         tolerance: largest relative error that is accepted on the finest of the full study.
         rate: expected order in h for a case; infinite where no order is expected.
     """
@@ -52,14 +55,15 @@ class Study:
     Args:
         name: of its files.
         title: one line above the table.
-        problem: problem(comm, **case) returns numbers by name, "seconds" among them: run time without start-up and
-            compilation.
-        axes: values of the parameters by name; numbers and words.  The last axis is the one that is refined.
+        problem: problem(comm, **case) returns numbers by name, "seconds" among them: run time
+            without start-up and compilation.
+        axes: values of the parameters by name; numbers and words.  The last axis is the one that is
+            refined.
         size: h of a case.
         measures: the results that have references.
         quick: axes with fewer values, for `quick` runs.
-        quick_options: further arguments of the problem in `quick` runs, such as an earlier end.  Their results are not
-            those of the full study, and have a separate file.
+        quick_options: further arguments of the problem in `quick` runs, such as an earlier end.
+            Their results are not those of the full study, and have a separate file.
         columns: further results that the table shows.
         may_fail: whether a case that fails by name is a result, too.
         draw: draws all results, draw(results, path), instead of errors against run time and h.
@@ -105,7 +109,8 @@ def run(
     comm: MPI.Intracomm,
     quick: bool = False,
 ) -> list[Result]:
-    """Compute the cases that `folder/NAME.csv` lacks for this number of ranks; returns all, in order.
+    """Compute the cases that `folder/NAME.csv` lacks for this number of ranks; returns all, in
+    order.
 
     Quick forms with other options have the file `NAME-quick.csv`, see `Study`.
 
@@ -173,7 +178,8 @@ def _read(study: Study, path: Path) -> dict[tuple[str, ...], Row]:
 
 
 def _write(path: Path, rows: list[Row]) -> None:
-    """All rows at once, to a new file that then replaces the old one: a killed study leaves a whole file."""
+    """All rows at once, to a new file that then replaces the old one: a killed study leaves a whole
+    file."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

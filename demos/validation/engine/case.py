@@ -1,7 +1,9 @@
-"""Cases: an experiment as a data file, with inputs, measured values and what is asked of a prediction.
+"""Cases: an experiment as a data file, with inputs, measured values and what is asked of a
+prediction.
 
-A case file is TOML and holds data only: it names one of the models of `demos/validation/models`, and
-nothing in it is executed.  `docs/measured.md` explains its format, so that other programs can read it.
+A case file is TOML and holds data only: it names one of the models of `demos/validation/models`,
+and nothing in it is executed.  `docs/measured.md` explains its format, so that other programs can
+read it.
 
     format = 1
     name = "hiad_71"                  of its results; letters, digits and underscores
@@ -69,7 +71,8 @@ class Measured:
         x_range: part of the abscissa in which curves are compared.
         labels: names of the values.
         accepted: smallest and largest relative error that is accepted.
-        is_mean_of_sizes: whether `accepted` is of the mean size of the errors, or else of their mean.
+        is_mean_of_sizes: whether `accepted` is of the mean size of the errors, or else of their
+            mean.
         peer_error: mean size of the relative errors of the peer; not a number if it is not known.
     """
 
@@ -225,7 +228,8 @@ def read_case(path: Path, models: list[str]) -> Case:
         models: names of the models that a case may have.
 
     Raises:
-        InputError: the file does not exist, it is not TOML, an entry is missing, unknown or of another kind.
+        InputError: the file does not exist, it is not TOML, an entry is missing, unknown or of
+            another kind.
     """
     where = f"'{path}'"
     data = _parsed(path, where)
@@ -272,8 +276,8 @@ def with_inputs(case: Case, changes: Mapping[str, float]) -> Case:
 
     Args:
         case: the case.
-        changes: numbers by the name of the input, in the unit that the case has, or without one if the
-            case has no such input.
+        changes: numbers by the name of the input, in the unit that the case has, or without one if
+            the case has no such input.
 
     Raises:
         InputError: an input that is not one number.
@@ -442,7 +446,7 @@ def _measured(where: str, data: Any) -> Measured:
     )
 
 
-# ---- parts of a file ------------------------------------------------------------------------------
+# ---- parts of a file -----------------------------------------------------------------------------
 
 
 def _check_keys(where: str, data: Mapping[str, Any], known: set[str]) -> None:

@@ -91,7 +91,8 @@ def compare(measured: Measured, predicted: Mapping[str, Any] | None) -> Comparis
 
     Args:
         measured: of the case.
-        predicted: {"x": list or None, "y": list} in SI units, as results store it; None if there is none.
+        predicted: {"x": list or None, "y": list} in SI units, as results store it; None if there is
+            none.
     """
     x: Array | None = None
     y_measured = measured.y

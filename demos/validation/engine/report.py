@@ -1,4 +1,5 @@
-"""What a validation found: a table, a figure with the measured points over the curves, and what is missed."""
+"""What a validation found: a table, a figure with the measured points over the curves, and what is
+missed."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ LETTERS_PER_INCH = 12
 
 
 def table(cases: Iterable[tuple[Case, Stored]], quick: bool = False) -> str:
-    """All results as a Markdown table; of a curve it shows the middle of the range and the mean error."""
+    """All results as a Markdown table; of a curve it shows the middle of the range and the mean
+    error."""
     lines = ["| " + " | ".join(HEAD) + " |", "|---" * len(HEAD) + "|"]
     for case, stored in cases:
         for test in case.chosen(quick):
@@ -109,7 +111,7 @@ def misses(case: Case, stored: Stored, quick: bool = False) -> list[str]:
     return found
 
 
-# ---- figure -----------------------------------------------------------------------------------------
+# ---- figure --------------------------------------------------------------------------------------
 
 
 def figure(case: Case, stored: Stored, path: Path, quick: bool = False) -> None:

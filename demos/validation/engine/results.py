@@ -144,7 +144,8 @@ def read(path: Path, case: Case) -> Stored:
 
 
 def write(path: Path, stored: Stored) -> None:
-    """Write results to a new file, which then replaces the old one: a killed run leaves a whole file.
+    """Write results to a new file, which then replaces the old one: a killed run leaves a whole
+    file.
 
     Raises:
         InputError: the folder cannot be written.

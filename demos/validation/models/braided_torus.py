@@ -1,26 +1,29 @@
-"""An inflated braided torus with cords that is pulled in by radial cables, started from its measured shape.
+"""An inflated braided torus with cords that is pulled in by radial cables, started from its
+measured shape.
 
-At each of N stations two cables pull from the top and the bottom of the section to pulleys further in.
-All are shortened by the same amount until their forces add up to the measured load.  Vertical supports
-carry the section at some angles.
+At each of N stations two cables pull from the top and the bottom of the section to pulleys further
+in. All are shortened by the same amount until their forces add up to the measured load.  Vertical
+supports carry the section at some angles.
 
-Prescribed forces would not do.  A ring of this bending stiffness buckles under forces that stay the same at
-a small part of the measured load; the cables hold it.  In the measured shapes the components n and
-8 - n grow so that their sum at the eight stations stays: the cables are stiff compared with the torus.
+Prescribed forces would not do.  A ring of this bending stiffness buckles under forces that stay the
+same at a small part of the measured load; the cables hold it.  In the measured shapes the
+components n and 8 - n grow so that their sum at the eight stations stays: the cables are stiff
+compared with the torus.
 
 Wall: an orthotropic film that bears no compression.  Fibres at ±β with the shear stiffness G and a
 small further stiffness E_L along the tube give, per width,
 
-    A11 = G cot²β + E_L,    A12 = A66 = G,    A22 = G tan²β                                       (1)
+    A11 = G cot²β + E_L,    A12 = A66 = G,    A22 = G tan²β                                      (1)
 
-Two axial cords are bonded to the wall; after inflation each has F_c.  The stretches of the wall are those
-of a straight tube, see `braided_tube`.
+Two axial cords are bonded to the wall; after inflation each has F_c.  The stretches of the wall are
+those of a straight tube, see `braided_tube`.
 
 The shape of the torus under the first, small cable forces was measured.  The stress-free shape is
 corrected until the computed shape under these forces is the measured one: with c the radius of the
-centre line from which the stress-free film is made, r(c) that of the equilibrium, r_m the measured one,
+centre line from which the stress-free film is made, r(c) that of the equilibrium, r_m the measured
+one,
 
-    c ← c + r_m - r(c)                                                                            (2)
+    c ← c + r_m - r(c)                                                                           (2)
 
 The rest is prediction: the mean radius and the Fourier amplitudes of the centre line under larger
 forces, or under another pressure.
@@ -63,7 +66,8 @@ QUICK_CELLS = (16, 6)
 CORRECTIONS = 2
 QUICK_CORRECTIONS = 1
 
-# Increments of the shortening of the cables [m], the largest shortening, and increments of the pressure.
+# Increments of the shortening of the cables [m], the largest shortening, and increments of the
+# pressure.
 INCREMENT = 2e-3
 QUICK_INCREMENT = 3e-3
 LARGEST_SHORTENING = 0.2
@@ -88,7 +92,8 @@ class Torus:
         shape_radius, shape_height: of these points [m].
         station_angles, support_angles: [rad].
         pulleys: radius and height of the pulleys (2, 2) of the lower and the upper cables [m].
-        first_forces: (2 N,) [N] with which the shape was measured: lower cables by station, then upper ones.
+        first_forces: (2 N,) [N] with which the shape was measured: lower cables by station, then
+            upper ones.
         cable_stiffness: of each cable [N/m].
         largest_load: sum of the forces of all cables [N].
         cells: along the torus and around its section; None: as the form has them.
@@ -112,7 +117,8 @@ class Torus:
         β = inputs.number("braid_angle", "rad", above=0)
         check(
             β < math.pi / 2,
-            f"{inputs.where}: braid_angle is {math.degrees(β):g} degrees from the axis; give one below 90.",
+            f"{inputs.where}: braid_angle is {math.degrees(β):g} degrees from the axis; give one "
+            "below 90.",
         )
         G = inputs.number("shear_stiffness", "N/m", above=0)
         E_L = inputs.number("axial_stiffness", "N/m", above=0)
@@ -141,23 +147,27 @@ class Torus:
         between = (tube.cord_angles - tube.cord_angles[0]) / (math.pi / 3)
         check(
             bool(np.allclose(between, np.rint(between), atol=1e-9)),
-            f"{inputs.where}: cord_angles differ by other angles than multiples of 60 degrees; give those.",
+            f"{inputs.where}: cord_angles differ by other angles than multiples of 60 degrees; "
+            "give those.",
         )
         check(
             count >= 16 and len(forces) == 2 * len(stations),
-            f"{inputs.where}: shape has {count} points and first_forces {len(forces)} numbers; give 16 points "
+            f"{inputs.where}: shape has {count} points and first_forces {len(forces)} numbers; "
+            "give 16 points "
             f"at least, evenly spaced from the angle 0, and {2 * len(stations)} forces.",
         )
         pulleys = inputs.table("pulleys", "m", 2)
         largest_load = inputs.number("largest_load", "N", above=0)
         check(
             len(pulleys) == 2,
-            f"{inputs.where}: pulleys has {len(pulleys)} rows; give radius and height of the lower and of the "
+            f"{inputs.where}: pulleys has {len(pulleys)} rows; give radius and height of the lower "
+            "and of the "
             "upper ones.",
         )
         check(
             largest_load > forces.sum(),
-            f"{inputs.where}: largest_load is {largest_load:g} N; give one above the sum of first_forces, "
+            f"{inputs.where}: largest_load is {largest_load:g} N; give one above the sum of "
+            "first_forces, "
             f"{forces.sum():.4g} N.",
         )
         cells = None
@@ -165,7 +175,8 @@ class Torus:
             cells = inputs.whole("cells_along"), inputs.whole("cells_around")
             check(
                 cells[0] % 16 == 0 and cells[1] % 6 == 0,
-                f"{inputs.where}: cells_along is {cells[0]} and cells_around {cells[1]}; give a multiple of 16 "
+                f"{inputs.where}: cells_along is {cells[0]} and cells_around {cells[1]}; give a "
+                "multiple of 16 "
                 "and one of 6, so that stations and cords are on lines of the mesh.",
             )
         return Torus(
@@ -200,11 +211,12 @@ class Torus:
         return np.column_stack([radius, height])
 
 
-# ---- mesh ------------------------------------------------------------------------------------------
+# ---- mesh ----------------------------------------------------------------------------------------
 
 
 def section_angles(torus: Torus, around: int) -> Array:
-    """Angles (2 around,) [rad] of the nodes of a section from its top outwards, the first at a cord."""
+    """Angles (2 around,) [rad] of the nodes of a section from its top outwards, the first at a
+    cord."""
     return torus.tube.cord_angles[0] + np.arange(2 * around) * math.pi / around
 
 
@@ -271,16 +283,16 @@ def torus_mesh(comm: MPI.Intracomm, points: Array, cord_columns: list[int]) -> g
     return gx.gmsh_mesh(build, comm)
 
 
-# ---- parts of the scene ----------------------------------------------------------------------------
+# ---- parts of the scene --------------------------------------------------------------------------
 
 
 class Cable:
     """A cable from a point of the torus over a fixed pulley to an end that is drawn in by t [m].
 
-    It plays `terms.point_loads.PointForce`.  With the length ℓ from the point X to the pulley, and n the
-    direction there, the force on the point is F = T n,
+    It plays `terms.point_loads.PointForce`.  With the length ℓ from the point X to the pulley, and
+    n the direction there, the force on the point is F = T n,
 
-        T = T_0 + k (t + ℓ - ℓ_0),    dF/dX = -T/ℓ (1 - n nᵀ) - k n nᵀ                            (3)
+        T = T_0 + k (t + ℓ - ℓ_0),    dF/dX = -T/ℓ (1 - n nᵀ) - k n nᵀ                           (3)
 
     Until `hold` is called it is T_0 whatever the length.
     """
@@ -389,7 +401,7 @@ def combined(parts: list[tuple[float, Port]]) -> Port:
     )
 
 
-# ---- the model -------------------------------------------------------------------------------------
+# ---- the model -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -537,10 +549,10 @@ def _row(angle: float, count: int) -> int:
 def _cables(torus: Torus, film: gx.Membrane, nodes: Array, cosine: Array) -> list[Cable]:
     """Lower cables by station, then upper ones.
 
-    A strap around the section takes the force of a cable to the film.  It is spread over the section
-    with the weights 1 ± 2 cos φ, whose resultant acts at the bottom or the top, and along the torus over
-    a minor radius to each side, falling linearly to zero: a force on a line would dent film of any mesh
-    the deeper, the finer it is.
+    A strap around the section takes the force of a cable to the film.  It is spread over the
+    section with the weights 1 ± 2 cos φ, whose resultant acts at the bottom or the top, and along
+    the torus over a minor radius to each side, falling linearly to zero: a force on a line would
+    dent film of any mesh the deeper, the finer it is.
     """
     count = len(nodes)
     spacing = 2 * math.pi / count * torus.shape_radius.mean()
@@ -607,9 +619,11 @@ def amplitudes(radius: Array) -> Array:
 
 
 def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
-    """Change of the mean radius and waves under the cables, or the growth of the radius with the pressure.
+    """Change of the mean radius and waves under the cables, or the growth of the radius with the
+    pressure.
 
-    With the input "second_pressure" the pressure goes to that, under the first forces of the cables.
+    With the input "second_pressure" the pressure goes to that, under the first forces of the
+    cables.
     """
     torus = Torus.read(inputs)
     cells = CELLS
@@ -680,7 +694,8 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
 def _inflate_further(
     torus: Torus, inputs: Inputs, comm: MPI.Intracomm, line: Array, around: int
 ) -> Prediction:
-    """The growth of the mean radius from one pressure to another, under the first forces of the cables."""
+    """The growth of the mean radius from one pressure to another, under the first forces of the
+    cables."""
     first = torus.tube.pressure
     second = inputs.number(
         "second_pressure",

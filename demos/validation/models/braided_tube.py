@@ -1,22 +1,22 @@
 """A straight inflated braided tube with axial cords in four-point bending.
 
 The tube has closed, rigid ends, each on a lever that points down from its axis and whose foot rolls
-along x; two equal vertical loads lower it.  Wall: an orthotropic film that bears no compression, with
-the stiffnesses of the inflated braid.  Cords: tabulated force against strain, bonded to the wall along
-its whole length.  The pressure is constant.
+along x; two equal vertical loads lower it.  Wall: an orthotropic film that bears no compression,
+with the stiffnesses of the inflated braid.  Cords: tabulated force against strain, bonded to the
+wall along its whole length.  The pressure is constant.
 
 The diameter D of the input is that of the inflated tube.  The stress-free tube is smaller: with the
 stretches λ_L along and λ_H around it, E = (λ² - 1)/2 and S = A E,
 
-    λ_L/λ_H S_L = (p π r² - Σ F_c)/(2π r),    λ_H/λ_L S_H = p r,    r = D/2                       (1)
+    λ_L/λ_H S_L = (p π r² - Σ F_c)/(2π r),    λ_H/λ_L S_H = p r,    r = D/2                      (1)
 
-are solved for both.  The cords get the natural length at which their force is F_c in this state.  It is
-the state in which the test begins, so that deflections are counted from it.
+are solved for both.  The cords get the natural length at which their force is F_c in this state.
+It is the state in which the test begins, so that deflections are counted from it.
 
-A quarter is modelled: half of the length (x ≥ 0) and of the section (y ≥ 0).  Films of order 2.  The
-ends keep the section that they have after inflation.  A load is a vertical dead load, uniform on a band
-around the tube, so that the film is not crushed; the mean deflection of the band is prescribed step by
-step, and the load is its reaction.
+A quarter is modelled: half of the length (x ≥ 0) and of the section (y ≥ 0).  Films of order 2.
+The ends keep the section that they have after inflation.  A load is a vertical dead load, uniform
+on a band around the tube, so that the film is not crushed; the mean deflection of the band is
+prescribed step by step, and the load is its reaction.
 """
 
 from __future__ import annotations
@@ -65,7 +65,8 @@ CORD_MASS = 0.02
 # Thickness [m] that splits stiffnesses per width into moduli; results do not depend on it.
 THICKNESS = 1e-3
 
-# Cord tables end at a force; beyond it the last slope of the source holds.  Strain to which it is drawn.
+# Cord tables end at a force; beyond it the last slope of the source holds.  Strain to which it is
+# drawn.
 LARGEST_STRAIN = 0.05
 
 
@@ -136,7 +137,8 @@ class Tube:
         band_end = tube.load_at + BAND_WIDTH * tube.radius
         check(
             tube.radius < tube.load_at and band_end < tube.half_span,
-            f"{inputs.where}: load_at is {tube.load_at:g} m; let it be beyond the radius and before the "
+            f"{inputs.where}: load_at is {tube.load_at:g} m; let it be beyond the radius and "
+            "before the "
             "end of the tube.",
         )
         return tube
@@ -153,16 +155,19 @@ class Tube:
         )
         check(
             bool(np.allclose(lines, np.rint(lines), atol=1e-9)) and is_symmetric,
-            f"{where}: cord_angles are {degrees} degrees from the top; give multiples of 30 that are "
+            f"{where}: cord_angles are {degrees} degrees from the top; give multiples of 30 that "
+            "are "
             "symmetric about the vertical plane.",
         )
 
     def check_cords(self, where: str) -> None:
-        """Check that the wall bears a part of the pressure's axial force: film bears no compression."""
+        """Check that the wall bears a part of the pressure's axial force: film bears no
+        compression."""
         end_force = self.pressure * math.pi * self.radius**2
         check(
             len(self.cord_angles) * self.cord_force < end_force,
-            f"{where}: cord_force is {self.cord_force:g} N for each of {len(self.cord_angles)} cords; the pressure "
+            f"{where}: cord_force is {self.cord_force:g} N for each of {len(self.cord_angles)} "
+            "cords; the pressure "
             f"pulls with {end_force:.4g} N only, so give a smaller force.",
         )
 
@@ -202,11 +207,12 @@ class Tube:
         return float(np.interp(self.cord_force, force, strain))
 
 
-# ---- mesh ------------------------------------------------------------------------------------------
+# ---- mesh ----------------------------------------------------------------------------------------
 
 
 def stations(tube: Tube, size: float) -> tuple[Array, tuple[int, int]]:
-    """Positions [m] of the rings of nodes along the inflated tube, and numbers of those at the band's edges."""
+    """Positions [m] of the rings of nodes along the inflated tube, and numbers of those at the
+    band's edges."""
     half_width = BAND_WIDTH * tube.radius
     corners = [0.0, tube.load_at - half_width, tube.load_at + half_width, tube.half_span]
     parts = []
@@ -221,7 +227,8 @@ def stations(tube: Tube, size: float) -> tuple[Array, tuple[int, int]]:
 
 
 def inflation(radius: float, λ_L: float, λ_H: float, around: int) -> Callable[[Array], Array]:
-    """The displacement from the stress-free prism of `half_tube_mesh` to the inflated circular tube.
+    """The displacement from the stress-free prism of `half_tube_mesh` to the inflated circular
+    tube.
 
     Args:
         radius: of the inflated tube [m].
@@ -251,10 +258,11 @@ def half_tube_mesh(
 ) -> gx.Mesh:
     """Half of a prism (y ≥ 0) about the x axis with its end, flat triangles of order 1.
 
-    Its section has `around` sides over half of it, of the perimeter of a circle of the given radius.
+    Its section has `around` sides over half of it, of the perimeter of a circle of the given
+    radius.
 
-    Groups: "wall", "band", "cap"; "middle", the rim at x = 0; "lines", both lines in the plane y = 0;
-    "line 0" from the top to "line N" at the bottom.
+    Groups: "wall", "band", "cap"; "middle", the rim at x = 0; "lines", both lines in the plane y =
+    0; "line 0" from the top to "line N" at the bottom.
     """
     rings = len(x)
     per_ring = around + 1
@@ -340,16 +348,16 @@ def _add_line(model: Any, chains: list, name: str) -> None:
     model.addPhysicalGroup(1, [entity], name=name)
 
 
-# ---- parts of the scene ----------------------------------------------------------------------------
+# ---- parts of the scene --------------------------------------------------------------------------
 
 
 class End:
     """The rigid end of the half tube and its lever, which move in the plane y = 0.
 
-    With the centre x_c of the end and the unit vector d that points up from it, every node of the end
-    follows as
+    With the centre x_c of the end and the unit vector d that points up from it, every node of the
+    end follows as
 
-        x_k = x_c + Z_k d    in x and z,    y_k = Y_k,                                            (2)
+        x_k = x_c + Z_k d    in x and z,    y_k = Y_k,                                           (2)
 
     and the foot of the lever, x_c - lever d, stays at its height.  Without a lever the end is free.
     """
@@ -475,7 +483,7 @@ def band_port(film: gx.Membrane) -> Port:
     return mean_of(film, nodes, shares[nodes])
 
 
-# ---- the test ----------------------------------------------------------------------------------------
+# ---- the test ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -622,7 +630,8 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         around = inputs.whole("cells_around", least=6)
         check(
             around % 6 == 0,
-            f"{inputs.where}: cells_around is {around}; give a multiple of 6, for lines every 30 degrees.",
+            f"{inputs.where}: cells_around is {around}; give a multiple of 6, for lines every 30 "
+            "degrees.",
         )
     model = build(tube, comm, around)
     deflections, loads, details = bend(model, tube, step)

@@ -1,9 +1,10 @@
-"""A cable wound round a drum with friction, drawn slowly at one end: the ratio of the pulls at its ends.
+"""A cable wound round a drum with friction, drawn slowly at one end: the ratio of the pulls at its
+ends.
 
-One end bears a constant pull T1; the other end is moved along its straight tail at a constant speed that
-is far above the slip velocity of the regularised friction and slow enough for inertia to be negligible.
-The pull T2 there is the tension of the last cell.  Euler's capstan equation, with the friction
-coefficient μ and the angle of wrap θ [rad], is T2/T1 = exp(μ θ).
+One end bears a constant pull T1; the other end is moved along its straight tail at a constant speed
+that is far above the slip velocity of the regularised friction and slow enough for inertia to be
+negligible. The pull T2 there is the tension of the last cell.  Euler's capstan equation, with the
+friction coefficient μ and the angle of wrap θ [rad], is T2/T1 = exp(μ θ).
 
 The cable is a helix of small pitch, so that turns do not touch each other.
 """
@@ -37,8 +38,8 @@ PULL = 1.0  # T1 [N]
 EA = 1e5  # [N]
 LINE_DENSITY = 3.5e-4  # [kg/m]
 
-# Motion.  Air of the drag c v per length damps the vibrations of the start; at this speed it is c v L,
-# about 1e-3 of the pull.
+# Motion.  Air of the drag c v per length damps the vibrations of the start; at this speed it is c v
+# L, about 1e-3 of the pull.
 SPEED = 5e-3  # [m/s]
 SLIP_VELOCITY = 1e-3  # [m/s]; friction is whole above it
 DAMPING = 4e3  # c over the line density [1/s]
@@ -54,7 +55,8 @@ AVERAGED_SHARE = 0.25
 
 
 def helix(wrap: float, node_angle: float) -> Array:
-    """Points (n, 3) of the cable: a tail, the wrapped part and a tail, at 0.9 of the contact distance."""
+    """Points (n, 3) of the cable: a tail, the wrapped part and a tail, at 0.9 of the contact
+    distance."""
     standoff = RADIUS * (1 + CABLE_RADIUS + 0.9 * DISTANCE)
     count = max(round(wrap / node_angle), 2)
     angle = np.linspace(-wrap / 2, wrap / 2, count + 1)
@@ -76,7 +78,8 @@ def helix(wrap: float, node_angle: float) -> Array:
 
 
 def tangent(wrap: float, side: int) -> Array:
-    """Unit vector along the tail at an end of the wrapped part, away from the drum; side is -1 or 1."""
+    """Unit vector along the tail at an end of the wrapped part, away from the drum; side is -1 or
+    1."""
     return np.array([side * math.cos(wrap / 2), 0.0, -math.sin(wrap / 2)])
 
 

@@ -1,29 +1,32 @@
-"""A leading edge inflatable kite that hangs upside down by its bridle, under loads at its tips or its middle.
+"""A leading edge inflatable kite that hangs upside down by its bridle, under loads at its tips or
+its middle.
 
-The tubes are shear-deformable beams, the canopy is a film that bears no compression, and the lines of
-the bridle are ropes.  A line over a pulley has one tension: k (l_a + l_b - L) of both parts together.
+The tubes are shear-deformable beams, the canopy is a film that bears no compression, and the lines
+of the bridle are ropes.  A line over a pulley has one tension: k (l_a + l_b - L) of both parts
+together.
 
-Stiffness of a tube of radius r under the pressure p.  Two series of tests on tubes of 1 m were fitted by
-J. Breukels (2011).  Tubes that are twisted by the angle φ' per length bear the torque
+Stiffness of a tube of radius r under the pressure p.  Two series of tests on tubes of 1 m were
+fitted by J. Breukels (2011).  Tubes that are twisted by the angle φ' per length bear the torque
 
-    T = c₁ arctan(c₂ φ'),    c₁(r, p), c₂(r, p),                                                  (1)
+    T = c₁ arctan(c₂ φ'),    c₁(r, p), c₂(r, p),                                                 (1)
 
-whose secant is the torsional stiffness GJ = T/φ'.  The shear stiffness of the wall G t = c₁ c₂/(2π r³) is that of
-the untwisted tube, and GA = π r G t.  Cantilevers of the deflection v bear the load F = A (1 - exp(-n v/A)) with
-A(r, p) and n(r, p).  The secant n_s at the load p π r³/2 of the first wrinkle predicts these cantilevers (case
-`inflated_cantilever`).  It contains the deflection by shear, so that the bending stiffness follows from
+whose secant is the torsional stiffness GJ = T/φ'.  The shear stiffness of the wall G t = c₁ c₂/(2π
+r³) is that of the untwisted tube, and GA = π r G t.  Cantilevers of the deflection v bear the load
+F = A (1 - exp(-n v/A)) with A(r, p) and n(r, p).  The secant n_s at the load p π r³/2 of the first
+wrinkle predicts these cantilevers (case `inflated_cantilever`).  It contains the deflection by
+shear, so that the bending stiffness follows from
 
-    1/n_s = 1/(3 EI) + 1/GA.                                                                      (2)
+    1/n_s = 1/(3 EI) + 1/GA.                                                                     (2)
 
-With E t = EI/(π r³): EA = 2π r E t.  Beyond the first wrinkle, at the curvature κ_w = p/(2 E t), EI is the
-secant M(κ)/κ of Stein and Hedgepeth's solution,
+With E t = EI/(π r³): EA = 2π r E t.  Beyond the first wrinkle, at the curvature κ_w = p/(2 E t), EI
+is the secant M(κ)/κ of Stein and Hedgepeth's solution,
 
-    sin θ + (π - θ) cos θ = π κ_w/κ,    M = E t κ r³ (π - θ + ½ sin 2θ).                          (3)
+    sin θ + (π - θ) cos θ = π κ_w/κ,    M = E t κ r³ (π - θ + ½ sin 2θ).                         (3)
 
 Both secants are found by iteration over equilibria.
 
-Weight: the canopy has a density per area; the remainder of the total is spread evenly over the surface of
-the tubes.
+Weight: the canopy has a density per area; the remainder of the total is spread evenly over the
+surface of the tubes.
 """
 
 from __future__ import annotations
@@ -56,16 +59,16 @@ CHORD_CELLS = 6
 # Mass [kg] of a knot of the bridle: it only paces the pseudo-time.
 KNOT_MASS = 0.02
 
-# Constants of the fits by J. Breukels (2011), for r in m and p in bar: A and n of the cantilevers, c₁ and c₂ of
-# the twisted tubes.
+# Constants of the fits by J. Breukels (2011), for r in m and p in bar: A and n of the cantilevers,
+# c₁ and c₂ of the twisted tubes.
 FIT_LOAD = (6582.82, -272.43, 40852.38, 14.31)
 FIT_SLOPE = (271865251.42, 215.93, 14021.79, -589.05)
 FIT_TORQUE = (1467.0, 40.908, -191.8, 47.406)
 FIT_TWIST = (-17703.0, 358.05, 0.0918)
 BAR = 1e5
 
-# Share by which the secant stiffness of a tube is replaced in an iteration, their number, and the relative
-# change at which they end.
+# Share by which the secant stiffness of a tube is replaced in an iteration, their number, and the
+# relative change at which they end.
 RELAXATION = 0.7
 MAX_ITERATIONS = 4
 STIFFNESS_TOLERANCE = 0.03
@@ -100,7 +103,8 @@ def shear_stiffness(radius: float, pressure: float) -> float:
 
 
 def wall_stiffness(radius: float, pressure: float) -> float:
-    """E t [N/m] of a tube, by the secant of the fit at the load of the first wrinkle, equation (2)."""
+    """E t [N/m] of a tube, by the secant of the fit at the load of the first wrinkle, equation
+    (2)."""
     p = pressure / BAR
     C1, C2, C3, C4 = FIT_LOAD
     C5, C6, C7, C8 = FIT_SLOPE
@@ -142,12 +146,16 @@ def bending_share(curvature: float, radius: float, pressure: float, stiffness: f
     ratio = curvature / first
     if ratio <= 1:
         return 1.0
-    θ = brentq(
-        lambda a: math.sin(a) + (math.pi - a) * math.cos(a) - math.pi / ratio,
-        0.0,
-        math.pi,
-    )
-    return max((math.pi - θ + math.sin(2 * θ) / 2) / math.pi, SMALLEST_SHARE)
+
+    def excess(angle: float) -> float:
+        """Equation (3) for the half angle over which the wall is slack."""
+        taut = math.pi - angle
+        return math.sin(angle) + taut * math.cos(angle) - math.pi / ratio
+
+    θ = brentq(excess, 0.0, math.pi)
+    share = (math.pi - θ + math.sin(2 * θ) / 2) / math.pi
+    # A tube that has collapsed would be a mechanism.
+    return max(share, SMALLEST_SHARE)
 
 
 @dataclass
@@ -198,7 +206,8 @@ class Kite:
         leading = []
         for i, j, diameter in _mixed(inputs, "leading_edge", 3).tolist():
             leading.append(Tube((int(i), int(j)), diameter / 2))
-        # A strut is one beam through all of its nodes, whose lines and canopy pull on it between its ends.
+        # A strut is one beam through all of its nodes, whose lines and canopy pull on it between
+        # its ends.
         segments: dict[int, list[list[float]]] = {}
         for row in _mixed(inputs, "struts", 5).tolist():
             segments.setdefault(int(row[0]), []).append(row)
@@ -221,7 +230,8 @@ class Kite:
         loaded = inputs.numbers("loaded_nodes", "1")
         check(
             len(loaded) == 3,
-            f"{inputs.where}: loaded_nodes has {len(loaded)} numbers; give those of both tips and of the middle.",
+            f"{inputs.where}: loaded_nodes has {len(loaded)} numbers; give those of both tips and "
+            "of the middle.",
         )
         fixed = inputs.numbers("fixed_nodes", "1")
         used = {
@@ -238,7 +248,8 @@ class Kite:
             unknown = sorted({int(node) for node in nodes} - set(points))
             check(
                 not unknown,
-                f"{inputs.where}: {name} has the nodes {unknown}, which nodes does not list; add them.",
+                f"{inputs.where}: {name} has the nodes {unknown}, which nodes does not list; add "
+                "them.",
             )
         pressure = inputs.number("pressure", "Pa", above=0)
         for tube in (*leading, *struts):
@@ -268,8 +279,9 @@ class Kite:
 
     def length(self, tube: Tube) -> float:
         """Length of a tube [m]."""
-        nodes = np.array([self.points[node] for node in tube.nodes])
-        return float(np.linalg.norm(np.diff(nodes, axis=0), axis=1).sum())
+        corners = np.array([self.points[node] for node in tube.nodes])
+        parts = np.diff(corners, axis=0)
+        return float(np.linalg.norm(parts, axis=1).sum())
 
     def tube_surface(self) -> float:
         """Surface of all tubes [m²]."""
@@ -288,15 +300,16 @@ def _factor(inputs: Inputs, name: str) -> float:
     return 1.0
 
 
-# ---- lines over pulleys ----------------------------------------------------------------------------
+# ---- lines over pulleys --------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class PulleyEnergy:
-    """ψ = ½ k (l_a + l_b - L)² of the lengths l = √(2e) of both parts while they are taut, else none.
+    """ψ = ½ k (l_a + l_b - L)² of the lengths l = √(2e) of both parts while they are taut, else
+    none.
 
-    The mean stresses S_i = k s/l_i, with the mean stretch s of the step and the mean length l_i of a
-    part, do the work Δψ: Δe_i = l_i Δl_i.
+    The mean stresses S_i = k s/l_i, with the mean stretch s of the step and the mean length l_i of
+    a part, do the work Δψ: Δe_i = l_i Δl_i.
     """
 
     k: float
@@ -351,7 +364,7 @@ class PulleyLine:
         )
 
 
-# ---- the scene -------------------------------------------------------------------------------------
+# ---- the scene -----------------------------------------------------------------------------------
 
 
 class Hanging:
@@ -366,7 +379,8 @@ class Hanging:
         canopy_mass = area * kite.canopy_density
         check(
             kite.mass > canopy_mass,
-            f"mass is {kite.mass:g} kg, and the canopy has {canopy_mass:.3g} kg of it; give a larger mass or a "
+            f"mass is {kite.mass:g} kg, and the canopy has {canopy_mass:.3g} kg of it; give a "
+            "larger mass or a "
             "smaller canopy_density.",
         )
         areal_mass = (kite.mass - canopy_mass) / kite.tube_surface()
@@ -395,22 +409,29 @@ class Hanging:
         """Present position [m] of a node of the kite."""
         return np.asarray(self._search.system.state.vector(self._ports[node]))
 
+    def distance(self, first: int, second: int) -> float:
+        """Present distance [m] between two nodes of the kite."""
+        between = self.position(first) - self.position(second)
+        return float(np.linalg.norm(between))
+
     def curvature(self, tube: Tube) -> float:
-        """Largest curvature [1/m] of a tube, from the turn of its sections between its ends."""
+        """Mean curvature [1/m] of a tube, from the turn of its sections between its ends."""
         assert tube.beam is not None
         ends = []
         for end in ("start", "end"):
             frame = tube.beam.frame(end)
             d2, d3 = self._search.system.state.vectors(frame.directors[-2:])
             ends.append(np.cross(d2, d3))
-        first = [
-            self.kite.points[tube.nodes[k + 1]] - self.kite.points[tube.nodes[k]] for k in (0, -2)
-        ]
-        before = _angle(first[0], first[1])
-        return abs(_angle(ends[0], ends[1]) - before) / self.kite.length(tube)
+        # A strut of several parts is not straight from the beginning.
+        corners = np.array([self.kite.points[node] for node in tube.nodes])
+        parts = np.diff(corners, axis=0)
+        angle_before = _angle(parts[0], parts[-1])
+        angle = _angle(ends[0], ends[1])
+        return abs(angle - angle_before) / self.kite.length(tube)
 
     def soften(self) -> float:
-        """Let stiffnesses approach the secants at the present deformation; returns the largest change."""
+        """Let stiffnesses approach the secants at the present deformation; returns the largest
+        change."""
         pressure = self.kite.pressure
         change = 0.0
         for tube in self.kite.tubes:
@@ -447,7 +468,7 @@ class Hanging:
             after.append(_axes(*self._search.system.state.vectors(directors)))
         return twist_between(before, after) / self.kite.length(tube)
 
-    # ---- parts -------------------------------------------------------------------------------------
+    # ---- parts -----------------------------------------------------------------------------------
 
     def _section(self, tube: Tube, areal_mass: float) -> gx.sections.Section:
         Et = wall_stiffness(tube.radius, self.kite.pressure)
@@ -492,7 +513,8 @@ class Hanging:
 
     def _join_tubes(self) -> None:
         """Rigid joints where tubes meet: along the leading edge, and of struts with it."""
-        # Frames join rotations, too: the struts of a kite are sewn to its leading edge around the whole section.
+        # Frames join rotations, too: the struts of a kite are sewn to its leading edge around the
+        # whole section.
         ends: dict[int, Any] = {}
         for tube in self.kite.tubes:
             assert tube.beam is not None
@@ -553,26 +575,31 @@ class Hanging:
             )
 
     def _ribs(self) -> list[tuple[Array, Tube | None]]:
-        """Points of the canopy from the leading to the trailing edge, rib by rib, and the strut there."""
+        """Points of the canopy from the leading to the trailing edge, rib by rib, and the strut
+        there."""
         struts = {tube.nodes[0]: tube for tube in self.kite.struts}
         nodes = [self.kite.leading[0].nodes[0], *(tube.nodes[1] for tube in self.kite.leading)]
         fractions = np.linspace(0.0, 1.0, CHORD_CELLS + 1)
         ribs = []
         for node in nodes:
             strut = struts.get(node)
-            chain = (node, node + 1) if strut is None else strut.nodes
+            # Without a strut a rib is a straight line; the source numbers its trailing edge next.
+            chain: tuple[int, ...] = (node, node + 1)
+            if strut is not None:
+                chain = strut.nodes
             corners = np.array([self.kite.points[one] for one in chain])
-            along = np.concatenate(
-                [[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))]
-            )
-            rib = [np.interp(fractions * along[-1], along, column) for column in corners.T]
-            ribs.append((np.array(rib).T, strut))
+            lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+            along = np.concatenate([[0.0], np.cumsum(lengths)])
+            wanted = fractions * along[-1]
+            columns = [np.interp(wanted, along, column) for column in corners.T]
+            ribs.append((np.column_stack(columns), strut))
         return ribs
 
     def _canopy(self) -> tuple[gx.Membrane, float]:
         """The film and its area."""
         grid = np.array([points for points, _ in self._ribs()])
-        spans, rows, _ = grid.shape
+        spans = grid.shape[0]
+        rows = grid.shape[1]
         number = np.arange(spans * rows).reshape(spans, rows) + 1
         triangles = []
         for i in range(spans - 1):
@@ -581,7 +608,8 @@ class Hanging:
                 b = number[i + 1, k]
                 c = number[i + 1, k + 1]
                 d = number[i, k + 1]
-                # Diagonals alternate: of one direction only, they would stiffen the film in that one.
+                # Diagonals alternate: of one direction only, they would stiffen the film in that
+                # one.
                 if (i + k) % 2:
                     triangles += [a, b, c, a, c, d]
                 else:
@@ -618,9 +646,14 @@ class Hanging:
             name="canopy",
         )
         self._items.append(gx.Gravity(film, (0.0, 0.0, GRAVITY)))
-        corners = grid.reshape(-1, 3)[np.array(triangles).reshape(-1, 3) - 1]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        return film, float(np.linalg.norm(normals, axis=1).sum() / 2)
+        # Nodes of gmsh begin at 1.
+        numbers = np.array(triangles).reshape(-1, 3) - 1
+        corners = grid.reshape(-1, 3)[numbers]
+        first_side = corners[:, 1] - corners[:, 0]
+        second_side = corners[:, 2] - corners[:, 0]
+        normals = np.cross(first_side, second_side)
+        area = np.linalg.norm(normals, axis=1).sum() / 2
+        return film, float(area)
 
     def _attach(self, film: gx.Membrane) -> None:
         """The canopy on the leading edge and on the struts; its own nodes on the trailing edge."""
@@ -665,11 +698,13 @@ def twist_between(before: list[Array], after: list[Array]) -> float:
     """Turn [rad] of the end of a tube against its start, about its axis, since the initial state.
 
     Args:
-        before: axes (3, 3) of the sections at the start and the end, as columns, in the initial state.
+        before: axes (3, 3) of the sections at the start and the end, as columns, in the initial
+            state.
         after: in the present state.
     """
     turn = (before[0].T @ before[1]).T @ (after[0].T @ after[1])
-    # The axial vector of a rotation by φ has the length sin φ; tubes turn by less than a right angle.
+    # The axial vector of a rotation by φ has the length sin φ; tubes turn by less than a right
+    # angle.
     sine = (turn[2, 1] - turn[1, 2]) / 2
     return math.asin(float(np.clip(sine, -1.0, 1.0)))
 
@@ -680,7 +715,8 @@ def _angle(a: Array, b: Array) -> float:
 
 
 def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
-    """Distances [m] between points of the trailing edge, of the tips, and from the middle to a tip."""
+    """Distances [m] between points of the trailing edge, of the tips, and from the middle to a
+    tip."""
     kite = Kite.read(inputs)
     iterations = 0
     seconds = 0.0
@@ -694,9 +730,9 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
             break
     lengths = []
     for i, j, k, m in inputs.table("distances", "1", 4):
-        left = np.linalg.norm(hanging.position(int(i)) - hanging.position(int(j)))
-        right = np.linalg.norm(hanging.position(int(k)) - hanging.position(int(m)))
-        lengths.append(float(left + right) / 2)
+        left = hanging.distance(int(i), int(j))
+        right = hanging.distance(int(k), int(m))
+        lengths.append((left + right) / 2)
     details = {
         "unknowns": float(hanging.unknowns),
         "iterations": float(iterations),

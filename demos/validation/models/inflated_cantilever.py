@@ -1,24 +1,27 @@
 """An inflated tube, clamped at one end, whose other end is closed and bears a transverse load.
 
 Half of the tube is modelled, on one side of the plane of bending: a film of order 2 that bears no
-compression, under constant pressure.  It is isotropic, unless the input "shear_stiffness" makes it a woven one
-whose threads run along and around the tube.  The section at the clamped end does not change; the other end is a rigid
-plate whose centre is lowered step by step, and the load is its reaction.
+compression, under constant pressure.  It is isotropic, unless the input "shear_stiffness" makes it
+a woven one whose threads run along and around the tube.  The section at the clamped end does not
+change; the other end is a rigid plate whose centre is lowered step by step, and the load is its
+reaction.
 
-The diameter of the input is that of the inflated tube.  The stretches of the stress-free tube follow from
+The diameter of the input is that of the inflated tube.  The stretches of the stress-free tube
+follow from
 
-    λ_L/λ_H S_L = p r/2,    λ_H/λ_L S_H = p r,    S = E t/(1-ν²) (strains of Green)               (1)
+    λ_L/λ_H S_L = p r/2,    λ_H/λ_L S_H = p r,    S = E t/(1-ν²) (strains of Green)              (1)
 
-The stiffness E t of the wall is not an input: it is such that the model has the measured slope n of load
-against deflection at zero load, by the secant method from n L³/(3 π r³), which neglects shear.  All else
-is predicted: the load at larger deflections, the load at which the first cell wrinkles, and the largest
-load, at which the tube collapses.
+The stiffness E t of the wall is not an input: it is such that the model has the measured slope n of
+load against deflection at zero load, by the secant method from n L³/(3 π r³), which neglects shear.
+All else is predicted: the load at larger deflections, the load at which the first cell wrinkles,
+and the largest load, at which the tube collapses.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from mpi4py import MPI
@@ -42,15 +45,16 @@ QUICK_STEP = 0.025
 # Deflection over the length at which the slope is taken.
 SLOPE_STEP = 1e-3
 
-# Relative error of the slope at which the stiffness is found, and the largest number of corrections.
+# Relative error of the slope at which the stiffness is found, and the largest number of
+# corrections.
 SLOPE_TOLERANCE = 1e-4
 MAX_CORRECTIONS = 4
 
-# Bisections of the deflection of the first wrinkle within the step in which it appears.
-BISECTIONS = 5
+# Parts of a step of the deflection, one of which the first wrinkle is assigned to.
+PARTS_OF_A_STEP = 8
 
-# Distance from the ends, over the radius, up to which wrinkles do not count: the rigid plate and the
-# clamp disturb the stress there.
+# Distance from the ends, over the radius, up to which wrinkles do not count: the rigid plate and
+# the clamp disturb the stress there.
 END_ZONE = 1.0
 
 # Mass per area [kg/m²]: it only paces the pseudo-time of the equilibria.
@@ -158,13 +162,14 @@ class Bending:
         self.iterations += found.iterations
         return -2 * float(self._search.reaction(self._load)[0][2])
 
-    def wrinkled(self) -> bool:
-        """Whether a cell of the wall, away from the ends, bears no tension in some direction.  Collective."""
+    def wrinkled_points(self) -> int:
+        """Number of points of the wall, away from the ends, without tension in some direction.
+        Collective."""
         points, state = gx.fields.field_values(self._search, self._film, field="state")
         begin, end = self._counted
         is_counted = (points[:, 0] > begin) & (points[:, 0] < end)
-        here = bool((state[is_counted] < STATES["taut"] - 0.5).any())
-        return bool(self._film.comm.allreduce(here, op=MPI.LOR))
+        here = int((state[is_counted] < STATES["taut"] - 0.5).sum())
+        return self._film.comm.allreduce(here)
 
 
 def stiff_as_measured(
@@ -172,8 +177,8 @@ def stiff_as_measured(
 ) -> Cantilever:
     """The tube with the E t whose slope at zero load is the measured one [N/m].
 
-    The slope of the model is nearly proportional to E t, so that each correction is by the ratio of the
-    slopes.
+    The slope of the model is nearly proportional to E t, so that each correction is by the ratio of
+    the slopes.
     """
     step = SLOPE_STEP * tube.length
     for _ in range(MAX_CORRECTIONS):
@@ -185,18 +190,30 @@ def stiff_as_measured(
     return tube
 
 
-def first_wrinkle(bending: Bending, before: float, after: float) -> float:
-    """The load [N] at which the first cell wrinkles, between two deflections [m]."""
-    load = bending.load(after)
-    for _ in range(BISECTIONS):
-        middle = (before + after) / 2
-        middle_load = bending.load(middle)
-        if bending.wrinkled():
-            after = middle
-            load = middle_load
-        else:
-            before = middle
-    return load
+def first_wrinkle(bending: Bending, deflections: Array) -> float:
+    """The load [N] at which the first cell wrinkles, from the inflated straight tube.
+
+    Deflections only grow: a wrinkled film finds its taut state again from nearby only, so that a
+    search backwards would find too small a load.
+
+    Args:
+        bending: the straight tube.
+        deflections: of the test [m], rising, as far as the one at which wrinkles were seen, or one
+            more.
+    """
+    # The inflated tube first: a search for the bent one from the stress-free shape would leave
+    # wrinkles.
+    taut_load = bending.load(float(deflections[0]))
+    # Some coarse meshes have points that are not taut in the straight tube: those are of the mesh.
+    in_straight_tube = bending.wrinkled_points()
+    for before, after in pairwise(deflections):
+        for deflection in np.linspace(before, after, PARTS_OF_A_STEP + 1)[1:]:
+            load = bending.load(float(deflection))
+            if bending.wrinkled_points() > in_straight_tube:
+                # Between the last taut and the first wrinkled state.
+                return (taut_load + load) / 2
+            taut_load = load
+    return taut_load
 
 
 def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
@@ -213,11 +230,13 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     )
     check(
         radius < length / 2,
-        f"{inputs.where}: diameter is {2 * radius:g} m and length {length:g} m; give a tube that is longer.",
+        f"{inputs.where}: diameter is {2 * radius:g} m and length {length:g} m; give a tube that "
+        "is longer.",
     )
     check(
         last_deflection < length and bool(np.all(read_at <= last_deflection)),
-        f"{inputs.where}: deflection is {last_deflection:g} m; let it be below the length, {length:g} m, and "
+        f"{inputs.where}: deflection is {last_deflection:g} m; let it be below the length, "
+        f"{length:g} m, and "
         "not below those of read_at.",
     )
     shear_stiffness = None
@@ -238,10 +257,14 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     deflections = np.union1d(np.linspace(0.0, last_deflection, count + 1), read_at)
     loads = []
     step_of_wrinkles = 0
+    in_straight_tube = 0
     for k, deflection in enumerate(deflections):
         loads.append(bending.load(float(deflection)))
-        if step_of_wrinkles == 0 and bending.wrinkled():
-            step_of_wrinkles = max(k, 1)
+        wrinkled = bending.wrinkled_points()
+        if k == 0:
+            in_straight_tube = wrinkled
+        if step_of_wrinkles == 0 and wrinkled > in_straight_tube:
+            step_of_wrinkles = k
     curve = np.array(loads)
     quantities = {
         "load": Predicted(curve, deflections),
@@ -251,11 +274,9 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         load = float(np.interp(deflection, deflections, curve))
         quantities[f"load at {1e3 * deflection:g} mm"] = Predicted(load)
     if step_of_wrinkles:
-        before = float(deflections[step_of_wrinkles - 1])
-        after = float(deflections[step_of_wrinkles])
-        # From the straight tube: wrinkled film finds its taut state again only from nearby.
-        first = first_wrinkle(Bending(tube, comm, around), before, after)
-        quantities["first wrinkle"] = Predicted(first)
+        # One step more: after a large step a cell may have wrinkled too early.
+        seen = deflections[: step_of_wrinkles + 2]
+        quantities["first wrinkle"] = Predicted(first_wrinkle(Bending(tube, comm, around), seen))
     details = {
         "stiffness [N/m]": tube.stiffness,
         "unknowns": float(bending.unknowns),

@@ -1,17 +1,19 @@
 """The fold of a tape spring: its steady moment and its radius, in both senses of bending.
 
-The tape is a plate on a flat mesh whose rest curvature makes it a circular arc across.  Its ends retain
-their shape and are turned by φ each, without axial force; by symmetry a half is computed.  In opposite
-sense the centres of curvature along and across lie on different sides of the tape, in equal sense on one.
+The tape is a plate on a flat mesh whose rest curvature makes it a circular arc across.  Its ends
+retain their shape and are turned by φ each, without axial force; by symmetry a half is computed.
+In opposite sense the centres of curvature along and across lie on different sides of the tape, in
+equal sense on one.
 
-A tape that is bent from its straight state snaps, and in equal sense it finds other folds than the one
-that is sought.  So the search starts from a folded tape: a cylinder of the radius of the section, a
-transition in which the curvature across grows, and a straight tape.  Equilibria at a few larger turns then
-follow, over which the fold grows by the length of one cell.  On a mesh the moment ripples with that period:
-the steady moment is the mean M = ΔU/(2 Δφ) over it, with the stored energy U.
+A tape that is bent from its straight state snaps, and in equal sense it finds other folds than the
+one that is sought.  So the search starts from a folded tape: a cylinder of the radius of the
+section, a transition in which the curvature across grows, and a straight tape.  Equilibria at a few
+larger turns then follow, over which the fold grows by the length of one cell.  On a mesh the moment
+ripples with that period: the steady moment is the mean M = ΔU/(2 Δφ) over it, with the stored
+energy U.
 
-Theory: a fold that is a cylinder of the radius of the section, of angle α, has M = (1 + ν) D α in opposite
-and (1 - ν) D α in equal sense.
+Theory: a fold that is a cylinder of the radius of the section, of angle α, has M = (1 + ν) D α in
+opposite and (1 - ν) D α in equal sense.
 """
 
 from __future__ import annotations
@@ -33,24 +35,28 @@ from gossamer_fx.meshes.arrays import cell_corners, mesh_of_arrays, polyline, tr
 # Half of the length over the width of the tape: four widths beyond, ends do not change the moment.
 HALF_LENGTH = 4.0
 
-# Mesh: cells across, and length of a cell in the fold over the radius of the section, unless the inputs
-# "cells_across" and "cell_of_fold" are given.
+# Mesh: cells across, and length of a cell in the fold over the radius of the section, unless the
+# inputs "cells_across" and "cell_of_fold" are given.
 CELLS_ACROSS = 8
 CELL_OF_FOLD = 0.13
 QUICK_CELLS_ACROSS = 4
 QUICK_CELL_OF_FOLD = 0.3
-# Beyond the fold each cell is longer than the one before by this factor, up to a share of the width.
+# Beyond the fold each cell is longer than the one before by this factor, up to a share of the
+# width.
 GROWTH = 1.15
 LONGEST_CELL = 0.36
-# Turn [rad] added to the fold's end within which the cells remain small: the transition bends most there.
+# Turn [rad] added to the fold's end within which the cells remain small: the transition bends most
+# there.
 MARGIN = 0.3
 
 # First turn [rad] of an end.  The fold is then 1.4 radii long, several cells.
 FIRST_TURN = math.radians(40.0)
-# Turns within which the fold grows by a cell.  With three of them some searches find a fold elsewhere.
+# Turns within which the fold grows by a cell.  With three of them some searches find a fold
+# elsewhere.
 STEPS = 6
 QUICK_STEPS = 4
-# Length of the transition of the first guess over the radius.  Any from 2 to 4 leads to the same fold.
+# Length of the transition of the first guess over the radius.  Any from 2 to 4 leads to the same
+# fold.
 TRANSITION = 2.7
 # Curvature [1/radius] below which the section of the first guess counts as flat.
 FLAT = 1e-6
@@ -109,7 +115,8 @@ class Tape:
         return _mean_height(self.radius, self.angle)
 
     def section(self, along_arc: Array, curvature: Array) -> tuple[Array, Array]:
-        """Places (y, z) [m] of a section of this curvature [1/m], from its middle and its centre."""
+        """Places (y, z) [m] of a section of this curvature [1/m], from its middle and its
+        centre."""
         κ = np.maximum(curvature, FLAT / self.radius)
         y = np.sin(κ * along_arc) / κ
         z = (1 - np.cos(κ * along_arc)) / κ
@@ -122,7 +129,8 @@ def _mean_height(radius: Array | float, angle: Array | float) -> Array | float:
 
 
 def cells_along(tape: Tape, cell: float, last_turn: float) -> Array:
-    """Places [m] of the cells' ends along the half tape: small ones as far as the fold will reach."""
+    """Places [m] of the cells' ends along the half tape: small ones as far as the fold will
+    reach."""
     end_of_fold = tape.radius * (last_turn + MARGIN)
     longest = LONGEST_CELL * tape.width
     places = [0.0]
@@ -134,7 +142,8 @@ def cells_along(tape: Tape, cell: float, last_turn: float) -> Array:
 
 
 def graded_sheet(comm: MPI.Intracomm, places: Array, rows: int, width: float) -> Mesh:
-    """A rectangle with columns of cells between `places` [m], each of two triangles with alternate diagonals.
+    """A rectangle with columns of cells between `places` [m], each of two triangles with alternate
+    diagonals.
 
     Groups: "film"; its ends "left" and "right".
     """
@@ -163,7 +172,8 @@ def graded_sheet(comm: MPI.Intracomm, places: Array, rows: int, width: float) ->
 
 
 class FirstGuess:
-    """A tape folded by a cylinder of the radius of its section; its end is at the height of a straight tape.
+    """A tape folded by a cylinder of the radius of its section; its end is at the height of a
+    straight tape.
 
     Attributes:
         end: place x of the end's centre [m].
@@ -339,8 +349,10 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     )
     check(
         tape.angle < 2 * math.pi and law.thickness < tape.radius,
-        f"{inputs.where}: angle is {math.degrees(tape.angle):g} degrees and thickness {law.thickness:g} m at a radius "
-        f"of {tape.radius:g} m; give an angle below 360 degrees and a thickness far below the radius.",
+        f"{inputs.where}: angle is {math.degrees(tape.angle):g} degrees and thickness "
+        f"{law.thickness:g} m at a radius "
+        f"of {tape.radius:g} m; give an angle below 360 degrees and a thickness far below the "
+        "radius.",
     )
     sense = inputs.word("sense", tuple(SENSES))
     cell = QUICK_CELL_OF_FOLD if quick else CELL_OF_FOLD
@@ -350,7 +362,8 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         across = inputs.whole("cells_across", least=2)
         check(
             across % 2 == 0,
-            f"{inputs.where}: cells_across is {across}; give an even number, for nodes on the middle line.",
+            f"{inputs.where}: cells_across is {across}; give an even number, for nodes on the "
+            "middle line.",
         )
     if "cell_of_fold" in inputs:
         cell = inputs.number("cell_of_fold", "1", above=0)

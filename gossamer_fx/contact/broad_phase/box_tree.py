@@ -1,4 +1,5 @@
-"""A binary tree of boxes, in which all boxes that overlap with a given one are found in logarithmic time."""
+"""A binary tree of boxes, in which all boxes that overlap with a given one are found in logarithmic
+time."""
 
 from __future__ import annotations
 
@@ -13,12 +14,12 @@ from gossamer_fx.forms.c_source import CStruct
 # neighbours a point, and a search with too little room is made once more with enough of it.
 EXPECTED_OVERLAPS = 8
 
-# Room over the number of overlaps that the search before has found: layers that are packed have many
-# more than a surface, and about as many in the next search.
+# Room over the number of overlaps that the search before has found: layers that are packed have
+# many more than a surface, and about as many in the next search.
 ROOM_FACTOR = 1.25
 
-# Bits of each axis in a Morton code of 63 bits, and the shifts and masks that spread them out so that
-# two zeros follow each bit.
+# Bits of each axis in a Morton code of 63 bits, and the shifts and masks that spread them out so
+# that two zeros follow each bit.
 MORTON_BITS = 21
 MORTON_SPREADING = (
     (32, 0x1F00000000FFFF),
@@ -122,7 +123,8 @@ def _filter(primitives: FilteredPrimitives) -> CStruct:
 
 
 def morton_order(boxes: Array) -> Int32Array:
-    """Return the order (n,) of boxes (n, 6) along a Morton curve, which keeps neighbours together."""
+    """Return the order (n,) of boxes (n, 6) along a Morton curve, which keeps neighbours
+    together."""
     if not len(boxes):
         return np.zeros(0, dtype=np.int32)
     middle = (boxes[:, :3] + boxes[:, 3:]) / 2

@@ -16,17 +16,17 @@ from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.contact.narrow_phase.closest_points import closest_points
 from gossamer_fx.contact.pair_table import CandidatePairs, PairKind, is_wall
 
-# Part of its expected way by which a point may miss its expected position.  A wider margin makes more
-# candidates, a smaller one more searches.
+# Part of its expected way by which a point may miss its expected position.  A wider margin makes
+# more candidates, a smaller one more searches.
 WAY_MARGIN = 0.3
 
-# Steps for which one search shall serve: at first, and at most.  The number doubles when a search served
-# to its end, and falls to what was reached when it did not.
+# Steps for which one search shall serve: at first, and at most.  The number doubles when a search
+# served to its end, and falls to what was reached when it did not.
 FIRST_HORIZON = 4
 MAX_HORIZON = 32
 
-# A part of a step [1] by which a search lasts longer than its horizon, so that round-off in the time does
-# not end it one step early.
+# A part of a step [1] by which a search lasts longer than its horizon, so that round-off in the
+# time does not end it one step early.
 SPARE_TIME = 1e-6
 
 
@@ -112,7 +112,8 @@ class CandidateSearch:
         self._find(in_motion)
 
     def holds(self, x: Array, time: float) -> bool:
-        """Return whether the points (m, 3) of all ranks are within their bounds at a time [s]; collective."""
+        """Return whether the points (m, 3) of all ranks are within their bounds at a time [s];
+        collective."""
         return bool(self._mesh.comm.allreduce(self.bounds.hold(x, time), op=MPI.LAND))
 
     def _choose_horizon(self) -> None:
@@ -139,7 +140,8 @@ class CandidateSearch:
         own = vertices[mesh.own_vertices]
         drift = RigidDrift.of(x[own], v[own], time, mesh.comm)
         velocities = v - drift.velocities(x)
-        # Points of walls do not belong to a primitive: their pairs are candidates wherever they are.
+        # Points of walls do not belong to a primitive: their pairs are candidates wherever they
+        # are.
         margin = np.full(len(x), np.inf)
         way = duration * np.linalg.norm(velocities[vertices], axis=1)
         margin[vertices] = self._activation_distance / 2 + WAY_MARGIN * way
@@ -163,7 +165,8 @@ class CandidateSearch:
 def searched_boxes(
     mesh: CollisionMesh, bounds: TrajectoryBounds, activation_distance: float
 ) -> tuple[Array, Array]:
-    """Return the least and greatest coordinates (m, 3) [m] of points, with half of a gap [m] around."""
+    """Return the least and greatest coordinates (m, 3) [m] of points, with half of a gap [m]
+    around."""
     reach = (activation_distance / 2 + mesh.radius)[:, None]
     lower, upper = bounds.boxes()
     return lower - reach, upper + reach
@@ -179,13 +182,13 @@ def find_candidates(
 
     1. Boxes of primitives, with half of the distance and their radius around them, overlap.
     2. The gap at the beginning, less what the pair can come closer, is below the distance.
-    3. Pairs are sorted by their primitives: their order depends on no position, so that sums over pairs
-       are the same after a restart.
+    3. Pairs are sorted by their primitives: their order depends on no position, so that sums over
+       pairs are the same after a restart.
     4. Each point of a body and each wall are a pair.
 
     Returns:
-        the pairs, and how many triangle pairs and edge pairs step 1 has found, which the next search
-        may take as `expected`.
+        the pairs, and how many triangle pairs and edge pairs step 1 has found, which the next
+        search may take as `expected`.
     """
     lower, upper = searched_boxes(mesh, bounds, activation_distance)
     found = find_overlaps(mesh.surface, lower, upper, mesh.own_vertices, mesh.own_edges, expected)

@@ -1,7 +1,9 @@
-"""Which facets a rank sends to others: those whose boxes overlap a region where another rank searches.
+"""Which facets a rank sends to others: those whose boxes overlap a region where another rank
+searches.
 
-A rank describes where it searches by a few boxes round groups of neighbouring primitives.  Every rank
-gets these boxes, not the facets, and finds in a tree over them to whom its own primitives may be near.
+A rank describes where it searches by a few boxes round groups of neighbouring primitives.  Every
+rank gets these boxes, not the facets, and finds in a tree over them to whom its own primitives may
+be near.
 """
 
 from __future__ import annotations
@@ -16,17 +18,25 @@ from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.contact.geometry.collision_primitives import FilteredPrimitives
 from gossamer_fx.contact.geometry.surface_share import SurfaceTables
 
-# Boxes by which a rank describes where it searches.  In a folded sail the one box round all primitives of
-# a rank overlaps everything; with this many, boxes are about as flat as the folds.
+# Boxes by which a rank describes where it searches.  In a folded sail the one box round all
+# primitives of a rank overlaps everything; with this many, boxes are about as flat as the folds.
 GROUP_COUNT = 64
 
 
 def group_boxes(boxes: Array) -> Array:
-    """Return at most `GROUP_COUNT` boxes (g, 6) that hold n boxes (n, 6), each of which some neighbours."""
+    """Return at most `GROUP_COUNT` boxes (g, 6) that hold n boxes (n, 6), each of which some
+    neighbours."""
     if not len(boxes):
         return np.zeros((0, 6))
     ordered = boxes[morton_order(boxes)]
-    starts = np.unique(np.linspace(0, len(boxes), GROUP_COUNT, endpoint=False).astype(int))
+    starts = np.unique(
+        np.linspace(
+            0,
+            len(boxes),
+            GROUP_COUNT,
+            endpoint=False,
+        ).astype(int)
+    )
     lower = np.minimum.reduceat(ordered[:, :3], starts)
     upper = np.maximum.reduceat(ordered[:, 3:], starts)
     return np.hstack([lower, upper])
@@ -69,9 +79,17 @@ class SearchRegions:
 def _unfiltered(boxes: Array, first_label: int) -> FilteredPrimitives:
     """Return primitives with boxes (n, 6) that are connected to nothing."""
     count = len(boxes)
-    labels: Int32Array = np.arange(first_label, first_label + count, dtype=np.int32)
+    labels: Int32Array = np.arange(
+        first_label,
+        first_label + count,
+        dtype=np.int32,
+    )
     is_fixed: ByteArray = np.zeros(count, dtype=np.uint8)
-    return FilteredPrimitives(np.ascontiguousarray(boxes), labels[:, None], is_fixed)
+    return FilteredPrimitives(
+        np.ascontiguousarray(boxes),
+        labels[:, None],
+        is_fixed,
+    )
 
 
 def import_facets(mesh: CollisionMesh, lower: Array, upper: Array) -> None:
@@ -81,8 +99,8 @@ def import_facets(mesh: CollisionMesh, lower: Array, upper: Array) -> None:
 
     Args:
         mesh: of which this rank knows at least its own facets.
-        lower, upper: least and greatest coordinates (m, 3) [m] of its points, within which pairs shall be
-            found.
+        lower, upper: least and greatest coordinates (m, 3) [m] of its points, within which pairs
+            shall be found.
     """
     comm = mesh.comm
     # The only rank has all facets.
@@ -91,13 +109,38 @@ def import_facets(mesh: CollisionMesh, lower: Array, upper: Array) -> None:
     surface = mesh.surface
     known = mesh.known
     vertices = surface.vertices[mesh.own_vertices]
-    edge_boxes = _boxes(surface.edges[mesh.own_edges], lower, upper)
-    searched = np.vstack([_boxes(vertices[:, None], lower, upper), edge_boxes])
+    edge_boxes = _boxes(
+        surface.edges[mesh.own_edges],
+        lower,
+        upper,
+    )
+    searched = np.vstack(
+        [
+            _boxes(
+                vertices[:, None],
+                lower,
+                upper,
+            ),
+            edge_boxes,
+        ]
+    )
     regions = SearchRegions(comm, searched)
-    edge, edge_rank = regions.destinations(_boxes(surface.edges[mesh.sent_edges], lower, upper))
+    edge, edge_rank = regions.destinations(
+        _boxes(
+            surface.edges[mesh.sent_edges],
+            lower,
+            upper,
+        )
+    )
     edge = mesh.sent_edges[edge]
     triangles = surface.triangles[mesh.sent_triangles]
-    triangle, triangle_rank = regions.destinations(_boxes(triangles, lower, upper))
+    triangle, triangle_rank = regions.destinations(
+        _boxes(
+            triangles,
+            lower,
+            upper,
+        )
+    )
     triangle = mesh.sent_triangles[triangle]
 
     # The points of what is sent, each once for each rank.

@@ -17,7 +17,8 @@ class OverlappingPairs(PairTable):
     """n pairs whose boxes overlap.
 
     Attributes:
-        primitives: numbers (n, 2) of the two primitives of each pair: vertex and triangle, or two edges.
+        primitives: numbers (n, 2) of the two primitives of each pair: vertex and triangle, or two
+            edges.
     """
 
     primitives: Int64Array
@@ -31,14 +32,15 @@ def find_overlaps(
     edges: Int32Array,
     expected: tuple[int, int] = (0, 0),
 ) -> OverlappingPairs:
-    """Return all pairs of primitives whose boxes overlap and that the collision filter lets through.
+    """Return all pairs of primitives whose boxes overlap and that the collision filter lets
+    through.
 
     Args:
         surface: all primitives.
-        lower, upper: least and greatest coordinates (m, 3) [m] of the points; a primitive has the box of
-            its points.
-        vertices, edges: numbers of the surface's vertices and edges that this rank asks for; together
-            the ranks ask for all.
+        lower, upper: least and greatest coordinates (m, 3) [m] of the points; a primitive has the
+            box of its points.
+        vertices, edges: numbers of the surface's vertices and edges that this rank asks for;
+            together the ranks ask for all.
         expected: numbers of pairs of both kinds that are likely; zero: not known.
     """
     vertex_points = np.ascontiguousarray(surface.vertices[:, None])

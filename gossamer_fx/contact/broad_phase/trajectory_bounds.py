@@ -1,9 +1,10 @@
-"""Bounds of trajectories: where points will be in the next steps, so that one search serves for several.
+"""Bounds of trajectories: where points will be in the next steps, so that one search serves for
+several.
 
 A search returns all pairs that can meet while every point stays within a margin of its expected
-position.  Points are expected to take part in a rigid drift of all points together, and to move at a
-constant velocity relative to it.  A rigid drift changes no distance, so a sail that spins has no more
-candidate pairs than one at rest.
+position.  Points are expected to take part in a rigid drift of all points together, and to move at
+a constant velocity relative to it.  A rigid drift changes no distance, so a sail that spins has no
+more candidate pairs than one at rest.
 
     x(t) = D(t) (x + (t - t0) u ± margin)        drift D, relative velocity u
 """
@@ -21,8 +22,8 @@ from gossamer_fx.contact.arrays import Array
 from gossamer_fx.contact.narrow_phase.closest_points import approach_bounds
 from gossamer_fx.contact.pair_table import PairTable
 
-# Singular values of the inertia tensor below this part of the largest one count as zero: points on a
-# line have no spin about it.
+# Singular values of the inertia tensor below this part of the largest one count as zero: points on
+# a line have no spin about it.
 INERTIA_TOLERANCE = 1e-9
 
 
@@ -87,7 +88,8 @@ class TrajectoryBounds:
         x: points (m, 3) at its beginning [m].
         velocities: relative to the drift (m, 3) [m/s].
         margin: distances (m,) [m] by which points may miss their expected positions; infinite: any.
-        duration: time [s] for which the relative velocities count; after it points are expected to stop.
+        duration: time [s] for which the relative velocities count; after it points are expected to
+            stop.
     """
 
     drift: RigidDrift
@@ -97,14 +99,16 @@ class TrajectoryBounds:
     duration: float
 
     def hold(self, x: Array, time: float) -> bool:
-        """Return whether points x (m, 3) at a time [s] are within their margins, those of this rank."""
+        """Return whether points x (m, 3) at a time [s] are within their margins, those of this
+        rank."""
         elapsed = min(time - self.drift.time, self.duration)
         expected = self.x + elapsed * self.velocities
         missed = np.linalg.norm(self.drift.undone(x, time) - expected, axis=1)
         return bool((missed <= self.margin).all())
 
     def boxes(self) -> tuple[Array, Array]:
-        """Return the least and the greatest coordinates (m, 3) [m] of each point without the drift."""
+        """Return the least and the greatest coordinates (m, 3) [m] of each point without the
+        drift."""
         margin = self.margin[:, None]
         lower = np.minimum(self.x, self._end) - margin
         upper = np.maximum(self.x, self._end) + margin

@@ -134,7 +134,8 @@ class Friction:
         return self._coefficient[self._partner(points)]
 
     def _block_rows_of(self, points: Int32Array) -> Int64Array:
-        """Return the block rows (n, k) of points; a point that nothing moves repeats one of a body."""
+        """Return the block rows (n, k) of points; a point that nothing moves repeats one of a
+        body."""
         block_rows = self._block_row[points]
         is_of_body = points < self._points.body_count
         of_body = points[np.arange(len(points)), is_of_body.argmax(axis=1)]
@@ -150,8 +151,8 @@ class Friction:
         normal = unit_vectors(gap)
         along_normal = np.einsum("nic,nc->ni", edges, normal)
         across = edges - along_normal[:, :, None] * normal[:, None]
-        # With half of its part along the gap taken off an edge, the gradient of r·t by r, which is t plus
-        # what t changes by r, is across the normal.
+        # With half of its part along the gap taken off an edge, the gradient of r·t by r, which is
+        # t plus what t changes by r, is across the normal.
         gap_length = np.maximum(np.linalg.norm(gap, axis=1), TINY)
         half = along_normal / (2 * gap_length[:, None])
         corrected = edge_weights - half[:, :, None] * r[:, None]
@@ -174,8 +175,8 @@ class Friction:
     def _with_obstacles(self, pairs: ActivePairs, x0: Array) -> FrictionPairs:
         """Return pairs with an obstacle, which slide along two of its axes.
 
-        r leads from the point of the obstacle that lies where the body's point is, fixed in the obstacle's
-        frame: so a ball on a rigid body rolls.
+        r leads from the point of the obstacle that lies where the body's point is, fixed in the
+        obstacle's frame: so a ball on a rigid body rolls.
         """
         is_of_body = pairs.points < self._points.body_count
         weights = gap_weights(pairs)
@@ -187,8 +188,8 @@ class Friction:
         sign = np.where((weights * is_of_body).sum(axis=1) < 0, -1, 1)
         normal = unit_vectors(_towards_body(pairs, weights * sign[:, None], x0))
 
-        # Two directions across the normal, in the axes of the obstacle: the first is also across the axis
-        # that is farthest from the normal.
+        # Two directions across the normal, in the axes of the obstacle: the first is also across
+        # the axis that is farthest from the normal.
         in_axes = np.einsum("nic,nc->ni", axes, normal)
         farthest_axis = np.eye(3)[np.abs(in_axes).argmin(axis=1)]
         directions = np.zeros((len(points), 2, 4 + FRAME_SIZE))
@@ -215,7 +216,8 @@ class Friction:
         return np.hstack([points, first[:, None] + np.arange(FRAME_SIZE)]).astype(np.int32)
 
     def _weights_with_frames(self, points: Int32Array) -> Array:
-        """Return how the four points of pairs follow their own block row or the frame's (n, 4, 8)."""
+        """Return how the four points of pairs follow their own block row or the frame's (n, 4,
+        8)."""
         own = points[:, :4]
         is_of_body = own < self._points.body_count
         weights = np.zeros((*own.shape, 4 + FRAME_SIZE))

@@ -1,10 +1,11 @@
 """Coulomb friction of pairs: a stress against how far their points slide on each other.
 
-Problem.  Sliding is a motion along the surfaces, which turn; a law in terms of displacements would see
-rotations as sliding and would not conserve angular momentum.
+Problem.  Sliding is a motion along the surfaces, which turn; a law in terms of displacements would
+see rotations as sliding and would not conserve angular momentum.
 
-Idea.  Let r lead from a point of one side to a point of the other, both fixed in the material, and let
-t1, t2 be two directions fixed in the material: edges of the pair, or axes of an obstacle.  The measures
+Idea.  Let r lead from a point of one side to a point of the other, both fixed in the material, and
+let t1, t2 be two directions fixed in the material: edges of the pair, or axes of an obstacle.  The
+measures
 
     m_i = r·t_i                                                                                (1)
 
@@ -21,8 +22,8 @@ Algorithm, for a step of length h from q0 to q1:
 S·w ≥ 0 is what the step dissipates.  Momentum and angular momentum stay: the moment of two opposite
 forces at a distance is carried by the directions.
 
-Limits: the tangent plane is that of the start of the step.  Where two edges meet in one plane, side by
-side, only the direction along them has friction.
+Limits: the tangent plane is that of the start of the step.  Where two edges meet in one plane, side
+by side, only the direction along them has friction.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ from gossamer_fx.contact.arrays import Array, Int32Array, Int64Array
 from gossamer_fx.contact.pair_table import ActivePairs
 from gossamer_fx.contact.potential import ContactLaw, PairState, evaluate
 
-# Sliding that changes by less than this part of itself from one iterate to the next goes on steadily,
-# though its direction may have turned round before.
+# Sliding that changes by less than this part of itself from one iterate to the next goes on
+# steadily, though its direction may have turned round before.
 STEADY_CHANGE = 0.1
 
 # Sliding over the creep h v_s, below which a direction w/|w| is not divided by zero.
@@ -63,7 +64,8 @@ class FrictionStep:
 
 @dataclass(frozen=True)
 class _Sliding:
-    """How n pairs slide in a step: w (n, 2), and r (n, 3) and t (n, 2, 3) in its middle and at its end."""
+    """How n pairs slide in a step: w (n, 2), and r (n, 3) and t (n, 2, 3) in its middle and at its
+    end."""
 
     w: Array
     r_mid: Array
@@ -149,7 +151,8 @@ class FrictionPairs:
         return r, t
 
     def _sliding(self, step: FrictionStep) -> _Sliding:
-        """Return w (2); the change of a product from its factors in the middle, without cancellation."""
+        """Return w (2); the change of a product from its factors in the middle, without
+        cancellation."""
         r_start, t_start = self._vectors(step.x0)
         r_end, t_end = self._vectors(step.x1)
         r_mid = (r_start + r_end) / 2
@@ -163,7 +166,8 @@ class FrictionPairs:
         return self._pressing(step)[0]
 
     def _pressing(self, step: FrictionStep, tangents: bool = False) -> tuple[Array, Array]:
-        """Return N (n,), and its derivative (n, k, 3) with respect to the points if it is asked for."""
+        """Return N (n,), and its derivative (n, k, 3) with respect to the points if it is asked
+        for."""
         response = evaluate(
             self.pairs,
             step.x0,
@@ -240,8 +244,9 @@ class FrictionPairs:
         """Return Dm(q_mid)ᵀ (∂S/∂w) Dm(q1) (n, k, k, 3, 3); pressing is μ N (n,)."""
         w = sliding.w
         self._update_steadiness(w)
-        # Beyond the creep, friction is constant and its slope negative: a full Newton step overshoots
-        # where the sliding has turned round.  There g alone leads near the solution, slowly and safely.
+        # Beyond the creep, friction is constant and its slope negative: a full Newton step
+        # overshoots where the sliding has turned round.  There g alone leads near the solution,
+        # slowly and safely.
         is_reliable = self._is_steady | (grip.ratio < 1)
         size = np.maximum(grip.ratio * creep, SMALLEST_SLIDING * creep)
         bend = np.where(is_reliable, grip.slope / size, 0.0)

@@ -1,4 +1,5 @@
-"""Directions across the normal of a pair, as combinations of vectors that are fixed in the material."""
+"""Directions across the normal of a pair, as combinations of vectors that are fixed in the
+material."""
 
 from __future__ import annotations
 
@@ -7,14 +8,15 @@ import numpy as np
 from gossamer_fx.contact.arrays import Array
 from gossamer_fx.contact.pair_table import ActivePairs, PairKind
 
-# Sine of the angle to the normal, or to the other direction, below which an edge gives no direction to
-# slide along.
+# Sine of the angle to the normal, or to the other direction, below which an edge gives no direction
+# to slide along.
 SMALLEST_SINE = 1e-3
 
 # No length: divisions by smaller ones are meaningless, and their result is not used.
 TINY = 1e-300
 
-# Two edges of a pair as combinations of its four points: two sides of the triangle, or one of each side.
+# Two edges of a pair as combinations of its four points: two sides of the triangle, or one of each
+# side.
 EDGE_WEIGHTS = np.array(
     [
         [[0, 1, -1, 0], [0, 1, 0, -1]],
@@ -52,8 +54,8 @@ def gap_weights(pairs: ActivePairs) -> Array:
 def orthonormal_combinations(vectors: Array, lengths: Array) -> Array:
     """Return combinations (n, 2, 2) of two vectors (n, 2, 3) that are orthonormal.
 
-    The vector that has kept more of its length comes first; of the other one what is along the first is
-    taken away.
+    The vector that has kept more of its length comes first; of the other one what is along the
+    first is taken away.
 
     Args:
         vectors: parts across the normal of two edges (n, 2, 3).

@@ -1,11 +1,12 @@
 """The collision filter: parts that constraints keep together do not form pairs.
 
-Cells of one film that share a node cannot be kept apart.  The same holds where a `Tie` or a `BallJoint`
-joins bodies.  Every point therefore gets labels: two primitives with a label in common are connected.
+Cells of one film that share a node cannot be kept apart.  The same holds where a `Tie` or a
+`BallJoint` joins bodies.  Every point therefore gets labels: two primitives with a label in common
+are connected.
 
     1. The nodes of all bodies that are tied node to node form groups; a group is one label.
-    2. A node that is tied to a point between other nodes, on an edge of another mesh, has the labels of
-       these nodes in addition to its own.
+    2. A node that is tied to a point between other nodes, on an edge of another mesh, has the
+       labels of these nodes in addition to its own.
     3. Lines may be tied to lines that are tied: step 2 is repeated until no label is added.
 """
 
@@ -46,8 +47,16 @@ class TiedLabels:
         """Return the labels (m, w) of points with some numbers (m,)."""
         row = np.minimum(np.searchsorted(self.numbers, numbers), len(self.numbers) - 1)
         is_tied = self.numbers[row] == numbers
-        own = np.repeat(numbers[:, None], self.labels.shape[1], axis=1)
-        return np.where(is_tied[:, None], self.labels[row], own)
+        own = np.repeat(
+            numbers[:, None],
+            self.labels.shape[1],
+            axis=1,
+        )
+        return np.where(
+            is_tied[:, None],
+            self.labels[row],
+            own,
+        )
 
 
 def tied_labels(
@@ -62,7 +71,11 @@ def tied_labels(
         bodies: those of the contact.
         points: that this rank knows; together the ranks know all.
     """
-    ties = _ties(system, bodies, points)
+    ties = _ties(
+        system,
+        bodies,
+        points,
+    )
     # Without ties, cells are filtered by the nodes that they share, which costs no labels.
     if not ties:
         return None
@@ -79,7 +92,11 @@ def tied_labels(
         for point in one
         for end in other
     ]
-    connected = identity(label_count, dtype=bool, format="csr") + _graph(to_lines, label_count)
+    connected = identity(
+        label_count,
+        dtype=bool,
+        format="csr",
+    ) + _graph(to_lines, label_count)
     while True:
         further = connected @ connected
         if further.nnz == connected.nnz:
@@ -93,7 +110,8 @@ def tied_labels(
 def _ties(
     system: Assembly, bodies: Sequence[Body], points: SurfacePoints
 ) -> list[tuple[list[int], list[int]]]:
-    """Return for each tie the points of both sides, the shorter list first; the same on every rank."""
+    """Return for each tie the points of both sides, the shorter list first; the same on every
+    rank."""
 
     def nodes(port: Attached) -> list[tuple[int, int]]:
         """Bodies and nodes on whose positions a port depends; none if it is of another body."""
@@ -103,7 +121,11 @@ def _ties(
         number = next((k for k, body in enumerate(bodies) if port.body is body), None)
         if number is None:
             return []
-        pairs = zip(port.nodes, port.weights, strict=True)
+        pairs = zip(
+            port.nodes,
+            port.weights,
+            strict=True,
+        )
         return [(number, int(node)) for node, weight in pairs if weight]
 
     mine: list[tuple[list[tuple[int, int]], list[tuple[int, int]]]] = []
@@ -116,7 +138,11 @@ def _ties(
     found = [tie for of_rank in system.comm.allgather(mine) for tie in of_rank]
     found = [(one, other) for one, other in found if one and other]
     wanted = sorted({node for sides in found for side in sides for node in side})
-    number_of = _numbers_of(wanted, points, system.comm)
+    number_of = _numbers_of(
+        wanted,
+        points,
+        system.comm,
+    )
     ties: list[tuple[list[int], list[int]]] = []
     for sides in found:
         numbers = [[number_of[node] for node in side] for side in sides]
@@ -143,7 +169,11 @@ def _numbers_of(
     order = np.lexsort((points.node, points.body))
     keys = np.stack([points.body[order], points.node[order]], axis=1)
     of_bodies = np.searchsorted(keys[:, 0], np.arange(int(keys[:, 0].max(initial=0)) + 2))
-    numbers = np.full(len(wanted), -1, dtype=np.int64)
+    numbers = np.full(
+        len(wanted),
+        -1,
+        dtype=np.int64,
+    )
     for k, (body, node) in enumerate(wanted):
         if body + 1 >= len(of_bodies):
             continue
@@ -152,8 +182,18 @@ def _numbers_of(
         row = int(np.searchsorted(nodes, node))
         if row < len(nodes) and nodes[row] == node:
             numbers[k] = points.number[order[start + row]]
-    comm.Allreduce(MPI.IN_PLACE, numbers, op=MPI.MAX)
-    return dict(zip(wanted, map(int, numbers), strict=True))
+    comm.Allreduce(
+        MPI.IN_PLACE,
+        numbers,
+        op=MPI.MAX,
+    )
+    return dict(
+        zip(
+            wanted,
+            map(int, numbers),
+            strict=True,
+        )
+    )
 
 
 def _is_coincidence(measure: PointMeasure) -> bool:
@@ -169,9 +209,14 @@ def _graph(pairs: list[tuple[int, int]], count: int) -> csr_matrix:
 
 
 def _padded(rows: csr_matrix, own: Int64Array) -> Int64Array:
-    """Return the columns (m, w) of the rows of a matrix; shorter rows repeat their own label (m,)."""
+    """Return the columns (m, w) of the rows of a matrix; shorter rows repeat their own label
+    (m,)."""
     widths = np.diff(rows.indptr)
-    labels: Int64Array = np.repeat(own[:, None], widths.max(), axis=1).astype(np.int64)
+    labels: Int64Array = np.repeat(
+        own[:, None],
+        widths.max(),
+        axis=1,
+    ).astype(np.int64)
     is_used = np.arange(labels.shape[1]) < widths[:, None]
     labels[is_used] = rows.indices
     return labels

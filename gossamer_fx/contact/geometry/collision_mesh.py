@@ -1,4 +1,5 @@
-"""What takes part in a contact, as far as a rank knows it: points and primitives, areas, radii and masses."""
+"""What takes part in a contact, as far as a rank knows it: points and primitives, areas, radii and
+masses."""
 
 from __future__ import annotations
 
@@ -46,12 +47,13 @@ class NumberedWall:
 class CollisionMesh:
     """Bodies and obstacles of one contact as points and primitives, as far as this rank knows them.
 
-    A rank owns a part of the bodies' primitives, for whose pairs it searches.  It knows these, those on
-    their boundary, and what other ranks have near them (`broad_phase.facet_exchange`); on one rank all.
-    `show` changes which ones are known, and with them the numbers of points.
+    A rank owns a part of the bodies' primitives, for whose pairs it searches.  It knows these,
+    those on their boundary, and what other ranks have near them (`broad_phase.facet_exchange`); on
+    one rank all. `show` changes which ones are known, and with them the numbers of points.
 
-    Bodies are numbered in their order, obstacles follow.  Points of bodies come first, in the order of
-    the bodies; of an obstacle first the points of its walls, then those of its solids, then its frame.
+    Bodies are numbered in their order, obstacles follow.  Points of bodies come first, in the order
+    of the bodies; of an obstacle first the points of its walls, then those of its solids, then its
+    frame.
 
     Args:
         bodies: films, cables and beams.
@@ -218,7 +220,8 @@ class CollisionMesh:
         return np.concatenate([self.known.points.number, of_obstacles])
 
     def own_points(self) -> tuple[Int64Array, Int64Array]:
-        """Return for which points this rank keeps history variables: those that it owns, and obstacles'.
+        """Return for which points this rank keeps history variables: those that it owns, and
+        obstacles'.
 
         Returns:
             their indices (k,) among the points that are known, and their numbers (k,) on all ranks.
@@ -229,7 +232,8 @@ class CollisionMesh:
         return own, self._point_numbers()[own]
 
     def take_minimum(self, values: Array) -> None:
-        """Replace values (m,) of points by the least that any rank has for the same point; collective."""
+        """Replace values (m,) of points by the least that any rank has for the same point;
+        collective."""
         count = self.points.body_count
         self.shared.take_minimum(values[:count])
         if self.comm.size > 1 and self.points.obstacle_count:
@@ -280,7 +284,8 @@ class CollisionMesh:
     # ---- pairs with walls, which need no search ----
 
     def wall_pairs(self) -> tuple[ByteArray, Int32Array, Int64Array, Array]:
-        """Return pairs of this rank's points and all walls: kind, points, identifier, radius of the wall.
+        """Return pairs of this rank's points and all walls: kind, points, identifier, radius of the
+        wall.
 
         The arrays are (n,), (n, 4), (n,) and (n,) [m]; planes have the radius zero.
         """
@@ -310,8 +315,8 @@ class CollisionMesh:
     def areas(self, kind: ByteArray, points: Int32Array, primitives: Int64Array) -> Array:
         """Return the area [m²] (n,) for which triangle pairs and edge pairs stand.
 
-        Both sides of a film are covered twice, by its points and by those of the other film, so that each
-        takes a half.  The areas of edges and points overlap in the same way.
+        Both sides of a film are covered twice, by its points and by those of the other film, so
+        that each takes a half.  The areas of edges and points overlap in the same way.
 
         Args:
             kind, points: of the pairs (n,), (n, 4).
@@ -373,7 +378,8 @@ def _dealt(count: int, comm: MPI.Intracomm) -> Int64Array:
 
 
 def _numbers(indices: Int64Array, of_bodies: SurfacePrimitives, count: int) -> Int64Array:
-    """Return the numbers of primitives with some indices; `count` are of bodies, obstacles' follow."""
+    """Return the numbers of primitives with some indices; `count` are of bodies, obstacles'
+    follow."""
     known_count = len(of_bodies)
     # Obstacles' primitives are the last ones, on every rank.
     if not known_count:

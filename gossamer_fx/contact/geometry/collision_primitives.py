@@ -19,7 +19,8 @@ class FilteredPrimitives:
     Attributes:
         boxes: least and greatest coordinates (n, 6) [m].
         labels: numbers (n, l); two primitives with one in common are connected, and no pair.
-        is_fixed: 1 where contact moves none of its points (n,); two such primitives never form a pair.
+        is_fixed: 1 where contact moves none of its points (n,); two such primitives never form a
+            pair.
     """
 
     boxes: Array
@@ -36,8 +37,8 @@ class CollisionPrimitives:
         edges: (e, 2).
         triangles: (t, 3).
         is_fixed: 1 for points (m,) that contact does not move, those of obstacles.
-        labels: numbers (m, w) of what points are connected to, see `geometry.collision_filter`; None:
-            points are connected to nothing but the primitives that they are corners of.
+        labels: numbers (m, w) of what points are connected to, see `geometry.collision_filter`;
+            None: points are connected to nothing but the primitives that they are corners of.
     """
 
     vertices: Int32Array

@@ -164,7 +164,8 @@ class ContactPoints:
         return csr_matrix((values, (rows, columns)), shape=(self.count, len(self.first_dof)))
 
     def at(self, q: PETSc.Vec, time: float) -> Array:
-        """Return the points (m, 3) [m] for coordinates q of the system at a time [s]; collective."""
+        """Return the points (m, 3) [m] for coordinates q of the system at a time [s];
+        collective."""
         x = self.of_block_rows(q)
         if not self._are_block_rows:
             x = np.asarray(self.weights @ x)
@@ -187,7 +188,8 @@ class ContactPoints:
         return rates
 
     def refuse_jumps(self, time: float, step: float, limit: float) -> None:
-        """Refuse a step in which the motion of an obstacle is far from straight and uniform; collective.
+        """Refuse a step in which the motion of an obstacle is far from straight and uniform;
+        collective.
 
         Args:
             time: at the start of the step [s].
@@ -201,8 +203,10 @@ class ContactPoints:
             deviation = motion.deviation(time, step)
             if deviation > limit:
                 raise Inadmissible(
-                    f"the motion of the obstacle '{motion.name}' jumps or turns: it is {deviation:.3g} m off "
-                    f"a straight way, of which contact can follow {limit:.3g} m; give a continuous motion, or "
+                    f"the motion of the obstacle '{motion.name}' jumps or turns: it is "
+                    f"{deviation:.3g} m off "
+                    f"a straight way, of which contact can follow {limit:.3g} m; give a continuous "
+                    "motion, or "
                     "a shorter step"
                 )
 
@@ -219,16 +223,17 @@ class ContactPoints:
             with r as values:
                 values[self._dofs.ravel()] += on_block_rows.ravel()
             return
-        # The messages of the scatter are known beforehand, unlike those of single entries of a vector.
+        # The messages of the scatter are known beforehand, unlike those of single entries of a
+        # vector.
         self._gather.add(on_block_rows, r)
 
     def block_rows_of(self, points: Int32Array) -> tuple[Int64Array, Array]:
         """Return the block rows that move the points (n, 4) of pairs, and how.
 
         Returns:
-            block rows (n, 4 w), where w is the largest number of block rows of a point, and the weights
-            (n, 4, 4 w) of each pair's block rows in its points.  Points with fewer block rows repeat one
-            of the pair with weight zero.
+            block rows (n, 4 w), where w is the largest number of block rows of a point, and the
+            weights (n, 4, 4 w) of each pair's block rows in its points.  Points with fewer block
+            rows repeat one of the pair with weight zero.
         """
         count = len(points)
         width = int(np.diff(self.weights.indptr).max(initial=1))
@@ -243,7 +248,8 @@ class ContactPoints:
             for p in range(4):
                 weight = self.weights.data[entry[:, p]]
                 weights[:, p, p, j] = np.where(exists[:, p], weight, 0.0)
-        # The first point may be one of an obstacle, whose number is not a block row: a node of the pair is.
+        # The first point may be one of an obstacle, whose number is not a block row: a node of the
+        # pair is.
         is_node = points[:, 0] < self.body_count
         node = np.where(is_node, points[:, 0], points.min(axis=1))
         is_used = weights.any(axis=1)

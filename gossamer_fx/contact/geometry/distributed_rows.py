@@ -1,4 +1,5 @@
-"""Rows of integers that name points, edges or triangles, numbered over all ranks without gathering them."""
+"""Rows of integers that name points, edges or triangles, numbered over all ranks without gathering
+them."""
 
 from __future__ import annotations
 
@@ -32,7 +33,11 @@ class DistributedRows:
         meeting_rank = rows[:, 0] * comm.size // max(bound, 1)
         self._exchange = RankExchange(comm, meeting_rank)
         met = self._exchange.send(rows)
-        distinct, row_of = np.unique(met, axis=0, return_inverse=True)
+        distinct, row_of = np.unique(
+            met,
+            axis=0,
+            return_inverse=True,
+        )
         self._row_of = row_of.ravel()
         self._met_count = len(distinct)
         self.count = comm.allreduce(self._met_count)
@@ -40,11 +45,20 @@ class DistributedRows:
         first = int(comm.exscan(self._met_count) or 0)
         self.numbers: Int64Array = self._exchange.answer(first + self._row_of)
         owner = np.full(self._met_count, comm.size)
-        np.minimum.at(owner, self._row_of, self._exchange.source)
+        np.minimum.at(
+            owner,
+            self._row_of,
+            self._exchange.source,
+        )
         self.owners: Int64Array = self._exchange.answer(owner[self._row_of])
 
     def sums(self, values: Array) -> Array:
-        """Return for each row (n,) the sum of the values (n,) that all ranks have for it; collective."""
+        """Return for each row (n,) the sum of the values (n,) that all ranks have for it;
+        collective."""
         met = self._exchange.send(values)
-        total = np.bincount(self._row_of, met, self._met_count).astype(float)
+        total = np.bincount(
+            self._row_of,
+            met,
+            self._met_count,
+        ).astype(float)
         return self._exchange.answer(total[self._row_of])

@@ -1,4 +1,5 @@
-"""The surface of a body as points and plane triangles, or straight lines: the share of each rank."""
+"""The surface of a body as points and plane triangles, or straight lines: the share of each
+rank."""
 
 from __future__ import annotations
 
@@ -12,8 +13,8 @@ from gossamer_fx.contact.geometry.distributed_rows import DistributedRows
 from gossamer_fx.model.body import MeshBody
 
 # Linear pieces of one cell by its dofs, for cells of a dimension with a number of dofs: lines and
-# triangles of order 1 and 2.  dolfinx numbers the vertices first, then the middles of the edges; edge k
-# of a triangle is opposite to vertex k.
+# triangles of order 1 and 2.  dolfinx numbers the vertices first, then the middles of the edges;
+# edge k of a triangle is opposite to vertex k.
 PIECES_OF_CELLS = {
     (1, 2): [[0, 1]],
     (1, 3): [[0, 2], [2, 1]],
@@ -33,9 +34,10 @@ EDGES_OF_CELLS = {
 class Facets:
     """This rank's points of one body that can touch, and the flat pieces between them.
 
-    A rank has the pieces of the cells that it owns and their n points; points on the boundary between two
-    ranks are on both.  Cells of order 2 are cut into linear pieces.  Points are numbered by the vertices
-    of the mesh file, so that their numbers do not depend on the number of ranks.
+    A rank has the pieces of the cells that it owns and their n points; points on the boundary
+    between two ranks are on both.  Cells of order 2 are cut into linear pieces.  Points are
+    numbered by the vertices of the mesh file, so that their numbers do not depend on the number of
+    ranks.
 
     Attributes:
         nodes: global numbers (n,) of the points among the nodes of the body.

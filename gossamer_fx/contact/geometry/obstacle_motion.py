@@ -12,9 +12,9 @@ from gossamer_fx.contact.arrays import Array
 
 PrescribedMotion = Callable[[float], Sequence[float]]
 
-# Parts of a step at which the motion is asked for.  Multiples of the golden ratio, less whole numbers, are
-# spread evenly and are not multiples of each other, so that a motion of a short period does not hide between
-# them.
+# Parts of a step at which the motion is asked for.  Multiples of the golden ratio, less whole
+# numbers, are spread evenly and are not multiples of each other, so that a motion of a short period
+# does not hide between them.
 GOLDEN_RATIO = (1 + 5**0.5) / 2
 SAMPLES = np.modf(GOLDEN_RATIO * np.arange(1, 9))[0]
 
@@ -56,8 +56,8 @@ class ObstacleMotion:
     def deviation(self, time: float, step: float) -> float:
         """Return how far [m] the motion is from a straight and uniform one in a step; collective.
 
-        A smooth motion deviates by its acceleration times step²/8, so that shorter steps bring it below
-        any limit.  A jump deviates by half of its length, however short the step is.
+        A smooth motion deviates by its acceleration times step²/8, so that shorter steps bring it
+        below any limit.  A jump deviates by half of its length, however short the step is.
 
         Args:
             time: at the start of the step [s].

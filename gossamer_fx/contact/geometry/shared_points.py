@@ -1,4 +1,5 @@
-"""Points that several ranks know: values of their owner are spread, and minima over all ranks are found."""
+"""Points that several ranks know: values of their owner are spread, and minima over all ranks are
+found."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ class SharedPoints:
         self._lent = np.searchsorted(points.number, wanted)
 
     def spread(self, values: Array) -> None:
-        """Replace the values (n, ...) of points of other ranks by those of their owners; collective."""
+        """Replace the values (n, ...) of points of other ranks by those of their owners;
+        collective."""
         if self._comm.size > 1:
             values[self._borrowed] = self._exchange.answer(values[self._lent])
 

@@ -1,7 +1,9 @@
-"""The surfaces of all bodies of one contact, divided by ranks: tables of points, edges and triangles.
+"""The surfaces of all bodies of one contact, divided by ranks: tables of points, edges and
+triangles.
 
-Every primitive has a number that is the same on all ranks, and an owner, which searches for its pairs.
-Rows of a table can be sent to other ranks and united with theirs, in the order of the numbers.
+Every primitive has a number that is the same on all ranks, and an owner, which searches for its
+pairs. Rows of a table can be sent to other ranks and united with theirs, in the order of the
+numbers.
 """
 
 from __future__ import annotations
@@ -37,7 +39,8 @@ class SurfacePrimitives:
         return len(self.number)
 
     def received(self, which: Int64Array, exchange: RankExchange) -> Self:
-        """Return the rows that other ranks send: each rank sends those that it names (k,); collective."""
+        """Return the rows that other ranks send: each rank sends those that it names (k,);
+        collective."""
         columns = self._columns()
         return type(self)(
             **{column: exchange.send(values[which]) for column, values in columns.items()}
@@ -138,7 +141,8 @@ class SurfaceShare:
         cls, bodies: Sequence[MeshBody], radii: Sequence[float], comm: MPI.Intracomm
     ) -> SurfaceShare:
         """Number the primitives of bodies with radii [m], one body after the other; collective."""
-        # Bodies are numbered one after the other, so that each kind of primitive has one range of numbers.
+        # Bodies are numbered one after the other, so that each kind of primitive has one range of
+        # numbers.
         points: list[SurfacePoints] = []
         edges: list[SurfaceEdges] = []
         triangles: list[SurfaceTriangles] = []
@@ -202,8 +206,8 @@ def _surface_of(
 def _edges_and_areas(facets: Facets, radius: float) -> tuple[Int32Array, Array, Array]:
     """Return the edges (e, 2) of facets, and the areas [m²] of edges (e,) and points (n,).
 
-    A triangle gives each of its sides and corners a third of its area.  A line stands for the area of its
-    shadow, length times diameter, and gives each end a half.
+    A triangle gives each of its sides and corners a third of its area.  A line stands for the area
+    of its shadow, length times diameter, and gives each end a half.
     """
     count = len(facets.nodes)
     if len(facets.lines):

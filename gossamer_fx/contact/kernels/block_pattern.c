@@ -1,4 +1,5 @@
-/* Which 3 x 3 blocks of a matrix groups of block rows couple, and the numbers of these blocks.  See contact.h. */
+/* Which 3 x 3 blocks of a matrix groups of block rows couple, and the numbers of these blocks.  See
+   contact.h. */
 #include <string.h>
 
 #include "contact.h"
@@ -14,7 +15,8 @@ typedef struct {
     int32_t *entry;       /* (members) where the blocks of a member stand in `block_index` */
 } sorted_members;
 
-static sorted_members divide_work(const block_groups *groups, const block_pattern *pattern, ptrdiff_t member_count)
+static sorted_members divide_work(const block_groups *groups, const block_pattern *pattern,
+                                  ptrdiff_t member_count)
 {
     sorted_members work;
     work.row_start = pattern->row_work;
@@ -28,7 +30,8 @@ static sorted_members divide_work(const block_groups *groups, const block_patter
 }
 
 /* A counting sort: afterwards row_start[i] and row_start[i + 1] delimit the members of row i. */
-static void sort_by_row(const block_groups *groups, ptrdiff_t member_count, const sorted_members *work)
+static void sort_by_row(const block_groups *groups, ptrdiff_t member_count,
+                        const sorted_members *work)
 {
     int32_t member = 0, entry = 0;
     memset(work->row_start, 0, (size_t)(groups->row_count + 2) * sizeof *work->row_start);
@@ -72,7 +75,8 @@ ptrdiff_t number_blocks(const block_groups *groups, const block_pattern *pattern
     return count;
 }
 
-void find_nonzero_blocks(ptrdiff_t count, const int32_t *block, const double *blocks, uint8_t *is_nonzero)
+void find_nonzero_blocks(ptrdiff_t count, const int32_t *block, const double *blocks,
+                         uint8_t *is_nonzero)
 {
     for (ptrdiff_t i = 0; i < count; ++i) {
         const double *values = blocks + 9 * (ptrdiff_t)block[i];

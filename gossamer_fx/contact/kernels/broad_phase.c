@@ -4,7 +4,8 @@
 
 #include "contact.h"
 
-/* Nodes that wait in a search: one a level of the tree, and its sibling; there are at most 2^31 leaves. */
+/* Nodes that wait in a search: one a level of the tree, and its sibling; there are at most 2^31
+   leaves. */
 enum { STACK_SIZE = 64 };
 
 static int boxes_overlap(const double *a, const double *b)
@@ -37,7 +38,8 @@ void build_box_tree(const box_tree *tree, const double *boxes)
     }
 }
 
-static int have_common_label(const primitive_filter *a, int32_t i, const primitive_filter *b, int32_t j)
+static int have_common_label(const primitive_filter *a, int32_t i, const primitive_filter *b,
+                             int32_t j)
 {
     const int32_t *first = a->labels + a->label_count * i, *second = b->labels + b->label_count * j;
     int is_common = 0;
@@ -46,7 +48,8 @@ static int have_common_label(const primitive_filter *a, int32_t i, const primiti
     return is_common;
 }
 
-static int is_candidate(const box_query *query, int32_t i, int32_t j, const primitive_filter *of_query,
+static int is_candidate(const box_query *query, int32_t i, int32_t j,
+                        const primitive_filter *of_query,
                         const primitive_filter *of_tree)
 {
     if (query->in_tree && j <= i) return 0;
@@ -54,7 +57,8 @@ static int is_candidate(const box_query *query, int32_t i, int32_t j, const prim
     return !have_common_label(of_query, i, of_tree, j);
 }
 
-int64_t find_overlaps(const box_tree *tree, const box_query *query, const primitive_filter *of_query,
+int64_t find_overlaps(const box_tree *tree, const box_query *query,
+                      const primitive_filter *of_query,
                       const primitive_filter *of_tree, int64_t room, int32_t *pairs)
 {
     int64_t found = 0;

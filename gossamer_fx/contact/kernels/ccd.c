@@ -1,17 +1,20 @@
 /* Additive continuous collision detection: whether pairs keep a least gap on straight lines.
 
-   Li, Kaufman, Jiang: "Codimensional incremental potential contact", ACM Trans. Graph. 40 (2021) 170, section 4,
-   doi:10.1145/3450626.3459767: a pair may advance by the part of its gap that its points can cover at most, again and
-   again. */
+   Li, Kaufman, Jiang: "Codimensional incremental potential contact", ACM Trans. Graph. 40 (2021)
+   170, section 4, doi:10.1145/3450626.3459767: a pair may advance by the part of its gap that its
+   points can cover at most, again and again. */
 #include "closest_point.h"
 
-/* Part of the way that is certainly free by which a pair advances: the rest keeps it clear of round-off. */
+/* Part of the way that is certainly free by which a pair advances: the rest keeps it clear of
+   round-off. */
 static const double ADVANCE = 0.9;
 
-/* A gap below this multiple of the least one ends the motion: the advances would become shorter and shorter. */
+/* A gap below this multiple of the least one ends the motion: the advances would become shorter and
+   shorter. */
 static const double STOP = 1.01;
 
-static double squared_distance_at(int kind, const int32_t *points, const pair_motion *motion, double t)
+static double squared_distance_at(int kind, const int32_t *points, const pair_motion *motion,
+                                  double t)
 {
     static const int32_t own_points[4] = {0, 1, 2, 3};
     double x[12];

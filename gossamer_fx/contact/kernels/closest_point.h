@@ -2,20 +2,22 @@
 
        q(u, v) = r.r + 2 u r.a + 2 v r.b + u^2 a.a + 2 u v a.b + v^2 b.b
 
-   over a triangle or a square: in its interior, or else on one of its sides.  The form is given by the vectors, which
-   keep the digits of thin triangles and of edges that are almost parallel, or by the six measures alone, where
-   there are no vectors: on the path of measures between two states. */
+   over a triangle or a square: in its interior, or else on one of its sides.  The form is given by
+   the vectors, which keep the digits of thin triangles and of edges that are almost parallel, or by
+   the six measures alone, where there are no vectors: on the path of measures between two states.
+   */
 #ifndef GOSSAMER_CLOSEST_POINT_H
 #define GOSSAMER_CLOSEST_POINT_H
 
 #include "pair_geometry.h"
 
-/* Without it the compiler keeps one copy for both forms, which asks at run time what is known where it is called:
-   a tenth of the time of tangents. */
+/* Without it the compiler keeps one copy for both forms, which asks at run time what is known where
+   it is called: a tenth of the time of tangents. */
 #define INLINED static inline __attribute__((always_inline))
 
-/* det/(a.a b.b), the squared sine of the angle between a and b: above the first the interior minimum is the solution;
-   down to the second, vectors still tell where it is, and the sides are tried as well. */
+/* det/(a.a b.b), the squared sine of the angle between a and b: above the first the interior
+   minimum is the solution; down to the second, vectors still tell where it is, and the sides are
+   tried as well. */
 static const double SAFE_SINE_SQUARED = 1e-14;
 static const double SMALLEST_SINE_SQUARED = 1e-24;
 
@@ -28,7 +30,8 @@ typedef struct {
 
 typedef struct {
     double u, v;
-    double direction[2];   /* along which (u, v) is free; in the interior the first of two directions */
+    /* along which (u, v) is free; in the interior the first of two directions */
+    double direction[2];
     double curvature;      /* of q along it; 0: a corner, (u, v) is not free */
     double shear;          /* interior: the second direction is (-shear, 1) */
     double last_curvature; /* of q along the second direction; 0: not in the interior */
@@ -41,7 +44,8 @@ typedef struct {
 static const domain_side TRIANGLE_SIDES[3] = {{0, 0, 0, 1}, {0, 0, 1, 0}, {0, 1, 1, -1}};
 static const domain_side SQUARE_SIDES[4] = {{0, 0, 0, 1}, {0, 0, 1, 0}, {1, 0, 0, 1}, {0, 1, 1, 0}};
 
-/* The minimum of q along a side: where it is, from 0 to 1; q there, but for a constant; and the second derivative. */
+/* The minimum of q along a side: where it is, from 0 to 1; q there, but for a constant; and the
+   second derivative. */
 typedef struct {
     double t, value, curvature;
 } side_minimum;
@@ -52,7 +56,8 @@ static inline double clip_to_unit(double t)
     return t < 1 ? t : 1;
 }
 
-/* Solve grad q = 0.  Returns det = a.a b.b - (a.b)^2, or 0 if a and b are parallel as far as the form can tell. */
+/* Solve grad q = 0.  Returns det = a.a b.b - (a.b)^2, or 0 if a and b are parallel as far as the
+   form can tell. */
 INLINED double interior_minimum(const distance_form *form, double *u, double *v)
 {
     const double *e = form->measures;
@@ -104,7 +109,8 @@ INLINED side_minimum minimum_of_vectors(const distance_form *form, const domain_
 }
 
 /* Set `found` to the closest point of the sides, if it is closer than `best`. */
-INLINED void closest_on_sides(const distance_form *form, const domain_side *sides, int count, double best, closest_point *found)
+INLINED void closest_on_sides(const distance_form *form, const domain_side *sides, int count,
+                              double best, closest_point *found)
 {
     for (int i = 0; i < count; ++i) {
         const domain_side *side = sides + i;
@@ -135,7 +141,8 @@ INLINED closest_point closest_point_of(const distance_form *form)
             found.last_curvature = 2 * det / e[3];
             return found;
         }
-        /* a and b are almost parallel: the sides may be closer than what round-off left of the interior minimum */
+        /* a and b are almost parallel: the sides may be closer than what round-off left of the
+           interior minimum */
         best = squared_length_between(form->vectors, u, v);
     }
     if (form->kind == EDGE_EDGE) closest_on_sides(form, SQUARE_SIDES, 4, best, &found);
@@ -151,7 +158,8 @@ INLINED closest_point closest_point_of_vectors(int kind, const pair_vectors *vec
     return closest_point_of(&form);
 }
 
-INLINED closest_point closest_point_of_measures(int kind, const double measures[6], const double corner[2])
+INLINED closest_point closest_point_of_measures(int kind, const double measures[6],
+                                                const double corner[2])
 {
     distance_form form = {.vectors = NULL, .corner = {corner[0], corner[1]}, .kind = kind};
     memcpy(form.measures, measures, sizeof form.measures);

@@ -10,7 +10,8 @@ static double squared_distance_of_wall(int kind, const pair_vectors *vectors)
     return -along_first * along_first - along_second * along_second;
 }
 
-void closest_points(const pair_list *pairs, const double *x, double *squared_distance, double *parameters)
+void closest_points(const pair_list *pairs, const double *x, double *squared_distance,
+                    double *parameters)
 {
     for (ptrdiff_t i = 0; i < pairs->count; ++i) {
         const int kind = pairs->kind[i];
@@ -29,7 +30,8 @@ void closest_points(const pair_list *pairs, const double *x, double *squared_dis
     }
 }
 
-void approach_bounds(const pair_list *pairs, const double *x0, const double *x1, const double *margin, double *bound)
+void approach_bounds(const pair_list *pairs, const double *x0, const double *x1,
+                     const double *margin, double *bound)
 {
     for (ptrdiff_t i = 0; i < pairs->count; ++i) {
         const int32_t *points = pairs->points + 4 * i;

@@ -1,8 +1,9 @@
 /* Contact kernels: the data that Python hands over, and the functions that it calls.
 
-   The C compiler reads this file, and so does cffi, without the preprocessor's lines (forms/c_source.py): no
-   prototype is written twice.  Python checks lengths, types and writability of all arrays, and the range of all
-   indices, before it calls a function.  Shapes stand in brackets; arrays are stored row by row.
+   The C compiler reads this file, and so does cffi, without the preprocessor's lines
+   (forms/c_source.py): no prototype is written twice.  Python checks lengths, types and writability
+   of all arrays, and the range of all indices, before it calls a function.  Shapes stand in
+   brackets; arrays are stored row by row.
 
    n pairs, m points; lengths in metres, forces in newtons, energies in joules. */
 #ifndef GOSSAMER_CONTACT_H
@@ -11,14 +12,15 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* A pair has four points: of a triangle pair the point and three corners, of an edge pair the ends of both edges.
-   Of walls they are the point, an origin and two directions: plane (normal, -), sphere (-, -), cylinder (two across
-   its axis). */
+/* A pair has four points: of a triangle pair the point and three corners, of an edge pair the ends
+   of both edges. Of walls they are the point, an origin and two directions: plane (normal, -),
+   sphere (-, -), cylinder (two across its axis). */
 enum pair_kind { POINT_TRIANGLE, EDGE_EDGE, POINT_PLANE, POINT_IN_SPHERE, POINT_IN_CYLINDER };
 
 enum contact_law { BARRIER, PENALTY };
 
-/* What a pair does in a step: nothing, it has a force, or it is pushed back since it passed through. */
+/* What a pair does in a step: nothing, it has a force, or it is pushed back since it passed
+   through. */
 enum pair_state { NO_CONTACT, TOUCHES, PASSED };
 
 /* What is known of an edge and a triangle: UNSURE where round-off may hide the answer. */
@@ -36,7 +38,8 @@ typedef struct {
     const double *stiffness; /* (n) k */
     const double *width;     /* (n) [m^2]; of planes [m] */
     const double *offset;    /* (n) [m^2]; of planes [m] */
-    const double *start;     /* (n, 4) at the start: parameters u, v; distance; squared distance of rounded edges */
+    /* (n, 4) at the start: parameters u, v; distance; squared distance of rounded edges */
+    const double *start;
     double rounding;         /* of the distance of two edges, over their width */
     int law;                 /* of enum contact_law */
 } active_pairs;
@@ -44,12 +47,15 @@ typedef struct {
 typedef struct {
     const double *x0;       /* (m, 3) points at the start */
     const double *x1;       /* (m, 3) points at the end */
-    double alpha;           /* weight of the end where forces act; 1: forces of the state x1 alone */
+    /* weight of the end where forces act; 1: forces of the state x1 alone */
+    double alpha;
     double geometric_share; /* share of the geometric stiffness in tangents */
-    double push_back;       /* stiffness of pairs that passed through, over their own; 0: a step that is accepted */
+    /* stiffness of pairs that passed through, over their own; 0: a step that is accepted */
+    double push_back;
 } contact_step;
 
-/* Results of `evaluate_pairs`.  Forces and tangents are wanted by pairs, or summed over pairs; NULL: not wanted. */
+/* Results of `evaluate_pairs`.  Forces and tangents are wanted by pairs, or summed over pairs;
+   NULL: not wanted. */
 typedef struct {
     uint8_t *state;             /* (n) of enum pair_state */
     int state_is_known;         /* whether `state` comes from an earlier call for the same step */
@@ -60,23 +66,30 @@ typedef struct {
     double *pair_tangents;      /* (n, 144) */
 } contact_response;
 
-/* Squared distances (n) of pairs at points x (m, 3); of planes the signed distance, of spheres and cylinders minus the
-   squared distance from the middle.  parameters (n, 2), or NULL: (u, v) of the closest points, zero for walls. */
-void closest_points(const pair_list *pairs, const double *x, double *squared_distance, double *parameters);
+/* Squared distances (n) of pairs at points x (m, 3); of planes the signed distance, of spheres and
+   cylinders minus the squared distance from the middle.  parameters (n, 2), or NULL: (u, v) of the
+   closest points, zero for walls. */
+void closest_points(const pair_list *pairs, const double *x, double *squared_distance,
+                    double *parameters);
 
-/* Squared distances (n) at points x with rounded edges, given the parameters (n, 2) of the closest points. */
+/* Squared distances (n) at points x with rounded edges, given the parameters (n, 2) of the closest
+   points. */
 void rounded_squared_distances(const active_pairs *pairs, const double *x, const double *parameters,
                                double *squared_distance);
 
-/* Upper bounds (n) of how much closer pairs can come on straight lines from x0 to x1, or to points within margin (m),
-   which may be NULL, of x1; infinite for walls. */
-void approach_bounds(const pair_list *pairs, const double *x0, const double *x1, const double *margin, double *bound);
+/* Upper bounds (n) of how much closer pairs can come on straight lines from x0 to x1, or to points
+   within margin (m), which may be NULL, of x1; infinite for walls. */
+void approach_bounds(const pair_list *pairs, const double *x0, const double *x1,
+                     const double *margin, double *bound);
 
 /* Forces and tangents of a step; returns the number of pairs that have any. */
-ptrdiff_t evaluate_pairs(const active_pairs *pairs, const contact_step *step, const contact_response *response);
+ptrdiff_t evaluate_pairs(const active_pairs *pairs, const contact_step *step,
+                         const contact_response *response);
 
-/* Stored energy [J] at points x, given the parameters (n, 2) of the closest points; scaled_distance (n): x of each. */
-double stored_energy(const active_pairs *pairs, const double *x, const double *parameters, double *scaled_distance);
+/* Stored energy [J] at points x, given the parameters (n, 2) of the closest points; scaled_distance
+   (n): x of each. */
+double stored_energy(const active_pairs *pairs, const double *x, const double *parameters,
+                     double *scaled_distance);
 
 /* Straight motion of pairs from x0 to x1, on which they shall keep a least gap. */
 typedef struct {
@@ -88,10 +101,12 @@ typedef struct {
     int max_advances;
 } pair_motion;
 
-/* Whether pairs keep their least gap: keeps_gap (n) is 1 or 0; returns the number of those that may not. */
+/* Whether pairs keep their least gap: keeps_gap (n) is 1 or 0; returns the number of those that may
+   not. */
 ptrdiff_t check_motion(const pair_list *pairs, const pair_motion *motion, uint8_t *keeps_gap);
 
-/* A complete binary tree of boxes (least coordinates, greatest coordinates), root 1, children 2 i and 2 i + 1. */
+/* A complete binary tree of boxes (least coordinates, greatest coordinates), root 1, children 2 i
+   and 2 i + 1. */
 typedef struct {
     ptrdiff_t box_count;  /* number of boxes that were put in */
     ptrdiff_t leaf_count; /* the next power of two */
@@ -99,7 +114,8 @@ typedef struct {
     double *nodes;        /* (2 leaf_count, 6) */
 } box_tree;
 
-/* Primitives that are asked for, or in a tree: those with a label in common are connected, and no candidate pair. */
+/* Primitives that are asked for, or in a tree: those with a label in common are connected, and no
+   candidate pair. */
 typedef struct {
     ptrdiff_t label_count;
     const int32_t *labels;   /* (primitives, label_count) */
@@ -110,14 +126,16 @@ typedef struct {
     ptrdiff_t count;
     const int32_t *primitive; /* (count) which primitives are asked for */
     const double *boxes;      /* (primitives, 6) */
-    int in_tree;              /* whether the primitives are those of the tree: then pairs i < j are found once */
+    /* whether the primitives are those of the tree: then pairs i < j are found once */
+    int in_tree;
 } box_query;
 
 void build_box_tree(const box_tree *tree, const double *boxes);
 
-/* Pairs (room, 2) of a primitive that is asked for and one of the tree whose boxes overlap, unless they are connected
-   or both fixed.  Returns their number, of which at most `room` are written. */
-int64_t find_overlaps(const box_tree *tree, const box_query *query, const primitive_filter *of_query,
+/* Pairs (room, 2) of a primitive that is asked for and one of the tree whose boxes overlap, unless
+   they are connected or both fixed.  Returns their number, of which at most `room` are written. */
+int64_t find_overlaps(const box_tree *tree, const box_query *query,
+                      const primitive_filter *of_query,
                       const primitive_filter *of_tree, int64_t room, int32_t *pairs);
 
 typedef struct {
@@ -131,7 +149,8 @@ typedef struct {
 /* Whether edges intersect triangles: found (count) of enum intersection. */
 void find_intersections(const edge_triangle_pairs *candidates, uint8_t *found);
 
-/* Groups of block rows, one after the other in `members`: all rows of a group are coupled with each other. */
+/* Groups of block rows, one after the other in `members`: all rows of a group are coupled with each
+   other. */
 typedef struct {
     ptrdiff_t group_count;
     ptrdiff_t row_count;       /* number of block rows */
@@ -151,6 +170,7 @@ typedef struct {
 ptrdiff_t number_blocks(const block_groups *groups, const block_pattern *pattern);
 
 /* Which of some blocks (count) are not zero: is_nonzero (count). */
-void find_nonzero_blocks(ptrdiff_t count, const int32_t *block, const double *blocks, uint8_t *is_nonzero);
+void find_nonzero_blocks(ptrdiff_t count, const int32_t *block, const double *blocks,
+                         uint8_t *is_nonzero);
 
 #endif

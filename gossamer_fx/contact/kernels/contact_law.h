@@ -1,7 +1,9 @@
-/* The energy b(x) of a pair of unit stiffness, its derivatives, and its secant between two states; zero for x >= 1.
+/* The energy b(x) of a pair of unit stiffness, its derivatives, and its secant between two states;
+   zero for x >= 1.
 
        BARRIER   (1 - x)^3/(4 x)
-       PENALTY   (1 - sqrt x)^2/2, or (1 - x)^2/2 if x is a ratio of distances, not of their squares: `is_linear` */
+       PENALTY   (1 - sqrt x)^2/2, or (1 - x)^2/2 if x is a ratio of distances, not of their
+                 squares: `is_linear` */
 #ifndef GOSSAMER_CONTACT_LAW_H
 #define GOSSAMER_CONTACT_LAW_H
 
@@ -48,7 +50,8 @@ static inline double curvature_of(contact_energy b, double x)
     return 1 / (4 * d * d * d);
 }
 
-/* Where both ends touch, closed forms: the difference of nearly equal energies would lose its digits. */
+/* Where both ends touch, closed forms: the difference of nearly equal energies would lose its
+   digits. */
 static inline energy_secant secant_of(contact_energy b, double x0, double x1)
 {
     if (!(x0 < 1 && x1 < 1)) {

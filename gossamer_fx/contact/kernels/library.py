@@ -23,5 +23,6 @@ SOURCES = (
 
 
 def library(comm: MPI.Intracomm = MPI.COMM_SELF) -> CLibrary:
-    """Return the C functions; the first call compiles them on rank 0 of `comm` and is collective."""
+    """Return the C functions; the first call compiles them on rank 0 of `comm` and is
+    collective."""
     return loaded_library(comm, "contact", HEADER, SOURCES)

@@ -1,9 +1,11 @@
-/* The squared distance s(e) of a pair as a concave function of its six measures e, and its derivatives.
+/* The squared distance s(e) of a pair as a concave function of its six measures e, and its
+   derivatives.
 
-   s is the minimum over (u, v) of phi(u, v).e with phi = (1, 2u, 2v, u^2, 2uv, v^2), a minimum of linear functions, so
-   concave, and ds/de = phi at the minimum.  Edges may be parallel, and their closest points then jump: epsilon
-   ((u - 1/2)^2 + (v - 1/2)^2) is added to the form, which rounds s and leaves it concave.  Of walls s is the signed
-   distance itself or minus a squared distance: see contact.h. */
+   s is the minimum over (u, v) of phi(u, v).e with phi = (1, 2u, 2v, u^2, 2uv, v^2), a minimum of
+   linear functions, so concave, and ds/de = phi at the minimum.  Edges may be parallel, and their
+   closest points then jump: epsilon ((u - 1/2)^2 + (v - 1/2)^2) is added to the form, which rounds
+   s and leaves it concave.  Of walls s is the signed distance itself or minus a squared distance:
+   see contact.h. */
 #ifndef GOSSAMER_PAIR_DISTANCE_H
 #define GOSSAMER_PAIR_DISTANCE_H
 
@@ -33,7 +35,8 @@ static inline void distance_weights(double u, double v, double weights[6])
 }
 
 /* s at some vectors, and its gradient ds/de. */
-static inline double pair_distance(const pair_frame *frame, const pair_vectors *vectors, double gradient[6])
+static inline double pair_distance(const pair_frame *frame, const pair_vectors *vectors,
+                                   double gradient[6])
 {
     const double *r = vectors->row[0];
     memset(gradient, 0, 6 * sizeof *gradient);
@@ -57,11 +60,14 @@ static inline double pair_distance(const pair_frame *frame, const pair_vectors *
     const closest_point closest = closest_point_of_measures(frame->kind, measures, frame->corner);
     distance_weights(closest.u, closest.v, gradient);
     const double u = closest.u - frame->corner[0] - 0.5, v = closest.v - frame->corner[1] - 0.5;
-    return squared_length_between(vectors, closest.u, closest.v) + frame->rounding * (u * u + v * v);
+    return squared_length_between(vectors, closest.u,
+                                  closest.v) + frame->rounding * (u * u + v * v);
 }
 
-/* hessian -= weight q q^T/curvature, with the derivative q = dphi/du du + dphi/dv dv along a free direction */
-static inline void add_free_direction(const closest_point *closest, double du, double dv, double curvature,
+/* hessian -= weight q q^T/curvature, with the derivative q = dphi/du du + dphi/dv dv along a free
+   direction */
+static inline void add_free_direction(const closest_point *closest, double du, double dv,
+                                      double curvature,
                                       double weight, double hessian[6][6])
 {
     const double u = closest->u, v = closest->v;
@@ -72,9 +78,11 @@ static inline void add_free_direction(const closest_point *closest, double du, d
         for (int k = 0; k < 6; ++k) hessian[m][k] -= weight * q[m] * q[k] / curvature;
 }
 
-/* ds/de at some measures; if `hessian` is not NULL, weight times d2s/de2 is added to it.  The closest points move
-   with e in each direction in which they are free, and s then bends by the square of that over the form's curvature. */
-static inline void distance_derivatives(const pair_frame *frame, const double measures[6], double gradient[6],
+/* ds/de at some measures; if `hessian` is not NULL, weight times d2s/de2 is added to it.  The
+   closest points move with e in each direction in which they are free, and s then bends by the
+   square of that over the form's curvature. */
+static inline void distance_derivatives(const pair_frame *frame, const double measures[6],
+                                        double gradient[6],
                                         double (*hessian)[6], double weight)
 {
     memset(gradient, 0, 6 * sizeof *gradient);
@@ -100,7 +108,8 @@ static inline void distance_derivatives(const pair_frame *frame, const double me
     const closest_point closest = closest_point_of_measures(frame->kind, rounded, frame->corner);
     distance_weights(closest.u, closest.v, gradient);
     if (!hessian || closest.curvature <= 0) return;
-    add_free_direction(&closest, closest.direction[0], closest.direction[1], closest.curvature, weight, hessian);
+    add_free_direction(&closest, closest.direction[0], closest.direction[1], closest.curvature,
+                       weight, hessian);
     if (closest.last_curvature <= 0) return;
     add_free_direction(&closest, -closest.shear, 1, closest.last_curvature, weight, hessian);
 }

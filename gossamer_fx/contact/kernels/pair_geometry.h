@@ -1,6 +1,7 @@
-/* A pair as three vectors r, a, b, linear in its four points: r from the second side to the first, a and b along the
-   sides.  Its squared distance is the least |r + u a + v b|^2 over (u, v) in a triangle or a square, and depends on the
-   points only through the six measures e = (r.r, r.a, r.b, a.a, a.b, b.b). */
+/* A pair as three vectors r, a, b, linear in its four points: r from the second side to the first,
+   a and b along the sides.  Its squared distance is the least |r + u a + v b|^2 over (u, v) in a
+   triangle or a square, and depends on the points only through the six measures e = (r.r, r.a, r.b,
+   a.a, a.b, b.b). */
 #ifndef GOSSAMER_PAIR_GEOMETRY_H
 #define GOSSAMER_PAIR_GEOMETRY_H
 
@@ -44,7 +45,8 @@ static inline pair_frame frame_of_kind(int kind, double rounding)
     return frame;
 }
 
-static inline pair_vectors vectors_at(const double coefficients[3][4], const double *x, const int32_t *points)
+static inline pair_vectors vectors_at(const double coefficients[3][4], const double *x,
+                                      const int32_t *points)
 {
     pair_vectors vectors;
     for (int i = 0; i < 3; ++i)
@@ -57,8 +59,8 @@ static inline pair_vectors vectors_at(const double coefficients[3][4], const dou
     return vectors;
 }
 
-/* Let r lead to the point with parameters (u, v), in the frame and in the vectors.  At the closest points r is short,
-   so that small distances of large triangles keep their digits. */
+/* Let r lead to the point with parameters (u, v), in the frame and in the vectors.  At the closest
+   points r is short, so that small distances of large triangles keep their digits. */
 static inline void move_base(pair_frame *frame, double u, double v, pair_vectors *vectors)
 {
     for (int k = 0; k < 4; ++k)
@@ -70,10 +72,12 @@ static inline void move_base(pair_frame *frame, double u, double v, pair_vectors
 
 static inline void measures_of(const pair_vectors *vectors, double measures[6])
 {
-    for (int m = 0; m < 6; ++m) measures[m] = dot(vectors->row[MEASURE_FIRST[m]], vectors->row[MEASURE_SECOND[m]]);
+    for (int m = 0; m < 6; ++m) measures[m] = dot(vectors->row[MEASURE_FIRST[m]],
+                                                  vectors->row[MEASURE_SECOND[m]]);
 }
 
-static inline void vector_between(const pair_vectors *vectors, double u, double v, double between[3])
+static inline void vector_between(const pair_vectors *vectors, double u, double v,
+                                  double between[3])
 {
     for (int c = 0; c < 3; ++c) between[c] = vectors->row[0][c] + u * vectors->row[1][c] + v * vectors->row[2][c];
 }
@@ -91,9 +95,10 @@ static inline int is_in_domain(int kind, double u, double v)
     return u >= 0 && v >= 0 && (kind == EDGE_EDGE ? u <= 1 && v <= 1 : u + v <= 1);
 }
 
-/* Upper bound of how much closer the two sides can be at x1, or on the way there, than at x0.  The mean displacement of
-   the four points changes no distance. */
-static inline double approach_bound(int kind, const double *x0, const double *x1, const int32_t *points)
+/* Upper bound of how much closer the two sides can be at x1, or on the way there, than at x0.  The
+   mean displacement of the four points changes no distance. */
+static inline double approach_bound(int kind, const double *x0, const double *x1,
+                                    const int32_t *points)
 {
     double displacement[4][3], mean[3] = {0}, length[4];
     for (int k = 0; k < 4; ++k)

@@ -3,11 +3,13 @@
 
 #include "closest_point.h"
 
-/* Of the search for the moment at which r, a and b lie in one plane: the interval is then 1/4096 of the step. */
+/* Of the search for the moment at which r, a and b lie in one plane: the interval is then 1/4096 of
+   the step. */
 static const int BISECTIONS = 12;
 
-/* Squared distance at that moment, over the squared motion of the vectors, up to which the sides count as touching.
-   Vectors that lie in one plane all the way have a volume of round-off, whose sign says nothing. */
+/* Squared distance at that moment, over the squared motion of the vectors, up to which the sides
+   count as touching. Vectors that lie in one plane all the way have a volume of round-off, whose
+   sign says nothing. */
 static const double MEETING_DISTANCE = 1e-5;
 
 /* Shorter vectors have no direction. */
@@ -30,7 +32,8 @@ static pair_vectors vectors_between(const pair_vectors *start, const pair_vector
 }
 
 /* The vectors at the moment when their volume changes its sign. */
-static pair_vectors vectors_in_one_plane(const pair_vectors *start, const pair_vectors *end, double start_volume)
+static pair_vectors vectors_in_one_plane(const pair_vectors *start, const pair_vectors *end,
+                                         double start_volume)
 {
     double before = 0, after = 1;
     pair_vectors vectors = *start;
@@ -66,12 +69,14 @@ int has_passed_through(const pair_frame *frame, const pair_vectors *start, const
     return squared_distance <= MEETING_DISTANCE * squared_motion;
 }
 
-/* Unit vector along which the distance at the end grows, its weights at the four points, and the signed distance. */
+/* Unit vector along which the distance at the end grows, its weights at the four points, and the
+   signed distance. */
 typedef struct {
     double normal[3], weight[4], distance;
 } contact_direction;
 
-static contact_direction direction_of_surfaces(const pair_frame *frame, const pair_vectors *end, int has_passed)
+static contact_direction direction_of_surfaces(const pair_frame *frame, const pair_vectors *end,
+                                               int has_passed)
 {
     contact_direction found;
     double measures[6];
@@ -89,7 +94,8 @@ static contact_direction direction_of_surfaces(const pair_frame *frame, const pa
     return found;
 }
 
-/* Inside a sphere or cylinder the direction is towards the middle, and distances count from the wall. */
+/* Inside a sphere or cylinder the direction is towards the middle, and distances count from the
+   wall. */
 static contact_direction direction_of_wall(const pair_frame *frame, const pair_vectors *end)
 {
     contact_direction found;
@@ -109,13 +115,15 @@ static contact_direction direction_of_wall(const pair_frame *frame, const pair_v
     return found;
 }
 
-void push_back(const pair_frame *frame, const pair_vectors *end, const signed_distances *distances, double stiffness,
+void push_back(const pair_frame *frame, const pair_vectors *end, const signed_distances *distances,
+               double stiffness,
                const pair_output *output)
 {
     const contact_direction along =
         is_wall(frame->kind) ? direction_of_wall(frame, end) : direction_of_surfaces(frame, end, distances->has_passed);
     const double start = distances->at_start, activation = distances->activation, final = along.distance;
-    /* the mean force of the parabola over the part of the way from start to end on which there is contact */
+    /* the mean force of the parabola over the part of the way from start to end on which there is
+       contact */
     const double way = start - final, depth = activation - final;
     const int starts_in_contact = start < activation;
     const double mean = starts_in_contact ? activation - (start + final) / 2 : depth * depth / (2 * way);

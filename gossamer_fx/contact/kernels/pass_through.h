@@ -1,7 +1,8 @@
 /* Iterates that have passed through something: how they are found, and pushed back.
 
-   Newton's iteration may try points beyond a contact, where the energy is not defined.  There the energy goes on as a
-   parabola of the signed distance, steeper than the contact itself, so that the next iterates come back. */
+   Newton's iteration may try points beyond a contact, where the energy is not defined.  There the
+   energy goes on as a parabola of the signed distance, steeper than the contact itself, so that the
+   next iterates come back. */
 #ifndef GOSSAMER_PASS_THROUGH_H
 #define GOSSAMER_PASS_THROUGH_H
 
@@ -20,10 +21,12 @@ typedef struct {
     int has_passed;    /* whether the sign has changed */
 } signed_distances;
 
-/* Whether the four points of a triangle pair or an edge pair pass through each other on straight lines. */
+/* Whether the four points of a triangle pair or an edge pair pass through each other on straight
+   lines. */
 int has_passed_through(const pair_frame *frame, const pair_vectors *start, const pair_vectors *end);
 
-void push_back(const pair_frame *frame, const pair_vectors *end, const signed_distances *distances, double stiffness,
+void push_back(const pair_frame *frame, const pair_vectors *end, const signed_distances *distances,
+               double stiffness,
                const pair_output *output);
 
 #endif

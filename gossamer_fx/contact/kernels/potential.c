@@ -1,16 +1,20 @@
-/* Energy, forces and tangents of contact pairs; potential.py has the equations, whose numbers stand here in brackets.
+/* Energy, forces and tangents of contact pairs; potential.py has the equations, whose numbers stand
+   here in brackets.
 
-   Every pair goes through the same stages: out of range? geometry of the step, case (none, touching, passed through),
-   stress and its derivative, force and tangent of the four points, and the sum over pairs. */
+   Every pair goes through the same stages: out of range? geometry of the step, case (none,
+   touching, passed through), stress and its derivative, force and tangent of the four points, and
+   the sum over pairs. */
 #include "contact_law.h"
 #include "pair_distance.h"
 #include "pass_through.h"
 
-/* Part of its scaled distance x that a pair of edges with a barrier must keep in a step.  Rounded edges can come below
-   the offset of their barrier, where it has no energy: from here on it goes on as a parabola of x. */
+/* Part of its scaled distance x that a pair of edges with a barrier must keep in a step.  Rounded
+   edges can come below the offset of their barrier, where it has no energy: from here on it goes on
+   as a parabola of x. */
 static const double LEAST_KEPT_DISTANCE = 0.02;
 
-/* Squared change of the measures over their squares, below which it is round-off, along which nothing is corrected. */
+/* Squared change of the measures over their squares, below which it is round-off, along which
+   nothing is corrected. */
 static const double SMALLEST_CHANGE = 1e-28;
 
 /* Gauss points of the path average (2). */
@@ -31,8 +35,8 @@ typedef struct {
     int is_state;
 } pair_step;
 
-/* Stress S, conjugate to the measures, its derivative with respect to their end, and the vectors in which the force
-   De^T S is taken. */
+/* Stress S, conjugate to the measures, its derivative with respect to their end, and the vectors in
+   which the force De^T S is taken. */
 typedef struct {
     double stress[6];
     double derivative[6][6];
@@ -47,10 +51,12 @@ static int is_out_of_range(const active_pairs *pairs, const contact_step *step, 
     if (is_wall(kind) || step->alpha == 1) return 0;
     const double range = sqrt(pairs->width[i] + pairs->offset[i]);
     const double start_distance = pairs->start[4 * i + 2];
-    return start_distance - range > approach_bound(kind, step->x0, step->x1, pairs->list.points + 4 * i);
+    return start_distance - range > approach_bound(kind, step->x0, step->x1,
+                                                   pairs->list.points + 4 * i);
 }
 
-static void set_up(const active_pairs *pairs, const contact_step *step, ptrdiff_t i, pair_step *pair)
+static void set_up(const active_pairs *pairs, const contact_step *step, ptrdiff_t i,
+                   pair_step *pair)
 {
     const int kind = pairs->list.kind[i];
     const int32_t *points = pairs->list.points + 4 * i;
@@ -61,7 +67,8 @@ static void set_up(const active_pairs *pairs, const contact_step *step, ptrdiff_
     pair->energy = (contact_energy){pairs->law, is_wall(kind)};
     pair->is_state = step->alpha == 1;
     pair->frame = frame_of_kind(kind, pairs->rounding * pair->width);
-    pair->start = vectors_at(pair->frame.coefficients, pair->is_state ? step->x1 : step->x0, points);
+    pair->start = vectors_at(pair->frame.coefficients, pair->is_state ? step->x1 : step->x0,
+                             points);
     if (!is_wall(kind)) move_base(&pair->frame, start[0], start[1], &pair->start);
     pair->end = vectors_at(pair->frame.coefficients, step->x1, points);
     double start_gradient[6];
@@ -80,7 +87,8 @@ static int is_too_steep(const pair_step *pair)
 
 /* ---- pairs that passed through ---- */
 
-/* The distance [m] of a pair whose squared distance is s; of rooms that of the wall from the middle, negative. */
+/* The distance [m] of a pair whose squared distance is s; of rooms that of the wall from the
+   middle, negative. */
 static double signed_distance(int kind, double s)
 {
     if (kind == POINT_PLANE) return s;
@@ -95,7 +103,8 @@ static double activation_length(const pair_step *pair, double activation)
     return activation - (pair->frame.kind == POINT_PLANE ? pair->offset : sqrt(pair->offset));
 }
 
-static void push_pair_back(const pair_step *pair, int has_passed, double stiffness_ratio, const pair_output *output)
+static void push_pair_back(const pair_step *pair, int has_passed, double stiffness_ratio,
+                           const pair_output *output)
 {
     const int kind = pair->frame.kind;
     /* of rooms the width counts from the wall inwards, where s is negative */
@@ -103,7 +112,8 @@ static void push_pair_back(const pair_step *pair, int has_passed, double stiffne
         kind > POINT_PLANE ? -sqrt(-pair->offset - pair->width) : signed_distance(kind, pair->width + pair->offset);
     const signed_distances distances = {signed_distance(kind, pair->s0), activation, has_passed};
     const double length = activation_length(pair, activation);
-    push_back(&pair->frame, &pair->end, &distances, stiffness_ratio * pair->stiffness / (length * length), output);
+    push_back(&pair->frame, &pair->end, &distances,
+              stiffness_ratio * pair->stiffness / (length * length), output);
 }
 
 /* ---- stress ---- */
@@ -125,7 +135,8 @@ static void stress_of_state(const pair_step *pair, pair_stress *result)
     result->acting = pair->end;
 }
 
-/* The change of the measures in a step, without the difference of large numbers: D e(middle) (end - start). */
+/* The change of the measures in a step, without the difference of large numbers: D e(middle) (end -
+   start). */
 static void change_of_measures(const pair_step *pair, const pair_vectors *middle, double change[6])
 {
     for (int m = 0; m < 6; ++m) {
@@ -137,9 +148,11 @@ static void change_of_measures(const pair_step *pair, const pair_vectors *middle
     }
 }
 
-/* Add to the mean gradient what makes mean.change the exact change of s (3); `defect` is what is missing, and
-   squared_change is change.change.  The derivative with respect to the end of the measures, or NULL, follows. */
-static void correct_along_change(const pair_step *pair, const double change[6], double defect, double squared_change,
+/* Add to the mean gradient what makes mean.change the exact change of s (3); `defect` is what is
+   missing, and squared_change is change.change.  The derivative with respect to the end of the
+   measures, or NULL, follows. */
+static void correct_along_change(const pair_step *pair, const double change[6], double defect,
+                                 double squared_change,
                                  double mean[6], double (*derivative)[6])
 {
     const double share = defect / squared_change;
@@ -158,8 +171,10 @@ static void correct_along_change(const pair_step *pair, const double change[6], 
     for (int m = 0; m < 6; ++m) mean[m] += share * change[m];
 }
 
-/* The mean of ds/de along the straight path of the measures (2), corrected (3), and its derivative or NULL. */
-static void mean_gradient(const pair_step *pair, const pair_vectors *middle, double mean[6], double (*derivative)[6])
+/* The mean of ds/de along the straight path of the measures (2), corrected (3), and its derivative
+   or NULL. */
+static void mean_gradient(const pair_step *pair, const pair_vectors *middle, double mean[6],
+                          double (*derivative)[6])
 {
     double start[6], change[6], squared_change = 0, squared_start = 0, defect = pair->s1 - pair->s0;
     measures_of(&pair->start, start);
@@ -180,7 +195,8 @@ static void mean_gradient(const pair_step *pair, const pair_vectors *middle, dou
         correct_along_change(pair, change, defect, squared_change, mean, derivative);
 }
 
-/* The secant of the energy of a step; beyond the least distance that edges must keep it goes on as a straight line. */
+/* The secant of the energy of a step; beyond the least distance that edges must keep it goes on as
+   a straight line. */
 static energy_secant secant_of_step(const pair_step *pair, int too_steep)
 {
     if (!too_steep) return secant_of(pair->energy, pair->x0, pair->x1);
@@ -191,7 +207,8 @@ static energy_secant secant_of_step(const pair_step *pair, int too_steep)
 }
 
 /* The stress of a step (1), and its derivative if it is wanted. */
-static void stress_of_step(const pair_step *pair, int too_steep, int wants_tangent, pair_stress *result)
+static void stress_of_step(const pair_step *pair, int too_steep, int wants_tangent,
+                           pair_stress *result)
 {
     double mean[6], hessian[6][6] = {{0}};
     for (int i = 0; i < 3; ++i)
@@ -212,7 +229,8 @@ static void stress_of_step(const pair_step *pair, int too_steep, int wants_tange
 /* ---- force and tangent of the four points ---- */
 
 /* Forces (12) on the points from those on the vectors r, a, b. */
-static void force_on_points(const pair_frame *frame, const double on_vectors[3][3], double *restrict force)
+static void force_on_points(const pair_frame *frame, const double on_vectors[3][3],
+                            double *restrict force)
 {
     const double(*of)[4] = frame->coefficients;
     for (int k = 0; k < 4; ++k)
@@ -221,7 +239,8 @@ static void force_on_points(const pair_frame *frame, const double on_vectors[3][
 }
 
 /* Tangent (12, 12) of the points from that of the vectors r, a, b. */
-static void tangent_of_points(const pair_frame *frame, double of_vectors[3][3][9], double *restrict tangent)
+static void tangent_of_points(const pair_frame *frame, double of_vectors[3][3][9],
+                              double *restrict tangent)
 {
     const double(*of)[4] = frame->coefficients;
     double half[9][12];
@@ -238,10 +257,11 @@ static void tangent_of_points(const pair_frame *frame, double of_vectors[3][3][9
                     of[0][k] * half[c][j] + of[1][k] * half[3 + c][j] + of[2][k] * half[6 + c][j];
 }
 
-/* The derivative of De(acting)^T S with respect to the end of r, a, b: material part De^T D De(end), and the geometric
-   part with the given share.  The derivative of the measure of vectors i and j by vector i is vector j, twice if
-   they are the same. */
-static void tangent_of_vectors(const pair_stress *stress, const pair_vectors *end, double stress_matrix[3][3],
+/* The derivative of De(acting)^T S with respect to the end of r, a, b: material part De^T D
+   De(end), and the geometric part with the given share.  The derivative of the measure of vectors i
+   and j by vector i is vector j, twice if they are the same. */
+static void tangent_of_vectors(const pair_stress *stress, const pair_vectors *end,
+                               double stress_matrix[3][3],
                                double geometric_share, double tangent[3][3][9])
 {
     double end_rows[6][9] = {{0}}, products[6][9];
@@ -269,7 +289,8 @@ static void tangent_of_vectors(const pair_stress *stress, const pair_vectors *en
     }
 }
 
-static void force_and_tangent(const pair_step *pair, const pair_stress *stress, double geometric_share,
+static void force_and_tangent(const pair_step *pair, const pair_stress *stress,
+                              double geometric_share,
                               const pair_output *output)
 {
     double stress_matrix[3][3] = {{0}}, on_vectors[3][3];
@@ -291,16 +312,19 @@ static void force_and_tangent(const pair_step *pair, const pair_stress *stress, 
 
 /* ---- all pairs ---- */
 
-static enum pair_state evaluate_pair(const active_pairs *pairs, const contact_step *step, ptrdiff_t i,
+static enum pair_state evaluate_pair(const active_pairs *pairs, const contact_step *step,
+                                     ptrdiff_t i,
                                      const pair_output *output)
 {
     pair_step pair;
     set_up(pairs, step, i, &pair);
     const int has_passed =
-        !is_wall(pair.frame.kind) && !pair.is_state && has_passed_through(&pair.frame, &pair.start, &pair.end);
+        !is_wall(pair.frame.kind) && !pair.is_state && has_passed_through(&pair.frame, &pair.start,
+                                                                          &pair.end);
     const int too_steep = step->push_back > 0 && !has_passed && is_too_steep(&pair);
     /* no energy is defined there; a point behind a penalised wall still has one */
-    const int is_below_zero = pair.x1 <= 0 && !too_steep && (pairs->law == BARRIER || !is_wall(pair.frame.kind));
+    const int is_below_zero = pair.x1 <= 0 && !too_steep && (pairs->law == BARRIER ||
+                                                             !is_wall(pair.frame.kind));
     if ((has_passed || is_below_zero) && step->push_back > 0) {
         push_pair_back(&pair, has_passed, step->push_back, output);
         return PASSED;
@@ -324,7 +348,8 @@ static void add_response(const pair_list *pairs, ptrdiff_t i, const contact_resp
             for (int c = 0; c < 3; ++c) sum[c] += force[3 * k + c];
         }
     if (response->pair_forces) memcpy(response->pair_forces + 12 * i, force, 12 * sizeof *force);
-    if (response->pair_tangents) memcpy(response->pair_tangents + 144 * i, tangent, 144 * sizeof *tangent);
+    if (response->pair_tangents) memcpy(response->pair_tangents + 144 * i, tangent,
+                                        144 * sizeof *tangent);
     if (!response->blocks) return;
     for (int k = 0; k < 4; ++k)
         for (int l = 0; l < 4; ++l) {
@@ -340,7 +365,8 @@ static void set_zero(ptrdiff_t i, const contact_response *response)
     if (response->pair_tangents) memset(response->pair_tangents + 144 * i, 0, 144 * sizeof(double));
 }
 
-ptrdiff_t evaluate_pairs(const active_pairs *pairs, const contact_step *step, const contact_response *response)
+ptrdiff_t evaluate_pairs(const active_pairs *pairs, const contact_step *step,
+                         const contact_response *response)
 {
     double force[12], tangent[144];
     const int wants_tangent = response->blocks || response->pair_tangents;
@@ -348,7 +374,8 @@ ptrdiff_t evaluate_pairs(const active_pairs *pairs, const contact_step *step, co
     ptrdiff_t count = 0;
     for (ptrdiff_t i = 0; i < pairs->list.count; ++i) {
         const int is_idle =
-            response->state_is_known ? response->state[i] == NO_CONTACT : is_out_of_range(pairs, step, i);
+            response->state_is_known ? response->state[i] == NO_CONTACT : is_out_of_range(pairs,
+                                                                                          step, i);
         const enum pair_state state = is_idle ? NO_CONTACT : evaluate_pair(pairs, step, i, &output);
         response->state[i] = (uint8_t)state;
         if (state == NO_CONTACT) {
@@ -364,7 +391,8 @@ ptrdiff_t evaluate_pairs(const active_pairs *pairs, const contact_step *step, co
 /* ---- one state ---- */
 
 /* The squared distance of one pair with rounded edges, from its closest points. */
-static double rounded_distance(const active_pairs *pairs, const double *x, const double *parameters, ptrdiff_t i)
+static double rounded_distance(const active_pairs *pairs, const double *x, const double *parameters,
+                               ptrdiff_t i)
 {
     const int kind = pairs->list.kind[i];
     pair_frame frame = frame_of_kind(kind, pairs->rounding * pairs->width[i]);
@@ -381,7 +409,8 @@ void rounded_squared_distances(const active_pairs *pairs, const double *x, const
         squared_distance[i] = rounded_distance(pairs, x, parameters, i);
 }
 
-double stored_energy(const active_pairs *pairs, const double *x, const double *parameters, double *scaled_distance)
+double stored_energy(const active_pairs *pairs, const double *x, const double *parameters,
+                     double *scaled_distance)
 {
     double sum = 0;
     for (ptrdiff_t i = 0; i < pairs->list.count; ++i) {

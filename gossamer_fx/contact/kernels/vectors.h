@@ -15,6 +15,7 @@ static inline void cross(const double *a, const double *b, double *product)
 }
 
 /* A row of an array (., 3) of points. */
-static inline const double *point(const double *x, int32_t index) { return x + 3 * (ptrdiff_t)index; }
+static inline const double *point(const double *x,
+                                  int32_t index) { return x + 3 * (ptrdiff_t)index; }
 
 #endif

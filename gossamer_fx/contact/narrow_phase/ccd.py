@@ -1,4 +1,5 @@
-"""Continuous collision detection: whether pairs keep a least gap while their points move straight."""
+"""Continuous collision detection: whether pairs keep a least gap while their points move
+straight."""
 
 from __future__ import annotations
 
@@ -9,12 +10,14 @@ from gossamer_fx.contact.kernels.library import library
 from gossamer_fx.contact.kernels.structs import pair_list
 from gossamer_fx.contact.pair_table import CandidatePairs, PairTable, is_wall
 
-# Positions on the way at which a distance is computed at most.  A sail that turns moves far while its
-# layers stay near each other: with 100, every third step of such a sail was refused for nothing.
+# Positions on the way at which a distance is computed at most.  A sail that turns moves far while
+# its layers stay near each other: with 100, every third step of such a sail was refused for
+# nothing.
 MAX_ADVANCES = 1000
 
-# Part of its gap at the start, or of the activation distance if that is less, that a pair must keep in a
-# step.  Layers that come nearer have all but passed through, and the next step would start inside.
+# Part of its gap at the start, or of the activation distance if that is less, that a pair must keep
+# in a step.  Layers that come nearer have all but passed through, and the next step would start
+# inside.
 KEPT_GAP = 0.1
 
 
@@ -57,8 +60,8 @@ def find_collisions(
 ) -> np.ndarray:
     """Return the rows of pairs that come nearer than their least gap on the way, or may.
 
-    Additive continuous collision detection: Li, Kaufman & Jiang, "Codimensional incremental potential
-    contact", ACM Trans. Graph. 40 (2021) 170, section 4, doi:10.1145/3450626.3459767.
+    Additive continuous collision detection: Li, Kaufman & Jiang, "Codimensional incremental
+    potential contact", ACM Trans. Graph. 40 (2021) 170, section 4, doi:10.1145/3450626.3459767.
 
     Args:
         pairs: n pairs without walls.

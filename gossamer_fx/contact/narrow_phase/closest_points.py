@@ -1,9 +1,10 @@
 """Closest points and distances of pairs, computed once for each set of points.
 
-The squared distance s of a triangle pair or an edge pair is that of its closest points, which have the
-parameters (u, v) on the two sides.  Of walls s is something else, which is linear in the distance or
-bounded: of planes the signed distance itself [m]; inside spheres and cylinders minus the squared
-distance from the middle.  The `gap` of a pair is its distance [m] less the radii of both sides.
+The squared distance s of a triangle pair or an edge pair is that of its closest points, which have
+the parameters (u, v) on the two sides.  Of walls s is something else, which is linear in the
+distance or bounded: of planes the signed distance itself [m]; inside spheres and cylinders minus
+the squared distance from the middle.  The `gap` of a pair is its distance [m] less the radii of
+both sides.
 """
 
 from __future__ import annotations
@@ -72,8 +73,8 @@ def gaps_of(kind: ByteArray, squared_distance: Array, radius: Array, wall_radius
 class PairDistances:
     """Gaps and closest points of all candidates at one set of points x (m, 3).
 
-    Far pairs need no closest points: their gap may be a lower bound that follows from an earlier state.
-    What is asked for later is computed then, and kept.
+    Far pairs need no closest points: their gap may be a lower bound that follows from an earlier
+    state. What is asked for later is computed then, and kept.
 
     Attributes:
         candidates: the n pairs.

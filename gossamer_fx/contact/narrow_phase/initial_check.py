@@ -10,8 +10,8 @@ from gossamer_fx.contact.arrays import Array, MaskArray
 from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.contact.narrow_phase.intersections import find_intersections
 
-# Gap of a point, over the activation distance, below which two layers count as one: contact could not
-# tell on which side of each other they are.
+# Gap of a point, over the activation distance, below which two layers count as one: contact could
+# not tell on which side of each other they are.
 COINCIDENT = 1e-6
 
 
@@ -33,7 +33,8 @@ def refuse_intersections(mesh: CollisionMesh, x: Array, comm: MPI.Intracomm) -> 
         return
     one, other, middle = next(example for _, example in counts if example)
     raise InputError(
-        f"Contact: layers penetrate each other at the start, {count} edges of the mesh, the first of '{one}' through "
+        f"Contact: layers penetrate each other at the start, {count} edges of the mesh, the first "
+        f"of '{one}' through "
         f"'{other}' near {_point(middle)} m; open them, or leave one of the bodies out."
     )
 
@@ -41,7 +42,8 @@ def refuse_intersections(mesh: CollisionMesh, x: Array, comm: MPI.Intracomm) -> 
 def refuse_coincident(
     mesh: CollisionMesh, x: Array, nearest: Array, activation_distance: float
 ) -> None:
-    """Raise `InputError` where body points touch something at the start, or are within it; collective.
+    """Raise `InputError` where body points touch something at the start, or are within it;
+    collective.
 
     Args:
         mesh: with m points.
@@ -57,16 +59,18 @@ def refuse_coincident(
     name, point = first
     raise InputError(
         f"Contact: {count} points of '{name}' and others touch something at the start, or are "
-        f"within it, the first at {_point(point)} m; open the layers by a little, or tie them there."
+        f"within it, the first at {_point(point)} m; open the layers by a little, or tie them "
+        "there."
     )
 
 
 def refuse_points_inside(mesh: CollisionMesh, x: Array) -> None:
-    """Raise `InputError` where points (m, 3) [m] of bodies are inside a box at the start; collective.
+    """Raise `InputError` where points (m, 3) [m] of bodies are inside a box at the start;
+    collective.
 
-    The surface of a box keeps points apart on both sides, so that a body within it would be taken for one that
-    is kept there.  Spheres and cylinders are a radius round a point or an axis: `refuse_coincident` finds their
-    points.
+    The surface of a box keeps points apart on both sides, so that a body within it would be taken
+    for one that is kept there.  Spheres and cylinders are a radius round a point or an axis:
+    `refuse_coincident` finds their points.
     """
     triangles = mesh.surface.triangles
     is_of_box = triangles[:, 0] >= mesh.points.body_count
@@ -86,7 +90,8 @@ def refuse_points_inside(mesh: CollisionMesh, x: Array) -> None:
             name, point = first_inside
             raise InputError(
                 f"Contact: {count} points of '{name}' and others are inside the box "
-                f"'{mesh.names[box]}' at the start, the first at {_point(point)} m; move one of them, or give the "
+                f"'{mesh.names[box]}' at the start, the first at {_point(point)} m; move one of "
+                "them, or give the "
                 "box inside=True to keep bodies within it."
             )
 

@@ -1,8 +1,8 @@
 """Edges that intersect triangles, decided exactly.
 
-The sign of a volume says on which side of a plane a point lies.  Layers that are pressed together lie on
-each other to round-off, where double precision may give any sign; there the volume is computed in
-fractions.  An edge that only touches a triangle does not intersect it.
+The sign of a volume says on which side of a plane a point lies.  Layers that are pressed together
+lie on each other to round-off, where double precision may give any sign; there the volume is
+computed in fractions.  An edge that only touches a triangle does not intersect it.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ def find_intersections(
 
 
 def _floating_point_answers(surface: CollisionPrimitives, x: Array, near: Int32Array) -> ByteArray:
-    """Return for pairs (k, 2) of edges and triangles whether they intersect (k,), as far as is known."""
+    """Return for pairs (k, 2) of edges and triangles whether they intersect (k,), as far as is
+    known."""
     c = library()
     check_indices("The points of edges", surface.edges, len(x))
     check_indices("The points of triangles", surface.triangles, len(x))
@@ -79,7 +80,8 @@ def intersects_exactly(ends: Array, corners: Array) -> bool:
     # Both ends are on one side of the plane, or one end is on it.
     if below * above >= 0:
         return False
-    # The line of the edge passes through the triangle if it turns the same way about all three sides.
+    # The line of the edge passes through the triangle if it turns the same way about all three
+    # sides.
     around = [corners[0], corners[1], corners[2], corners[0]]
     turns = {sign_of_volume(np.vstack([ends, side])) for side in pairwise(around)}
     return len(turns) == 1 and 0 not in turns

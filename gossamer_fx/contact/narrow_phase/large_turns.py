@@ -1,8 +1,9 @@
 """Bodies that turn so far in a step that straight lines do not approximate their motion.
 
-Collision detection lets points move on straight lines from the start to the end of a step.  A film that
-turns by θ about its middle is shorter by the factor cos(θ/2) on the way, so that with a large angle it
-shrinks past what it would hit.  Such a step is refused where something else is within reach.
+Collision detection lets points move on straight lines from the start to the end of a step.  A film
+that turns by θ about its middle is shorter by the factor cos(θ/2) on the way, so that with a large
+angle it shrinks past what it would hit.  Such a step is refused where something else is within
+reach.
 """
 
 from __future__ import annotations
@@ -21,12 +22,12 @@ from gossamer_fx.contact.narrow_phase.closest_points import PairDistances
 from gossamer_fx.contact.pair_table import is_wall
 from gossamer_fx.contact.system_view import ContactAssembly
 
-# Angle [rad] between two bodies in one step up to which straight lines are accepted: they are shorter
-# than the arcs by an eighth of the radius.  Deployments turn by a tenth of it in a step.
+# Angle [rad] between two bodies in one step up to which straight lines are accepted: they are
+# shorter than the arcs by an eighth of the radius.  Deployments turn by a tenth of it in a step.
 MAX_TURN = 1.0
 
-# Part of the moments of a body that is added to all directions, so that points on a line, which have no
-# turn about it, are not given one.
+# Part of the moments of a body that is added to all directions, so that points on a line, which
+# have no turn about it, are not given one.
 LINE_REGULARISATION = 1e-6
 
 
@@ -45,7 +46,15 @@ class _Turn:
     def angle_to(self, other: _Turn) -> float:
         """Return by which angle [rad] one turns relative to the other."""
         cosine = (np.sum(self.rotation * other.rotation) - 1) / 2
-        return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        return float(
+            np.arccos(
+                np.clip(
+                    cosine,
+                    -1.0,
+                    1.0,
+                )
+            )
+        )
 
 
 STAYS = _Turn(np.eye(3), np.zeros((2, 3)))
@@ -97,15 +106,29 @@ class LargeTurns:
         own, _ = self._mesh.own_points()
         body = self._mesh.body[own]
         self._points = [own[body == k] for k in range(count)]
-        turns = [self._turn(k, distances.x, x1) for k in range(count)]
+        turns = [
+            self._turn(
+                k,
+                distances.x,
+                x1,
+            )
+            for k in range(count)
+        ]
         for one, other in permutations(range(count), 2):
             angle = turns[one].angle_to(turns[other])
-            # Of two bodies the one that turns in space is named.  Obstacles do not touch each other.
+            # Of two bodies the one that turns in space is named.  Obstacles do not touch each
+            # other.
             turns_itself = turns[one].angle_to(STAYS) > MAX_TURN / 2
             can_touch = min(one, other) < body_count
             if not (angle > MAX_TURN and turns_itself and can_touch):
                 continue
-            if self._may_meet(one, other, turns[one], distances, x1):
+            if self._may_meet(
+                one,
+                other,
+                turns[one],
+                distances,
+                x1,
+            ):
                 return (
                     f"'{self._mesh.names[one]}' would turn by {np.degrees(angle):.0f}° past "
                     f"'{self._mesh.names[other]}' in one step"
@@ -116,7 +139,11 @@ class LargeTurns:
         """Return how a body or obstacle turns in a step."""
         if k < len(self._mesh.bodies):
             points = self._points[k]
-            return _best_turn(x0[points], x1[points], self._mesh.comm)
+            return _best_turn(
+                x0[points],
+                x1[points],
+                self._mesh.comm,
+            )
         body = self._rigid_bodies[k]
         if body is None:
             return STAYS
@@ -131,14 +158,31 @@ class LargeTurns:
     ) -> bool:
         """Return whether a body or obstacle that turns may meet another on its way; collective."""
         touching = min(one, other)  # a body on a mesh
-        gap = self._gap_to_walls(touching, max(one, other), distances)
-        if gap < self._radius(touching, turn, distances.x, x1):
+        gap = self._gap_to_walls(
+            touching,
+            max(one, other),
+            distances,
+        )
+        if gap < self._radius(
+            touching,
+            turn,
+            distances.x,
+            x1,
+        ):
             return True
         mine = self._points[one]
         others = self._points[other]
         if not (self._has_corners[one] and self._has_corners[other]):
             return False
-        reach = self._radius(one, turn, distances.x, x1) + self._activation_distance
+        reach = (
+            self._radius(
+                one,
+                turn,
+                distances.x,
+                x1,
+            )
+            + self._activation_distance
+        )
         thickness = [self._mesh.radius[points].max(initial=0.0) for points in (mine, others)]
         reach += float(maximum_over_ranks(self._mesh.comm, np.array(thickness)).sum())
         ends = np.vstack([distances.x[others], x1[others]])
@@ -161,7 +205,8 @@ class LargeTurns:
         return float(self._mesh.comm.allreduce(own, op=MPI.MAX))
 
     def _gap_to_walls(self, body: int, obstacle: int, distances: PairDistances) -> float:
-        """Return the least gap [m] of a body to the walls of an obstacle at the start; collective."""
+        """Return the least gap [m] of a body to the walls of an obstacle at the start;
+        collective."""
         if not self._has_walls[obstacle]:
             return np.inf
         pairs = distances.candidates
@@ -172,7 +217,8 @@ class LargeTurns:
 
 
 def _best_turn(start: Array, end: Array, comm: MPI.Intracomm) -> _Turn:
-    """Return the rotation that brings points (n, 3) [m] of all ranks nearest to their end (n, 3) [m].
+    """Return the rotation that brings points (n, 3) [m] of all ranks nearest to their end (n, 3)
+    [m].
 
     Collective.  W. Kabsch, Acta Cryst. A 32 (1976) 922, doi:10.1107/S0567739476001873.
     """

@@ -3,8 +3,10 @@
 
 #include <string.h>
 
-/* The tangent x,s or x,r of a strip at a point, from the derivatives (k) of its nodes' functions there. */
-static void tangent_at(const ring_strips *ring, const int32_t *nodes, const double *slopes, const double *x,
+/* The tangent x,s or x,r of a strip at a point, from the derivatives (k) of its nodes' functions
+   there. */
+static void tangent_at(const ring_strips *ring, const int32_t *nodes, const double *slopes,
+                       const double *x,
                        double *tangent)
 {
     tangent[0] = tangent[1] = tangent[2] = 0;
@@ -38,7 +40,8 @@ void add_ring_gradient(const ring_strips *ring, const double *x, double *gradien
     }
 }
 
-/* Add the cross product with a vector, as a matrix, to the columns of a node in the three rows of a block. */
+/* Add the cross product with a vector, as a matrix, to the columns of a node in the three rows of a
+   block. */
 static void add_cross_matrix(const double *a, ptrdiff_t width, double *columns)
 {
     columns[1] -= a[2];
@@ -49,7 +52,8 @@ static void add_cross_matrix(const double *a, ptrdiff_t width, double *columns)
     columns[2 * width + 1] += a[0];
 }
 
-void ring_tangent(const ring_strips *ring, const ring_rows *rows, const double *x, double scale, double *blocks)
+void ring_tangent(const ring_strips *ring, const ring_rows *rows, const double *x, double scale,
+                  double *blocks)
 {
     const ptrdiff_t k = ring->node_count;
     const ptrdiff_t width = 3 * k;

@@ -1,10 +1,13 @@
-/* Ring kernel: the gradient of the volume that the strips of a ring close, and its derivative; see gas/ring.py, (1) to (3).
+/* Ring kernel: the gradient of the volume that the strips of a ring close, and its derivative; see
+   gas/ring.py, (1) to (3).
 
-   The C compiler reads this file, and so does cffi, without the preprocessor's lines (forms/c_source.py).  Python
-   checks lengths, types and writability of all arrays, and the range of all indices, before it calls a function.
-   Shapes stand in brackets; arrays are stored row by row.
+   The C compiler reads this file, and so does cffi, without the preprocessor's lines
+   (forms/c_source.py).  Python checks lengths, types and writability of all arrays, and the range
+   of all indices, before it calls a function. Shapes stand in brackets; arrays are stored row by
+   row.
 
-   n strips of a ring with m nodes; k nodes of a strip; g quadrature points of a strip.  Lengths in metres. */
+   n strips of a ring with m nodes; k nodes of a strip; g quadrature points of a strip.  Lengths in
+   metres. */
 #ifndef GOSSAMER_RING_H
 #define GOSSAMER_RING_H
 
@@ -31,7 +34,9 @@ typedef struct {
 /* Add G of (2) at the positions x (m, 3) to the gradient (m, 3) [m^2]. */
 void add_ring_gradient(const ring_strips *ring, const double *x, double *gradient);
 
-/* Set the blocks (r, 3, 3 k) to scale times the derivative of G of each row by the nodes of its strip, at x (m, 3). */
-void ring_tangent(const ring_strips *ring, const ring_rows *rows, const double *x, double scale, double *blocks);
+/* Set the blocks (r, 3, 3 k) to scale times the derivative of G of each row by the nodes of its
+   strip, at x (m, 3). */
+void ring_tangent(const ring_strips *ring, const ring_rows *rows, const double *x, double scale,
+                  double *blocks);
 
 #endif

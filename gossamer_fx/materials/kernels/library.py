@@ -15,6 +15,7 @@ SOURCES = ("relaxed_film.c", "strain_path.c", "orthotropic.c")
 
 
 def library(comm: MPI.Intracomm = MPI.COMM_SELF) -> CLibrary:
-    """Return the C functions; the first call compiles them on rank 0 of `comm` and is collective."""
+    """Return the C functions; the first call compiles them on rank 0 of `comm` and is
+    collective."""
     definitions = ["KERNELS_TAKE_DATA"] if KERNELS_TAKE_DATA else []
     return loaded_library(comm, "orthotropic", HEADER, SOURCES, definitions)

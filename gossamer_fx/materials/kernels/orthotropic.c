@@ -24,7 +24,8 @@
 /* Numbers of a response and of a law at a point. */
 enum { RESPONSE = 12, LAW = 7 };
 
-/* Changes of strain below this part of the strains' squares, or of this square, need no correction. */
+/* Changes of strain below this part of the strains' squares, or of this square, need no correction.
+   */
 static const double SMALLEST_CHANGE = 1e-10;
 static const double SMALLEST_SQUARE = 1e-40;
 /* Round-off of a difference of energies, over their sum. */
@@ -66,8 +67,10 @@ static void to_frame(const film_law *law, const film_response *response, double 
     memcpy(values + 3, full, sizeof full);
 }
 
-/* Mix the response of relaxed film with that of taut film at the strain e, whose derivative has a weight. */
-static void add_residual(const film_law *law, const double *e, double derivative_weight, film_response *response)
+/* Mix the response of relaxed film with that of taut film at the strain e, whose derivative has a
+   weight. */
+static void add_residual(const film_law *law, const double *e, double derivative_weight,
+                         film_response *response)
 {
     const double u = law->residual;
     if (u == 0) return;
@@ -95,7 +98,8 @@ static void response_at(const film_law *law, const double *e, film_response *res
 }
 
 /* The stress at the end of a path in the frame of the film. */
-static void end_stress_in_frame(const film_law *law, const averaged_film *average, const double *e1, double *S)
+static void end_stress_in_frame(const film_law *law, const averaged_film *average, const double *e1,
+                                double *S)
 {
     double at_end[3];
     double taut[3];
@@ -108,10 +112,12 @@ static void end_stress_in_frame(const film_law *law, const averaged_film *averag
     S[2] = c * s * (at_end[0] - at_end[1]) + (c * c - s * s) * at_end[2];
 }
 
-/* Add the energy that an averaged stress misses along the change of strain d, as terms/discrete_gradient.py does for
-   other laws: S += (missing/|d|^2) d with missing = W(e1) - W(e0) - S.d.  The derivative of that is not symmetric.  All
-   is in the frame of the film: strains e0 and e1, stress at the end, and values (12). */
-static void add_correction(double missing, double noise, const double *e0, const double *e1, const double *end_stress,
+/* Add the energy that an averaged stress misses along the change of strain d, as
+   terms/discrete_gradient.py does for other laws: S += (missing/|d|^2) d with missing = W(e1) -
+   W(e0) - S.d.  The derivative of that is not symmetric.  All is in the frame of the film: strains
+   e0 and e1, stress at the end, and values (12). */
+static void add_correction(double missing, double noise, const double *e0, const double *e1,
+                           const double *end_stress,
                            double *values)
 {
     double d[3];
@@ -132,7 +138,8 @@ static void add_correction(double missing, double noise, const double *e0, const
     }
 }
 
-static void average_at_point(const film_law *law, const double *start, const double *end, double *values)
+static void average_at_point(const film_law *law, const double *start, const double *end,
+                             double *values)
 {
     double e0[3];
     double e1[3];
@@ -159,7 +166,8 @@ static void average_response(CELL_ARGUMENTS)
     const int points = (int)constants[0];
     for (int k = 0; k < points; k++) {
         const film_law law = law_of(arguments + 6 * points + LAW * k);
-        average_at_point(&law, arguments + 3 * k, arguments + 3 * (points + k), values + RESPONSE * k);
+        average_at_point(&law, arguments + 3 * k, arguments + 3 * (points + k),
+                         values + RESPONSE * k);
     }
 }
 

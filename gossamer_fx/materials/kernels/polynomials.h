@@ -1,4 +1,5 @@
-/* Values and derivatives of polynomials by Horner's rule; coefficients begin with that of the zeroth power. */
+/* Values and derivatives of polynomials by Horner's rule; coefficients begin with that of the
+   zeroth power. */
 #ifndef GOSSAMER_POLYNOMIALS_H
 #define GOSSAMER_POLYNOMIALS_H
 
@@ -14,8 +15,8 @@ static inline double slope4(const double *a, double x) { return a[1] + x * (2 * 
 
 static inline double curvature4(const double *a, double x) { return 2 * a[2] + x * (6 * a[3] + x * 12 * a[4]); }
 
-/* Halley's step towards a root, whose errors fall by the third power; Newton's where they differ much: Halley's steps
-   vanish where the slope does. */
+/* Halley's step towards a root, whose errors fall by the third power; Newton's where they differ
+   much: Halley's steps vanish where the slope does. */
 static inline double halley_step(double value, double slope, double curvature)
 {
     const double square = slope * slope;

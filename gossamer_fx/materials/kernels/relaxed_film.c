@@ -6,20 +6,23 @@
 
 #include "polynomials.h"
 
-/* A compressive stress of this part of the largest stiffness is round-off.  Otherwise the state of an unstrained film
-   would be random, and its tangent with it. */
+/* A compressive stress of this part of the largest stiffness is round-off.  Otherwise the state of
+   an unstrained film would be random, and its tangent with it. */
 static const double ROUND_OFF = 1e-12;
 
-/* Halley's step, as an angle, that is the last one: the error that it leaves is of the order of its cube. */
+/* Halley's step, as an angle, that is the last one: the error that it leaves is of the order of its
+   cube. */
 static const double CONVERGED_STEP = 1e-5;
-/* Usual films need 2 to 4, braids with a condition of 300 up to 8; bisection alone would need 50. */
+/* Usual films need 2 to 4, braids with a condition of 300 up to 8; bisection alone would need 50.
+   */
 enum { MAX_ITERATIONS = 60 };
 /* From a direction nearby; where more are needed the bracket is safer. */
 enum { NEAR_ITERATIONS = 6 };
 /* tau of a direction across m, where e_tt is positive all around. */
 static const double LARGEST_TAU = 1e6;
 
-/* The wrinkle strain may be negative by this part of the strain before another maximum is looked for. */
+/* The wrinkle strain may be negative by this part of the strain before another maximum is looked
+   for. */
 static const double NEGATIVE_WRINKLE = 1e-9;
 /* Directions of the grid on which the largest maximum is looked for. */
 enum { GRID_DIRECTIONS = 48 };
@@ -63,7 +66,8 @@ static enum film_state film_state_at(const film_stiffness *C, const double *e)
     return WRINKLED;
 }
 
-/* ---- polynomials in a basis -------------------------------------------------------------------------------------- */
+/* ---- polynomials in a basis
+   -------------------------------------------------------------------------------------- */
 
 direction_basis basis_along(const film_stiffness *C, direction m)
 {
@@ -112,10 +116,11 @@ static inline direction turned(direction m, double tau)
     return unit(m.cosine - tau * m.sine, m.sine + tau * m.cosine);
 }
 
-/* ---- the direction of the tension -------------------------------------------------------------------------------- */
+/* ---- the direction of the tension
+   -------------------------------------------------------------------------------- */
 
-/* The root of P at which it falls, between low and high, by Halley's iteration that bisects the angle where a step
-   leaves the bracket. */
+/* The root of P at which it falls, between low and high, by Halley's iteration that bisects the
+   angle where a step leaves the bracket. */
 static double bracketed_root(const double *P, double low, double high)
 {
     double tau = 0;
@@ -160,7 +165,8 @@ static direction maximum_near_largest_strain(const film_stiffness *C, const doub
     return turned(basis.m, bracketed_root(P, -limit, limit));
 }
 
-/* The largest of all maxima: film whose shear stiffness is far above that of its axes may have two. */
+/* The largest of all maxima: film whose shear stiffness is far above that of its axes may have two.
+   */
 static direction largest_maximum(const film_stiffness *C, const double *e)
 {
     const direction_basis axes = basis_along(C, (direction){1, 0});
@@ -184,7 +190,8 @@ static direction largest_maximum(const film_stiffness *C, const double *e)
     return turned(basis.m, bracketed_root(P, -tan(spacing), tan(spacing)));
 }
 
-/* Whether the strain that wrinkles take up across t is not negative: then t is the direction of the tension. */
+/* Whether the strain that wrinkles take up across t is not negative: then t is the direction of the
+   tension. */
 static int is_solution(const film_stiffness *C, const double *e, direction t)
 {
     const double c2 = t.cosine * t.cosine;
@@ -220,15 +227,18 @@ direction tension_direction_near(const film_stiffness *C, const double *e, direc
         tau -= step;
     }
     if (!(fabs(step) <= CONVERGED_STEP)) return tension_direction(C, e);
-    /* Equation (1) is convex: a stationary point whose wrinkles are not negative is the solution. */
+    /* Equation (1) is convex: a stationary point whose wrinkles are not negative is the solution.
+       */
     const direction t = turned(basis.m, tau);
     return is_solution(C, e, t) ? t : tension_direction(C, e);
 }
 
-/* ---- stress and energy ------------------------------------------------------------------------------------------- */
+/* ---- stress and energy
+   ------------------------------------------------------------------------------------------- */
 
 /* e_tt, or zero where that is negative, and the inverse of F_tt. */
-static void along(const film_stiffness *C, const double *e, direction t, double *strain, double *inverse_F)
+static void along(const film_stiffness *C, const double *e, direction t, double *strain,
+                  double *inverse_F)
 {
     const double c2 = t.cosine * t.cosine;
     const double s2 = t.sine * t.sine;
@@ -256,11 +266,12 @@ void wrinkled_stress(const film_stiffness *C, const double *e, direction t, doub
     S[2] = tension * t.cosine * t.sine;
 }
 
-/* W is the maximum over tau of f = e_tt^2/(2 F_tt): S = df/de, D = d2f/de2 - (d2f/de dtau)^2/(d2f/dtau2).  With the
-   tension s = e_tt/F_tt and T = t x t,
+/* W is the maximum over tau of f = e_tt^2/(2 F_tt): S = df/de, D = d2f/de2 - (d2f/de
+   dtau)^2/(d2f/dtau2).  With the tension s = e_tt/F_tt and T = t x t,
 
        D = T T/F_tt - s v v/g,   v = T' - F'/(2 F) T,   g = e'' + s (F'^2/(4 F) - F''/2) < 0 */
-void add_wrinkled(const direction_basis *basis, const double *a, double tau, double weight, double derivative_weight,
+void add_wrinkled(const direction_basis *basis, const double *a, double tau, double weight,
+                  double derivative_weight,
                   film_response *sum)
 {
     const double strain = value2(a, tau);
@@ -269,7 +280,8 @@ void add_wrinkled(const direction_basis *basis, const double *a, double tau, dou
     const double tension = strain > 0 ? strain * inverse_F : 0;
     const double T[3] = {1, tau * tau, tau};
     const double v[3] = {-half_slope, 2 * tau - half_slope * T[1], 1 - half_slope * tau};
-    const double g = 2 * a[2] + strain * half_slope * half_slope - tension * curvature4(basis->F, tau) / 2;
+    const double g = 2 * a[2] + strain * half_slope * half_slope - tension * curvature4(basis->F,
+                                                                                        tau) / 2;
     const double turning = g < 0 ? -derivative_weight * tension / g : 0;
     const double stretching = derivative_weight * inverse_F;
     int k = 0;
@@ -279,7 +291,8 @@ void add_wrinkled(const direction_basis *basis, const double *a, double tau, dou
     }
 }
 
-/* The strains p = e1 + e2, q = e1 - e2 and r = 2 e12 turn simply: p stays, (q, r) turns by twice the angle. */
+/* The strains p = e1 + e2, q = e1 - e2 and r = 2 e12 turn simply: p stays, (q, r) turns by twice
+   the angle. */
 void add_from_basis(direction m, const film_response *in_basis, film_response *sum)
 {
     const double c = m.cosine * m.cosine - m.sine * m.sine;

@@ -1,6 +1,7 @@
 /* Film that bears no compression, in the axes of its stiffness.
 
-   Strain e = (E11, E22, 2 E12), stress S = C e of taut film, F the inverse of C.  The relaxed energy
+   Strain e = (E11, E22, 2 E12), stress S = C e of taut film, F the inverse of C.  The relaxed
+   energy
 
        W(e) = min over A >= 0 of (e + A):C:(e + A)/2 = max over S >= 0 of S:e - S:F:S/2
 
@@ -8,10 +9,12 @@
 
        taut      S = C e                      where C e >= 0 (as a matrix)
        slack     S = 0                        where e <= 0 (as a matrix)
-       wrinkled  S = e_tt/F_tt (t x t)        elsewhere, t the direction that maximises e_tt^2/F_tt where e_tt > 0
+       wrinkled  S = e_tt/F_tt (t x t)        elsewhere, t the direction that maximises e_tt^2/F_tt
+       where e_tt > 0
 
-   Directions are written as t = m + tau n, in a basis of a unit vector m and n across it.  The length of t drops out of
-   the stress.  Then e_tt is a quadratic polynomial of tau, F_tt a quartic one, and the maximum a root of the quartic
+   Directions are written as t = m + tau n, in a basis of a unit vector m and n across it.  The
+   length of t drops out of the stress.  Then e_tt is a quadratic polynomial of tau, F_tt a quartic
+   one, and the maximum a root of the quartic
 
        P(tau) = 2 e_tt' F_tt - e_tt F_tt'
 
@@ -38,8 +41,8 @@ typedef struct {
     double F[5];
 } direction_basis;
 
-/* Stress and its derivative by the strain, or averages of them.  The derivative is symmetric: D11, D12, D13, D22, D23,
-   D33. */
+/* Stress and its derivative by the strain, or averages of them.  The derivative is symmetric: D11,
+   D12, D13, D22, D23, D33. */
 typedef struct {
     double S[3];
     double D[6];
@@ -49,7 +52,8 @@ typedef struct {
 typedef struct {
     film_response response;
     double missing; /* energy that the average stress misses */
-    double energy;  /* energies of which `missing` is the difference; zero if the average is exact */
+    /* energies of which `missing` is the difference; zero if the average is exact */
+    double energy;
     double end_stress[3]; /* stress at the end of the path */
 } averaged_film;
 
@@ -85,8 +89,10 @@ double wrinkled_density(const film_stiffness *C, const double *e, direction t);
 /* The stress of it, S (3). */
 void wrinkled_stress(const film_stiffness *C, const double *e, direction t, double *S);
 
-/* Add stress and derivative of wrinkled film, times weights, in the basis; a (3) is the polynomial of its strain. */
-void add_wrinkled(const direction_basis *basis, const double *a, double tau, double weight, double derivative_weight,
+/* Add stress and derivative of wrinkled film, times weights, in the basis; a (3) is the polynomial
+   of its strain. */
+void add_wrinkled(const direction_basis *basis, const double *a, double tau, double weight,
+                  double derivative_weight,
                   film_response *sum);
 
 /* Add a response in a basis to one in the axes of the film. */
@@ -101,6 +107,7 @@ double relaxed_density(const film_stiffness *C, const double *e);
 void relaxed_response(const film_stiffness *C, const double *e, film_response *response);
 
 /* Stress averaged along the path from e0 to e1, and its derivative by e1. */
-void averaged_response(const film_stiffness *C, const double *e0, const double *e1, averaged_film *average);
+void averaged_response(const film_stiffness *C, const double *e0, const double *e1,
+                       averaged_film *average);
 
 #endif

@@ -1,8 +1,10 @@
-/* Average stress of film that bears no compression along a straight path of strain e0 + s (e1 - e0), 0 <= s <= 1.
+/* Average stress of film that bears no compression along a straight path of strain e0 + s (e1 -
+   e0), 0 <= s <= 1.
 
-   Taut and slack strains are cones, so that the path has at most one interval in each of them, whose ends are roots of
-   quadratics.  The average over a taut interval is exact.  In wrinkled intervals the stress is smooth, and Gauss points
-   serve, the more the farther the direction of the tension turns. */
+   Taut and slack strains are cones, so that the path has at most one interval in each of them,
+   whose ends are roots of quadratics.  The average over a taut interval is exact.  In wrinkled
+   intervals the stress is smooth, and Gauss points serve, the more the farther the direction of the
+   tension turns. */
 #include "relaxed_film.h"
 
 #include <math.h>
@@ -29,8 +31,8 @@ typedef struct {
     double energy;
 } wrinkled_end;
 
-/* The Gauss rule on -1 <= x <= 1 with eight points.  Vector instructions evaluate all of them at once, which costs less
-   than to find out how many are enough. */
+/* The Gauss rule on -1 <= x <= 1 with eight points.  Vector instructions evaluate all of them at
+   once, which costs less than to find out how many are enough. */
 enum { POINTS = 8 };
 static const double GAUSS_POINTS[POINTS] = {-0.96028985649753623, -0.79666647741362674, -0.52553240991632899,
                                             -0.18343464249564980, 0.18343464249564980,  0.52553240991632899,
@@ -39,20 +41,22 @@ static const double GAUSS_WEIGHTS[POINTS] = {0.10122853629037626, 0.222381034453
                                              0.36268378337836198, 0.36268378337836198, 0.31370664587788729,
                                              0.22238103445337447, 0.10122853629037626};
 
-/* Half the turn of the tension in an interval, as tau, above which its middle is where the tension has turned by
-   half. */
+/* Half the turn of the tension in an interval, as tau, above which its middle is where the tension
+   has turned by half. */
 static const double TURN_BY_ANGLE = 2e-2;
 
 /* An interval with a larger turn is halved first. */
 static const double LARGEST_TURN = 1;
 
-/* The energy that an average may miss, over that at both ends: more points, or shorter intervals, are taken beyond. */
+/* The energy that an average may miss, over that at both ends: more points, or shorter intervals,
+   are taken beyond. */
 static const double TOLERATED_DEFECT = 1e-8;
 
 /* How often an interval may be halved. */
 enum { MAX_HALVINGS = 6 };
 
-/* Halley's iterations for the directions at the points of a path, and the step that is the last one. */
+/* Halley's iterations for the directions at the points of a path, and the step that is the last
+   one. */
 enum { PATH_ITERATIONS = 4 };
 static const double CONVERGED_STEP = 1e-5;
 
@@ -65,7 +69,8 @@ static double fraction(double a, double b)
 
 static double cone_product(const double *a, const double *b) { return a[0] * b[0] - a[1] * b[1] - a[2] * b[2]; }
 
-/* The part of a straight path that lies in the cone h >= |d| of points (h, d) with three components. */
+/* The part of a straight path that lies in the cone h >= |d| of points (h, d) with three
+   components. */
 static interval within_cone(const double *first, const double *last)
 {
     const double q0 = cone_product(first, first);
@@ -85,7 +90,8 @@ static interval within_cone(const double *first, const double *last)
     /* Of the two forms of each root the one whose terms have the same sign. */
     double entry = B < 0 ? fraction(root - B, A) : fraction(-q0, B + root);
     double exit = B < 0 ? fraction(q0, root - B) : fraction(-B - root, A);
-    /* The cone ends where h = 0; a path along the border of the opposite cone has its roots in there. */
+    /* The cone ends where h = 0; a path along the border of the opposite cone has its roots in
+       there. */
     const double apex = fraction(first[0], first[0] - last[0]);
     if (first[0] < 0 && entry < apex) entry = apex;
     if (last[0] < 0 && exit > apex) exit = apex;
@@ -130,7 +136,8 @@ static wrinkled_end end_at(const strain_path *path, double s, const direction *n
     double e[3];
     strain_at(path, s, e);
     wrinkled_end end = {.s = s};
-    end.t = near == NULL ? tension_direction(path->C, e) : tension_direction_near(path->C, e, *near);
+    end.t = near == NULL ? tension_direction(path->C, e) : tension_direction_near(path->C, e,
+                                                                                  *near);
     end.energy = wrinkled_density(path->C, e, end.t);
     return end;
 }
@@ -164,16 +171,20 @@ static wrinkled_end border(const strain_path *path, double s, interval taut)
     return s == taut.start || s == taut.end ? taut_border(path, s) : slack_border(path, s);
 }
 
-/* Both ends of a wrinkled interval.  At borders the direction is known; those of the path begin from the other end. */
-static void find_ends(const strain_path *path, interval of, interval taut, wrinkled_end *start, wrinkled_end *end)
+/* Both ends of a wrinkled interval.  At borders the direction is known; those of the path begin
+   from the other end. */
+static void find_ends(const strain_path *path, interval of, interval taut, wrinkled_end *start,
+                      wrinkled_end *end)
 {
     const int ends_at_border = of.end < 1;
     if (ends_at_border) *end = border(path, of.end, taut);
-    *start = of.start > 0 ? border(path, of.start, taut) : end_at(path, 0, ends_at_border ? &end->t : NULL);
+    *start = of.start > 0 ? border(path, of.start, taut) : end_at(path, 0,
+                                                                  ends_at_border ? &end->t : NULL);
     if (!ends_at_border) *end = end_at(path, 1, &start->t);
 }
 
-/* A wrinkled interval in the basis of its mean direction, from which the tension turns by -turn to turn. */
+/* A wrinkled interval in the basis of its mean direction, from which the tension turns by -turn to
+   turn. */
 typedef struct {
     double start, end; /* s */
     double turn;       /* tau at the end */
@@ -182,9 +193,10 @@ typedef struct {
     double P0[5], P_change[5]; /* slopes of them */
 } wrinkled_interval;
 
-/* An interval whose tension turns from a to b, by less than a right angle from their mean; t and -t are the same
-   direction, so that there are two ways. */
-static wrinkled_interval interval_from(const strain_path *path, const wrinkled_end *start, const wrinkled_end *end,
+/* An interval whose tension turns from a to b, by less than a right angle from their mean; t and -t
+   are the same direction, so that there are two ways. */
+static wrinkled_interval interval_from(const strain_path *path, const wrinkled_end *start,
+                                       const wrinkled_end *end,
                                        double sign)
 {
     const direction b = {sign * end->t.cosine, sign * end->t.sine};
@@ -203,18 +215,20 @@ static wrinkled_interval interval_from(const strain_path *path, const wrinkled_e
     return of;
 }
 
-static wrinkled_interval interval_between(const strain_path *path, const wrinkled_end *start, const wrinkled_end *end)
+static wrinkled_interval interval_between(const strain_path *path, const wrinkled_end *start,
+                                          const wrinkled_end *end)
 {
     const double cosine = start->t.cosine * end->t.cosine + start->t.sine * end->t.sine;
     const double sign = cosine < 0 ? -1 : 1;
     const wrinkled_interval of = interval_from(path, start, end, sign);
     /* The tension turns towards growing tau where P_change > 0. */
     const int is_this_way = value4(of.P_change, -of.turn) * of.turn > 0;
-    return is_this_way || fabs(of.turn) < TURN_BY_ANGLE ? of : interval_from(path, start, end, -sign);
+    return is_this_way || fabs(of.turn) < TURN_BY_ANGLE ? of : interval_from(path, start, end,
+                                                                             -sign);
 }
 
-/* Directions tau (POINTS) of the tension at the points s (POINTS) of the path, from guesses.  Returns whether all of them
-   are found. */
+/* Directions tau (POINTS) of the tension at the points s (POINTS) of the path, from guesses.
+   Returns whether all of them are found. */
 static int find_directions(const wrinkled_interval *of, const double *s, double *tau)
 {
     double P[5][POINTS];
@@ -225,7 +239,8 @@ static int find_directions(const wrinkled_interval *of, const double *s, double 
         double steps[POINTS];
         for (int k = 0; k < POINTS; k++) {
             const double at_point[5] = {P[0][k], P[1][k], P[2][k], P[3][k], P[4][k]};
-            steps[k] = halley_step(value4(at_point, tau[k]), slope4(at_point, tau[k]), curvature4(at_point, tau[k]));
+            steps[k] = halley_step(value4(at_point, tau[k]), slope4(at_point, tau[k]),
+                                   curvature4(at_point, tau[k]));
             tau[k] -= steps[k];
         }
         is_found = 1;
@@ -235,7 +250,8 @@ static int find_directions(const wrinkled_interval *of, const double *s, double 
 }
 
 /* The same one by one, without guesses. */
-static void search_directions(const strain_path *path, const wrinkled_interval *of, const double *s, double *tau)
+static void search_directions(const strain_path *path, const wrinkled_interval *of, const double *s,
+                              double *tau)
 {
     const direction m = of->basis.m;
     for (int k = 0; k < POINTS; k++) {
@@ -249,8 +265,10 @@ static double sum_of(const double *values)
     return ((values[0] + values[4]) + (values[2] + values[6])) + ((values[1] + values[5]) + (values[3] + values[7]));
 }
 
-/* Add the responses at the points s (POINTS) of the path, with their weights: `add_wrinkled` for all points at once. */
-static void add_points(const wrinkled_interval *of, const double *s, const double *tau, const double *weights,
+/* Add the responses at the points s (POINTS) of the path, with their weights: `add_wrinkled` for
+   all points at once. */
+static void add_points(const wrinkled_interval *of, const double *s, const double *tau,
+                       const double *weights,
                        film_response *sum)
 {
     double terms[9][POINTS];
@@ -313,7 +331,8 @@ static wrinkled_end middle_of(const strain_path *path, const wrinkled_interval *
     return (wrinkled_end){s, of->basis.m, wrinkled_density(path->C, e, of->basis.m)};
 }
 
-static void add_wrinkled_interval(const strain_path *path, wrinkled_end start, wrinkled_end end, int halvings)
+static void add_wrinkled_interval(const strain_path *path, wrinkled_end start, wrinkled_end end,
+                                  int halvings)
 {
     const wrinkled_interval of = interval_between(path, &start, &end);
     /* Changes of e_mm, e_nn and 2 e_mn, on which the stress of the basis does its work. */
@@ -360,7 +379,8 @@ static void sort(double *numbers, int count)
 
 static int contains(interval of, double s) { return of.start < s && s < of.end; }
 
-void averaged_response(const film_stiffness *C, const double *e0, const double *e1, averaged_film *average)
+void averaged_response(const film_stiffness *C, const double *e0, const double *e1,
+                       averaged_film *average)
 {
     memset(average, 0, sizeof *average);
     strain_path path = {C, e0, e1, average, 0};

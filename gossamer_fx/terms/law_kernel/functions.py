@@ -1,8 +1,9 @@
-"""Functions of a law in the cells of a mesh, compiled: mean stress and its derivatives, and energy density.
+"""Functions of a law in the cells of a mesh, compiled: mean stress and its derivatives, and energy
+density.
 
-A law depends on the strains at the start and at the end of a step, on constants, and on functions such
-as a thickness that differs from cell to cell.  FFCx compiles its UFL expressions into C functions; the
-law kernel calls these by their addresses.
+A law depends on the strains at the start and at the end of a step, on constants, and on functions
+such as a thickness that differs from cell to cell.  FFCx compiles its UFL expressions into C
+functions; the law kernel calls these by their addresses.
 """
 
 from __future__ import annotations

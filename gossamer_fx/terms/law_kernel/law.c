@@ -1,5 +1,5 @@
-/* Responses of a law at quadrature points, and the choice of strains: see law.h, and terms/element_energies.py for the
-   iteration of which this is a part. */
+/* Responses of a law at quadrature points, and the choice of strains: see law.h, and
+   terms/element_energies.py for the iteration of which this is a part. */
 #include "law.h"
 
 #include <math.h>
@@ -7,10 +7,12 @@
 
 /* The functions that FFCx makes have an argument more from version 0.10 on. */
 #ifdef KERNELS_TAKE_DATA
-typedef void (*tabulate)(double *, const double *, const double *, const double *, const int *, const uint8_t *, void *);
+typedef void (*tabulate)(double *, const double *, const double *, const double *, const int *,
+                         const uint8_t *, void *);
 #define NO_DATA , NULL
 #else
-typedef void (*tabulate)(double *, const double *, const double *, const double *, const int *, const uint8_t *);
+typedef void (*tabulate)(double *, const double *, const double *, const double *, const int *,
+                         const uint8_t *);
 #define NO_DATA
 #endif
 
@@ -18,7 +20,8 @@ static inline double larger(double a, double b) { return a > b ? a : b; }
 
 static ptrdiff_t response_size(const point_law *law) { return law->strain_size * (law->strain_size + 1); }
 
-/* Copy the strains of one cell, at the start and of the iterate, and its other values into the pool. */
+/* Copy the strains of one cell, at the start and of the iterate, and its other values into the
+   pool. */
 static void fill_pool(const point_law *law, ptrdiff_t cell)
 {
     const ptrdiff_t m = law->strain_size;
@@ -31,11 +34,13 @@ static void fill_pool(const point_law *law, ptrdiff_t cell)
         memcpy(strain + k * m, law->strain + rows[k] * m, strain_bytes);
     }
     double *others = strain + law->point_count * m;
-    memcpy(others, law->others + cell * law->other_count, (size_t)law->other_count * sizeof(double));
+    memcpy(others, law->others + cell * law->other_count,
+           (size_t)law->other_count * sizeof(double));
 }
 
 /* Evaluate a function in one cell, whose values are in the pool: values (value_count). */
-static void call(const point_law *law, const cell_function *f, ptrdiff_t cell, double *values, ptrdiff_t value_count)
+static void call(const point_law *law, const cell_function *f, ptrdiff_t cell, double *values,
+                 ptrdiff_t value_count)
 {
     for (int i = 0; i < f->argument_count; i++) law->arguments[i] = law->pool[f->arguments[i]];
     /* Functions of FFCx add to what is there. */
@@ -64,7 +69,8 @@ static void respond(const point_law *law, ptrdiff_t cell)
     call(law, f, cell, law->cell_values, law->point_count * size);
     const int32_t *rows = law->rows + cell * law->point_count;
     for (ptrdiff_t k = 0; k < law->point_count; k++)
-        memcpy(law->response + rows[k] * size, law->cell_values + k * size, (size_t)size * sizeof(double));
+        memcpy(law->response + rows[k] * size, law->cell_values + k * size,
+               (size_t)size * sizeof(double));
 }
 
 void evaluate_responses(const point_law *law)
@@ -82,8 +88,8 @@ void evaluate_density(const point_law *law, const cell_function *density, double
     }
 }
 
-/* Solve the equations A x = b with A (m, m) and b in the last column of rows (m, m + 1); x replaces b.  Returns 0 if A
-   is singular. */
+/* Solve the equations A x = b with A (m, m) and b in the last column of rows (m, m + 1); x replaces
+   b.  Returns 0 if A is singular. */
 static int solve(double *rows, ptrdiff_t m)
 {
     const ptrdiff_t width = m + 1;
@@ -117,8 +123,10 @@ static double largest_stiffness(const double *D, ptrdiff_t m)
     return largest;
 }
 
-/* Forecast stress, stiffness and change of strain of one point (forecast, m + 2); the strain becomes the linear one. */
-static void forecast_point(const double *linear, double *strain, const double *response, ptrdiff_t m, double *forecast)
+/* Forecast stress, stiffness and change of strain of one point (forecast, m + 2); the strain
+   becomes the linear one. */
+static void forecast_point(const double *linear, double *strain, const double *response,
+                           ptrdiff_t m, double *forecast)
 {
     const double *S = response;
     const double *D = response + m;
@@ -133,8 +141,10 @@ static void forecast_point(const double *linear, double *strain, const double *r
     memcpy(strain, linear, (size_t)m * sizeof(double));
 }
 
-/* k of equation (5) where the strain of a point is to be chosen, zero where it stays the linear one. */
-static double choice_stiffness(const strain_choice *choice, const double *response, const double *forecast,
+/* k of equation (5) where the strain of a point is to be chosen, zero where it stays the linear
+   one. */
+static double choice_stiffness(const strain_choice *choice, const double *response,
+                               const double *forecast,
                                ptrdiff_t m, ptrdiff_t row)
 {
     double error = 0;
@@ -143,7 +153,8 @@ static double choice_stiffness(const strain_choice *choice, const double *respon
         error = larger(error, fabs(response[i] - forecast[i]));
         size = larger(size, larger(fabs(response[i]), fabs(forecast[i])));
     }
-    const double k = choice->stiffness_ratio * larger(forecast[m], largest_stiffness(response + m, m));
+    const double k = choice->stiffness_ratio * larger(forecast[m], largest_stiffness(response + m,
+                                                                                     m));
     const int is_far = error > choice->trigger * size && k > 0;
     choice->fruitless[row] += is_far && error > choice->fruitful_ratio * choice->last_error[row];
     choice->last_error[row] = is_far ? error : INFINITY;
@@ -151,7 +162,8 @@ static double choice_stiffness(const strain_choice *choice, const double *respon
 }
 
 /* Move the strain of a point from the linear one towards the one that has the forecast stress. */
-static void move_strain(const strain_choice *choice, const double *response, const double *forecast, ptrdiff_t m,
+static void move_strain(const strain_choice *choice, const double *response, const double *forecast,
+                        ptrdiff_t m,
                         double k, double *strain)
 {
     const ptrdiff_t width = m + 1;

@@ -13,7 +13,8 @@ HEADER = Path(__file__).parent / "law.h"
 
 
 def library(comm: MPI.Intracomm = MPI.COMM_SELF) -> CLibrary:
-    """Return the C functions; the first call compiles them on rank 0 of `comm` and is collective."""
+    """Return the C functions; the first call compiles them on rank 0 of `comm` and is
+    collective."""
     # Kernels of newer versions of dolfinx have one argument more.
     definitions = ["KERNELS_TAKE_DATA"] if KERNELS_TAKE_DATA else []
     return loaded_library(comm, "law", HEADER, ["law.c"], definitions)

@@ -1,4 +1,5 @@
-"""A law with several states at the quadrature points of a rank: responses, and the choice of strains.
+"""A law with several states at the quadrature points of a rank: responses, and the choice of
+strains.
 
 Films that wrinkle have several states.  Full elements (`terms.element_energies`) and sampled ones
 (`reduction.points`) both evaluate them here, so that they have the same iterations.  The loops over
@@ -20,12 +21,13 @@ from gossamer_fx.model.body import Array, Indices
 from gossamer_fx.terms.law_kernel.functions import CellFunction, LawFunctions
 from gossamer_fx.terms.law_kernel.library import library
 
-# k of equation (5) of `terms.element_energies`, as a fraction of the largest stiffness at the point.
+# k of equation (5) of `terms.element_energies`, as a fraction of the largest stiffness at the
+# point.
 STRAIN_CHOICE_STIFFNESS = 0.03
 # Relative error of the linearised stress from which a strain is chosen by (5).
 STRAIN_CHOICE_TRIGGER = 0.1
-# How often in a step a strain may be chosen at one point without the error falling: beyond that the point
-# would cycle, or creep where the film is almost slack.
+# How often in a step a strain may be chosen at one point without the error falling: beyond that the
+# point would cycle, or creep where the film is almost slack.
 MAX_FRUITLESS_CHOICES = 5
 # A choice is fruitless unless the error falls below this part of the last one.
 FRUITFUL_ERROR_RATIO = 0.9
@@ -67,7 +69,8 @@ class PointLaw:
         self._cells = cells
         self._may_choose = may_choose
         self._c = library(functions.strain.function_space.mesh.comm)
-        # For each compiled function the constants as the kernel reads them, and views of their values
+        # For each compiled function the constants as the kernel reads them, and views of their
+        # values
         self._constants: list[tuple[Array, list[Array]]] = []
         # Objects at which the kernel points: Python must not free them.
         self._kept: list[Any] = []
@@ -78,7 +81,7 @@ class PointLaw:
         self._choice = self._c.struct("strain_choice", self._choice_members())
         self.begin_step()
 
-    # ---- a step --------------------------------------------------------------------------------------
+    # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self) -> None:
         """Start a step: read constants and functions again, and forget all choices."""
@@ -124,7 +127,7 @@ class PointLaw:
         out = self._c.array("density", values, "float64", (self._count,), writable=True)
         self._c.lib.evaluate_density(self._law.pointer, self._density, out)
 
-    # ---- what the kernel reads -----------------------------------------------------------------------
+    # ---- what the kernel reads -------------------------------------------------------------------
 
     @property
     def _count(self) -> int:
@@ -137,7 +140,8 @@ class PointLaw:
         return self._values.strain.shape[1]
 
     def _number_values(self) -> None:
-        """Number the values in a cell of all functions on which the law depends; strains come first."""
+        """Number the values in a cell of all functions on which the law depends; strains come
+        first."""
         law = self._functions
         everything = [*law.responses, law.density]
         if law.sort is not None:
@@ -181,7 +185,8 @@ class PointLaw:
         }
 
     def _members(self) -> dict[str, Any]:
-        """Members of the struct `point_law` of law.h; it points at arrays that stay where they are."""
+        """Members of the struct `point_law` of law.h; it points at arrays that stay where they
+        are."""
         ffi = self._c.ffi
         values = self._values
         law = self._functions

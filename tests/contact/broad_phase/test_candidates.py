@@ -1,4 +1,5 @@
-"""Candidates are complete while points are within their bounds, and few where points move together."""
+"""Candidates are complete while points are within their bounds, and few where points move
+together."""
 
 from __future__ import annotations
 

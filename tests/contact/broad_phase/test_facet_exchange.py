@@ -1,4 +1,5 @@
-"""Each rank knows its own facets and those near them, and together the ranks find the pairs of one rank."""
+"""Each rank knows its own facets and those near them, and together the ranks find the pairs of one
+rank."""
 
 from __future__ import annotations
 
@@ -42,7 +43,8 @@ def test_no_rank_knows_all_facets(comm):
     if comm.size == 1:
         assert foreign_count == 0
         return
-    # Of the films of other ranks a strip along the boundary is near: a third of the rank's own points at most.
+    # Of the films of other ranks a strip along the boundary is near: a third of the rank's own
+    # points at most.
     assert 0 < foreign_count < own_count / 3
     assert len(mesh.known.points) < 0.9 * whole
     # The unknowns that are fetched in each iteration are those of the known points.
@@ -58,7 +60,8 @@ def test_ranks_find_the_pairs_that_one_rank_finds(comm):
     assert len(np.unique(found)) == len(found)
     expected = contact_set_of(alone).candidates.identifier
     assert len(expected) > 100
-    # Bounds of trajectories depend on round-off, so that a pair at the limit may be found by one search only.
+    # Bounds of trajectories depend on round-off, so that a pair at the limit may be found by one
+    # search only.
     difference = np.setxor1d(found, expected)
     assert len(difference) <= 0.001 * len(expected)
 

@@ -16,7 +16,8 @@ TURN = RigidDrift(
 
 
 def drifted(drift: RigidDrift, x: np.ndarray, time: float) -> np.ndarray:
-    """Return where points x (n, 3) are at a time [s] by the drift alone: many short midpoint steps."""
+    """Return where points x (n, 3) are at a time [s] by the drift alone: many short midpoint
+    steps."""
     # Midpoint steps rotate exactly in norm; 20000 of them give the angle to 1e-9.
     count = 20000
     step = (time - drift.time) / count

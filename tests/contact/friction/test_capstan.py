@@ -1,4 +1,5 @@
-"""A cable with friction round a drum: the capstan equation, and a rest in which contact carries all load."""
+"""A cable with friction round a drum: the capstan equation, and a rest in which contact carries all
+load."""
 
 from __future__ import annotations
 
@@ -26,7 +27,8 @@ HOLDING = 1.0
 
 
 def wrapped_cable(pull):
-    """Return a run of a cable that lies on a drum, and the cable; its ends are pulled, one of them more."""
+    """Return a run of a cable that lies on a drum, and the cable; its ends are pulled, one of them
+    more."""
     arc = RADIUS * WRAP
     s = np.linspace(-arc / 2 - TAIL, arc / 2 + TAIL, 17)
     angle = np.clip(s, -arc / 2, arc / 2) / RADIUS

@@ -1,4 +1,5 @@
-"""Friction of contact: closed forms of sliding, stopping and sticking; conservation; rolling of a ball."""
+"""Friction of contact: closed forms of sliding, stopping and sticking; conservation; rolling of a
+ball."""
 
 from __future__ import annotations
 
@@ -187,7 +188,8 @@ def test_films_rub_on_solids_of_a_free_body(kind) -> None:
 @pytest.mark.mpi
 @pytest.mark.parametrize("μ", [0.0, 0.5])
 def test_a_ball_on_a_film_turns_by_friction_alone(comm, μ) -> None:
-    """It is thrown along a free film and presses on it: what it loses along the film, it gains as rotation."""
+    """It is thrown along a free film and presses on it: what it loses along the film, it gains as
+    rotation."""
     m = 1e-3
     r = 0.01
     bag = film(comm, name="bag")

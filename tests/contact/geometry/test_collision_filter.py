@@ -1,4 +1,5 @@
-"""Contact of films that are tied along a line: they are connected there, and touch everywhere else."""
+"""Contact of films that are tied along a line: they are connected there, and touch everywhere
+else."""
 
 from __future__ import annotations
 
@@ -37,7 +38,8 @@ def leaf(comm, n=4, *, angle=0.0, spin=0.0, order=1, name="leaf", shift=0.0):
 @pytest.mark.mpi
 @pytest.mark.parametrize("n, order", [(4, 1), (6, 1), (3, 2)])
 def test_leaves_clap_together_about_the_line_on_which_they_are_tied(comm, n, order):
-    """The mesh of the second is the same on the line, finer without a common multiple, or of order two."""
+    """The mesh of the second is the same on the line, finer without a common multiple, or of order
+    two."""
     lower = leaf(
         comm,
         order=order,
@@ -108,7 +110,8 @@ def test_leaves_that_are_nearer_than_the_distance_open_freely(comm):
 
 @pytest.mark.mpi
 def test_films_and_a_cable_on_one_line_and_a_line_that_is_tied_to_a_tied_one(comm):
-    """The third film is tied to the second, and this to the first; the cable is tied to the third."""
+    """The third film is tied to the second, and this to the first; the cable is tied to the
+    third."""
     films = [
         leaf(
             comm,

@@ -1,4 +1,5 @@
-"""The C files of the package: each compiles by itself without a warning, and constants agree with Python."""
+"""The C files of the package: each compiles by itself without a warning, and constants agree with
+Python."""
 
 from __future__ import annotations
 

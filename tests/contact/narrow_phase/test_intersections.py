@@ -1,4 +1,5 @@
-"""Intersections of edges and triangles compared with all pairs, exact where double precision is not sufficient."""
+"""Intersections of edges and triangles compared with all pairs, exact where double precision is not
+sufficient."""
 
 from __future__ import annotations
 
@@ -47,8 +48,8 @@ def test_intersections_are_those_of_all_pairs() -> None:
 
 
 def test_intersections_of_what_touches_are_exact() -> None:
-    """Corners on a coarse grid, where every second volume is zero, also turned, far off, and shifted
-    by the last bits."""
+    """Corners on a coarse grid, where every second volume is zero, also turned, far off, and
+    shifted by the last bits."""
     surface, x = triangle_soup(60, seed=4, size=0.5)
     x = np.round(4 * x) / 4
     pairs = separate_pairs(surface)
@@ -81,7 +82,8 @@ def test_signs_of_volumes_near_zero() -> None:
 
 
 def test_the_answer_follows_the_exact_sign_near_zero() -> None:
-    """An edge from above ends at a triangle, to the last bits: it intersects where its end is below."""
+    """An edge from above ends at a triangle, to the last bits: it intersects where its end is
+    below."""
     rng = np.random.default_rng(5)
     seen = set()
     points = np.arange(5, dtype=np.int32)
