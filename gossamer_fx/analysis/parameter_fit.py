@@ -327,8 +327,7 @@ def _check(
     check(
         bool(np.isfinite(y).all() and np.isfinite(σ).all() and (σ > 0).all()),
         f"{who}: measured and uncertainty have values that are not finite, or uncertainties that "
-        "are not positive; "
-        "correct them.",
+        "are not positive; correct them.",
     )
     count = sum(1 for _ in evaluate(problem.start))
     check(
