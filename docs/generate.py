@@ -335,8 +335,7 @@ def gallery() -> dict[str, str]:
     texts = {name: (title, text) for name, title, text in demos()}
     parts = [
         "# Gallery\n\nEach card opens the page of a demo, with its commands, its sources and a "
-        "notebook. "
-        "The times are of one core.\n"
+        "notebook. The times are of one core.\n"
     ]
     pages = {}
     for subject in subjects():

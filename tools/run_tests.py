@@ -32,8 +32,7 @@ def main(words: Sequence[str]) -> int:
         if words[1:2] != ["0.11"]:
             print(
                 "gossamer: test --with needs a version of dolfinx that PyPI has in addition to the "
-                "usual "
-                "one: ./gossamer test --with 0.11",
+                "usual one: ./gossamer test --with 0.11",
                 file=sys.stderr,
             )
             return 2

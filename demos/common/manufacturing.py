@@ -114,8 +114,7 @@ def stations(length: float, panels: int, shifts: Sequence[float] = ()) -> Array:
     check(
         bool((np.diff(ends) > 0).all()),
         f"The folds of a tube of {length:g} m are at {ends[1:-1].tolist()} m; give a smaller "
-        "scatter of their "
-        "positions.",
+        "scatter of their positions.",
     )
     return ends
 

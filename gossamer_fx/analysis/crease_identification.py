@@ -316,8 +316,7 @@ def _check_measurements(W: Array, θ: Array, d: Array) -> None:
     check(
         W.ndim == 1 and len(W) >= 2 and W.shape == θ.shape == d.shape,
         f"identify_crease: there are {W.size} weights, {θ.size} angles and {d.size} distances; "
-        "give as many of each, "
-        "two or more.",
+        "give as many of each, two or more.",
     )
     check(
         bool(np.isfinite([W, θ, d]).all() and (W >= 0).all()),

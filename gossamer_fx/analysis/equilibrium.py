@@ -499,8 +499,7 @@ class Equilibrium:
                     f"No equilibrium after {self._iterations} Newton iterations in {self._steps} "
                     "pseudo-steps: the "
                     f"unbalanced force is {residual:.1e} of the load, pseudo-step {h:.1e} s, "
-                    "largest in "
-                    f"{self.system.locate(self._residual)}; last failure: {reason}."
+                    f"largest in {self.system.locate(self._residual)}; last failure: {reason}."
                     f"{remedies(self.system, self.chambers)}"
                 )
 

@@ -255,7 +255,13 @@ def _solve(
 
     who = problem.who
     y = np.array(measured, dtype=float)
-    σ = np.broadcast_to(np.asarray(uncertainty, dtype=float), y.shape)
+    given = np.asarray(uncertainty, dtype=float)
+    check(
+        given.ndim == 0 or given.shape == y.shape,
+        f"{who}: there are {given.size} uncertainties and {len(y)} measured values; give one "
+        "number, or one for each value.",
+    )
+    σ = np.broadcast_to(given, y.shape)
     _check(problem, evaluate, y, σ, iterations, tolerance)
 
     def residuals(x: Array) -> Array:
@@ -327,8 +333,7 @@ def _check(
     check(
         bool(np.isfinite(y).all() and np.isfinite(σ).all() and (σ > 0).all()),
         f"{who}: measured and uncertainty have values that are not finite, or uncertainties that "
-        "are not positive; "
-        "correct them.",
+        "are not positive; correct them.",
     )
     count = sum(1 for _ in evaluate(problem.start))
     check(

@@ -89,8 +89,7 @@ class SearchProgress:
             f"{state.tolerance:.0e}, "
             f"iteration {state.iterations} of at most {state.limit}, pseudo-step {state.steps} of "
             f"{state.step:.1e} s, pseudo-time {state.pseudo_time:.1e} s, {elapsed:.0f} s so far, "
-            "at most "
-            f"{remaining:.0f} s left"
+            f"at most {remaining:.0f} s left"
         )
 
     def close(self) -> None:

@@ -67,8 +67,7 @@ def gradient(source: Equilibrium | RunTape, *, of: Objective, by: Sequence[str])
     check(
         isinstance(of, Objective),
         f"gradient: of is {of!r}, which has no derivative; give a Position, Integral, "
-        "EnclosedVolume, Energy or "
-        "Functional.",
+        "EnclosedVolume, Energy or Functional.",
     )
     if isinstance(source, RunTape):
         return TransientGradients(source, by).of(of)

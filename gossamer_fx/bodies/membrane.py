@@ -113,8 +113,7 @@ class Membrane(Meshed):
         check(
             order >= domain.geometry.cmap.degree,
             f"Membrane '{name}': a film of order {order} cannot take the curved shape of a mesh of "
-            "order "
-            f"{domain.geometry.cmap.degree} without stress; use order=2, or mesh with plane "
+            f"order {domain.geometry.cmap.degree} without stress; use order=2, or mesh with plane "
             "triangles.",
         )
         self.name, self.law, self.order, self.comm = name, law, order, domain.comm

@@ -299,8 +299,7 @@ class Plate(Membrane):
             self.comm,
             bool((np.linalg.norm(np.cross(left, right), axis=1) < FLAT).all()),
             f"Plate '{self.name}': its mesh is curved, or folded elsewhere than at its hinges; "
-            "mesh its flat "
-            "development, and give the shape as rest_curvature and displacement.",
+            "mesh its flat development, and give the shape as rest_curvature and displacement.",
         )
 
     def _rest(self, given: Any) -> Expr:
@@ -313,8 +312,7 @@ class Plate(Membrane):
             check(
                 tensor.shape == (3, 3),
                 f"{what} is not an array (3, 3) of real numbers; give a tensor in 1/m, a function "
-                "of the "
-                "points, or those of groups.",
+                "of the points, or those of groups.",
             )
             given = _Uniform(tensor)
         H = cellwise(self.mesh, given, np.zeros((3, 3)), (3, 3), what)

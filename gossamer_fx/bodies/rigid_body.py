@@ -71,8 +71,8 @@ class RigidBody:
 
     Raises:
         InputError: mass or inertia not positive definite, an inertia that no body has, or an
-            attitude that is no rotation.  (A plate without thickness has a director without mass,
-            which the constraints determine.)
+            attitude that is not a rotation.  (A plate without thickness has a director without
+            mass, which the constraints determine.)
 
     Example:
         >>> top = gx.RigidBody(2.0, (0.1, 0.1, 0.2), spin=(0.0, 0.0, 3.0), comm=comm)

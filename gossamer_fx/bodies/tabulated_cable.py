@@ -270,8 +270,7 @@ def _check_table(strain: Array, force: Array) -> None:
     check(
         strain.ndim == 1 and strain.shape == force.shape and len(strain) >= 2,
         f"TabulatedCable: strain has the shape {strain.shape} and force {force.shape}; give two "
-        "columns of "
-        "equal length with two points or more.",
+        "columns of equal length with two points or more.",
     )
     bad = np.flatnonzero(np.diff(strain) <= 0)
     check(
@@ -290,8 +289,7 @@ def _check_table(strain: Array, force: Array) -> None:
     check(
         not len(falls),
         f"TabulatedCable: the force falls from point {_first(falls)} to the next; give forces that "
-        "do not fall "
-        "with the strain.",
+        "do not fall with the strain.",
     )
     at_rest = float(np.interp(0.0, strain, force))
     largest = float(np.abs(force).max())

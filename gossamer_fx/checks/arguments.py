@@ -88,8 +88,8 @@ class Kind:
 def check_arguments[T: Callable[..., Any]](thing: T) -> T:
     """Let a class or function check its arguments before it acts; a decorator.
 
-    Of a class the arguments of its constructor are checked.  A subclass that defines a constructor
-    of its own needs the decorator, too.
+    Of a class the arguments of its constructor are checked.  A subclass with another constructor
+    needs the decorator, too.
 
     Raises, when the class or function is called:
         InputError: an argument that is missing, unknown, or not of the type in its annotation.

@@ -153,7 +153,11 @@ def _with_values(words: Sequence[str]) -> list[str]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    """The parser of all commands; each one sets the function that runs it."""
+    """The parser of all commands.
+
+    Commands that read or make runs set the function that runs them; `main` itself runs demo,
+    validate and doctor, and their entries here serve `--help`.
+    """
     parser = _Parser(prog="gossamer", description="Run a scene, and look at what it did.")
     parser.add_argument("--version", action="version", version=f"gossamer_fx {VERSION}")
     commands = parser.add_subparsers(
@@ -295,7 +299,9 @@ def _parser() -> argparse.ArgumentParser:
         "validate", help="compare predictions with measurements of a case of a clone, or of a file"
     )
     validate.add_argument("case", metavar="NAME", help="case, TOML file, or all")
-    validate.add_argument("arguments", nargs="*", help="see gossamer validate --help")
+    validate.add_argument(
+        "arguments", nargs="*", help="--quick, --only, --set, --sensitivity, --store, --out"
+    )
     commands.add_parser("doctor", help="show the versions of everything, and check that it works")
     return parser
 
@@ -327,8 +333,7 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         # Rank 0 decides, as other ranks may see the folder later.
         comm.bcast(free),
         f"'{folder}' holds a run already; give another folder with --output, go on with --restart, "
-        "or replace it with "
-        "--overwrite.",
+        "or replace it with --overwrite.",
     )
     case = _case(wanted, comm)
     if wanted.dry_run:
@@ -453,8 +458,7 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     check(
         isinstance(design, RobustDesign | Factorial),
         f"'{path}' has no SWEEP; let it be a gx.sweep.RobustDesign or gx.sweep.Factorial, or vary "
-        "the "
-        "arguments of a scene file with --over.",
+        "the arguments of a scene file with --over.",
     )
     if isinstance(design, Factorial):
         sweep = design

@@ -55,8 +55,7 @@ def launch(ranks: int, program: Sequence[str]) -> int:
     if mpirun is None:
         print(
             f"gossamer: there is no mpirun in the folder of {sys.executable} or on PATH, which "
-            f"{ranks} ranks "
-            "need; install the MPI of mpi4py, or activate its environment.",
+            f"{ranks} ranks need; install the MPI of mpi4py, or activate its environment.",
             file=sys.stderr,
         )
         return 1

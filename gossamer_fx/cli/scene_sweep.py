@@ -90,8 +90,7 @@ def check_same_scene(comm: MPI.Intracomm, path: Path, folder: Path) -> None:
             check(
                 about.get("sha256") == digest,
                 f"'{folder}' holds runs of '{about.get('file')}' as it was before a change, or of "
-                "another "
-                "scene; give another folder with --output, or remove this one.",
+                "another scene; give another folder with --output, or remove this one.",
             )
         else:
             replace_file(mark, json.dumps({"file": str(path), "sha256": digest}))

@@ -88,7 +88,11 @@ class Crease:
     name: str = "crease"
 
     def __post_init__(self) -> None:
-        """Check the arguments and the edges.  Collective."""
+        """Check the arguments, and that the group has edges between two triangles.  Collective.
+
+        Raises:
+            InputError: an argument is not what its description asks.
+        """
         check_positive(self, "stiffness", "N m/m/rad")
         who = f"Crease '{self.name}'"
         check(
@@ -116,8 +120,7 @@ class Crease:
         check(
             not isinstance(self.body, Plate) or self.edges in self.body.hinges,
             f"{who}: the plate '{self.body.name}' transmits bending at '{self.edges}' itself; give "
-            "it "
-            f"hinges=['{self.edges}'].",
+            f"it hinges=['{self.edges}'].",
         )
 
     def _check_edges(self, who: str) -> None:
@@ -143,8 +146,7 @@ class Crease:
         check(
             unknown == 0,
             f"{who}: the mesh of '{self.body.name}' was distributed without neighbours; read it "
-            "with read_mesh or "
-            "gmsh_mesh.",
+            "with read_mesh or gmsh_mesh.",
         )
         check_on_all(
             self.body.comm,

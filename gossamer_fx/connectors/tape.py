@@ -108,8 +108,7 @@ class Tape:
         check(
             len(bars) > 0,
             f"Tape '{name}' on '{body.name}': the group '{edges}' has no edges of the mesh; put a "
-            "line of its "
-            "edges into the group.",
+            "line of its edges into the group.",
         )
         midpoints = (x[ends[:, 0]] + x[ends[:, 1]]) / 2
         _refuse_edges_without_length(body, edges, own, midpoints, name)

@@ -116,8 +116,7 @@ class EdgeRotation:
             self.plate.comm,
             is_right and bool(np.linalg.norm(d, axis=0).all()),
             f"'{self.name}': its direction at t = {t:.6g} s is not finite, or zero, somewhere, or "
-            "of shape "
-            f"{d.shape} instead of {X.shape}; correct its function.",
+            f"of shape {d.shape} instead of {X.shape}; correct its function.",
         )
         unit_directions: Array = (d / np.linalg.norm(d, axis=0)).T
         return unit_directions

@@ -84,8 +84,7 @@ class RigidRegion:
         check(
             not isinstance(self.body, Beam),
             f"RigidRegion: '{self.body.name}' is a beam, whose sections are rigid by themselves; "
-            "use "
-            "their frame.",
+            "use their frame.",
         )
         check_support("RigidRegion", self.body, self.group, self.fixed_components or (0,))
         if not self.name:
@@ -230,7 +229,14 @@ class RigidRegion:
         yield self._carrier
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The constraints of the nodes, and the support of the piece."""
+        """The constraints that couple the nodes to the rigid piece, and the support of that piece.
+
+        Nodes that slide in a plane stay in the plane of the piece, which has three directors.  In
+        all other cases each node coincides with its point of the piece.
+
+        Args:
+            start: state of the scene in which the region is rigid from then on.
+        """
         if self.fixed_components:
             piece = self._carrier
             # The components of the position and of all directors.

@@ -65,7 +65,14 @@ class Tie:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check bodies and groups, and name the tie after them if it has no name."""
+        """Check bodies and groups, and name the tie after them if it has no name.
+
+        The nodes of any group of `a` may be tied, to points of one line of `b`.
+
+        Raises:
+            InputError: a body that cannot be tied, a group that does not exist, or a line that is
+                tied to itself.
+        """
         sides = ((self.a, self.group_a), (self.b, self.group_b))
         for body, group in sides:
             check(
@@ -130,8 +137,7 @@ class Tie:
             comm,
             far <= COINCIDE,
             f"'{self.name}': nodes of the first are up to {far:.3g} m away from the second line at "
-            "the start; let them "
-            "lie on it.",
+            "the start; let them lie on it.",
         )
         numbers = index_map.local_to_global(own)
         pairs = []

@@ -127,8 +127,7 @@ class Contact:
             check(
                 not is_given_before,
                 f"Contact '{self.name}': '{getattr(body, 'name', body)}' is given twice; give it "
-                "once, which "
-                "covers its contact with itself.",
+                "once, which covers its contact with itself.",
             )
             if isinstance(body, Obstacle):
                 continue
@@ -149,8 +148,7 @@ class Contact:
         check(
             not unknown,
             f"Contact '{self.name}': radius is given for {', '.join(map(repr, unknown))}, which is "
-            "not among its "
-            "bodies; give the names of films, cables and beams of this contact.",
+            "not among its bodies; give the names of films, cables and beams of this contact.",
         )
         return [self._radius(body, float(given.get(body.name, 0.0))) for body in self.bodies]
 

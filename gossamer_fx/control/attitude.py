@@ -295,8 +295,7 @@ class AttitudeControl:
         check(
             len(frame.directors) >= 2,
             f"'{name}' acts on something without position gradient; give the frame of a rigid body "
-            "or beam, or a patch "
-            "of a film.",
+            "or beam, or a patch of a film.",
         )
         check(
             math.isfinite(period) and period >= 0,
@@ -311,8 +310,7 @@ class AttitudeControl:
         check(
             bool((self.stiffness >= 0).all() and (self.damping >= 0).all()),
             f"'{name}': gains {self.stiffness.tolist()} N m/rad and {self.damping.tolist()} N m "
-            "s/rad; none may be "
-            "negative.",
+            "s/rad; none may be negative.",
         )
         self.axes = _three_by_three(axes)
         is_orthonormal = np.allclose(self.axes.T @ self.axes, np.eye(3), atol=ORTHONORMALITY)

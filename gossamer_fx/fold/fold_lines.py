@@ -124,8 +124,7 @@ def find_lines(folds: Map, mesh: Mesh) -> list[FoldLine]:
         mesh.comm,
         bool(np.isfinite(shut).all() and np.isfinite(ajar).all()),
         f"{folds.called}: nodes of the mesh lie where the map folds nothing, as within its hub; "
-        "mesh the film of the "
-        "map.",
+        "mesh the film of the map.",
     )
     _refuse_cut_triangles(folds, mesh, X[corners], shut[corners])
     # Steps 2 and 3

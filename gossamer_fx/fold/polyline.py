@@ -313,8 +313,7 @@ class Roll(Strip):
         self._check(
             self.radius > 0 and spacing <= 2 * self.radius / 3,
             f"rows {spacing:.3g} m apart do not go round a radius of {self.radius:g} m; give more "
-            "bends or a larger "
-            "radius.",
+            "bends or a larger radius.",
         )
 
     @property

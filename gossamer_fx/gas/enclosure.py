@@ -233,8 +233,7 @@ class FilmEnclosure:
             check(
                 found == len(loop.vertices),
                 f"Chamber '{self.chamber}': its ring '{ring.edges}' is not a boundary of its "
-                "surface; "
-                "give the groups of triangles on one side of it.",
+                "surface; give the groups of triangles on one side of it.",
             )
             # The strips pass the edges of the ring against the film, as a neighbour triangle would.
             sign = -float(np.sign(film_direction))
@@ -247,8 +246,7 @@ class FilmEnclosure:
             comm,
             bool(((count == 0) | (count == 2)).all()),
             f"Chamber '{self.chamber}': the surface of '{self.film.name}' is open; close it, name "
-            "the groups of "
-            "triangles that bound the chamber, or span holes by rings.",
+            "the groups of triangles that bound the chamber, or span holes by rings.",
         )
         check_on_all(
             comm,

@@ -355,8 +355,7 @@ class GasNetwork:
             if volume <= 0 or pressure <= 0:
                 return (
                     f"'{state.chamber.name}' would have a volume of {volume:.3g} m³ and a pressure "
-                    "of "
-                    f"{pressure:.3g} Pa"
+                    f"of {pressure:.3g} Pa"
                 )
         return ""
 

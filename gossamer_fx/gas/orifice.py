@@ -225,8 +225,7 @@ class WallHeat:
         check(
             0 <= self.conductance < math.inf and 0 < self.temperature < math.inf,
             f"WallHeat '{self.name}': conductance {self.conductance!r} W/K and temperature "
-            f"{self.temperature!r} K must "
-            "be positive.",
+            f"{self.temperature!r} K must be positive.",
         )
 
     def requires(self) -> Iterable[Any]:

@@ -289,8 +289,7 @@ class SewnEnclosure:
             check(
                 sign != 0,
                 f"Chamber '{self.chamber}': no seam joins '{film.name}' to the other films; sew it "
-                "to them, or "
-                "leave it out.",
+                "to them, or leave it out.",
             )
         strip_signs = []
         for seam, (line_a, line_b), (d_a, d_b) in zip(self.seams, lines, passed, strict=True):

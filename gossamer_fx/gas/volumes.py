@@ -231,8 +231,7 @@ def _enclosure(
         check(
             not (surface or rings),
             f"Chamber '{chamber}': seams are given together with surface or rings; sew all of the "
-            "film, or "
-            "leave them out.",
+            "film, or leave them out.",
         )
         films = (enclosure,) if isinstance(enclosure, Membrane) else tuple(enclosure)
         return SewnEnclosure(films, seams, chamber)

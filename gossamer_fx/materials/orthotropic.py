@@ -167,8 +167,7 @@ class LinearOrthotropic(FilmLaw):
         check(
             self.nu12**2 < self.E1 / self.E2,
             f"{law}: nu12 is {self.nu12!r}, so that the stiffness is not positive definite; give "
-            "less than "
-            f"√(E1/E2) = {math.sqrt(self.E1 / self.E2):.6g} in size.",
+            f"less than √(E1/E2) = {math.sqrt(self.E1 / self.E2):.6g} in size.",
         )
         self._check_direction()
 
@@ -188,8 +187,7 @@ class LinearOrthotropic(FilmLaw):
             check(
                 is_vector and bool(numbers.any()),
                 f"{type(self).__name__}: direction{where} is {vector!r}; give a vector of three "
-                "numbers that is "
-                "not zero.",
+                "numbers that is not zero.",
             )
 
     @classmethod

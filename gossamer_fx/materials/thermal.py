@@ -81,8 +81,7 @@ class ThermalExpansion:
             check(
                 abs(alpha) <= MAX_ALPHA,
                 f"ThermalExpansion: alpha is {alpha!r} 1/K; give at most {MAX_ALPHA:g}, e.g. 20e-6 "
-                "for 20 parts "
-                "per million and kelvin.",
+                "for 20 parts per million and kelvin.",
             )
         check(
             self.reference >= 0,

@@ -57,8 +57,7 @@ class Elements:
         check(
             self.e >= 0 and self.e != 1 and self.a * (1 - self.e) > 0,
             f"Elements: a is {self.a!r} m and e is {self.e!r}; give an ellipse (a > 0, e < 1) or a "
-            "hyperbola (a < 0, "
-            "e > 1).",
+            "hyperbola (a < 0, e > 1).",
         )
         check(
             0 <= self.i <= math.pi,

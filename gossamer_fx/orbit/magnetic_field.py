@@ -42,8 +42,7 @@ class Igrf:
         check(
             bool(epochs[0] <= year <= epochs[-1]),
             f"The magnetic field is known from {epochs[0]:.0f} to {epochs[-1]:.0f}, not in "
-            f"{year!r}; give a year "
-            "between them.",
+            f"{year!r}; give a year between them.",
         )
         # The interval of epochs; the last year belongs to the last interval.
         following = np.searchsorted(epochs, year, side="right")

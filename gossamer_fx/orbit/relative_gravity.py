@@ -208,8 +208,7 @@ class CompiledOrbit(
         check(
             system.rule.alpha == 0.5,
             f"'{terms[0].name}' flies by the midpoint rule only; run its scene with Midpoint, and "
-            "give an "
-            "equilibrium its light by gx.orbit.Sunlight.",
+            "give an equilibrium its light by gx.orbit.Sunlight.",
         )
         self._system = system
         self.name = terms[0].name

@@ -235,8 +235,7 @@ class SolarHeating:
         check(
             film.full is film,
             f"'{self.name}': the film '{film.name}' is a reduced one, whose triangles are samples; "
-            "heat the "
-            "film itself.",
+            "heat the film itself.",
         )
         self._check_numbers()
         # Weak keys: an item does not keep the compiled scenes of earlier runs in memory.
@@ -259,8 +258,7 @@ class SolarHeating:
         check(
             0 <= self.shadow_pixels <= MAX_SHADOW_PIXELS,
             f"'{self.name}': shadow_pixels is {self.shadow_pixels!r}; give pixels across the film, "
-            "at most "
-            f"{MAX_SHADOW_PIXELS}, or zero.",
+            f"at most {MAX_SHADOW_PIXELS}, or zero.",
         )
         check(
             self.initial_temperature is not None or self.film.thermal is not None,

@@ -97,8 +97,7 @@ def cut(
     check(
         same,
         f"'{folder}' was replaced since the checkpoint was written: its step {steps} is not at t = "
-        f"{time:.9g} s; "
-        f"{_REMEDY}",
+        f"{time:.9g} s; {_REMEDY}",
     )
     for name, length in lengths.items():
         os.truncate(folder / name, length)

@@ -112,8 +112,7 @@ class Progress:
             )
         summary = (
             f"{run.step} steps in {run.seconds:.1f} s, {run.iterations / steps:.1f} iterations a "
-            "step, "
-            f"{run.substeps} steps rejected; {closes}"
+            f"step, {run.substeps} steps rejected; {closes}"
         )
         if run.totals.mass:
             summary += f", gas mass to {run.mass_error:.1e}"

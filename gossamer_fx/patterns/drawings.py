@@ -284,7 +284,15 @@ def _check_names(panels: Sequence[Panel], path: str) -> None:
 
 
 def _build(model: Any, panels: Sequence[Panel], size: float) -> None:
-    """The panels as a gmsh model."""
+    """Put the panels into a gmsh model as plane surfaces, and mesh them.
+
+    Neighbouring panels share no edge: seams join them later.
+
+    Args:
+        model: of gmsh; it gets the groups "film", each panel, each layer and "panel/layer".
+        panels: with loops of curves [m], of which the first is the outer one.
+        size: of the cells [m].
+    """
     geo = model.geo
     on_layer: dict[str, list[int]] = {}
     surfaces = {}

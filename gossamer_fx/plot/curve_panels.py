@@ -125,7 +125,7 @@ def overlay_curves(run: RunReader, series: Sequence[MeasuredSeries]) -> Curves:
 
     Args:
         run: with these probes.
-        series: measured.
+        series: measured, at least one, with times [s].
     """
     probes = _thinned(run.table("probes.csv"))
     end = max(float(probes["time"].max()), *(float(one.t.max()) for one in series))

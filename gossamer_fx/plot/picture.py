@@ -202,7 +202,8 @@ class Picture(DrawnRun):
         if self.section is not None and run.films:
             point, normal = self.section
             return PlaneCut(run, point, normal).views(frames)
-        # Cables and masses have no field that could give colours.
+        # Without films the shapes of cables and masses are drawn in one colour, and there is no
+        # section of them.
         colours = by_state(False)
         if run.films:
             colours = colouring(run, self.colour)

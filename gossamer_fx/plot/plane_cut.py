@@ -79,7 +79,15 @@ class PlaneCut:
         return Cut(float(self._run.times[frame]), all_ends, all_kinds)
 
     def views(self, frames: Sequence[int]) -> Views:
-        """The sections of some recorded states, at one scale, each in the middle of its image."""
+        """The sections of some recorded states, at one scale, each in the middle of its image.
+
+        Args:
+            frames: indices of the states, at least one.
+
+        Returns:
+            Images and captions; its size is that of the largest section, width and height [m], and
+            `draw` takes pixels per metre.
+        """
         cuts = [self.cut(frame) for frame in frames]
         size, middles = window(cuts)
 

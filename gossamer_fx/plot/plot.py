@@ -473,7 +473,7 @@ def _palette_colours(frames: Sequence[Any]) -> list[int]:
     """Red, green and blue of 255 colours of all frames, as one list.
 
     Each colour counts once, however many pixels it has: a few slack cells in one frame of a hundred
-    keep their blue.  White is left out, which is a colour of the palette by itself.
+    stay blue.  White is left out, which is a colour of the palette by itself.
     """
     from PIL import Image
 

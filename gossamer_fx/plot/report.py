@@ -209,8 +209,7 @@ def _status(about: Mapping[str, Any]) -> str:
             closes += f" of {largest}, {abs(numbers['energy defect']):.1e} J"
     words = (
         f"{status} at t = {numbers['time']:.6g} s of {numbers['until']:.6g} s, {numbers['steps']} "
-        "steps, "
-        f"{closes}"
+        f"steps, {closes}"
     )
     return f'<p class="{kind}">{escape(words)}</p>'
 

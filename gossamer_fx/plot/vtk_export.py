@@ -80,7 +80,15 @@ def export(run: RunReader, folder: str | Path) -> list[Path]:
 
 
 def _grids(run: RunReader, frame: int) -> Iterator[tuple[str, Grid]]:
-    """The parts of the scene in a recorded state, by names of files."""
+    """The parts of the scene in a recorded state, by names of files.
+
+    Args:
+        run: recorded.
+        frame: index of the state in `run.times`.
+
+    Yields:
+        Name of the file without its ending, and points [m], cells and arrays at points.
+    """
     for name, body in run.bodies.items():
         segment, step = body.at(frame)
         arrays = {with_unit(field): segment.components(field, step) for field in run.fields[name]}

@@ -256,13 +256,21 @@ def _scaled(
     fixed: Array,
     mass: float,
 ) -> Array:
-    """Components (n, 3 · snapshots) of the snapshots without the fixed modes, scaled.
+    """Components (n, 3 · snapshots) of the snapshots without the fixed modes, scaled.  Collective.
+
+    The columns of a snapshot are its components across the mean plane and along two axes in it.
 
     Displacements in the mean plane of the film are smaller than those across it, by the ratio of
     the height of a wave to its length, but the whole stiffness of the film resists them: a basis
     without them locks.  Both parts are therefore brought to the same size.  Measured on the sail of
     `demos/reduced_sail.py`: 40 modes without scaling predict another flight five times less
     accurately, and switch at random between taut and wrinkled.
+
+    Args:
+        film: with n nodes on this rank.
+        snapshots: positions (n, 3) [m] each.
+        fixed: modes (n, k), orthogonal with respect to the mass, of modal mass `mass`.
+        mass: of the film [kg].
     """
     times = len(snapshots)
     product = scalar_mass_times(film, fixed)

@@ -79,8 +79,7 @@ class RecordedShapes:
             part = _Part(comm, path)
             other_mesh = (
                 f"RecordedShapes: '{path}' is of another mesh than '{body.name}'; give the film "
-                "that was "
-                "recorded."
+                "that was recorded."
             )
             displacements = fetch(comm, self._names(part.X), part.displacements, names, other_mesh)
             by_time = displacements.reshape(owned, len(part.times), 3).transpose(1, 0, 2)

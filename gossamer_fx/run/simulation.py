@@ -233,7 +233,11 @@ class Simulation:
         restart: str | Path,
         changes: Sequence[str],
     ) -> list[tuple[str, dict[str, Any]]]:
-        """Restore the state of a checkpoint.
+        """Restore the state of a checkpoint.  Collective.
+
+        Args:
+            restart: file of the checkpoint, or a folder, of which the newest one is taken.
+            changes: names of the items whose arguments may differ from those in the checkpoint.
 
         Returns:
             Kinds of the outputs, and their positions in their files.

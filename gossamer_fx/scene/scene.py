@@ -84,8 +84,7 @@ class Scene:
         if not isinstance(item, Item):
             raise InputError(
                 f"{item!r} is not an item of a scene; give bodies, gas parts, loads, constraints "
-                "or "
-                "connectors."
+                "or connectors."
             )
         check(
             any(isinstance(item, part) for part in BRINGS.values()),

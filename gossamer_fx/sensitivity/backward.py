@@ -149,8 +149,7 @@ class BackwardSteps:
         if forces > MAX_RESIDUAL * max(scale, TINY):
             raise StepFailure(
                 f"gradient: the step from t = {start.time:.9g} s cannot be repeated, its residual "
-                "is "
-                f"{forces / max(scale, TINY):.1e} of its momenta; an event or a change of a "
+                f"is {forces / max(scale, TINY):.1e} of its momenta; an event or a change of a "
                 "parameter between steps "
                 "has no gradient."
             )

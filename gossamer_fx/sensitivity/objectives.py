@@ -287,8 +287,7 @@ class CrossingTime:
         check(
             self.has_passed(values),
             f"CrossingTime: the result does not pass {self.value!r}; in the recorded steps it is "
-            "between "
-            f"{min(values):.6g} and {max(values):.6g}.",
+            f"between {min(values):.6g} and {max(values):.6g}.",
         )
         last = len(times) - 1
         before, after = np.asarray(values[-2:]) - self.value

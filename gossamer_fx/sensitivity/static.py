@@ -58,8 +58,7 @@ class StaticGradients:
         check(
             not system.scalar_unknowns,
             "gradient: the gas of a chamber at equilibrium depends on how it got there; give the "
-            "pressure as "
-            "Pressure, or take the gradient of a run.",
+            "pressure as Pressure, or take the gradient of a run.",
         )
         self._equilibrium = equilibrium
         self._system = system

@@ -437,8 +437,7 @@ def _find(
     check(
         bool(found),
         f"gradient: '{item_name}' has no parameter '{what}' that results can be derived by; it "
-        "has: "
-        f"{', '.join(_names_of(system, item, in_time, scalars)) or 'none'}.",
+        f"has: {', '.join(_names_of(system, item, in_time, scalars)) or 'none'}.",
     )
     unit = found[0][1].unit
     coefficients = {id(p.source): p.source for _, p in found if not isinstance(p.source, str)}

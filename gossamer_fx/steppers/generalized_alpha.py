@@ -95,8 +95,7 @@ class GeneralizedAlpha:
         check(
             not system.active_sets,
             "GeneralizedAlpha: the scene has contact, in which this method neither conserves "
-            "energy nor "
-            "reports what it loses; use Midpoint, or leave the contact out.",
+            "energy nor reports what it loses; use Midpoint, or leave the contact out.",
         )
         return GeneralizedAlphaSolver(system, self.spectral_radius, self.tolerances)
 

@@ -339,8 +339,7 @@ class PointConstraints(
             check(
                 violation <= MAX_INITIAL_VIOLATION,
                 f"'{term.name}' does not hold at the start: it is off by {violation:.3g}; let the "
-                "joined points "
-                "coincide.",
+                "joined points coincide.",
             )
             check(
                 rate <= MAX_INITIAL_RATE * speed,

@@ -102,8 +102,7 @@ def test_a_restart_on_a_disk_that_is_full_is_refused(tmp_path: Path) -> None:
     script = (
         f"{mount} && cp -r {tmp_path}/run/. {disk} || exit 77;"
         f"head -c 3000000 /dev/zero > {disk}/filler 2> /dev/null; {again}; code=$?; rm "
-        f"{disk}/filler;"
-        f"[ $code = 3 ] && {again}"
+        f"{disk}/filler;[ $code = 3 ] && {again}"
     )
     said = subprocess.run(
         [*MOUNTING, "sh", "-c", script],

@@ -161,14 +161,12 @@ class Torus:
         check(
             len(pulleys) == 2,
             f"{inputs.where}: pulleys has {len(pulleys)} rows; give radius and height of the lower "
-            "and of the "
-            "upper ones.",
+            "and of the upper ones.",
         )
         check(
             largest_load > forces.sum(),
             f"{inputs.where}: largest_load is {largest_load:g} N; give one above the sum of "
-            "first_forces, "
-            f"{forces.sum():.4g} N.",
+            f"first_forces, {forces.sum():.4g} N.",
         )
         cells = None
         if "cells_along" in inputs or "cells_around" in inputs:

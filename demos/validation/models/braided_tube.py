@@ -138,8 +138,7 @@ class Tube:
         check(
             tube.radius < tube.load_at and band_end < tube.half_span,
             f"{inputs.where}: load_at is {tube.load_at:g} m; let it be beyond the radius and "
-            "before the "
-            "end of the tube.",
+            "before the end of the tube.",
         )
         return tube
 
@@ -156,8 +155,7 @@ class Tube:
         check(
             bool(np.allclose(lines, np.rint(lines), atol=1e-9)) and is_symmetric,
             f"{where}: cord_angles are {degrees} degrees from the top; give multiples of 30 that "
-            "are "
-            "symmetric about the vertical plane.",
+            "are symmetric about the vertical plane.",
         )
 
     def check_cords(self, where: str) -> None:

@@ -57,7 +57,8 @@ class ObstacleMotion:
         """Return how far [m] the motion is from a straight and uniform one in a step; collective.
 
         A smooth motion deviates by its acceleration times step²/8, so that shorter steps bring it
-        below any limit.  A jump deviates by half of its length, however short the step is.
+        below any limit.  A jump deviates by at least half of its length, however short the
+        step is.
 
         Args:
             time: at the start of the step [s].
