@@ -21,41 +21,45 @@ def position_gradient(vectors: Array, reference: Array) -> Array:
         vectors: attached vectors now, (k, 3).
         reference: the same vectors in the reference, (k, 3), at least two of them not parallel.
     """
+    weights, in_plane, normal = _weights(reference)
+    if normal is None:
+        F: Array = vectors.T @ weights
+        return F
+    images = vectors.T @ weights
+    image_of_normal = unit(np.cross(images[:, 0], images[:, 1]))
+    F = images @ in_plane.T + np.outer(image_of_normal, normal)
+    return F
+
+
+def _weights(reference: Array) -> tuple[Array, Array, Array | None]:
+    """Weights (k, b) of vectors (k, 3) in their images of b orthonormal axes of the reference.
+
+    Returns:
+        weights; the axes (3, b), all of space if the reference spans it, else of its plane, b = 2;
+        and the normal (3,) of that plane, right-handed with the axes, or None.
+    """
     moments = reference.T @ reference
     decomposition = np.linalg.eigh(moments)
     eigenvalues = decomposition.eigenvalues
-    axes = decomposition.eigenvectors
     spans = eigenvalues > FLATNESS * eigenvalues[-1]
     if spans.all():
-        F: Array = vectors.T @ reference @ np.linalg.inv(moments)
-        return F
-    in_plane = axes[:, spans]
-    normal = axes[:, ~spans]
-    images = vectors.T @ reference @ in_plane / eigenvalues[spans]
+        return reference @ np.linalg.inv(moments), np.eye(3), None
+    in_plane = decomposition.eigenvectors[:, spans]
+    normal = decomposition.eigenvectors[:, ~spans][:, 0]
     # A right-handed basis, so that det F > 0.
-    if np.linalg.det(np.hstack([in_plane, normal])) < 0:
+    if np.linalg.det(np.column_stack([in_plane, normal])) < 0:
         normal = -normal
-    image_of_normal = unit(np.cross(images[:, 0], images[:, 1]))
-    F = images @ in_plane.T + np.outer(image_of_normal, normal[:, 0])
-    return F
+    return reference @ in_plane / eigenvalues[spans], in_plane, normal
 
 
 def position_gradient_derivative(vectors: Array, reference: Array) -> Array:
     """Derivatives (3, 3, 3k) of `position_gradient` with respect to the present vectors (k, 3),
     flattened."""
-    moments = reference.T @ reference
-    decomposition = np.linalg.eigh(moments)
-    eigenvalues = decomposition.eigenvalues
-    axes = decomposition.eigenvectors
-    spans = eigenvalues > FLATNESS * eigenvalues[-1]
-    if spans.all():
-        return _derivative_of_product(reference @ np.linalg.inv(moments))
-    in_plane = axes[:, spans]
-    normal = axes[:, ~spans]
-    if np.linalg.det(np.hstack([in_plane, normal])) < 0:
-        normal = -normal
-    weights = reference @ in_plane / eigenvalues[spans]
-    first, second = vectors.T @ weights[:, 0], vectors.T @ weights[:, 1]
+    weights, in_plane, normal = _weights(reference)
+    if normal is None:
+        return _derivative_of_product(weights)
+    first = vectors.T @ weights[:, 0]
+    second = vectors.T @ weights[:, 1]
     of_images = _derivative_of_product(weights)
     across = np.cross(first, second)
     length = np.linalg.norm(across)
@@ -65,7 +69,7 @@ def position_gradient_derivative(vectors: Array, reference: Array) -> Array:
     # A unit vector changes across itself.
     of_normal = (of_across - np.outer(direction, direction @ of_across)) / length
     in_plane_part = np.einsum("ibm,jb->ijm", of_images, in_plane)
-    derivative: Array = in_plane_part + np.einsum("im,j->ijm", of_normal, normal[:, 0])
+    derivative: Array = in_plane_part + np.einsum("im,j->ijm", of_normal, normal)
     return derivative
 
 
