@@ -103,6 +103,7 @@ class RunTape:
     Attributes:
         nodes: the states that are kept, from the one at the start of the recording to the last one.
         stride: number of steps between two states that are kept.
+        bytes: memory of the states on this rank.
 
     Raises:
         InputError: another stepper or stress rule; no room for four states.
@@ -138,6 +139,9 @@ class RunTape:
             f"{FEWEST_STATES * first.bytes} bytes on a rank.",
         )
         self.nodes: list[Node] = [first]
+        # Counted along with the states: a sum over all of them in every step would grow with the
+        # square of the number of steps.
+        self.bytes = first.bytes
         # Lengths and ends [s] of all steps, of which the first entries stand for the first node.
         self._lengths = [0.0]
         self._times = [first.time]
@@ -147,11 +151,6 @@ class RunTape:
         """Record no more steps."""
         if self._record in self.system.recorders:
             self.system.recorders.remove(self._record)
-
-    @property
-    def bytes(self) -> int:
-        """Memory [bytes] of the states on this rank."""
-        return sum(node.bytes for node in self.nodes)
 
     @property
     def steps(self) -> int:
@@ -198,15 +197,21 @@ class RunTape:
             self._times.pop()
             self._lengths.pop()
         while self.nodes[-1].index > self.steps:
-            self.nodes.pop()
+            self._drop_last()
         self._lengths.append(system.h)
         self._times.append(system.time)
         # The last state stays in any case, as the end of the run so far.
         if self.nodes[-1].index % self.stride:
-            self.nodes.pop()
-        self.nodes.append(self._present(self.steps, system.h))
+            self._drop_last()
+        node = self._present(self.steps, system.h)
+        self.nodes.append(node)
+        self.bytes += node.bytes
         if self._is_over(self.memory):
             self._thin_out(self.memory)
+
+    def _drop_last(self) -> None:
+        """Drop the last state."""
+        self.bytes -= self.nodes.pop().bytes
 
     def _is_over(self, memory: float) -> bool:
         """Whether the states need more memory [bytes] on any rank.  Collective."""
@@ -220,6 +225,7 @@ class RunTape:
             self.stride *= 2
             self.nodes = [node for node in self.nodes[:-1] if node.index % self.stride == 0]
             self.nodes.append(last)
+            self.bytes = sum(node.bytes for node in self.nodes)
 
     # ---- steps that are made again ---------------------------------------------------------------
 
@@ -304,8 +310,7 @@ class RunTape:
                 except NotConverged as problem:
                     raise StepFailure(
                         f"gradient: the step to t = {self._times[k]:.9g} s cannot be made again, "
-                        f"{problem}; give the "
-                        "tape more memory."
+                        f"{problem}; give the tape more memory."
                     ) from problem
                 system.time = self._times[k]
             return self._present(index, self._lengths[index])
