@@ -120,19 +120,23 @@ class EliminatedJoints:
     def __str__(self) -> str:
         return f"ilu of {ILU_LEVELS} levels and {len(self._rest)} unknowns eliminated"
 
-    def can_keep(self) -> bool:
-        """Whether the factors of an earlier matrix of the same step serve for the next one."""
+    def keep_factors(self) -> bool:
+        """Keep the factors of an earlier matrix of the same step, if they serve for the next one.
+
+        Returns:
+            Whether they are kept; then their applications are counted from zero.
+        """
         is_same_step = (self._system.time, self._system.h) == self._step
         is_usable = is_same_step and not self._is_complete and not self.problem
-        can_keep = is_usable and 0 < self._applications <= MAX_APPLICATIONS_TO_KEEP
-        if can_keep:
-            self._applications = 0
-            self._is_kept = True
-        return can_keep
+        if not is_usable or not 0 < self._applications <= MAX_APPLICATIONS_TO_KEEP:
+            return False
+        self._applications = 0
+        self._is_kept = True
+        return True
 
     def setUp(self, pc: PETSc.PC) -> None:
         """Set up for the present matrix, unless earlier factors serve; called by PETSc."""
-        if self.can_keep():
+        if self.keep_factors():
             return
         matrix = pc.getOperators()[0]
         step = self._system.time, self._system.h

@@ -243,7 +243,7 @@ class BorderedPreconditioner:
         tangent = self._operator.A
         was_slow = self._applications > MAX_APPLICATIONS_WITHOUT_COUPLINGS
         self._needs_couplings = not is_new_step and (self._needs_couplings or was_slow)
-        if _can_keep_factors(self._sparse):
+        if _keep_factors(self._sparse):
             return
         if factorisation.is_exact(self._sparse) or _needs_all_couplings(self._sparse):
             factorisation.replace(self._sparse, tangent.whole())
@@ -360,13 +360,16 @@ def _needs_all_couplings(pc: PETSc.PC) -> bool:
     return pc.getType() == "python" and getattr(pc.getPythonContext(), "needs_couplings", False)
 
 
-def _can_keep_factors(pc: PETSc.PC) -> bool:
-    """Whether a preconditioner serves for the next matrix as it is, so that the matrix need not be
-    summed."""
+def _keep_factors(pc: PETSc.PC) -> bool:
+    """Let a preconditioner use the factors of an earlier matrix for the next one, if it can.
+
+    Returns:
+        Whether it does, so that the next matrix need not be summed.
+    """
     if pc.getType() != "python":
         return False
-    can_keep = getattr(pc.getPythonContext(), "can_keep", None)
-    return can_keep is not None and can_keep()
+    keep_factors = getattr(pc.getPythonContext(), "keep_factors", None)
+    return keep_factors is not None and keep_factors()
 
 
 def recover(pc: PETSc.PC) -> None:
