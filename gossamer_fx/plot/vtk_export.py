@@ -31,8 +31,8 @@ def export(run: RunReader, folder: str | Path) -> list[Path]:
     """Write all recorded states of a run as VTU files, and PVD files that list them.
 
     `run.pvd` has the whole scene: films, cables and beams with their fields, solids, ropes, springs
-    and tapes as lines, and bodies without a mesh as points.  `NAME.pvd` has one of these parts; that of a body named
-    "run" is `%72un.pvd`.
+    and tapes as lines, and bodies without a mesh as points.  `NAME.pvd` has one of these
+    parts; of a body that is named "run" it is `%72un.pvd`.
     Points are at their present positions, arrays have their units in their names, e.g. "stress1
     [Pa]", and cells of order 2 are cut into straight pieces.
 

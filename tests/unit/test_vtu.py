@@ -270,6 +270,6 @@ def test_a_folder_with_a_file_of_the_user_is_kept(tmp_path: Path) -> None:
     gx.plot.export(run, tmp_path / "out")
     (tmp_path / "out" / "notes.txt").write_text("mine")
     before = names_of(tmp_path / "out")
-    with pytest.raises(gx.InputError, match="holds 'notes.txt'"):
+    with pytest.raises(gx.InputError, match=r"holds 'notes\.txt'"):
         gx.plot.export(run, tmp_path / "out")
     assert names_of(tmp_path / "out") == before
