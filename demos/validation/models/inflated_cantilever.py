@@ -205,8 +205,8 @@ def first_wrinkle(bending: Bending, deflections: Array) -> float:
     # wrinkles.
     taut_load = bending.load(float(deflections[0]))
     # A flat side of the mesh that covers the angle θ of the section becomes a parabola, along which
-    # the hoop strain falls to θ²/24 below its mean.  Coarse meshes of stiff tubes have a larger θ²/24
-    # than their mean strain, and points in the middle of their sides that are never taut.
+    # the hoop strain falls to θ²/24 below its mean.  Where θ²/24 exceeds the mean strain, points in
+    # the middle of the sides are never taut: coarse meshes of stiff tubes have such points.
     in_straight_tube = bending.wrinkled_points()
     for before, after in pairwise(deflections):
         for deflection in np.linspace(before, after, PARTS_OF_A_STEP + 1)[1:]:
