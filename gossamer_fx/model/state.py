@@ -65,7 +65,11 @@ class BodyState:
     def function(self) -> fem.Function:
         """The coordinates as a function on the mesh of a film, plate, cable or beam, with ghosts.
 
-        Of a reduced film it is a function on the mesh of the film that was reduced.  Collective.
+        Of a reduced film it is a function on the mesh of the film that was reduced.  Its values at
+        a node are the position [m], and for beams the directors [-].  Collective.
+
+        Raises:
+            InputError: the body has no mesh, e.g. a rigid body.
         """
         body = self.body
         if not is_on_mesh(body):

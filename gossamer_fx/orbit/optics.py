@@ -46,7 +46,12 @@ class Optics:
     other_side: Optics | None = None
 
     def __post_init__(self) -> None:
-        """Refuse values outside 0 to 1, a side of a side, and absorption without radiation."""
+        """Refuse values outside 0 to 1, a side of a side, and absorption without radiation.
+
+        Raises:
+            InputError: a property is outside 0 to 1, `other_side` has an `other_side` itself, or a
+                surface with reflectivity < 1 has zero emissivity on both sides.
+        """
         for quantity in ("reflectivity", "specular", "emissivity", "lambertian"):
             value = getattr(self, quantity)
             check(
@@ -69,7 +74,16 @@ class Optics:
         return self, self.other_side or self
 
     def coefficients(self, back: bool = False) -> tuple[float, float, float]:
-        """(2rs, B(1-s)r + (1-r)(εB - ε'B')/(ε + ε'), 1 - rs) if the front is lit, or the back."""
+        """(2rs, B(1-s)r + (1-r)(εB - ε'B')/(ε + ε'), 1 - rs) if the front is lit, or the back.
+
+        These dimensionless numbers are the coefficients of the force per area in the equation of
+        the class: of cos²α n, of cos α n, and of cos α u.  r is the reflectivity, s the specular
+        share, ε the emissivity and B the Lambertian coefficient of the lit side; ε', B' are those
+        of the dark side.
+
+        Args:
+            back: True if light falls on the back.
+        """
         lit, dark = self.sides[::-1] if back else self.sides
         r = lit.reflectivity
         s = lit.specular

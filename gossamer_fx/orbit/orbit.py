@@ -71,8 +71,15 @@ class Orbit(Environment):
         following: float = 1000.0,
         name: str = "orbit",
     ) -> None:
-        """Check the arguments, which the class describes; a flight starts when a scene is
-        compiled."""
+        """Check the arguments, which the class describes; a flight starts when a scene is compiled.
+
+        `start` is `Elements`, or a position [m] and a velocity [m/s], (3,) each, from the
+        attracting centre.  `mu` is in m³/s², `radius` in m, `pressure` in N/m², `ut1_utc` and
+        `following` in s, `sun` in astronomical units.
+
+        Raises:
+            InputError: an argument is out of its range, or something needs an `epoch` without one.
+        """
         super().__init__(
             start,
             gravity=gravity,

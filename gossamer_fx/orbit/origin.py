@@ -56,7 +56,11 @@ class Origin:
     """
 
     def __init__(self, r: Array, v: Array, mu: float) -> None:
-        """Convert the state to decimals; `gained` counts from the invariants of this state."""
+        """Convert position r (3,) [m] and velocity v (3,) [m/s] to decimals of 40 digits.
+
+        `gained` counts from the energy and angular momentum of this state.  `mu` is the
+        gravitational parameter of the central body [m³/s²].
+        """
         self.mu = mu
         self._mu = Decimal(mu)
         self._R0 = exact(r)

@@ -104,11 +104,15 @@ def _stage(start: Array, time: float, C: Array | float, A: Array, B: Array) -> A
     """Solve one implicit stage: the root T (n,) [K] of T + time B T⁴/C = start + time A/C.
 
     Args:
-        start: temperatures before the stage [K].
+        start: temperatures (n,) before the stage [K].
         time: length of the stage [s].
-        C: heat capacity per area [J/(m² K)].
-        A: absorbed flux [W/m²].
-        B: emission over T⁴ [W/(m² K⁴)].
+        C: heat capacity per area [J/(m² K)], a number or (n,).
+        A: absorbed flux (n,) [W/m²].
+        B: emission over T⁴ (n,) [W/(m² K⁴)].
+
+    Returns:
+        T (n,) [K].  Newton's method ends after 60 iterations without an error; it falls to the root
+        from above, so that it converges for all physical input.
     """
     right_side = start + time * A / C
     b = time * B / C
@@ -125,14 +129,15 @@ def _stage(start: Array, time: float, C: Array | float, A: Array, B: Array) -> A
 
 
 def view_factor(cosine: Array, height: float) -> Array:
-    """Share F (n,) of a full hemisphere of radiation that a flat face gets from a sphere.
+    """Share F (n,) of a full hemisphere of radiation that a flat face gets from a sphere, 0 to 1.
 
     It is (1/π) ∫ cos θ dΩ over the visible part of the sphere that is above the plane of the face.
 
     Args:
         cosine: of the angle between the outward normal of the face and the direction to the centre
             (n,).
-        height: distance of the face from the centre over the radius of the sphere, above 1.
+        height: distance of the face from the centre over the radius of the sphere, dimensionless,
+            at least 1.
 
     The closed form is compared with a quadrature in `tests/orbit/test_heating.py`.
 

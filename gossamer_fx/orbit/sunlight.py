@@ -65,7 +65,15 @@ class Sunlight:
         pressure: float = PRESSURE,
         name: str = "sunlight",
     ) -> None:
-        """Check the arguments, which the class describes."""
+        """Check the arguments, which the class describes.
+
+        `direction` is a vector (3,) of any length along which the light travels, or a function of
+        time [s] that returns it; `pressure` is in N/m².
+
+        Raises:
+            InputError: the pressure is negative or not finite, or the direction at time 0 is not
+                three finite numbers with a length.
+        """
         self.body = body
         self.optics = optics
         self.groups = dict(groups or {})
@@ -83,7 +91,10 @@ class Sunlight:
         yield self.body
 
     def direction_at(self, t: float) -> Array:
-        """Unit vector (3,) along the light at a time [s].
+        """Unit vector (3,) along which the light travels at a time.  Collective.
+
+        Args:
+            t: time [s], or the argument `at` of an equilibrium.
 
         Raises:
             InputError: the direction is not three finite numbers, or has no length.
@@ -103,7 +114,14 @@ class Sunlight:
         return unit
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The force of light on the deformed triangles, a load that follows them."""
+        """Yield the force of light on the deformed triangles, a load that follows them.
+
+        Args:
+            start: initial state of the scene; not used.
+
+        Raises:
+            InputError: a group of optics is not of triangles of the mesh.
+        """
         film = self.body
         mesh = film.space.mesh
         u = fem.Constant(mesh, self.direction_at(0.0))

@@ -40,7 +40,14 @@ class FieldOutput:
         every: int,
         times: Sequence[float],
     ) -> None:
-        """Check the arguments, which the class describes; the body is found when a run begins."""
+        """Check the arguments, which the class describes; the body is found when a run begins.
+
+        `every` is a number of steps between two records, `times` are times of records instead [s].
+
+        Raises:
+            InputError: the path has another ending than the format, `fields` is a word instead of a
+                sequence, `every` is below 1, or a time is negative or not finite.
+        """
         self.path = Path(path)
         self.body = body
         self.fields = fields
@@ -63,6 +70,9 @@ class FieldOutput:
 
     def chosen_body(self, run: Run) -> MeshBody:
         """The body whose fields are recorded: the given one, else the only one on a mesh.
+
+        Args:
+            run: with the bodies of the scene.
 
         Raises:
             InputError: the body is not in the scene, or none was given and the scene has several.

@@ -27,7 +27,13 @@ MAX_VERTICES = 3
 
 
 def node_names(body: Body) -> Names:
-    """Names (n,) of the n nodes of a body that this rank owns.
+    """Names (n,) of the n nodes of a body that this rank owns: integers of 64 bits.
+
+    A name is the same on any number of ranks: it is a hash of the vertices of the node's edge or
+    cell.
+
+    Args:
+        body: a body, e.g. a film on a mesh, or one without a mesh.
 
     Raises:
         InputError: the space has several nodes on one edge or cell.
@@ -93,8 +99,17 @@ def mesh_name(body: MeshBody) -> int:
 
 
 def all_names(system: System) -> list[Names]:
-    """Names of this rank's nodes of every block: bodies, then the multipliers of each
-    constraint."""
+    """Names of this rank's nodes of every block: bodies, then the multipliers of each constraint.
+
+    Args:
+        system: the compiled scene, with the numbering of its blocks.
+
+    Returns:
+        an array (n,) of integers of 64 bits for each block, the same on any number of ranks.
+
+    Raises:
+        InputError: a body has several nodes on one edge or cell.
+    """
     names = [node_names(body) for body in system.bodies]
     tied_ports: list[list[tuple[Attached, ...]]] = []
     if system.constraints:
