@@ -113,10 +113,18 @@ class Drag:
         rotation: float = ROTATION,
         name: str = "",
     ) -> None:
-        """Check the arguments, which the class describes, and name the load after the body.
+        """Check the arguments of the load of rarefied air on a body, and name the load after the
+        body.
 
-        `atmosphere` maps an altitude [m] to `Air`, `rotation` is the angular speed of the air
-        [rad/s]. Without `accommodation` molecules leave the surface diffusely.
+        Args:
+            body: a film or a rigid body.
+            orbit: the orbit of the scene.
+            atmosphere: maps an altitude [m] to `Air`.
+            accommodation: exchange of momentum with the surface; None: molecules leave diffusely.
+            surfaces: flat faces of a rigid body; none for a film.
+            closed: whether a film encloses a volume, so that air reaches its outer side only.
+            rotation: angular speed [rad/s] of the air about z.
+            name: for messages and results.
 
         Raises:
             InputError: `atmosphere` is not a function, `rotation` is not finite, a rigid body has
@@ -195,9 +203,9 @@ class Drag:
             film: the body of the load; its triangles are the faces.
 
         Returns:
-            the load term: the form of its virtual work [W], and `prepare`, which sets the constants
-            (density [kg/m³], velocity and thermal speed [m/s], √(T_wall/T_air)) before each step.
-            `prepare` raises the errors of `flow`.
+            the load term: the form of its virtual work (forces [N] tested by w), and `prepare`,
+            which sets the constants (density [kg/m³], velocity and thermal speed [m/s],
+            √(T_wall/T_air)) before each step. `prepare` raises the errors of `flow`.
         """
         mesh = film.space.mesh
         how = self.accommodation

@@ -103,8 +103,8 @@ class _ByComplexSteps:
         """Start a step from the vectors of the ports; the force acts on them `lag` seconds later.
 
         Args:
-            t: time at which the force acts [s]; not used, since the orbit knows it.
-            lag: time from the start of the step to t [s], positive.
+            t: time at the start of the step [s]; not used, since the orbit knows it.
+            lag: time from the start of the step to that of the force [s], positive.
             X: vectors of k ports at the start of the step, (3k,): points [m] and directors [-].
             V: their rates (3k,) at the start; not used, since mean rates follow from X and `lag`.
         """

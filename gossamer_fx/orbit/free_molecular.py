@@ -126,8 +126,8 @@ def coefficients(
 
     Args:
         c: cosine between the normal into the surface and the flow.
-        s: speed of the air over its thermal speed, not zero: a face at rest in the air has no such
-            coefficients, and NaN is returned for it.
+        s: speed of the air over its thermal speed, not zero: for a face at rest in the air the
+            coefficients are not finite.
         σn: accommodation of the normal momentum, 0 to 1.
         σt: accommodation of the tangential momentum, 0 to 1.
         wall: √(T_w/T), from the temperatures of the wall and of the air.

@@ -75,7 +75,7 @@ class SolidHarmonics:
     def second_gradient(self, r: Array) -> Array:
         """∇∇Φ (..., 3, 3) at positions r (..., 3) [m], in the unit of `scale` per square metre.
 
-        It is symmetric, and its trace is zero.  The origin is not allowed: there the result is NaN.
+        It is symmetric, and its trace is zero.  At the origin the result is not finite.
         """
         Y = solid_harmonics(
             len(self._second[0][0]) - 1,
@@ -121,7 +121,7 @@ def solid_harmonics(degree: int, r: Array, radius: float) -> Coefficients:
 
     Args:
         degree: highest degree n.
-        r: positions (..., 3) [m]; NaN is returned for the origin.
+        r: positions (..., 3) [m]; for the origin the result is not finite.
         radius: reference radius a [m].
 
     Returns:

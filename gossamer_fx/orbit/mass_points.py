@@ -116,12 +116,13 @@ def equivalent_points(mass: Array, translation_weight: Array) -> tuple[Array, Ar
     second moments are exact; third moments are zero.
 
     Args:
-        mass: mass matrix (k, k) of the vectors.
+        mass: mass matrix (k, k) of the vectors: masses [kg] of positions, first [kg m] and second
+            moments [kg m²] of directors.
         translation_weight: (k,), 1 for positions and 0 for directors.
 
     Returns:
-        points c (p, k), each an affine combination of the k vectors, and masses m (p,), such that
-        Σ m c cᵀ is the mass matrix.
+        points c (p, k), each an affine combination of the k vectors, and masses m (p,) [kg], such
+        that Σ m c cᵀ is the mass matrix.
 
     >>> import numpy as np
     >>> points, masses = equivalent_points(np.diag([2.0, 8.0]), np.array([1.0, 0.0]))

@@ -69,15 +69,21 @@ def equilibrium_temperature(A: Array, B: Array) -> Array:
 def advance(
     T: Array, h: float, C: Array | float, A: Array, B: Array, *, count: int
 ) -> tuple[Array, Array]:
-    """Temperatures (n,) [K] a time h [s] later, by equation (2), and the emitted heat (n,) [J/m²].
+    """Temperatures of n triangles of a film a time later, and the heat that they have emitted.
+
+    They follow C dT/dt = A - B T⁴, integrated by an implicit method of order 2 with two stages (R.
+    Alexander, SIAM J. Numer. Anal. 14 (1977) 1006).
 
     Args:
         T: temperatures (n,) [K].
         h: time [s].
-        C: heat capacity per area [J/(m² K)].
+        C: heat capacity per area [J/(m² K)], a number or (n,).
         A: absorbed flux (n,) [W/m²].
         B: radiated flux over T⁴ (n,) [W/(m² K⁴)].
         count: number of sub-steps; above `MAX_SUBSTEPS` one implicit Euler step is made.
+
+    Returns:
+        temperatures (n,) [K], and emitted heat (n,) [J/m²].
 
     >>> import numpy as np
     >>> black = np.array([2 * STEFAN_BOLTZMANN])

@@ -67,7 +67,7 @@ def growth(
     dot: Any,
     root: Any,
 ) -> tuple[Any, Any]:
-    """|R| and |R + x| - |R| [m], by equation (3) of the module, which avoids cancellation.
+    """|R| and |R + x| - |R| [m], by (2R + x)·x/(|R + x| + |R|), in which nothing cancels.
 
     R and x are arrays or UFL vectors; both results are scalars, or (n,) for rows (n, 3).
 
@@ -93,7 +93,7 @@ def excess(
     d0: Any,
     d1: Any,
 ) -> Any:
-    """γ of equation (2) of the module, dimensionless: σ(R0, R1)/σ(X0, X1) - 1 without cancellation.
+    """γ = σ(R0, R1)/σ(X0, X1) - 1 without cancellation, dimensionless.
 
     σ(b, c) = 2μ/(|b||c|(|b| + |c|)) is the factor of the mean gravity over a step, R the origin of
     the frame and X a mass point.  Numbers, arrays or UFL scalars.
@@ -141,7 +141,11 @@ class MeshGravity:
     """
 
     def __init__(self, term: KineticEnergy, at: Any) -> None:
-        """Compile equations (1) to (3) for one body; each step sets only constants of the forms.
+        """Compile relative gravity on one body on a mesh; each step sets only constants of the
+        forms.
+
+        The force per mass is the difference of gravity at a point and at the origin R of the frame,
+        -σ(R0, R1) [x_mid - γ/(1+γ) X_mid], see the module for σ and γ.
 
         Args:
             term: kinetic energy of the body; `term.mass(a, w)` is the form ∫ ρ a·w, which takes an
@@ -271,7 +275,9 @@ class CompiledOrbit(
         self._resultant: Array = np.zeros((2, 3))
 
     def _weigh(self) -> PETSc.Vec:
-        """Weights W [kg] with Σ m w = Σ_i W_i w_i, for positions, velocities or displacements w.
+        """Weights W [kg] with Σ m w = Σ_i W_i w_i, the sum over all masses m that move by w.
+
+        w is a vector of the system: positions, velocities or displacements.
 
         Returns:
             a vector of the system, of all bodies: the same weight for the three components of a
@@ -338,7 +344,11 @@ class CompiledOrbit(
             self._X0 = self._points(self._system.q0)
 
     def _on_points(self, x1: Array) -> Array:
-        """Forces (n, 3) [N] of relative gravity on the mass points, equation (1) of the module.
+        """Forces (n, 3) [N] of gravity, relative to the falling frame, on the mass points in a
+        step.
+
+        m [-σ(R0, R1) (x_mid - γ/(1+γ) X_mid) + tidal and other accelerations], with the origin R of
+        the frame and X = R + x; the first term is the exact average of 1/r gravity over the step.
 
         Args:
             x1: positions (n, 3) [m] of the points in the frame at the end of the step.
@@ -374,11 +384,11 @@ class CompiledOrbit(
     # ---- energy and momentum for the ledger ------------------------------------------------------
 
     def supplied(self) -> float:
-        """Work [J] in the step that no other term counts; on rank 0, zero elsewhere.
+        """Work [J] in the step that no other term counts; on rank 0, zero elsewhere.  Collective.
 
         It is the work of all attraction other than 1/r, and that of all other loads on the
-        displacement of the origin.  The loads count their work on displacements in the frame
-        themselves.  Their resultant follows from the change of momentum.  Collective.
+        displacement of the origin of the moving frame.  The loads count their work on displacements
+        in the frame themselves.  Their resultant follows from the change of momentum.
         """
         system = self._system
         flight = self.flight
@@ -427,10 +437,12 @@ class CompiledOrbit(
         self.flight.keep()
 
     def energies(self) -> dict[str, float]:
-        """Energy [J] of the motion of the frame and of 1/r gravity; the sum over ranks counts.
+        """Energy [J] of the motion of the frame and of 1/r gravity, by the name of the orbit.
 
         It is ½ M |V|² + V·P + Σ m μ (1/|R| - 1/|X|) - M μ/|R|, less the first and the last term at
-        the start of the run, with the mass M and the momentum P in the frame.
+        the start of the run: M is the mass of all bodies [kg], P their momentum in the frame, R and
+        V position and velocity of the origin, X = R + x the position of a mass m.  The sum over
+        ranks counts.
         """
         system = self._system
         origin = self.flight.origin

@@ -144,7 +144,8 @@ class ThermalProperties:
         """Check the signs and ranges of the properties.
 
         Raises:
-            InputError: a capacity is not positive, or a share is not between 0 and 1.
+            InputError: the heat capacity is not positive [J/(m² K)], an absorptivity or emissivity
+                is not between 0 and 1, or a film that absorbs has no emissivity.
         """
         check(
             self.heat_capacity > 0,
@@ -221,10 +222,11 @@ class SolarHeating:
         shadow_pixels: int = 0,
         name: str = "",
     ) -> None:
-        """Check the arguments, which the class describes.
+        """Check the arguments of the heating of a film by sunlight; the class describes them.
 
-        Temperatures are in K, `infrared` in W/m², `albedo` is a share from 0 to 1, `shadow_pixels`
-        a number of pixels.
+        `properties` and `groups` are heat capacity, absorptivity and emissivity; temperatures are
+        in K, `infrared` in W/m², `albedo` is a share from 0 to 1, `shadow_pixels` a number of
+        pixels.
 
         Raises:
             InputError: a number is out of its range, the film is a reduced model, or no initial
@@ -316,6 +318,8 @@ class FilmTemperatures:
 
     def __init__(self, heating: SolarHeating, system: Assembly) -> None:
         """Take the initial temperatures, and compile the area vectors.  Collective.
+
+        It sets `T` (n,) [K] and the stress-free areas [m²] of the n triangles that this rank owns.
 
         Args:
             heating: the item of the scene, with the film and its thermal properties.
@@ -414,13 +418,15 @@ class FilmTemperatures:
     # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self) -> None:
-        """Advance the temperatures over the step `system.h`; `commit` accepts them.  Collective.
+        """Advance the temperatures over the step `system.h` [s]; `commit` accepts them.
+        Collective.
 
         Absorbed and emitted heat [J] of the step are stored with the temperatures, and the film
         takes the thermal strain of its new temperatures.
 
         Raises:
-            InputError: the orbit is not in the scene, or the step is too long for it.
+            InputError: the orbit is not in the scene, the step is too long for it, or it does not
+                know where the Sun is.
         """
         system = self._system
         flight = self.heating.orbit.flight(system)

@@ -71,7 +71,16 @@ class SolarPressure:
         shadow_pixels: int = 0,
         name: str = "",
     ) -> None:
-        """Check the arguments, which the class describes, and name the load after the body.
+        """Check the arguments of the load of sunlight on a body, and name the load after the body.
+
+        Args:
+            body: a film or a rigid body.
+            orbit: the orbit of the scene.
+            optics: of both sides of a film.
+            groups: other optics, by the names of groups of the film's triangles.
+            surfaces: flat faces of a rigid body; none for a film.
+            shadow_pixels: pixels across the map by which a film shades itself; 0: no shadows.
+            name: for messages and results.
 
         Raises:
             InputError: a rigid body has no surfaces, or has groups or shadow pixels; a film has
@@ -121,8 +130,8 @@ class SolarPressure:
             film: the body of the load.
 
         Returns:
-            the load term: the form of its virtual work [W], and `prepare`, which sets direction
-            (3,), pressure [N/m²] and shadows before each step.
+            the load term: the form of its virtual work (forces [N] tested by w), and `prepare`,
+            which sets direction (3,), pressure [N/m²] and shadows before each step.
 
         Raises:
             InputError: a group of optics is not of triangles of the mesh.

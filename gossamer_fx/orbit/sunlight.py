@@ -65,10 +65,16 @@ class Sunlight:
         pressure: float = PRESSURE,
         name: str = "sunlight",
     ) -> None:
-        """Check the arguments, which the class describes.
+        """Check the arguments of the load of light on a film.
 
-        `direction` is a vector (3,) of any length along which the light travels, or a function of
-        time [s] that returns it; `pressure` is in N/m².
+        Args:
+            body: the film.
+            direction: (3,) of any length, along which the light travels, or a function of time [s]
+                that returns it.
+            optics: of both sides of the film.
+            groups: other optics, by the names of groups of triangles.
+            pressure: of the light on a black surface [N/m²].
+            name: for messages and results.
 
         Raises:
             InputError: the pressure is negative or not finite, or the direction at time 0 is not

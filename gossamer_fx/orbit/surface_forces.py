@@ -62,7 +62,12 @@ def light_force(
     back: Any,
     maths: Any,
 ) -> Any:
-    """Force of light on a face, divided by the pressure of light; equation of `Optics`.
+    """Force of light on a face, divided by the pressure of light.
+
+        |a·u| [(c_0 cos α + c_1) n + c_2 u]
+
+    with the unit normal n of the face on the side away from the light, the angle α between n and u,
+    and the coefficients c of the lit side.
 
     Args:
         a: area vector of the face [m²], a UFL vector or rows (..., 3); it points away from its

@@ -62,7 +62,7 @@ _POSITION_TOLERANCE = 1e-9
 def arguments_of(items: Sequence[Any]) -> dict[str, dict[str, Known]]:
     """The arguments of the items of a scene, by the items' names.  Collective.
 
-    A checkpoint stores them, and a restart compares them with those of its own scene.  Initial
+    A checkpoint stores them, and a restart compares them with those of the present scene.  Initial
     conditions are left out: a restart replaces them by the state of the checkpoint.
 
     Args:

@@ -40,9 +40,14 @@ class FieldOutput:
         every: int,
         times: Sequence[float],
     ) -> None:
-        """Check the arguments, which the class describes; the body is found when a run begins.
+        """Check the arguments of an output of fields; the body is found when a run begins.
 
-        `every` is a number of steps between two records, `times` are times of records instead [s].
+        Args:
+            path: of the file.
+            body: a body on a mesh; None: the only one of the scene.
+            fields: names of fields, e.g. "stress1".
+            every: number of steps between two records.
+            times: of records [s], in place of `every`.
 
         Raises:
             InputError: the path has another ending than the format, `fields` is a word instead of a

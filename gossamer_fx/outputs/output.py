@@ -361,7 +361,7 @@ def evaluate_probe(run: Run, name: str, probe: Probe) -> float:
     Args:
         run: whose state is read.
         name: of the probe, for messages.
-        probe: a function of the run.
+        probe: a function of the run that returns one number, in any unit.
 
     Raises:
         InputError: the probe fails, or does not return the same finite number on every rank.

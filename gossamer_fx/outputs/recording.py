@@ -110,9 +110,18 @@ class Recording:
         overwrite: bool = False,
         format: str = "vtx",
     ) -> None:
-        """Check the arguments, which the class describes; the folder is made when a run begins.
+        """Check the arguments of the record of a run; the folder is made when a run begins.
 
-        `every` and `states_every` are numbers of steps, `times` are in s.
+        Args:
+            folder: for the files of the run.
+            fields: names of fields by the names of films; None: default fields.
+            probes: functions of the run that return a number, by name.
+            every: number of steps between two records of the fields.
+            times: of records of the fields [s], in place of `every`.
+            title: a line for pictures.
+            states_every: number of steps between two rows of area fractions; None: as the fields.
+            overwrite: whether another run in the folder is replaced.
+            format: "vtx" or "vtu".
 
         Raises:
             InputError: the format is not "vtx" or "vtu", a number of steps is below 1, or a time is

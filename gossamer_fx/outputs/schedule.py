@@ -28,7 +28,7 @@ class Schedule:
     times: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes.
+        """Check the number of steps between two records, and the times of records.
 
         Raises:
             InputError: `every` is not an integer of at least 1, or a time [s] is negative or not

@@ -159,7 +159,8 @@ class ModeRun(StaticRun):
         """Scale the mode to the amplitude [m], and compute the energy [J] of its vibration.
 
         Args:
-            equilibrium: about which the mode vibrates; its state is changed until `end` is called.
+            equilibrium: about which the mode vibrates; `show` changes its state, and `end` restores
+                it.
             mode: complex shape of modal mass 1 kg, and frequency [Hz].
             number: of the mode, from 1, for captions.
             amplitude: largest displacement of a node [m].

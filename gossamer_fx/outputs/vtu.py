@@ -65,9 +65,15 @@ class VTU(FieldOutput):
         every: int = 1,
         times: Sequence[float] = (),
     ) -> None:
-        """Check the arguments, which the class describes; no file is made before the first record.
+        """Check the arguments of an output of fields as VTU files; no file is made before the first
+        record.
 
-        `every` is a number of steps, `times` are in s.
+        Args:
+            path: of the list of the files, ending in `.pvd`.
+            body: a body on a mesh; None: the only one of the scene.
+            fields: names of fields, e.g. "stress1".
+            every: number of steps between two records.
+            times: of records [s], in place of `every`.
 
         Raises:
             InputError: the path does not end in `.pvd`, `fields` is a word, `every` is below 1, or

@@ -169,7 +169,7 @@ def _values(element: ElementTree.Element) -> npt.NDArray:
         element: `DataArray` of the file, with compressed values in base 64.
 
     Raises:
-        ValueError: its length is not that of its header, or it is no base 64.
+        ValueError: its length is not that of its header, or it is not in base 64.
         KeyError: it is of a type that this package does not write, or an attribute is missing.
         zlib.error: the compressed block is damaged.
     """

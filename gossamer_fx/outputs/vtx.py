@@ -65,9 +65,15 @@ class VTX(FieldOutput):
         every: int = 1,
         times: Sequence[float] = (),
     ) -> None:
-        """Check the arguments, which the class describes; the file is made at the first record.
+        """Check the arguments of an output of fields by ADIOS2; the file is made at the first
+        record.
 
-        `every` is a number of steps, `times` are in s.
+        Args:
+            path: of the file, ending in `.bp`.
+            body: a body on a mesh; None: the only one of the scene.
+            fields: names of fields, e.g. "stress1".
+            every: number of steps between two records.
+            times: of records [s], in place of `every`.
 
         Raises:
             InputError: the path does not end in `.bp`, `fields` is a word, `every` is below 1, or a
@@ -283,9 +289,13 @@ class Probes:
         every: int = 1,
         times: Sequence[float] = (),
     ) -> None:
-        """Check the arguments, which the class describes.
+        """Check the arguments of a table of probes; the table is made when a run begins.
 
-        `every` is a number of steps, `times` are in s.
+        Args:
+            path: of the CSV file.
+            probes: functions of the run that return a number, by the names of their columns.
+            every: number of steps between two rows.
+            times: of rows [s], in place of `every`.
 
         Raises:
             InputError: no probe is given, one is not a function or is named "time" or "step",

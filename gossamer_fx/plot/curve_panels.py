@@ -366,9 +366,9 @@ def label_ends(axes: Axes, ends: Mapping[str, tuple[float, str]]) -> None:
     """Name curves at their right ends, moved apart where the names would overlap.
 
     Args:
-        axes: on which the curves are drawn.
-        ends: the last value and the colour of each curve, by name; curves whose value is not finite
-            are not named.
+        axes: of matplotlib, on which the curves are drawn.
+        ends: the last value (in the unit of the axis) and the colour of each curve, by name; curves
+            whose value is not finite are not named.
     """
     axes.autoscale_view()
     to_axes = axes.transData + axes.transAxes.inverted()

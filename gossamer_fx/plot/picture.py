@@ -167,11 +167,20 @@ class Picture(DrawnRun):
         section: tuple[Vector, Vector] | None = None,
         colour: str = "state",
     ) -> None:
-        """Check the arguments, which the class describes.
+        """Check the arguments of a picture that is drawn at the end of a run.
+
+        Args:
+            path: of the file, ending in `.png`.
+            times: at which the films are drawn [s]; empty: the start and the end.
+            title: a line on top.
+            view: camera and transparency; None: chosen from the shapes.
+            section: point [m] and normal of a plane that cuts the films; None: their surfaces are
+                drawn.
+            colour: "state" or "group".
 
         Raises:
-            InputError: the path does not end in `.png`, more than 24 times, a negative time [s], an
-                unknown `colour`, or a section that is not a point [m] and a normal.
+            InputError: the path does not end in `.png`, more than 24 times, a negative time, an
+                unknown `colour`, or a section that is not a point and a normal.
         """
         super().__init__(path)
         self.title = title

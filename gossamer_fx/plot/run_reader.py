@@ -179,8 +179,8 @@ class RunReader:
             size: numbers in a vector.
 
         Returns:
-            times (t,) [s] and vectors (t, k, size), in metres for positions; empty arrays if there
-            is no table.
+            times (t,) [s] and vectors (t, k, size), in metres for positions; without a table empty
+            arrays.
 
         Raises:
             InputError: the file cannot be read, or its columns are not groups of `size`.

@@ -119,16 +119,18 @@ def stress_derivatives(
     B: Array,
     S: Array,
 ) -> Array:
-    """T (q, 2, 3, 2, 3) of equation (2) of the module, for stresses that act at the mean of two
+    """Stiffness T (q, 2, 3, 2, 3) [N m] at q points, for stresses that act at the mean of two
     gradients.
 
-    It is the derivative of the forces S_ab F_b dA at q quadrature points by the gradients F of the
-    iterate: a material part, and the geometric part S_ac 1.
+        T_ac = (Σ_bd D_abcd F_mean_b ⊗ F_d + S_ac 1) dA
+
+    It is the derivative of the forces S_ab F_mean_b dA by the gradients F_c of the iterate: a
+    material part with D = ∂S/∂E, and the geometric part S_ac 1.
 
     Args:
-        B_mean: strain operator (3, 6, q) at the mean gradients.
+        B_mean: derivative (3, 6, q) of the strains by the gradients, at the mean gradients F_mean.
         D: derivatives of the stress by the strain (3, 3, q) times dA [N/m · m²].
-        B: strain operator (3, 6, q) at the gradients of the iterate.
+        B: derivative (3, 6, q) of the strains, at the gradients F of the iterate.
         S: stress S11, S22, S12 (3, q) times dA [N/m · m²].
     """
     DB = np.einsum("klq,ljq->kjq", D, B)

@@ -52,7 +52,8 @@ class Points:
             cells: local numbers of the sampled cells.
             dA: weights times areas (cells, points a cell) [m²].
             G: gradients of the r modes in the frame of the film (q, 2, r) [1/m].
-            may_choose: whether strains are chosen, see `terms.element_energies`.
+            may_choose: whether a point may choose, in Newton's iteration, between the linearised
+                strain and the strain of the linearised stress.
         """
         self._c = library(functions.strain.function_space.mesh.comm)
         q, _, self._r = G.shape
@@ -101,14 +102,15 @@ class Points:
         self.law.respond()
 
     def linearise(self, change: Array) -> None:
-        """Set the next strains from those that are linearised about the last iterate, and respond.
+        """Set the strains of the next Newton iterate linearly from the last one, and evaluate the
+        law there.
 
         The first strains of a step continue those of the last step, 2 e0 - e_past.  A small basis
         has no modes that alternate from step to step, unlike a full film, and a sail takes half an
         iteration less.
 
         Args:
-            change: coefficients (r, 3) [m] of the change since the last iterate.
+            change: coefficients (r, 3) [m] of the change of the modes since the last iterate.
         """
 
         def linear_strain() -> Array:

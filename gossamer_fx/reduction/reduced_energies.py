@@ -183,10 +183,11 @@ class ModeForces:
         self.points.law.begin_step()
 
     def move(self, linearly: bool) -> None:
-        """Set the strains after q1 was set, as `terms.element_energies` does for a whole film.
+        """Set the strains at the quadrature points after the end q1 of the step was set.
 
         Args:
-            linearly: whether strains may follow linearly from the last iterate.
+            linearly: True: strains are linearised about the last iterate of Newton's method, as
+                `terms.element_energies` describes; False: the true strains of q1.
         """
         self.points.move(self._at.end)
         if linearly:

@@ -177,9 +177,11 @@ class ReducedMembrane(Membrane):
         return c.ravel()[:owned].copy()
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield kinetic and stored energy; the mass matrix is m times the identity.
+        """Yield kinetic and stored energy of the reduced film, as functions of the coefficients of
+        its modes.
 
-        The modes are orthogonal with respect to the mass, see (2) of `reduction.basis`.
+        The modes φ are orthogonal, φ_iᵀMφ_j = m δ_ij with the mass m [kg] of the film, so that the
+        mass matrix is m times the identity.
 
         Args:
             start: initial state of the scene; not used.

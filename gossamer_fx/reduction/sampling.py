@@ -174,8 +174,9 @@ def _equations(
 ) -> Iterator[Array]:
     """Yield energies and work (2k, cells) of `count` random motions, k at a time.  Collective.
 
-    They are the rows z·k_e z [J] and z·f_e of the equations that the weights of cells e have to
-    fulfil, see the module.
+    Motions are z = L⁻ᵀ ζ, with the stiffness Σ k_e = LLᵀ and random ζ.  The rows z·k_e z and z·f_e,
+    stiffness and forces of cell e, are those of the equations that the weights of cells have to
+    fulfil; they are dimensionless by the scaling.
 
     Args:
         cells: energies of this rank's cells.

@@ -124,9 +124,15 @@ class Checkpoints:
         keep: int = 2,
         overwrite: bool = False,
     ) -> None:
-        """Check the arguments, which the class describes; nothing is written before the run begins.
+        """Check the arguments of the writer of checkpoints; nothing is written before the run
+        begins.
 
-        `every` is a number of steps, `minutes` a wall time [min].
+        Args:
+            folder: for the checkpoints.
+            every: number of steps between two checkpoints; None: `minutes` only.
+            minutes: wall time between two checkpoints [min]; None: `every` only.
+            keep: number of checkpoints that are kept.
+            overwrite: whether checkpoints of another run in the folder may be removed.
 
         Raises:
             InputError: `every` or `keep` is not an integer of at least 1, or `minutes` is not
@@ -241,10 +247,10 @@ class Checkpoints:
         return bool(run.comm.bcast(elapsed >= 60 * self.minutes))
 
     def _write(self, run: SavedRun) -> None:
-        """Write a checkpoint of the present state, by the algorithm of the module.  Collective.
+        """Write a checkpoint of the present state.  Collective.
 
         Each rank writes its share into a hidden folder, which is renamed when all files are
-        complete.
+        complete and on the disk; then the oldest checkpoints are removed.
 
         Args:
             run: with the state, the history variables and the positions of the outputs in their
@@ -385,10 +391,13 @@ def complete(folder: Path) -> list[Path]:
 
 @check_arguments
 def latest_checkpoint(folder: str | Path) -> Path | None:
-    """The newest complete checkpoint in a folder, or None.
+    """The newest complete checkpoint in a folder; None if there is none.
 
     Args:
         folder: of checkpoints; it need not exist.
+
+    Returns:
+        the folder of the checkpoint, such as `step-00000100`.
 
     Example:
         >>> print(gx.run.latest_checkpoint("no such folder"))

@@ -120,7 +120,7 @@ class When:
     name: str = "event"
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes.
+        """Check the arguments of an event at which a probe passes a value.
 
         Raises:
             InputError: the probe or `then` is not a function, or the tolerance is not positive [s].
