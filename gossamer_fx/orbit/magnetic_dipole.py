@@ -51,10 +51,15 @@ class MagneticDipole:
         moment: Vector | MomentHistory,
         name: str = "magnet",
     ) -> None:
-        """Check the arguments, and read the coefficients of IGRF-14 for the year of the epoch.
+        """Check the arguments of a magnetic dipole, and read IGRF-14, the Earth's field, for its
+        year.
 
-        `moment` is the dipole moment along the directors [A m²]: three numbers, or a function of
-        time [s] that returns them.
+        Args:
+            frame: of a rigid body, with three directors.
+            orbit: the orbit of the scene, with an epoch.
+            moment: dipole moment along the directors [A m²], (3,), or a function of time [s] that
+                returns it.
+            name: for messages and results.
 
         Raises:
             InputError: the frame has not three directors, the moment is neither numbers nor a

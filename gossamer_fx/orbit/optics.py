@@ -74,15 +74,21 @@ class Optics:
         return self, self.other_side or self
 
     def coefficients(self, back: bool = False) -> tuple[float, float, float]:
-        """(2rs, B(1-s)r + (1-r)(εB - ε'B')/(ε + ε'), 1 - rs) if the front is lit, or the back.
+        """Coefficients of the force of light on a surface whose front, or back, is lit;
+        dimensionless.
 
-        These dimensionless numbers are the coefficients of the force per area in the equation of
-        the class: of cos²α n, of cos α n, and of cos α u.  r is the reflectivity, s the specular
-        share, ε the emissivity and B the Lambertian coefficient of the lit side; ε', B' are those
-        of the dark side.
+            f/P = cos α {[c_0 cos α + c_1] n + c_2 u}
+
+        is the force per area over the pressure of light along u, at an angle α to the normal n of
+        the side away from it.
 
         Args:
             back: True if light falls on the back.
+
+        Returns:
+            (2rs, B(1-s)r + (1-r)(εB - ε'B')/(ε + ε'), 1 - rs), with the reflectivity r, the
+            specular share s, the emissivity ε and the Lambertian coefficient B of the lit side; ε',
+            B' are those of the dark side.
         """
         lit, dark = self.sides[::-1] if back else self.sides
         r = lit.reflectivity

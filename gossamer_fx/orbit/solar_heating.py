@@ -222,11 +222,19 @@ class SolarHeating:
         shadow_pixels: int = 0,
         name: str = "",
     ) -> None:
-        """Check the arguments of the heating of a film by sunlight; the class describes them.
+        """Check the arguments of the heating of a film by sunlight.
 
-        `properties` and `groups` are heat capacity, absorptivity and emissivity; temperatures are
-        in K, `infrared` in W/m², `albedo` is a share from 0 to 1, `shadow_pixels` a number of
-        pixels.
+        Args:
+            film: a membrane or plate.
+            orbit: the orbit of the scene.
+            properties: heat capacity [J/(m² K)], absorptivities and emissivities of the film.
+            groups: other properties, by the names of groups of its triangles.
+            initial_temperature: [K]; None: that of the film's thermal expansion.
+            space_temperature: of the sky [K].
+            infrared: flux that the central body radiates at its surface [W/m²].
+            albedo: share of sunlight that the central body reflects, 0 to 1.
+            shadow_pixels: pixels across the map by which the film shades itself; 0: no shadows.
+            name: for messages.
 
         Raises:
             InputError: a number is out of its range, the film is a reduced model, or no initial

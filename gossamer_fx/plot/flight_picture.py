@@ -83,6 +83,12 @@ class FlightPicture(DrawnRun):
     ) -> None:
         """Check the ending of the path and that all probes can be called.
 
+        Args:
+            path: of the PNG.
+            orbit: the orbit of the scene.
+            probes: functions of the run that return a number, by the labels of their curves.
+            title: a line on top.
+
         Raises:
             InputError: the path does not end in `.png`, or a probe is not a function.
         """

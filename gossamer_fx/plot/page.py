@@ -172,8 +172,11 @@ def _arrange(views: Views | None, page_width: float) -> tuple[int, int]:
     """Rows and columns in which images become largest; full rows and few are preferred.
 
     Args:
-        views: images of one size; None: no images, and zero rows and columns.
+        views: images of one size; None: there are no images.
         page_width: [inches].
+
+    Returns:
+        numbers of rows and of columns; zero and zero without images.
     """
     if views is None:
         return 0, 0

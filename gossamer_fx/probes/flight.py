@@ -133,11 +133,15 @@ class Attitude:
     NAMES = ("outward", "along", "across")
 
     def __init__(self, orbit: Orbit, of: Membrane | Port, *, axis: str) -> None:
-        """Check the direction and the name of the axis.
+        """Check the arguments of the probe of an angle [rad] to an axis of the orbit.
+
+        Args:
+            orbit: the orbit of the scene.
+            of: a film, whose mean normal counts, or a director of a body.
+            axis: "outward", "along" or "across" the orbit.
 
         Raises:
-            InputError: `of` is neither a film nor a port, or `axis` is not "outward", "along" or
-                "across".
+            InputError: `of` is neither a film nor a port, or `axis` is another word.
         """
         check(
             isinstance(of, Membrane | Port),
@@ -186,10 +190,16 @@ class LoadResultant:
         action: str,
         axis: str,
     ) -> None:
-        """Check action and axis; the load is looked up by name when the probe is called.
+        """Check the arguments of the probe of a load's force [N] or torque [N m].
+
+        Args:
+            orbit: the orbit of the scene.
+            load: name of a load; it is looked up when the probe is called.
+            action: "force" or "torque".
+            axis: "x", "y" or "z".
 
         Raises:
-            InputError: `action` is not "force" or "torque", or `axis` is not "x", "y" or "z".
+            InputError: `action` or `axis` is another word.
         """
         check(action in ACTIONS, f"A load has no {action!r}; it has: {', '.join(ACTIONS)}.")
         check(

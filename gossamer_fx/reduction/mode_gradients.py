@@ -131,7 +131,8 @@ def stress_derivatives(
         B_mean: derivative (3, 6, q) of the strains by the gradients, at the mean gradients F_mean.
         D: derivatives of the stress by the strain (3, 3, q) times dA [N/m · m²].
         B: derivative (3, 6, q) of the strains, at the gradients F of the iterate.
-        S: stress S11, S22, S12 (3, q) times dA [N/m · m²].
+        S: stress S11, S22, S12 (3, q) times dA [N/m · m²], and times the weight of the iterate in
+            F_mean.
     """
     DB = np.einsum("klq,ljq->kjq", D, B)
     T = np.einsum("kiq,kjq->qij", B_mean, DB)

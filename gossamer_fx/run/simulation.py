@@ -115,7 +115,16 @@ class Simulation:
     ) -> None:
         """Compile the scene and open the outputs; with `restart`, read the checkpoint.  Collective.
 
-        The class describes the arguments.
+        Args:
+            scene: bodies, loads and all other items.
+            stepper: time stepping rule, with its step dt [s].
+            outputs: records of the run.
+            halvings: how often a step that does not converge may be halved.
+            control: adapts the length of steps; None: steps of dt.
+            events: actions at a time, or when a probe passes a value.
+            checkpoints: where and how often the run is saved; None: it is not.
+            restart: a checkpoint, or a folder of them, from which the run continues.
+            changes: names of items and events that may differ from those of the checkpoint.
 
         Raises:
             InputError: names what is wrong with the scene, the outputs, the events or the
