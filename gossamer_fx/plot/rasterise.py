@@ -184,8 +184,8 @@ class Canvas:
         """The image, darkened at silhouettes, where the distance jumps.
 
         Args:
-            jump: difference of distances from which on a jump is outlined.  It is the second
-                difference, which is zero on any plane, however oblique.
+            jump: difference of distances from the eye, in their unit, from which on a jump is
+                outlined.  It is the second difference, which is zero on any plane, however oblique.
             strength: share of the light that an outline absorbs.
 
         Returns:

@@ -38,7 +38,7 @@ class Crossings:
         """Check the films; surfaces are built when the probe is first called.
 
         Args:
-            *bodies: films whose intersections are counted, one or more.
+            bodies: films whose intersections are counted, one or more.
 
         Raises:
             InputError: no film is given, one is given twice, or something else is given.

@@ -289,8 +289,8 @@ def _scaled(
         mass: of the film [kg].
 
     Returns:
-        columns without a unit, whose two kinds have the norm 1 each; zeros where all snapshots have
-        no such part.
+        columns [1/√kg]; those across the plane together have the norm 1 with respect to the mass,
+        and so have those in it.  Zeros where no snapshot has such a part.
     """
     times = len(snapshots)
     product = scalar_mass_times(film, fixed)

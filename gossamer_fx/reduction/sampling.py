@@ -230,8 +230,8 @@ def fewest_weights(Y: Array, wanted: Array, most: int) -> Array:
     4. Repeat from step 1 until enough columns are taken or none reduces the residual.
 
     Args:
-        Y: (equations, n).
-        wanted: right-hand side (equations,).
+        Y: matrix (equations, n), in any unit.
+        wanted: right-hand side (equations,), in the same unit.
         most: largest number of positive weights.
 
     Returns:

@@ -68,7 +68,7 @@ class Scene:
         """Collect the items and all that they refer to, and check their names.
 
         Args:
-            *items: bodies, gas parts, loads, constraints, connectors, contacts, initial conditions.
+            items: bodies, gas parts, loads, constraints, connectors, contacts, initial conditions.
 
         Raises:
             InputError: no items, something that is not an item, or two items of one name.

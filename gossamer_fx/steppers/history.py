@@ -106,7 +106,7 @@ class History:
             variables.set_state(state[name])
 
     def commit(self) -> None:
-        """Save the present state, in the memory of the one saved before.
+        """Save the present state, which replaces the one saved before.
 
         Saved are vectors, cell values, time [s], supplied and dissipated energies [J], and all
         history variables.
