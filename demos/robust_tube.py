@@ -7,19 +7,19 @@ published, so those here are chosen.  A tube is run in every row of an L8 array 
 folded ("fresh"), and as two specimens that were made with errors and stored: their folds have other
 positions and angles, their diameters and thicknesses are not as drawn (`folded_tube.SCATTER`),
 their creases have memory, and there is residual air.  A run ends when the tip is
-`folded_tube.ARRIVED` of the length from the clamp.  The last response is the stiffness of the tip of
-the same specimen, deployed, against a force across the tube: an equilibrium under the pressure that
-it has when the tank is empty and the gas is warm again, see demos/common/tube_bending.py.
+`folded_tube.ARRIVED` of the length from the clamp.  The last response is the stiffness of the tip
+of the same specimen, deployed, against a force across the tube: an equilibrium under the pressure
+that it has when the tank is empty and the gas is warm again, see demos/common/tube_bending.py.
 
     ./gossamer sweep demos/robust_tube.py --jobs 2
     ./gossamer run demos/robust_tube.py start=roll specimen=stored_a --output out/stored
 
 The last one is one of the runs.
 
-The picture is of the stored roll on a finer mesh (`cells=6`), until 11 ms.
+The picture is of the stored roll on a finer mesh (`cells=6`), until its tip arrives at 14.8 ms.
 
-Start the command as often, and on as many machines, as you like: they share the runs.  A run of the
-zigzag takes about ten seconds of CPU time.
+Start the command as often, and on as many machines, as you like: they share the runs.  A run takes
+10 to 40 seconds of CPU time.
 """
 
 from __future__ import annotations

@@ -25,13 +25,13 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
+from scipy import sparse
 
 import gossamer_fx as gx
 from demos.studies.elastica_law import FILM, HEIGHT, LENGTH, half_wavelength, moved, sheared, waved
 from demos.studies.engine.study import Study
 from gossamer_fx.checks.errors import NoEquilibrium
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.model.body import Array
 
 THICKNESS = 200e-6  # m
 BODIES = ("film", "plate")
@@ -70,12 +70,9 @@ def unstable_directions(equilibrium: gx.Equilibrium) -> int:
     system.set_inertia(0.0)
     tangent = system.tangent()
     size = tangent.getSize()[0]
-    across: Array = np.zeros((size // 3, size // 3))
-    # Rows of the z coordinates, and of these their columns.
-    for node in range(size // 3):
-        columns, values = tangent.getRow(3 * node + 2)
-        is_z = columns % 3 == 2
-        across[node, columns[is_z] // 3] = values[is_z]
+    z = np.arange(2, size, 3)
+    starts, columns, values = tangent.getValuesCSR()
+    across = sparse.csr_array((values, columns, starts))[z][:, z].toarray()
     eigenvalues = np.linalg.eigvalsh((across + across.T) / 2)
     return int((eigenvalues < -ROUND_OFF * np.abs(eigenvalues).max()).sum())
 

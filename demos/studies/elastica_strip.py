@@ -1,4 +1,4 @@
-"""The law `Elastica` compared with a plate whose wrinkles are resolved, on a strip that is bent under
+"""The law `Elastica` compared with a plate whose wrinkles are resolved, on a bent strip under
 tension.
 
 The strip is that of `bending_strip` (Stein & Hedgepeth, NASA TN D-813, 1961) as a film of some
@@ -24,8 +24,8 @@ does not change sooner than over its own length.  The smallest sum has
 
     k⁴ = T Λ/(2 D b²),    λ = π/k,                                                               (1)
 
-and both parts are equal: as in the sheared film of `elastica_law` the wrinkles bear twice the stress
-of Euler's strip, s = D k²/t.  A strip of the length λ/√2 bears it alone.
+and both parts are equal: as in the sheared film of `elastica_law` the wrinkles bear twice the
+stress of Euler's strip, s = D k²/t.  A strip of the length λ/√2 bears it alone.
 
 A section that bears the stress -s where a tension field bears none has the closed form of
 `moment`, the prediction by hand.
@@ -87,7 +87,9 @@ def wave_number(thickness: float) -> float:
     bending = FILM["E"] * thickness**3 / (12 * (1 - FILM["nu"] ** 2))
 
     def excess(k: float) -> float:
-        return k**4 - TENSION * thickness * math.log(k * WRINKLED) / (2 * bending * WRINKLED**2)
+        """Of the left side of equation (1) over its right side."""
+        tension = TENSION * thickness * math.log(k * WRINKLED)
+        return k**4 - tension / (2 * bending * WRINKLED**2)
 
     # Wrinkles are shorter than b and longer than the thickness.
     return float(brentq(excess, 2 / WRINKLED, 1 / thickness))
@@ -102,6 +104,11 @@ def strip_stress(thickness: float, half: float) -> float:
     """Stress s [Pa] of Euler's strip with the length `half` [m]."""
     modulus = FILM["E"] / (1 - FILM["nu"] ** 2)
     return modulus * (math.pi * thickness / half) ** 2 / 12
+
+
+def tension_field(K: float) -> float:
+    """m of Stein and Hedgepeth, for a strip that wrinkles."""
+    return 1 - 2 / 3 * K**-0.5
 
 
 def moment(K: float, stress: float) -> float:
@@ -156,11 +163,12 @@ def solved(moved: gx.Fixed, search: gx.Equilibrium) -> dict[str, float]:
     found = search.find()
     body = moved.body
     thickness = body.law.thickness
-    edges = {name: edge(body, search, name) for name in ("bottom", "top")}
+    bottom = line(body, search, 0.0)
+    top = line(body, search, HEIGHT)
     # The centre of the end as it has moved; dead loads have a moment about the old one.
-    height = HEIGHT / 2 + float(edges["bottom"][-1, 2] + edges["top"][-1, 2]) / 2
+    height = HEIGHT / 2 + float(bottom[-1, 2] + top[-1, 2]) / 2
     force, couple = search.reaction(moved, about=(LENGTH, height, 0.0))
-    opening = simpson(edges["top"]) - simpson(edges["bottom"])
+    opening = simpson(top) - simpson(bottom)
     stored = sum(found.totals.stored.values())
     P = float(force[0])
     return {
@@ -174,12 +182,6 @@ def solved(moved: gx.Fixed, search: gx.Equilibrium) -> dict[str, float]:
     }
 
 
-def edge(body: gx.Membrane, search: gx.Equilibrium, name: str) -> Array:
-    """Nodes (n, 4) of a long edge in order: x of the mesh, and their displacement [m]."""
-    y = {"bottom": 0.0, "top": HEIGHT}[name]
-    return line(body, search, y)
-
-
 def line(body: gx.Membrane, search: gx.Equilibrium, y: float) -> Array:
     """Nodes (n, 4) at a height y of the mesh in order: x of the mesh, and their displacement [m];
     all ranks have all."""
@@ -188,7 +190,7 @@ def line(body: gx.Membrane, search: gx.Equilibrium, y: float) -> Array:
     chosen = np.abs(X[:, 1] - y) < 1e-9
     mine = np.column_stack([X[chosen, 0], (x - X)[chosen]])
     parts = body.comm.allgather(mine)
-    # Nodes on the border of two ranks are known to both.
+    # Nodes that two ranks share are known to both.
     _, first = np.unique(np.round(np.concatenate(parts)[:, 0], 9), return_index=True)
     rows: Array = np.concatenate(parts)[first]
     return rows
@@ -196,25 +198,27 @@ def line(body: gx.Membrane, search: gx.Equilibrium, y: float) -> Array:
 
 def simpson(rows: Array) -> float:
     """Integral of the transverse displacement [m²] along an edge of cells of order 2."""
-    h = rows[2:, 0] - rows[:-2, 0]
+    x = rows[:, 0]
     v = rows[:, 2]
-    cells = slice(None, None, 2)
-    return float(np.sum(h[cells] * (v[:-2] + 4 * v[1:-1] + v[2:])[cells]) / 6)
+    lengths = np.diff(x[::2])
+    means = (v[:-2:2] + 4 * v[1:-1:2] + v[2::2]) / 6
+    return float(lengths @ means)
 
 
-def half_waves(body: gx.Membrane, search: gx.Equilibrium, rows: int) -> float:
-    """Number of half waves of the wrinkles along the line at half of their height; fractions by
-    the zeros of the middle."""
+def measured_wavelength(body: gx.Membrane, search: gx.Equilibrium, rows: int) -> float:
+    """Mean half wavelength [m] of the wrinkles on the line of nodes nearest to half of their
+    height."""
     step = HEIGHT / rows
-    y = step * round(WRINKLED / 2 / step)
-    found = line(body, search, y)
+    found = line(body, search, step * round(WRINKLED / 2 / step))
     x = found[:, 0]
     w = found[:, 3]
-    i = np.flatnonzero(w[:-1] * w[1:] < 0)
-    zeros = x[i] - w[i] * (x[i + 1] - x[i]) / (w[i + 1] - w[i])
+    before = np.flatnonzero(w[:-1] * w[1:] < 0)
+    after = before + 1
+    slope = (w[after] - w[before]) / (x[after] - x[before])
+    zeros = x[before] - w[before] / slope
     if len(zeros) < 2:
         return math.nan
-    return LENGTH / float(np.diff(zeros).mean())
+    return float(np.diff(zeros).mean())
 
 
 @cache
@@ -239,7 +243,8 @@ def reference(thickness: float, model: str = "plate") -> Mapping[str, float]:
         moved, whole = scene(body, is_plane=False)
         search = gx.Equilibrium(whole, PLATE_SEARCH)
         found = solved(moved, search)
-        found["plate's λ [mm]"] = 1e3 * LENGTH / half_waves(body, search, 2 * rows)
+        # Between two rows of cells lies one of nodes.
+        found["plate's λ [mm]"] = 1e3 * measured_wavelength(body, search, 2 * rows)
         candidates.append(found)
     best = min(candidates, key=lambda found: found["potential"])
     lengths = [found["plate's λ [mm]"] for found in candidates]
@@ -252,13 +257,12 @@ def reference(thickness: float, model: str = "plate") -> Mapping[str, float]:
 
 
 def wrinkled(X: Array, n: int) -> Array:
-    """Displacement (3, m) [m] of the strip with n half waves of the size that takes up the
-    shortening."""
+    """Displacement (3, m) [m] of the strip with n half waves along which the film is as long as at
+    rest."""
     k = n * math.pi / LENGTH
-    height = 2 / k * np.sqrt(CURVATURE * np.maximum(WRINKLED - X[1], 0.0)) * np.sin(k * X[0])
-    plane = ends(X, 0.0)
-    # Below b the film is as long as at rest along x, apart from its wrinkles.
-    return plane + np.stack([0 * height, 0 * height, height])
+    shortening = CURVATURE * np.maximum(WRINKLED - X[1], 0.0)
+    height = 2 / k * np.sqrt(shortening) * np.sin(k * X[0])
+    return ends(X, 0.0) + np.stack([0 * height, 0 * height, height])
 
 
 def problem(comm: MPI.Comm, thickness: float, model: str) -> dict[str, float]:
@@ -269,24 +273,53 @@ def problem(comm: MPI.Comm, thickness: float, model: str) -> dict[str, float]:
         found = dict(reference(thickness, model))
     else:
         law: FilmLaw = gx.TensionField(**FILM, thickness=thickness)
-        if model.startswith("Elastica"):
-            length = half / math.sqrt(2) if model == WITH_TENSION else half
-            law = gx.Elastica(**FILM, thickness=thickness, half_wavelength=length)
+        if model == "Elastica":
+            law = gx.Elastica(**FILM, thickness=thickness, half_wavelength=half)
+        elif model == WITH_TENSION:
+            strip = half / math.sqrt(2)
+            law = gx.Elastica(**FILM, thickness=thickness, half_wavelength=strip)
         cells = (round(FILM_CELLS * LENGTH / HEIGHT), FILM_CELLS)
         mesh = sheet(comm, *cells, LENGTH, HEIGHT, crossed=True)
         body = gx.Membrane(mesh, law, order=2, displacement=lambda X: ends(X, 0.0))
         moved, whole = scene(body, is_plane=True)
         found = solved(moved, gx.Equilibrium(whole, FILM_SEARCH))
-    free = 1 - 2 / 3 * found["K"] ** -0.5
-    free_of_plate = 1 - 2 / 3 * known["K"] ** -0.5
+    # Bending and tension along the wrinkles bear equal parts.
     stress = 2 * strip_stress(thickness, half)
+    by_hand = moment(found["K"], stress) - tension_field(found["K"])
+    excess = found["m"] - tension_field(found["K"])
+    excess_of_plate = known["m"] - tension_field(known["K"])
     return found | {
         "λ [mm]": 1e3 * half,
         "s/σ0": stress / TENSION,
-        "excess": found["m"] - free,
-        "excess by hand": moment(found["K"], stress) - free,
-        "error": (found["m"] - free) - (known["m"] - free_of_plate),
+        "excess": excess,
+        "excess by hand": by_hand,
+        "error": excess - excess_of_plate,
     }
+
+
+def draw(results: list[Result], path: Path) -> None:
+    """Excess of m over that of a film without compressive stress, by the stress of the wrinkles."""
+    from demos.common.figures import BLUE, GREEN, GREY, RED, new_figure, save
+
+    figure = new_figure(width=6.4, height=4.2)
+    axes = figure.subplots()
+    colours = {"plate": GREY, "tension field": BLUE, "Elastica": RED, WITH_TENSION: GREEN}
+    for model, colour in colours.items():
+        rows = [r for r in results if r.case["model"] == model and not r.failed]
+        stresses = [r.values["s/σ0"] for r in rows]
+        excess = [r.values["excess"] for r in rows]
+        axes.plot(stresses, excess, "o-", color=colour, label=model)
+        if model == WITH_TENSION:
+            by_hand = [r.values["excess by hand"] for r in rows]
+            axes.plot(stresses, by_hand, "--", color=colour, label="by hand")
+    axes.set(
+        xlabel="predicted stress of the wrinkles over the tension",
+        ylabel="moment 2M/(PH) less that of a tension field",
+        title="A bent strip: laws of its mean stress and resolved wrinkles",
+    )
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False)
+    save(figure, path)
 
 
 STUDY = Study(
@@ -312,4 +345,5 @@ STUDY = Study(
         "residual",
         "seconds",
     ),
+    draw=draw,
 )

@@ -257,7 +257,7 @@ def test_stiffness_follows_thickness_and_the_third_power_of_the_diameter(comm) -
 
 @pytest.mark.mpi
 def test_the_tip_of_a_short_tube_is_as_stiff_as_the_pressure(comm) -> None:
-    """The flat end is a hinge whose moment comes from the pressure; far softer than a cantilever."""
+    """The flat end is a hinge whose moment comes from the pressure: softer than a cantilever."""
     short = 0.16
     low = bent_tube(comm, LAW, short, DIAMETER, 8e3, PERFECT).tip_stiffness
     high = bent_tube(comm, LAW, short, DIAMETER, 16e3, PERFECT).tip_stiffness
