@@ -28,10 +28,10 @@ def cross_matrices(a: Array) -> Array:
 
 
 def rotations(axes: Array, angle: float) -> Array:
-    """Rotation matrices (..., 3, 3) about unit vectors (..., 3), by Rodrigues' formula.
+    """Rotation matrices (..., 3, 3) about axes (..., 3), by Rodrigues' formula.
 
     Args:
-        axes: unit vectors (..., 3).
+        axes: unit vectors (..., 3), dimensionless; that they have unit length is not checked.
         angle: angle [rad], counterclockwise about each axis.
 
     >>> import numpy as np
@@ -47,8 +47,10 @@ def rotations(axes: Array, angle: float) -> Array:
 
 
 def perpendicular_pair(n: Array) -> tuple[Array, Array]:
-    """Two unit vectors p and q (3,) that form a right-handed triad (p, q, n) with a unit vector n
-    (3,).
+    """Two unit vectors p and q (3,) that form a right-handed triad (p, q, n) with n.
+
+    Args:
+        n: unit vector (3,), dimensionless; that its length is one is not checked.
 
     >>> import numpy as np
     >>> p, q = perpendicular_pair(np.array([0.0, 0.0, 1.0]))

@@ -85,7 +85,17 @@ class RotationGuides:
         reel_depth: float = 1.2,
         name: str = "guides",
     ) -> None:
-        """Check the arguments, which the class describes, and make ring, joint, brake and reel."""
+        """Check the arguments, and make ring, joint, brake and reel.
+
+        The class describes the arguments in detail.  `radius`, `rod_radius`, `height`, `reel_depth`
+        are in m, `mass` (of the ring with its rods) in kg, `brake_damping` in N m s/rad,
+        `first_angle` in rad; `drawn` is the displacement of the ring along the axis [m] as a
+        function of time [s].
+
+        Raises:
+            InputError: a number is not positive, `count` is not between 1 and `MAX_RODS`, the rods
+                are thicker than their circle, or `drawn` is not a function.
+        """
         self.name = name
         check(
             1 <= count <= MAX_RODS,
@@ -150,7 +160,12 @@ class RotationGuides:
 
     @property
     def rods(self) -> tuple[Cylinder, ...]:
-        """The rods, as obstacles on the ring."""
+        """The rods as cylinders for a `Contact`, one for each of the `count` rods; they move with
+        the ring.
+
+        Each call makes new objects.  Coordinates are in m, relative to the axes of the ring at the
+        start.
+        """
         # Imported here: guides without contact do not load it.
         from gossamer_fx.contact.obstacles import Cylinder
 

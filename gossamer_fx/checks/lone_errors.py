@@ -33,8 +33,15 @@ _SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 def abort_on_lone_error(comm: MPI.Intracomm) -> Iterator[None]:
     """Context in which an error of one rank ends the program, unless all ranks have it.
 
+    Otherwise the other ranks would wait for messages of this rank for ever.  All ranks of `comm`
+    enter the context.
+
+    Args:
+        comm: the ranks.
+
     Raises:
-        Exception: the error, if all ranks have one of the same kind.
+        Exception: the error, if all ranks have one of the same class within `PATIENCE` seconds;
+            else the error is printed and the program ends with the exit code 1.
     """
     try:
         yield
@@ -44,7 +51,10 @@ def abort_on_lone_error(comm: MPI.Intracomm) -> Iterator[None]:
 
 
 def agree_on_error(comm: MPI.Intracomm, error: Exception) -> None:
-    """Return if all ranks call this with an error of the same kind; otherwise end the program.
+    """Return if all ranks call this with an error of the same class; otherwise end the program.
+
+    Ranks that do not call it within `PATIENCE` seconds count as without an error; then this rank
+    prints its error and ends all ranks with the exit code 1.
 
     Args:
         comm: the ranks.

@@ -83,7 +83,9 @@ class Loads(
             load.forget()
 
     def supplied(self) -> float:
-        """Work [J] of the loads in the step, this rank's share."""
+        """Work [J] that the loads supply in the step, this rank's share; asked before the step is
+        accepted.
+        """
         work = 0.0
         Δq = self._system.q1.array_r - self._system.q0.array_r
         for load in self._loads:
@@ -95,8 +97,10 @@ class Loads(
         return work
 
     def resultants(self) -> dict[str, Array]:
-        """Force [N] and moment about the origin [N m] (2, 3) of each load in the last step, by
-        name.
+        """Force and moment of each load in the last step, this rank's share.
+
+        Returns:
+            By name of the load: force [N] and moment about the origin [N m], (2, 3).
         """
         system = self._system
         found = dict[str, Array]()
@@ -166,7 +170,13 @@ class LoadForces:
     """A load, compiled."""
 
     def __init__(self, term: Load, at: Coordinates) -> None:
-        """Compile the virtual work of the load, and its derivative if the load follows the body."""
+        """Compile the virtual work of the load, and its derivative if the load follows the body.
+        Collective.
+
+        Args:
+            term: the load, with its virtual work [J] as a form of the configuration.
+            at: coordinates of the body in a step.
+        """
         self.term = term
         self._at = at
         δW = term.work(at.mid, at.w)
@@ -194,11 +204,12 @@ class LoadForces:
         self._assembled = False
 
     def path_average(self) -> Array:
-        """The force whose product with Δq is the work of the step, owned and ghost.
+        """The force [N] whose product with Δq is the work of the step, for owned and ghost unknowns
+        (n,).
 
         The midpoint rule does its work with the force at q_mid.  Of a force at the end of the step,
         the work along the straight path is taken, by Simpson's rule: exact for forces that are at
-        most cubic in q, such as pressure.
+        most cubic in q, such as pressure.  Collective.
         """
         end: Array = self.force.array.copy()
         α = self._at.α
