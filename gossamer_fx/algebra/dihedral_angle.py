@@ -73,7 +73,7 @@ def angle(X: Array) -> Array:
             panels on its left and on its right.
 
     Returns:
-        Angles (...) [rad]; zero, without an error, where p or m is parallel to t.
+        Angles (...) [rad]; without meaning, but without an error, where p or m is parallel to t.
 
     >>> import numpy as np
     >>> t, p, m = [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]
@@ -268,9 +268,12 @@ def _without_rotation(X: Numbers, Y: Numbers) -> Numbers:
 
 
 def _cross_pairs(X: Numbers, Y: Numbers) -> Numbers:
-    """Rows X₂×Y₃, X₃×Y₁, X₁×Y₂ (..., 3, 3) [m²] of the rows of X and Y (..., 3, 3) [m].
+    """Rows X₂×Y₃, X₃×Y₁, X₁×Y₂ (..., 3, 3) [m²] of the rows of two arrays.
 
     With Y = X it is the gradient of the triple product J = X₁·(X₂ × X₃).
+
+    Args:
+        X, Y: three vectors each as rows (..., 3, 3) [m], real or complex.
     """
     t, p, m = _rows(X)
     u, q, n = _rows(Y)
@@ -301,9 +304,11 @@ def _dot(a: Numbers, b: Numbers) -> Numbers:
 
 
 def _cross(a: Numbers, b: Numbers) -> Numbers:
-    """Cross products a × b (..., 3) of real or complex arrays (..., 3) that broadcast.
+    """Cross products a × b (..., 3), several times faster than those of NumPy.
 
-    Several times faster than that of NumPy.  The unit is the product of those of a and b.
+    Args:
+        a, b: real or complex vectors (..., 3) that broadcast, in any units; the result has the
+            product of both.
     """
     x, y, z = (a[..., i] for i in range(3))
     u, v, w = (b[..., i] for i in range(3))

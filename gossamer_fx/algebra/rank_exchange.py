@@ -26,11 +26,13 @@ class RankExchange:
     """
 
     def __init__(self, comm: MPI.Intracomm, ranks: npt.NDArray[np.integer]) -> None:
-        """Send every rank the number of rows that it receives from each other.  Collective.
+        """Prepare the exchange: tell each rank how many rows it receives from each other.
+        Collective.
 
         Args:
             comm: the ranks.
-            ranks: destination (n,) of each of the n rows of this rank, 0 <= rank < comm.size.
+            ranks: destination (n,) of each of the n rows of this rank, 0 <= rank < comm.size; n may
+                be zero and differ between ranks.
         """
         self._comm = comm
         self._order = np.argsort(ranks, kind="stable")

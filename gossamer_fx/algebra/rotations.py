@@ -9,7 +9,10 @@ from gossamer_fx.model.ports import unit
 
 
 def cross_matrices(a: Array) -> Array:
-    """Skew matrices [a]× (..., 3, 3) of vectors a (..., 3), such that [a]× b = a × b.
+    """Skew matrices [a]× (..., 3, 3) of vectors, such that [a]× b = a × b.
+
+    Args:
+        a: vectors (..., 3), in any unit, which the matrices have, too.
 
     >>> import numpy as np
     >>> cross_matrices(np.array([1.0, 0.0, 0.0])) @ np.array([0.0, 1.0, 0.0])

@@ -120,13 +120,30 @@ class InflatableTube:
         obstacles: tuple[Obstacle, ...] = (),
         name: str = "tube",
     ) -> None:
-        """Check the arguments, and make the film, chambers, passages and supports.  Collective.
+        """Check the arguments, and make the film, chambers, passages and supports of a tube.
+        Collective.
 
-        The class describes the arguments in detail.  Lengths are in m, `pressure` in Pa,
-        `temperature` in K, `dead_volume` in m³, `turn` (a rotation vector) and `yield_angle` in
-        rad, `crease_stiffness` in N m/m/rad, `contact_stiffness` in N/m³; the coefficients and
-        `set_angle_ratio` are dimensionless.  `mesh` is a closed flat tube with the groups of
-        `gossamer_fx.meshes.tube.flat_tube`; `folds` is a map from it to a folded shape.
+        Args:
+            mesh: closed flat tube [m] with the groups of `gossamer_fx.meshes.tube.flat_tube`.
+            law: stored energy of the film.
+            gas: in the tube.
+            properties: numbers of the law that differ from cell to cell.
+            pressure, temperature: of the gas at the start [Pa] and [K].
+            dead_volume: of each compartment [m³].
+            discharge_coefficient, laminar: of the passages (dimensionless), see `Orifice`.
+            outside: gas outside; None: vacuum.
+            clamp: group of the mesh that is fixed; None: the tube is free.
+            caps: by the group of an end: a rigid body, or the mass [kg] of a bar.
+            rod_width: side of such bars [m].
+            folds: map from the flat to a folded shape; None: the tube starts flat.
+            origin, turn: position (3,) [m] and rotation vector (3,) [rad] of the folded shape.
+            crease_stiffness: [N m/m/rad]; zero: no creases.
+            set_angle_ratio: rest angle of creases over the angle of their folds.
+            yield_angle: of creases [rad]; None: elastic.
+            contact_distance: activation distance [m] of contact with itself; zero: no contact.
+            contact_stiffness: [N/m³]; None: from closing speeds.
+            obstacles: solids that the film touches, too.
+            name: for messages and outputs.
 
         Raises:
             InputError: a mesh, map or dictionary of another type, a negative stiffness or distance,

@@ -91,10 +91,23 @@ class LiddedBox:
     ) -> None:
         """Check the arguments, and make lid, hinge, spring, latch and stop.
 
-        The class describes the arguments in detail.  `sizes` (3,), `centre` (3,) and
-        `wall_thickness` are in m, `mass` (of the lid) in kg, `stiffness` in N m/rad, `damping` in N
-        m s/rad, `stop_stiffness` in N/m, `release_time` in s, the angles and the rotation vector
-        `turn` (3,) in rad.
+        The box is open at the top, +z, with a lid on a hinge, which a latch holds shut until it is
+        released.
+
+        Args:
+            sizes: inner lengths (3,) [m] along x, y, z.
+            centre: of the inner space (3,) [m].
+            wall_thickness: of walls and lid [m].
+            mass: of the lid [kg].
+            stiffness: of the spring about the hinge [N m/rad].
+            rest_angle: of the lid at which the spring is relaxed [rad], between 0 and π.
+            release_time: of the latch [s].
+            damping: of the hinge [N m s/rad].
+            max_angle: at the stop [rad], between 0 and π; None: no stop.
+            stop_stiffness: of the rope that stops the lid [N/m].
+            body: rigid body that carries the box; None: the box is fixed in space.
+            turn: rotation vector (3,) [rad] of the box about its centre.
+            name: for messages and outputs.
 
         Raises:
             InputError: a size, mass or stiffness is not positive, an angle is not between 0 and π,
@@ -253,10 +266,12 @@ class LiddedBox:
 
     @property
     def obstacles(self) -> tuple[Box, ...]:
-        """Solids of the box for a `Contact`: five slabs (four walls and the floor), then the lid.
+        """The box as obstacles for a `Contact`: five slabs (four walls and the floor), then the
+        lid.
 
-        The slabs stand still or move with the carrying body; the sixth `Box` moves with the lid.
-        Each call makes new objects, whose sizes and positions are in m.
+        The slabs stand still or move with the body that carries the box; the sixth `Box` moves with
+        the lid.  Each call makes new objects; their centres and sizes are in m, in the initial
+        state.
         """
         # Imported here: a box that nothing touches does not load contact.
         from gossamer_fx.contact.obstacles import Box

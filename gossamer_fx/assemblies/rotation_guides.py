@@ -87,10 +87,20 @@ class RotationGuides:
     ) -> None:
         """Check the arguments, and make ring, joint, brake and reel.
 
-        The class describes the arguments in detail.  `radius`, `rod_radius`, `height`, `reel_depth`
-        are in m, `mass` (of the ring with its rods) in kg, `brake_damping` in N m s/rad,
-        `first_angle` in rad; `drawn` is the displacement of the ring along the axis [m] as a
-        function of time [s].
+        The assembly is a ring with upright rods that turns about the z axis of a hub against a
+        brake, and lets wound arms of a sail unwind; a reel can draw it down.
+
+        Args:
+            hub: rigid body whose axes are those of space at the start.
+            count: number of rods, evenly spaced.
+            radius: [m] of the circle of their axes.
+            rod_radius, height: radius and height [m] of a rod.
+            mass: [kg] of the ring with its rods, on that circle.
+            brake_damping: moment over angular velocity [N m s/rad].
+            first_angle: of the first rod from the x axis [rad].
+            drawn: displacement of the ring by the reel [m], a function of time [s]; None: no reel.
+            reel_depth: of the reel below the ring [m].
+            name: for messages and outputs.
 
         Raises:
             InputError: a number is not positive, `count` is not between 1 and `MAX_RODS`, the rods
@@ -160,11 +170,11 @@ class RotationGuides:
 
     @property
     def rods(self) -> tuple[Cylinder, ...]:
-        """The rods as cylinders for a `Contact`, one for each of the `count` rods; they move with
-        the ring.
+        """The upright rods as cylinders, obstacles for a `Contact`, one for each of the `count`
+        rods.
 
-        Each call makes new objects.  Coordinates are in m, relative to the axes of the ring at the
-        start.
+        They move with the ring.  Each call makes new objects.  Their radius, ends and positions are
+        in m, in the axes of the ring at the start.
         """
         # Imported here: guides without contact do not load it.
         from gossamer_fx.contact.obstacles import Cylinder

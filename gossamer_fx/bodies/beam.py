@@ -235,10 +235,16 @@ class Beam(Curve):
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:
-        """Initial coordinates and velocities (9 n,) of the n owned nodes.
+        """Initial coordinates and velocities (9 n,) of the n nodes that this rank owns, node by
+        node.
 
-        The velocity of a director is the difference of the given velocities at its tip and its
-        root: a rigid velocity field gives exactly the rates of a rigid rotation.
+        A node has a position [m] and two directors (unit vectors); their rates are in m/s and 1/s.
+        The rate of a director is the difference of the given velocities at its tip and its root: a
+        rigid velocity field gives exactly the rates of a rigid rotation.  Collective at the first
+        use.
+
+        Raises:
+            InputError: the user's function of velocity raises or returns something else.
         """
         q = self._reference.x.array.reshape(-1, 3, 3)[: self.block.index_map.size_local]
         v = np.zeros_like(q)

@@ -111,10 +111,15 @@ class Curve(Meshed):
     def _thermal_strain(self, kind: str, components: int) -> ThermalStrain | None:
         """The thermal strain of the line for one compiled scene; None without thermal expansion.
 
+        Collective.
+
         Args:
             kind: class of the body, for messages.
-            components: number of strains of the body.  The first is the axial one and expands; the
-                others are not affected.
+            components: number of strains of the body.  The first is the axial one (dimensionless)
+                and expands with the temperature [K]; the others are not affected.
+
+        Raises:
+            InputError: a temperature is given for a group that does not consist of line elements.
         """
         if self.thermal is None:
             return None

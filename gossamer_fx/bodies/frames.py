@@ -174,11 +174,15 @@ class SectionFrame:
         yield self._origin.body
 
     def initial_state(self) -> tuple[Array, Array]:
-        """Coordinates (12,) [m, -] and rates (12,) [m/s, 1/s] on rank 0; empty arrays on the
-        others.
+        """Initial coordinates and rates of the frame of a beam's section, from those of the beam.
+        Collective.
 
-        They are the point of the beam's section, its normal n = s2 × s3 and its two directors s2
-        and s3, one vector after the other, as the beam has them at the start.
+        They are the section's point, its normal n = s2 × s3 and its two directors s2 and s3, one
+        vector after the other.
+
+        Returns:
+            Coordinates (12,) [m for the point, else -] and rates (12,) [m/s, else 1/s] on rank 0;
+            empty arrays on the others.
         """
         x, s2, s3 = (port.initial() for port in self._section)
         x_rate, s2_rate, s3_rate = (port.initial_rate() for port in self._section)

@@ -191,8 +191,11 @@ class Membrane(Meshed):
     def _thermal_strain(self) -> ThermalStrain | None:
         """The thermal strain of the film for one compiled scene; None without thermal expansion.
 
-        It has the components (E11, E22, 2 E12) in the frame of the mesh, and changes with the
-        temperature.  Collective.
+        It has the components (E11, E22, 2 E12), dimensionless, in the frame of the mesh, and
+        changes with the temperature [K].  Collective.
+
+        Raises:
+            InputError: a temperature is given for a group that does not consist of triangles.
         """
         if self.thermal is None:
             return None

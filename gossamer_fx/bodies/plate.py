@@ -331,8 +331,11 @@ class Plate(Membrane):
 
     def _transmitting(self) -> ufl.Measure:
         """The measure of the interior edges that transmit bending moments: all but the hinges.
+        Collective.
 
-        It integrates over lengths [m]; UFL expressions need restrictions "+" or "-" to one side.
+        Returns:
+            UFL measure "dS", which integrates over the lengths [m] of these edges; expressions
+            under it need restrictions "+" or "-" to one side.
         """
         domain, metadata = self.mesh.domain, {"quadrature_degree": EDGE_DEGREE}
         if not self.hinges:

@@ -213,7 +213,7 @@ def thermal_strain(
 ) -> ThermalStrain:
     """The thermal strain of a body, with the function of its temperature, for one compiled scene.
 
-    Collective.
+    Collective.  The temperatures at time zero are evaluated.
 
     Args:
         body: with `mesh`, `order` and `thermal` (a `ThermalExpansion`).
@@ -222,7 +222,8 @@ def thermal_strain(
         what: name of the body in messages.
 
     Raises:
-        InputError: a temperature is given for a group that does not consist of cells.
+        InputError: a temperature is given for a group that does not consist of cells, is below
+            zero, or its function fails.
     """
     thermal: ThermalExpansion = body.thermal
     domain = body.mesh.domain

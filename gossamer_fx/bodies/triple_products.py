@@ -235,11 +235,14 @@ def _gradient(X: Vectors, δ: Vectors) -> Expr:
 
 
 def _second(X: Vectors, a: Vectors, b: Vectors) -> Expr:
-    """Second derivative of the triple product (u×v)·s along two directions, a UFL expression.
+    """Second derivative of the triple product (u×v)·s along two directions, dimensionless.
 
     Args:
-        X: the three vectors u, v, s, each (3,), dimensionless.
-        a, b: the directions, three vectors each.
+        X: the three UFL vectors u, v, s, each (3,), dimensionless.
+        a, b: the directions, three vectors (3,) each.
+
+    Returns:
+        UFL scalar, linear in a and in b.
     """
     u, v, s = X
     au, av, as_ = a

@@ -119,9 +119,15 @@ def check_arguments[T: Callable[..., Any]](thing: T) -> T:
 def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
     """Wrap a function so that the types of its arguments are checked at each call.
 
-    The wrapper raises `InputError` with one sentence, which names the argument, its value and what
-    to give, if an argument is missing, unknown or not of the type in its annotation.  Defaults are
-    not checked.
+    Defaults are not checked.
+
+    Args:
+        function: whose arguments have annotations; also the `__init__` of a class.
+
+    Returns:
+        A function with the same name and signature.  It raises `InputError` with one sentence,
+        which names the argument, its value and what to give, if an argument is missing, unknown or
+        not of the type in its annotation.
     """
 
     # Signature and annotations are looked at in the first call: most of the classes that a scene
@@ -255,6 +261,10 @@ def _module_of(function: Callable[..., Any], argument: str) -> types.ModuleType:
 
     It is that of the function, but for the constructor of a dataclass, which takes fields, with
     their annotations, from base classes of other modules.
+
+    Args:
+        function: a function, or the `__init__` of a class.
+        argument: name of one of its arguments.
     """
     module = sys.modules[function.__module__]
     owner = vars(module).get(function.__qualname__.split(".")[0])
@@ -302,11 +312,14 @@ def _type_checking_imports(module: str) -> dict[str, tuple[str, str]]:
 
 
 def kind_of(hint: Any) -> Kind | None:
-    """What values an annotated type allows, and how a message names them; None if it allows all
-    values.
+    """The test of values that an annotated type allows, and the words by which a message asks for
+    them.
 
     Args:
-        hint: a type, as annotations have them: a class, a union, `Sequence[float]`, `Annotated` ...
+        hint: a type, as annotations have them: a class, a union, `Sequence[float]`, `Annotated`.
+
+    Returns:
+        A `Kind` with `accepts(value)` and `words`; None if the type allows all values.
 
     Raises:
         TypeError: a type that cannot be tested, e.g. a protocol that is not `runtime_checkable`.
@@ -342,12 +355,16 @@ def kind_of(hint: Any) -> Kind | None:
 
 
 def _annotated(hint: Any, marks: Iterable[Any]) -> Kind | None:
-    """The kind of an `Annotated` type; None if it allows all values.
+    """The test of values of an `Annotated` type, with the words for messages; None if it allows
+    all.
 
     Args:
         hint: the type that is annotated.
         marks: its annotations.  `Count`, of which there is one or none, prescribes the number of
             entries; others mean nothing.
+
+    Raises:
+        TypeError: `hint` cannot be tested.
     """
     kind = kind_of(hint)
     counts = [mark.entries for mark in marks if isinstance(mark, Count)]
@@ -361,11 +378,18 @@ def _annotated(hint: Any, marks: Iterable[Any]) -> Kind | None:
 
 
 def _union(alternatives: Iterable[Any]) -> Kind | None:
-    """The kind of a union of types, which accepts what one of them accepts; None if one of them
-    accepts all values.
+    """The test of values of a union of types, with the words for messages.
+
+    It accepts what one of the types accepts.
 
     Args:
         alternatives: the types of the union.
+
+    Returns:
+        None if one of them allows all values.
+
+    Raises:
+        TypeError: one of them cannot be tested.
     """
     hints = list(alternatives)
     if Path in hints:
@@ -382,11 +406,15 @@ def _union(alternatives: Iterable[Any]) -> Kind | None:
 
 
 def _tuple(hints: tuple[Any, ...]) -> Kind:
-    """The kind of a collection of fixed length, with a type for each entry.
+    """The test of a collection of fixed length, with a type for each entry, and the words for
+    messages.
 
     Args:
         hints: types of the entries.  If all are `float`, they are components of a vector, which may
             be tiny next to each other.
+
+    Raises:
+        TypeError: one of them cannot be tested.
     """
     kinds = [kind_of(hint) for hint in hints]
     if all(hint is float for hint in hints):
@@ -407,8 +435,8 @@ def _tuple(hints: tuple[Any, ...]) -> Kind:
 
 
 def _generic(origin: type, arguments: tuple[Any, ...]) -> Kind | None:
-    """The kind of a class with type arguments, e.g. `Sequence[float]`; None if it allows all
-    values.
+    """The test of values of a class with type arguments, e.g. `Sequence[float]`, and the words for
+    messages.
 
     Args:
         origin: the class, e.g. `Sequence`.
@@ -435,10 +463,14 @@ def _generic(origin: type, arguments: tuple[Any, ...]) -> Kind | None:
 
 
 def _mapping(key: Any, value: Any) -> Kind:
-    """The kind of a mapping whose keys and values are of annotated types.
+    """The test of a mapping whose keys and values are of annotated types, and the words for
+    messages.
 
     Args:
         key, value: the types.
+
+    Raises:
+        TypeError: one of them cannot be tested.
     """
     keys = kind_of(key)
     values = kind_of(value)
@@ -457,10 +489,13 @@ def _mapping(key: Any, value: Any) -> Kind:
 
 
 def _collection(entry: Any) -> Kind:
-    """The kind of a list, tuple, set or array of any length.
+    """The test of a list, tuple, set or array of any length, and the words for messages.
 
     Args:
         entry: type of the entries; numbers must be in one dimension.
+
+    Raises:
+        TypeError: it cannot be tested.
     """
     if entry is float:
         return Kind(_are_numbers, "numbers")
@@ -476,7 +511,10 @@ def _collection(entry: Any) -> Kind:
 
 
 def _class(kind: type) -> Kind:
-    """The kind of the instances of a class, or of a protocol that can be checked at run time.
+    """The test of instances of a class or protocol, and the words by which messages ask for one.
+
+    Args:
+        kind: a class, or a protocol that can be checked at run time.
 
     Raises:
         TypeError: `kind` is a protocol that is not `runtime_checkable`.
@@ -530,8 +568,9 @@ def _is_infinite(value: Any) -> bool:
 def _range(value: Any) -> str:
     """Clause of a message about the size that numbers may have; empty if size is not what is wrong.
 
-    It is not empty for finite numbers that are larger than `LARGEST` or, other than zero, smaller
-    than `SMALLEST`.
+    Args:
+        value: what a user gave, of any type.  The clause is not empty for finite numbers that are
+            larger than `LARGEST` or, other than zero, smaller than `SMALLEST`.
     """
     numbers = real_numbers(value)
     if isinstance(value, bool) or numbers is None or not np.isfinite(numbers).all():

@@ -90,7 +90,8 @@ def watch_uncaught_errors() -> None:
     """Install a hook that ends the program on all ranks after an uncaught error of one rank.
 
     Such an error may occur while the scene is created.  Without the hook Python would wait in
-    MPI_Finalize for the other ranks, which wait for this one.
+    MPI_Finalize for the other ranks, which wait for this one.  Where a launcher has started one
+    process only, or none has, nothing is installed.
     """
     # One process has nobody to wait for it, and need not load MPI.
     if not any(os.environ.get(name, "1") not in ("", "0", "1") for name in _SIZES):

@@ -139,6 +139,9 @@ def _is_below_limit(numbers: Numbers) -> bool:
 def _call(function: Callable[[], Any]) -> tuple[Any, str, Exception | None]:
     """Call a function of the user, and return its result or what it raises.
 
+    Args:
+        function: called without arguments, on this rank alone.
+
     Returns:
         The result, None after an exception; the problem in words, empty if there is none; and the
         exception that caused it.  `KeyboardInterrupt` and `SystemExit` are not caught.

@@ -171,10 +171,11 @@ def _with_values(words: Sequence[str]) -> list[str]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    """The parser of all commands.
+    """The parser of the command line of `gossamer`, with all commands and their options.
 
-    Commands that read or make runs set the function that runs them; `main` itself runs demo,
-    validate and doctor, and their entries here serve `--help`.
+    Commands that read or make runs store the function that runs them as `command`; `main` itself
+    runs demo, validate and doctor, and their entries here serve `--help`.  The parser ends the
+    program with the code 2, and one sentence on standard error, for words that it does not know.
     """
     parser = _Parser(prog="gossamer", description="Run a scene, and look at what it did.")
     parser.add_argument("--version", action="version", version=f"gossamer_fx {VERSION}")

@@ -16,7 +16,8 @@ DEFAULT = "folded_tube"
 def find_demos() -> Path | None:
     """The folder of the demos: that of the clone of this package, else one in the current folder.
 
-    A wheel has none.
+    Returns:
+        None if there is none: an installed package has no demos.
     """
     clone = Path(__file__).resolve().parents[2]
     for folder in (clone / "demos", Path("demos").resolve()):

@@ -304,7 +304,10 @@ class _Points:
     """
 
     def __init__(self, terms: Sequence[CreaseEnergy], of: list[int], system: Assembly) -> None:
-        """Join the points of some creases in arrays.
+        """Join the points of some creases in arrays, for the folds of this rank.
+
+        A point stands for a part of a fold.  It has a stiffness [N m/rad], a rest angle and a yield
+        angle [rad], and the sign of the angle if the fold starts pressed shut.
 
         Args:
             terms: all creases of the scene.

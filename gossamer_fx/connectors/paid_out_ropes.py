@@ -115,10 +115,11 @@ class PaidOutRopes(
 
     def commit(self) -> None:
         """Make the accepted coordinates the start of the next step, and update the natural lengths
-        L [m].
+        [m].
 
-        A brake that slips has let out rope in the accepted step.  The first call is at the initial
-        state, where ropes that are tighter than their brake allows become longer.  Collective.
+        Collective.  A brake that slips has let out rope in the accepted step, and a reel with a
+        given length as much as that says.  The first call is at the initial state, where ropes that
+        are tighter than their brake allows become longer.
         """
         q = self._gather(self._system.q0)[0]
         length = self._lengths(q)

@@ -200,6 +200,9 @@ class Tape:
         Args:
             start: initial state of the scene; the terms do not depend on it.
 
+        Yields:
+            The mass [kg] of the bars at their ends, and their stored energy [J].
+
         Raises:
             InputError: the law is not that of a cable.
         """

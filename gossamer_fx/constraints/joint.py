@@ -246,8 +246,11 @@ class Link(Between):
         Args:
             start: initial state of the scene.
 
+        Yields:
+            One constraint (|x_a - x_b|² - l²)/2l = 0, whose multiplier is the force of the rod [N].
+
         Raises:
-            InputError: the points coincide in it.
+            InputError: the points coincide in the initial state.
         """
         length = float(np.linalg.norm(start.vector(self.a) - start.vector(self.b)))
         check(

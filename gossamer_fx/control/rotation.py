@@ -62,11 +62,17 @@ def _weights(reference: Array) -> tuple[Array, Array, Array | None]:
 
 
 def position_gradient_derivative(vectors: Array, reference: Array) -> Array:
-    """Derivatives (3, 3, 3k) of `position_gradient` by the present vectors, flattened.
+    """Derivatives (3, 3, 3k) of the position gradient F (3, 3) by the k present vectors, flattened.
+
+    F maps the reference vectors to the present ones in least squares; see `position_gradient`.
 
     Args:
         vectors: attached vectors now, (k, 3), in any unit.
         reference: the same vectors in the reference, (k, 3), at least two of them not parallel.
+
+    Returns:
+        In the inverse unit of the vectors; not finite if the present vectors are parallel and the
+        reference lies in a plane.
     """
     weights, in_plane, normal = _weights(reference)
     if normal is None:

@@ -129,7 +129,7 @@ class Increment:
         """Store what rounding took from q1 = q0 + (p + w), exactly, in `remainder` [m].
 
         It is added to the next increment, so that it does not accumulate.  Knuth's sum of two
-        numbers: D.  E. Knuth, The Art of Computer Programming, vol. 2, section 4.2.2, theorem B.
+        numbers (The Art of Computer Programming, vol. 2, section 4.2.2, theorem B).
 
         Args:
             q0, q1: coordinates [m] at the start and the end of the accepted step.

@@ -209,14 +209,14 @@ def _tied(
 
     Args:
         system: the compiled scene, after a step or at rest.
-        measure: quadratic functions of the ports that the constraint holds at zero.  Its force is
-            -De(q_mid)ᵀ λ.
+        measure: quadratic functions e = ½ X·H X + L·X + c of the stacked vectors X of the ports,
+            which the constraint holds at zero.  Its force is -∂e/∂X λ.
         λ: its multipliers (n, m), [N] for distances of points.
         counts: whether the force on a port is part of the sum.
         centre: point of the moment (3,) [m].
 
     Returns:
-        Force [N] and moment [N m], (2, 3).
+        Force [N] and moment [N m], as rows (2, 3).
     """
     α = system.rule.alpha
     total = np.zeros((2, 3))

@@ -145,10 +145,11 @@ class System:
         return np.concatenate([np.zeros(0), *marks])
 
     def _sort_by_role(self) -> None:
-        """Sort the compiled kinds of terms by the roles that they play, as forces, tangents or
-        energies.
+        """Sort the compiled kinds of terms by the roles that they play, into lists of this object.
 
-        A kind is asked only for what it has a part in; a kind may be in several lists.
+        A kind holds all terms of one class, e.g. all springs; a role is a part in the equations,
+        e.g. to add forces or to store energy.  A kind is asked only for its roles; it may be in
+        several lists.
         """
         compiled = self.compiled
         self.constraints = next((c for c in compiled if isinstance(c, CompiledConstraints)), None)
@@ -235,11 +236,11 @@ class System:
             self._commit()
 
     def parameters_changed(self) -> None:
-        """Assemble again what depends on coefficients of forms: masses, constant stiffness and
-        loads.
+        """Assemble again what depends on coefficients of forms: masses [kg], constant stiffness
+        [N/m] and loads.
 
-        Their values were changed by the caller.  The state stays; its derived quantities, as
-        strains, are updated.  Collective.
+        The caller has changed their values.  Coordinates and velocities stay; quantities derived
+        from them, as strains, are updated.  Collective.
         """
         for kind in self.compiled:
             if isinstance(kind, roles.ResidualForms):
@@ -612,8 +613,11 @@ class System:
         """Energies and momenta of the accepted state, and what was supplied and lost since the
         start.
 
-        Energies are in J, momenta (3,) in kg m/s and kg m²/s about the origin, masses of gas in kg.
-        Collective; the same on every rank.
+        Collective.
+
+        Returns:
+            The same on every rank: time [s], energies [J] (stored and lost ones by name), momentum
+            (3,) [kg m/s], angular momentum (3,) [kg m²/s] about the origin, and masses of gas [kg].
         """
         self.M.mult(self.v0, self._momenta)
         size = 3 * len(self._is_position)  # without multipliers

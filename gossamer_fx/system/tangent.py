@@ -55,9 +55,11 @@ class Tangent:
     def for_preconditioner(self) -> PETSc.Mat:
         """The part of the tangent [N/m] that a preconditioner needs, as one matrix.  Collective.
 
-        It is A and those couplings of contact pairs that are strong compared with the diagonal of
-        A; A itself if nothing is coupled.  Another matrix than A belongs to the caller, who
-        destroys it.
+        It is A, of fixed pattern, and those couplings of contact pairs that are strong compared
+        with the diagonal of A.
+
+        Returns:
+            A itself if nothing is coupled, otherwise a new matrix.
         """
         if not self._couplings:
             return self.A

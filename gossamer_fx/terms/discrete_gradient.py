@@ -194,14 +194,16 @@ class PathAverage(StressRule):
         They serve six of ten paths in the iterations of a film that flutters, seven before it does.
 
         Args:
-            energy: density, whether it is quadratic, and the pieces of a path on which it is
-                smooth.
-            e0: strain at the start of the step, dimensionless.
-            e1: strain at its end, a UFL variable.
+            energy: stored energy: its density as a function of the strain, whether it is quadratic,
+                and the pieces of a strain path (shares `start` to `end` of it, from 0 to 1) on
+                which the material is in one state, each with its mean stress.
+            e0: strain (m,) at the start of the step, dimensionless.
+            e1: strain (m,) at its end, a UFL variable.
 
         Returns:
-            Conditions and stresses, UFL expressions; the first condition that holds counts.  Empty
-            where one expression serves all paths.
+            Conditions, and mean stresses (m,) in the unit of the density (per area [N/m], per
+            length [N]), all UFL expressions; the first condition that holds counts.  Empty where
+            one expression serves all paths.
         """
         if energy.quadratic or not energy.pieces:
             return []

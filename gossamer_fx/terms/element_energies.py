@@ -194,10 +194,10 @@ class ElementEnergies(
         return {f.term.name: f.energy() for f in self.elements if isinstance(f.term, StoredEnergy)}
 
     def without_gradient(self) -> str:
-        """In words, which term has no gradient by parameters, and what to do; empty if all have
-        one.
+        """In words, which stored energy has no gradient by parameters, and what to do; empty if all
+        have one.
 
-        Laws that are written in C have none in time steps.
+        Laws that are written in C have no derivatives, and therefore no gradient in time steps.
         """
         # At rest the stress is the derivative of the density, which is in UFL for all laws.
         if self._system.rule.alpha != MIDPOINT:
@@ -278,13 +278,19 @@ class ElementForces:
     def __init__(
         self, term: StoredEnergy | ViscousDissipation, at: Coordinates, rule: StressRule
     ) -> None:
-        """Compile one stored energy or dissipation: strains, response, residual and tangent.
+        """Compile one stored energy or dissipation on a mesh: strains, stresses, residual and
+        tangent.
+
+        The strain at the quadrature points is an unknown in addition to the coordinates.
         Collective.
 
         Args:
-            term: measure (strain) and density as functions of the coordinates.
+            term: measure (strain, m components) and density as functions of the coordinates.
             at: coordinates of the body at the start and the end of a step, as functions for forms.
             rule: how the stress of a step follows from the strains at its ends.
+
+        Raises:
+            InputError: the law is written in C, and the rule has no function for such laws.
         """
         self.term = term
         self._at = at
@@ -423,10 +429,11 @@ class ElementForces:
             self.thermal.commit()
 
     def linearise(self) -> None:
-        """Set the separate strain ê of the next iterate from the last one and its linear change.
+        """Set the strain ê at the quadrature points for the next iterate of Newton's method.
 
-        A law with several states chooses ê and evaluates stresses; for others stresses are
-        evaluated when they are needed.
+        ê is an unknown in addition to the coordinates: it follows from the strain of the last
+        iterate and its linear change.  A law with several states (taut, wrinkled, slack) chooses ê
+        and evaluates stresses here; for others stresses are evaluated when they are needed.
         """
         if self._law is not None:
             # The first guess is the strain of the last step's start: a film that flutters
@@ -446,11 +453,11 @@ class ElementForces:
         self._has_response = False
 
     def respond(self) -> None:
-        """Evaluate stress S and its derivative D at the present strain ê of all points, at the
+        """Evaluate stress S and its derivative D by the strain at all quadrature points, at the
         first use.
 
-        States that are only accepted or restored, as in the reversed run of a gradient, need
-        strains and no stresses.
+        Later calls for the same strain do nothing.  States that are only accepted or restored, as
+        in the reversed run of a gradient, need strains and no stresses.
         """
         if self._has_response:
             return

@@ -212,12 +212,15 @@ class PointConstraints(
         r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the derivatives of constraint forces and constraints by coordinates and multipliers.
+        """Add the derivatives of constraint forces and of constraints, by coordinates and
+        multipliers.
 
-        The blocks are α λ·D²e, De(q_mid)ᵀ and De(q1), see the module.  Collective.
+        With constraints e(q) = 0, multipliers λ and forces De(q_mid)ᵀ λ at q_mid = (1 - α) q0 + α
+        q1 the blocks are α λ·D²e [N/m], De(q_mid)ᵀ, and De(q1) in the rows of the multipliers.
+        Collective.
 
         Args:
-            A: tangent of all unknowns, multipliers included.
+            A: tangent of all unknowns, multipliers included, not yet assembled; changed in place.
         """
         values = self._system.q1.array_r.copy()
         for k, at, q in self._at_end():

@@ -219,8 +219,10 @@ class PointLoads(
     def resultants(self) -> dict[str, Array]:
         """Force and moment of each load in the last step, this rank's share.  Collective.
 
+        They are those in the configuration in which the forces of the step acted.
+
         Returns:
-            By name of the load: force [N] and moment about the origin [N m], (2, 3).
+            By name of the load: force [N] and moment about the origin [N m], as rows (2, 3).
         """
         found: dict[str, Array] = {}
         for k, X in enumerate(self._middle()):

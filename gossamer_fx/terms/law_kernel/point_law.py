@@ -96,8 +96,11 @@ class PointLaw:
     # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self) -> None:
-        """Start a step: read constants and functions of the law again, and forget all choices of
+        """Start a step: read constants and functions of the law again, and forget the choices of
         strains.
+
+        Constants, such as moduli, and functions, such as a thickness [m] that differs from cell to
+        cell, may have been changed since the last step.
         """
         self._functions.refresh()
         for constants, values in self._constants:
