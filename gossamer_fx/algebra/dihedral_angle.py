@@ -69,8 +69,8 @@ def angle(X: Array) -> Array:
     two panels continue each other.
 
     Args:
-        X: folds (..., 3, 3) [m], with three vectors as rows: t along the fold, p and m into the
-            panels on its left and on its right.
+        X: folds (..., 3, 3), with three vectors of any unit as rows: t along the fold, p and m into
+            the panels on its left and on its right.
 
     Returns:
         Angles (...) [rad]; without meaning, but without an error, where p or m is parallel to t.
@@ -86,12 +86,13 @@ def angle(X: Array) -> Array:
 
 
 def gradient(X: Numbers) -> Numbers:
-    """Gradient ∂θ/∂X (..., 3, 3) [rad/m] of the dihedral angle θ of folds X (..., 3, 3) [m].
+    """Gradient ∂θ/∂X (..., 3, 3) of the dihedral angle θ of folds X (..., 3, 3), in the inverse of
+    its unit.
 
-    The rows of X are the vectors t along the fold, p and m into its two panels.  θ = atan2(S, C)
-    with C = (t·p)(t·m) - (t·t)(p·m) and S = |t| J, J = t·(p × m), so that ∂θ/∂X = (C ∂S/∂X - S
-    ∂C/∂X)/(C² + S²).  X may be complex, for derivatives by complex steps.  A panel without area, p
-    or m parallel to t, gives NaN.
+    The rows of X are three vectors of any unit: t along the fold, p and m into its two panels.  θ =
+    atan2(S, C) with C = (t·p)(t·m) - (t·t)(p·m) and S = |t| J, J = t·(p × m), so that ∂θ/∂X = (C
+    ∂S/∂X - S ∂C/∂X)/(C² + S²).  X may be complex, for derivatives by complex steps.  A panel
+    without area, p or m parallel to t, gives NaN.
     """
     tt, tp, tm, pm, J, length = _products(X)
     C = tp * tm - tt * pm
@@ -109,16 +110,16 @@ def discrete_gradient(
     θ0: Array,
     θ1: Numbers,
 ) -> Numbers:
-    """Discrete gradient G (..., 3, 3) [rad/m] of the dihedral angle of folds over a time step.
+    """Discrete gradient G (..., 3, 3) of the dihedral angle of folds over a time step.
 
     It satisfies G·(X1 - X0) = θ1 - θ0 and Σ X_mid × G = 0, so that the moment of a crease conserves
-    energy and angular momentum; at X1 = X0 it is the gradient.  Equations (3) and (4) of the
-    module.
+    energy and angular momentum; at X1 = X0 it is the gradient.  Its unit is the inverse of that of
+    X.  Equations (3) and (4) of the module.
 
     Args:
-        X0: folds (..., 3, 3) [m] at the beginning of the step, with three vectors as rows: t along
-            the fold, p and m into its two panels.
-        X1: folds (..., 3, 3) [m] at its end; may be complex, for derivatives by complex steps.
+        X0: folds (..., 3, 3) at the beginning of the step, with three vectors of any unit as rows:
+            t along the fold, p and m into its two panels.
+        X1: folds (..., 3, 3) at its end; may be complex, for derivatives by complex steps.
         θ0: angles (...) [rad] of X0, on any branch.
         θ1: angles (...) [rad] of X1, less than a whole turn from θ0.
 
@@ -179,13 +180,14 @@ def discrete_gradient_derivative(
     θ0: Array,
     θ1: Array,
 ) -> Array:
-    """Derivative ∂G/∂X1 (n, 3, 3, 3, 3) [rad/m²] of the discrete gradient of the angles of n folds.
+    """Derivative ∂G/∂X1 (n, 3, 3, 3, 3) of the discrete gradient of the angles of n folds.
 
-    The last two axes are those of X1.  It is taken by complex steps, exact to round-off.
+    The last two axes are those of X1; the unit is the inverse square of that of X1.  It is taken by
+    complex steps, exact to round-off.
 
     Args:
-        X0, X1: folds (n, 3, 3) [m] at the beginning and end of a time step; rows are the vector
-            along the fold and those into its two panels.
+        X0, X1: folds (n, 3, 3), of any unit, at the beginning and end of a time step; rows are the
+            vector along the fold and those into its two panels.
         θ0, θ1: their angles (n,) [rad], less than a whole turn apart.
     """
     # The angle at the end depends on X1 too.
@@ -235,14 +237,16 @@ def _cosine_and_sine(X: Numbers) -> tuple[Numbers, Numbers]:
 
 
 def _gradient_of_cosine(X: Numbers, products: tuple[Numbers, ...]) -> Numbers:
-    """Gradient (..., 3, 3) [m³] of C = (t·p)(t·m) - (t·t)(p·m), which is the cosine times a factor.
+    """Gradient (..., 3, 3) of C = (t·p)(t·m) - (t·t)(p·m), the cosine of a fold's angle times a
+    factor.
 
     With the products of X it is the derivative; with means over a step, and X at its middle, the
     discrete gradient.
 
     Args:
-        X: folds (..., 3, 3) [m] with the rows t along the fold, p and m into its two panels.
-        products: t·t, t·p, t·m and p·m, (...) [m²] each.
+        X: folds (..., 3, 3) with the rows t along the fold, p and m into its two panels, of any
+            unit.
+        products: t·t, t·p, t·m and p·m, (...) each, in the square of that unit.
     """
     t, p, m = _rows(X)
     tt, tp, tm, pm = (_v(product) for product in products)
@@ -268,12 +272,12 @@ def _without_rotation(X: Numbers, Y: Numbers) -> Numbers:
 
 
 def _cross_pairs(X: Numbers, Y: Numbers) -> Numbers:
-    """Rows X₂×Y₃, X₃×Y₁, X₁×Y₂ (..., 3, 3) [m²] of the rows of two arrays.
+    """Rows X₂×Y₃, X₃×Y₁, X₁×Y₂ (..., 3, 3) of the rows of two arrays, in the square of their unit.
 
     With Y = X it is the gradient of the triple product J = X₁·(X₂ × X₃).
 
     Args:
-        X, Y: three vectors each as rows (..., 3, 3) [m], real or complex.
+        X, Y: three vectors each as rows (..., 3, 3), real or complex.
     """
     t, p, m = _rows(X)
     u, q, n = _rows(Y)

@@ -83,8 +83,9 @@ def attach(
         ports: the ports whose vectors are stacked, not all of them `Ground`.
 
     Returns:
-        Global indices (D,) of the unknowns; P (3k, D), dimensionless; and the offset (3k,) [m] that
-        ports of the ground have.
+        Global indices (D,) of the unknowns; P (3k, D), with lengths [m] where a point depends on a
+        director, else dimensionless; and the offset (3k,), nonzero for ports of the ground: [m] for
+        points, [-] for directions.
 
     Raises:
         InputError: a port whose nodes, weights and vectors do not belong together.
@@ -136,8 +137,9 @@ def attach_all(
         rows: 3k, needed where a rank has no tuple.
 
     Returns:
-        Global indices (n, D), maps P (n, rows, D), dimensionless, and offsets (n, rows) [m].  D is
-        the largest number of unknowns of a tuple on this rank.
+        Global indices (n, D), maps P (n, rows, D), with lengths [m] where a point depends on a
+        director, else dimensionless, and offsets (n, rows), [m] for points.  D is the largest
+        number of unknowns of a tuple on this rank.
 
     Raises:
         InputError: a port whose nodes, weights and vectors do not belong together.
@@ -225,7 +227,8 @@ class PointMeasures:
     ) -> None:
         """Convert the measures that this rank evaluates to arrays.
 
-        A measure is ½ X·H X + L·X + c of the stacked vectors X = P q + offset [m] of some ports.
+        A measure is ½ X·H X + L·X + c of the stacked vectors X = P q + offset of some ports: points
+        [m] and directions [-], linear in the unknowns q.
 
         Args:
             numbering: global indices of the unknowns of all bodies.
@@ -295,7 +298,7 @@ class PointMeasures:
         Args:
             P: maps (n, 3k, D) from the unknowns to the vectors of k ports.
             H, L: quadratic part (n, m, 3k, 3k) and linear part (n, m, 3k) of m measures.
-            offset: (n, 3k) [m], nonzero for ports of the ground.
+            offset: (n, 3k), nonzero for ports of the ground: [m] for points, [-] for directions.
         """
         z = np.zeros((self.n, self.D))
         slope_of_vectors = np.einsum("nmab,nb->nma", H, offset) + L

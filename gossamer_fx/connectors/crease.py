@@ -187,9 +187,10 @@ class Crease:
         """The crease as arrays over points of its edges that this rank owns, for the equations.
 
         A film of order 1 has one point on an edge, one of order 2 has two.  At each point three
-        vectors [m], along the fold and into the left and right panels, are constant linear maps of
-        the nodes of both triangles.  Its stiffness [N m/rad] is that per length, times its share of
-        the edge's length.
+        dimensionless vectors, along the fold and into the left and right panels, are constant
+        linear maps [1/m] of the positions of the nodes of both triangles; they are unit vectors on
+        the stress-free mesh.  The stiffness [N m/rad] of a point is that per length, times its
+        share of the edge's length.  Collective at the first use.
         """
         table = self.body.mesh.edges
         owned = self._owned
@@ -318,7 +319,8 @@ def _inwards(corners: Array, t: Array, sides: Indices) -> Array:
 def _without_twins(nodes: Indices, maps: Array, k: int) -> tuple[Indices, Array]:
     """Remove nodes that both triangles have from those of the right one, and add up their maps.
 
-    The maps give g vectors at each of n edges from the positions of the nodes.
+    The maps [1/m] give three vectors at each of g points of n edges from the positions of the
+    nodes.
 
     Args:
         nodes: (n, 2k) of the left and of the right triangle.

@@ -336,8 +336,9 @@ class _Points:
         self._begun = False
 
     def vectors(self, q: Array) -> Array:
-        """X (n, 3, 3) [m] at unknowns q (n, D): along the fold, into the left and into the right
-        panel.
+        """X (n, 3, 3), dimensionless, at positions q (n, D) [m] of the nodes of n points.
+
+        The rows are vectors along the fold, into the left and into the right panel.
         """
         positions = q.reshape(len(q), q.shape[1] // 3, 3)
         result: Array = self._maps @ positions
@@ -503,8 +504,15 @@ class _Points:
         return self.θ + np.remainder(change + np.pi, 2 * np.pi) - np.pi
 
     def _direction(self, X: Array, θ1: Array) -> Array:
-        """G (n, 3, 3) [1/m]: the discrete gradient of θ, or with α = 1 its gradient at the end of
-        the step.
+        """G (n, 3, 3), dimensionless: discrete gradient of the angle θ by the vectors X of each
+        point.
+
+        With α = 1 (backward Euler) it is the gradient at the end of the step.
+
+        Args:
+            X: vectors (n, 3, 3) along the fold and into both panels at the end of the step,
+                dimensionless.
+            θ1: fold angles (n,) [rad] there.
         """
         if self._α == 1.0:
             return np.asarray(dihedral_angle.gradient(X))

@@ -36,9 +36,9 @@ class AttachedMasses(Mass, CompiledTerms["AttachedKineticEnergy"]):
         vectors.
 
         Args:
-            matrix: PETSc matrix of all unknowns, not yet assembled.
-            each: (3, 3), the same for all vectors: unit matrix for the mass [kg], or a multiple of
-                a cross product [1/s].
+            matrix: PETSc matrix of all unknowns, not yet assembled; changed in place.
+            each: (3, 3), the same for all vectors: the unit matrix [-] for masses, or twice the
+                matrix of a cross product with an angular velocity [rad/s] for the Coriolis force.
         """
         for term in self._terms:
             # Each tuple is added on one rank; the matrix adds up what ranks share.
