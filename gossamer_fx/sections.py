@@ -202,8 +202,8 @@ def rectangle(
 ) -> Section:
     """Rectangular section; shear coefficient 10(1+ν)/(12+11ν) (Cowper 1966).
 
-    Its torsion constant is J = a b³ (1/3 - 64 b/(π⁵ a) Σ tanh(nπa/(2b))/n⁵), odd n, a ≥ b
-    (Saint-Venant's series; Timoshenko & Goodier, Theory of Elasticity, § 109).
+    Its torsion constant is J = a b³ (1/3 - 64 b/(π⁵ a) Σ tanh(nπa/(2b))/n⁵), odd n, with the sides
+    a ≥ b (Saint-Venant's series; Timoshenko & Goodier, Theory of Elasticity, § 109).
 
     Args:
         width2: along d2 [m].
