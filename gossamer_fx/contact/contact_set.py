@@ -112,7 +112,7 @@ class ContactSet:
     ) -> None:
         """Make the stages of contact; the first `commit` finds the initial candidates.
 
-        Collective.
+        Collective.  The arguments are described in the class.
         """
         library(system.comm)
         # History variables of points are kept by their owners: which points a rank knows changes.
@@ -157,10 +157,11 @@ class ContactSet:
     # ---- states ----
 
     def set_initial_state(self) -> None:
-        """Take the first state: check it, and choose the activation distances.
+        """Check the first state of a run, and choose the activation distances of its points;
+        collective.
 
         Raises:
-            InputError: layers intersect or coincide.
+            InputError: layers intersect or coincide, or a point of a body is inside a box.
         """
         system = self._system
         self._start_time = system.time
@@ -175,7 +176,15 @@ class ContactSet:
         self.history.has_begun = True
 
     def commit(self) -> None:
-        """Take q0 as the start of the next step."""
+        """Take q0 as the start of the next step, and update the history variables; collective.
+
+        The first call finds the initial candidates.  Later ones note the stored energy, and which
+        pairs have energy, with their stiffness.
+
+        Raises:
+            InputError: in the first call, if layers intersect or coincide, or a point is inside a
+                box.
+        """
         history = self.history
         is_step = self.pairs is not None
         time = self._end_time if is_step else self._system.time
@@ -199,7 +208,12 @@ class ContactSet:
             self.pairs = None
 
     def save_history(self) -> tuple[Array, Int64Array, Array, float]:
-        """Return the history of this rank; its arrays are replaced and never changed."""
+        """Return the history of this rank; its arrays are replaced and never changed.
+
+        Returns:
+            activation distances (m,) [m] of the points of this rank; identifiers (k,) of the pairs
+                that have energy, and their stiffness (k,) [J]; the reference speed [m/s].
+        """
         history = self.history
         return (
             history.activation_distance,
@@ -209,7 +223,12 @@ class ContactSet:
         )
 
     def load_history(self, saved: tuple[Array, Int64Array, Array, float]) -> None:
-        """Restore what `save_history` returned."""
+        """Restore what `save_history` returned.
+
+        Args:
+            saved: activation distances [m], identifiers of pairs, their stiffness [J], reference
+                speed [m/s].
+        """
         history = self.history
         history.activation_distance, history.identifier, history.stiffness, speed = saved
         history.reference_speed = speed
@@ -218,8 +237,12 @@ class ContactSet:
     def save_active_set(self) -> ActivePairs | None:
         """Return those pairs of the last accepted step that have energy at one of its ends.
 
-        The others have neither force nor tangent.  Starts are left out: they follow from the
-        points. None: there was no step, or the pairs are to be searched again.
+        A tape, which records a run for its gradient, stores them.  The other pairs have neither
+        force nor tangent.  The column `start` is left out: it follows from the points.
+
+        Returns:
+            the pairs of this rank; None if there was no step, or if the pairs are to be searched
+                again, as on several ranks.
         """
         pairs = self._accepted_pairs
         # On several ranks a search changes which points a rank knows, and with them the rows of
@@ -234,8 +257,14 @@ class ContactSet:
         return replace(pairs.rows(is_near), start=None)
 
     def load_active_set(self, pairs: ActivePairs | None) -> None:
-        """Start a step from the accepted state with pairs of `save_active_set`; search them if
-        None."""
+        """Start a step from the accepted state, with pairs that were recorded; collective.
+
+        Args:
+            pairs: what `save_active_set` returned; None: they are searched, as `begin_step` does.
+
+        Raises:
+            Inadmissible: without pairs, if the motion of an obstacle jumps in the step.
+        """
         if pairs is None:
             self.begin_step()
             return
@@ -261,8 +290,14 @@ class ContactSet:
         self._last_states = None
 
     def _known_parameters(self, pairs: ActivePairs) -> Array | None:
-        """Return the parameters (n, 2) of the active pairs' closest points at x0, if they are
-        known."""
+        """Return the parameters of the active pairs' closest points at x0, if they are known.
+
+        Args:
+            pairs: n active pairs of the step.
+
+        Returns:
+            (u, v) (n, 2) along the two sides of each pair; None: they are to be computed.
+        """
         distances = self._distances_at(self.x0)
         if distances is None:
             return None
@@ -272,14 +307,25 @@ class ContactSet:
         return distances.closest_points(self._active)[1]
 
     def _distances_at(self, x: Array) -> PairDistances | None:
-        """Return the distances of the present candidates at points x (m, 3), if they are known."""
+        """Return the distances of the present candidates at some points, if they are known.
+
+        Args:
+            x: points (m, 3) [m].
+
+        Returns:
+            the distances; None: neither end of the last step is at these points.
+        """
         for distances in self._known_distances:
             if distances.candidates is self.candidates and np.array_equal(distances.x, x):
                 return distances
         return None
 
     def stored_energy(self) -> float:
-        """Return the energy [J] of this rank's pairs at q0."""
+        """Return the energy [J] of this rank's pairs at q0; collective.
+
+        After a checkpoint was restored, candidates are searched again, and the pairs of this rank
+        are taken from those of all ranks.
+        """
         history = self.history
         if history.restored != self._restored:
             self._restored = history.restored
@@ -301,10 +347,14 @@ class ContactSet:
     # ---- the active set of a step ----
 
     def begin_step(self) -> None:
-        """Find what may touch in the step.
+        """Find the pairs that may touch in the step; collective.
+
+        Candidates are searched if points have left their bounds; activation distances grow with the
+        gaps; the active set is that of the end that is predicted from the velocities.
 
         Raises:
-            Inadmissible: the motion of an obstacle jumps in the step.
+            Inadmissible: the motion of an obstacle jumps in the step, which is then tried in parts.
+            InputError: the motion of an obstacle raises or returns other than three numbers.
         """
         self._is_recorded = False
         self._push_back = PUSH_BACK
@@ -346,10 +396,14 @@ class ContactSet:
         return search.holds(self.x0, self._system.time) and search.holds(end, self._end_time)
 
     def _search(self, end: Callable[[], Array]) -> None:
-        """Find candidates for a step that ends at points (m, 3) [m]; collective.
+        """Find candidates for the present step; collective.
 
         The search may change which points this rank knows: whatever has a row for each point is
         asked for again.
+
+        Args:
+            end: returns the points (m, 3) [m] at the end of the step, as they are when it is
+                called.
         """
         system = self._system
 
@@ -419,7 +473,17 @@ class ContactSet:
         return activate(self.candidates.rows(active), activation_distance, self.law)
 
     def _set_active(self, active: MaskArray) -> None:
-        """Let the candidates of a mask (n,) take part in the step."""
+        """Let some candidates take part in the step: choose their stiffness and the tangent's
+        pattern.
+
+        Collective.
+
+        Args:
+            active: mask (n,) of the candidates.
+
+        Raises:
+            RuntimeError: more blocks of the tangent on this rank than 32 bits can number.
+        """
         squared_distance, parameters = self._start.closest_points(active)
         pairs = self._activated(active)
         # The stiffness of pairs that have energy is constant: with another one energy would appear.
@@ -443,10 +507,16 @@ class ContactSet:
         self._last_states = None
 
     def _lay_out(self, pairs: ActivePairs) -> None:
-        """Choose the pattern of the tangent.
+        """Choose the sparsity pattern of the tangent of the active pairs; collective.
 
         Pairs between bodies couple their four points.  Points of obstacles are combinations of
-        block rows, which are coupled instead.
+        block rows, vectors of three unknowns, which are coupled instead.
+
+        Args:
+            pairs: all active pairs of this rank, with the column `start`.
+
+        Raises:
+            RuntimeError: more blocks on this rank than 32 bits can number.
         """
         is_of_bodies = between_bodies(pairs.points, self.points.body_count)
         self._is_of_bodies = is_of_bodies
@@ -464,7 +534,7 @@ class ContactSet:
         """Reverse the step: q0 and the time of the system are its new start, and the pairs stay.
 
         The force is symmetric in the ends of a step if pairs, stiffness and activation distances
-        are.
+        are the same.  Nothing changes if there is no step.  Collective.
         """
         pairs = self.pairs
         if pairs is None:
@@ -490,8 +560,13 @@ class ContactSet:
         """Add pairs that are near at the end of a step, or were passed on the way, and were left
         out.
 
+        Collective.  A step with recorded pairs is complete.
+
         Returns:
             whether any rank has added one: the step is then solved again from where it ended.
+
+        Raises:
+            RuntimeError: more blocks of the tangent on this rank than 32 bits can number.
         """
         if self._is_recorded:
             return False
@@ -523,8 +598,12 @@ class ContactSet:
         return self.points.at(self._system.q1, self._end_time)
 
     def find_penetration(self) -> str:
-        """Return in words what passed through something else in the step, or all but did; else
-        nothing."""
+        """Report what passed through something else in the step, or all but did; collective.
+
+        Returns:
+            a clause that names two bodies and a point [m] near which they meet, or a body that
+                turns too far; empty if the step is admissible.  The same on every rank.
+        """
         x1 = self._end_points()
         # What is added here is found below.
         if self._comm.allreduce(not np.array_equal(x1, self._solved.end.x)):
@@ -549,7 +628,11 @@ class ContactSet:
         return self._turns.find(self._start, x1)
 
     def _identifiers_of_passed(self, x1: Array) -> np.ndarray:
-        """Return the identifiers of active pairs that passed through each other in a step to x1."""
+        """Return the identifiers of active pairs that passed through each other in a step.
+
+        Args:
+            x1: points (m, 3) [m] at its end; its start is `x0`.
+        """
         tables = (self._body_pairs, self._obstacle_pairs)
         states = self._states_at(x1)
         if states is None:
@@ -567,7 +650,13 @@ class ContactSet:
         return self._last_states if np.array_equal(x1, self._last_end) else None
 
     def limit_update(self, update: Array) -> None:
-        """Shorten a Newton update (n,) of this rank's unknowns, in place, node by node."""
+        """Shorten a Newton update in place, node by node, to four activation distances at most.
+
+        Longer updates put layers on the wrong side of others, and the iteration does not come back.
+
+        Args:
+            update: of this rank's unknowns (n,); positions [m] are the first three of each node.
+        """
         longest = MAX_UPDATE * self.activation_distance
         for body in self.mesh.bodies:
             owned = self._system.block(body).owned
@@ -586,7 +675,13 @@ class ContactSet:
         self.points.add(self.point_forces, r)
 
     def _compute_forces(self, x1: Array) -> None:
-        """Compute the forces [N] of this rank's pairs in a step to points x1 (m, 3) [m]."""
+        """Compute the forces of this rank's pairs, with friction, and note what each pair does.
+
+        The forces are in `point_forces` (m, 3) [N] afterwards.
+
+        Args:
+            x1: points (m, 3) [m] at the end of the step.
+        """
         self.point_forces = np.zeros((self.points.count, 3))
         of_bodies, of_obstacles = (
             evaluate(
@@ -607,7 +702,14 @@ class ContactSet:
             self.friction.add_forces(self.x0, x1, self.point_forces)
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the blocks on the diagonal of the tangent to a matrix; `coupling` has the others."""
+        """Add the blocks on the diagonal of the tangent [N/m] to a matrix; `coupling` has the
+        others.
+
+        Collective.  Between steps it enters zeros, which reserve these blocks in the pattern.
+
+        Args:
+            A: tangent of the system with respect to the end of the step; changed in place.
+        """
         if self.pairs is None:
             self.assembly.reserve_diagonal(A)
             return
@@ -645,8 +747,13 @@ class ContactSet:
         self.assembly.add_diagonal(A)
 
     def _add_through_block_rows(self, tangents: Array) -> None:
-        """Add tangents (n, 144) of pairs with obstacles to the blocks of the block rows behind
-        them."""
+        """Add tangents of pairs with obstacles to the blocks of the unknowns that move their
+        points.
+
+        Args:
+            tangents: (n, 144) [N/m], derivative of the 12 force components of each pair by its 12
+                point coordinates, row by row.
+        """
         weights = self._row_weights
         by_points = tangents.reshape(-1, 4, 3, 4, 3)
         by_rows = np.einsum("npi,npaqb,nqj->nijab", weights, by_points, weights, optimize=True)

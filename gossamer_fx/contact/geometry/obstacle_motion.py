@@ -44,7 +44,16 @@ class ObstacleMotion:
         self._known: dict[float, Array] = {}
 
     def at(self, time: float) -> Array:
-        """Return the displacement (3,) [m] at a time [s]; collective."""
+        """Return the displacement (3,) [m] at a time; collective.
+
+        The function of the user is called once for each of the last few times.
+
+        Args:
+            time: [s].
+
+        Raises:
+            InputError: on all ranks, see the class.
+        """
         if time not in self._known:
             what = f"Motion of the obstacle '{self.name}' at t = {time:.6g} s"
             displacement = ask_numbers(self._comm, what, lambda: self._function(time), (3,))
@@ -63,6 +72,9 @@ class ObstacleMotion:
         Args:
             time: at the start of the step [s].
             step: its length [s].
+
+        Raises:
+            InputError: on all ranks, see the class.
         """
         start = self.at(time)
         way = self.at(time + step) - start
