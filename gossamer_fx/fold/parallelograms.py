@@ -72,7 +72,7 @@ class Miura(FoldMap):
 
     @cached_property
     def sizes(self) -> tuple[float, float, float, float]:
-        """H, S, L, V [m] of a folded parallelogram, see the class."""
+        """Sizes H, S, L, V [m] of a folded parallelogram, see the equations of the class."""
         cos_θ = math.cos(self.theta)
         tan_γ = math.tan(self.gamma)
         sines = math.sin(self.theta) * math.sin(self.gamma)
@@ -92,8 +92,14 @@ class Miura(FoldMap):
         return u, v
 
     def segments(self, low: tuple[float, float], high: tuple[float, float]) -> list[Segment]:
-        """Ends (x, y) of the fold lines that pass over the rectangle from `low` to `high` [m] of
-        the flat sheet."""
+        """Return the fold lines that pass over a rectangle of the flat sheet, as straight segments.
+
+        Args:
+            low, high: corners (x, y) [m] of the rectangle.
+
+        Returns:
+            both ends (x, y) [m] of each segment; lines along x may reach beyond the rectangle.
+        """
         width = self.b * math.sin(self.gamma)
         rise = self.b * math.cos(self.gamma)
         first_column = math.floor(low[0] / width)
@@ -125,8 +131,15 @@ class Miura(FoldMap):
         return np.stack([across, along, normal], axis=1)
 
     def place(self, X: Array, side: Array) -> Array:
-        """Folded positions (n, 3) [m] of points X (n, 3) of the flat sheet on the sides `side`
-        (n,).
+        """Return the folded positions of points of the flat sheet.
+
+        Args:
+            X: points (n, 3) [m] in the plane z = 0.
+            side: 1 on the upper sheet, -1 on the lower one, 0 where they are joined or for one
+                sheet, (n,).
+
+        Returns:
+            positions (n, 3) [m].
         """
         H, S, L, V = self.sizes
         u, v = self.lattice(X)

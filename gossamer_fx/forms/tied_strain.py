@@ -36,6 +36,9 @@ from gossamer_fx.forms.kinematics import Expr
 def tied_strain(domain: Mesh, x: Expr, B: Expr) -> Expr:
     """Green-Lagrange strain (E11, E22, 2 E12) of a plate, interpolated as the module describes.
 
+    It is a dimensionless UFL expression in the frame B, linear in each cell: tangential strains
+    along the edges, of which membrane locking is taken out.
+
     Args:
         domain: plane triangles with straight edges.
         x: positions (3,) [m] of order 2.
