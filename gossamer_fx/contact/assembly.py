@@ -129,7 +129,7 @@ class BlockAssembly:
 
         Returns:
             block index (room,) of each two members of each group; rows and columns (b,) of the
-                blocks.
+            blocks.
 
         Raises:
             ValueError: a block row that does not exist.
@@ -334,8 +334,8 @@ class BlockAssembly:
 
         Returns:
             the rows that have entries, where the entries of each begin and end, their columns, and
-                their values [N/m].  If the system has no blocks of three, a row of blocks is three
-                rows.
+            their values [N/m].  If the system has no blocks of three, a row of blocks is three
+            rows.
         """
         first = np.flatnonzero(np.diff(block_rows, prepend=-1))
         counts = np.diff(np.append(first, len(block_rows)))

@@ -207,8 +207,8 @@ class CompiledContacts(
 
         Returns:
             global numbers (n,) of nodes, and the pressure [N/m²] (n,) of one contact there. A node
-                is in the arrays once for each contact that the body takes part in; the sum is its
-                pressure. Each node is on one rank.  None: another field.
+            is in the arrays once for each contact that the body takes part in; the sum is its
+            pressure. Each node is on one rank.  None: another field.
         """
         if field != "contact_pressure":
             return None

@@ -19,7 +19,7 @@ def pressures_on(body: Body, contact_set: ContactSet) -> tuple[Int64Array, Array
 
     Returns:
         global numbers (k,) of nodes and the pressure (k,) [N/m²] there.  Each node is on one rank;
-            both are empty if the contact does not have the body.
+        both are empty if the contact does not have the body.
     """
     mesh = contact_set.mesh
     number = next((k for k, other in enumerate(mesh.bodies) if other is body), None)

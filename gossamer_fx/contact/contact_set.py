@@ -212,7 +212,7 @@ class ContactSet:
 
         Returns:
             activation distances (m,) [m] of the points of this rank; identifiers (k,) of the pairs
-                that have energy, and their stiffness (k,) [J]; the reference speed [m/s].
+            that have energy, and their stiffness (k,) [J]; the reference speed [m/s].
         """
         history = self.history
         return (
@@ -242,7 +242,7 @@ class ContactSet:
 
         Returns:
             the pairs of this rank; None if there was no step, or if the pairs are to be searched
-                again, as on several ranks.
+            again, as on several ranks.
         """
         pairs = self._accepted_pairs
         # On several ranks a search changes which points a rank knows, and with them the rows of
@@ -602,7 +602,7 @@ class ContactSet:
 
         Returns:
             a clause that names two bodies and a point [m] near which they meet, or a body that
-                turns too far; empty if the step is admissible.  The same on every rank.
+            turns too far; empty if the step is admissible.  The same on every rank.
         """
         x1 = self._end_points()
         # What is added here is found below.

@@ -67,8 +67,8 @@ class ContactHistory:
 
         Returns:
             by name, lists and numbers: "activation distance" [m] of each point in the order of its
-                number over all ranks, "identifier" of the pairs that have energy, ascending, their
-                "stiffness" [J], and the "reference speed" [m/s].
+            number over all ranks, "identifier" of the pairs that have energy, ascending, their
+            "stiffness" [J], and the "reference speed" [m/s].
         """
         identifier = self.identifier
         stiffness = self.stiffness
@@ -121,7 +121,7 @@ class ContactHistory:
 
         Returns:
             a mask (n,) of those that have energy, and their stiffness (n,) [J]; the stiffness of
-                the others has no meaning.
+            the others has no meaning.
         """
         if not len(self.identifier):
             return np.zeros(len(identifier), dtype=bool), np.zeros(len(identifier))

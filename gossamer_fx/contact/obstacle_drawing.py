@@ -77,7 +77,7 @@ def _surface_of(obstacle: Obstacle, near: Array) -> DrawnSurface | None:
 
     Returns:
         points (n, 3) [m], triangles (t, 3) and lines (l, 2) as indices of points; None for a kind
-            without a picture.
+        without a picture.
     """
     if isinstance(obstacle, Plane):
         point = np.asarray(obstacle.point, dtype=float)
@@ -131,7 +131,7 @@ def _box(box: Box) -> DrawnSurface:
 
     Returns:
         the 8 corners (8, 3) [m]; 12 triangles (12, 3), or none for a room; 12 edges (12, 2).  Both
-            are indices of corners.
+        are indices of corners.
     """
     axes = np.asarray(box.axes, dtype=float)
     half = np.asarray(box.sizes, dtype=float) / 2

@@ -176,7 +176,7 @@ def pair_starts(
 
     Returns:
         (n, 4): u, v [-], distance [m], squared distance with rounded edges [m²].  The distance of
-            walls is not used.
+        walls is not used.
 
     Raises:
         ValueError: an array is not contiguous, or not of the shape above.
@@ -216,7 +216,7 @@ def energy_of_pairs(
 
     Returns:
         sum of the energies [J], and the scaled distance of each pair (n,) [-], which is below one
-            where a pair has energy.
+        where a pair has energy.
 
     Raises:
         ValueError: an array is not contiguous, or not of the shape above.
@@ -273,7 +273,7 @@ def evaluate(
 
     Returns:
         state of each pair (n,); forces (n, 12) [N] and tangents (n, 144) [N/m] as asked for, else
-            None.
+        None.
 
     Raises:
         ValueError: an array is not contiguous, read-only though it is written to, or not of the

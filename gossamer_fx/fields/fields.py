@@ -324,7 +324,7 @@ class FieldFunctions:
 
         Returns:
             a function without arguments: a map of wrinkles, the interpolation of a compiled
-                expression, or the collection of values from the scene.
+            expression, or the collection of values from the scene.
         """
         field = FIELDS[function.name]
         if function.name in WRINKLE_MAPS:
@@ -524,7 +524,7 @@ class AreaFractions:
 
         Returns:
             for each film its shape, a constant that selects the state (0, 1 or 2), and the form
-                [m²] of the area of this rank's cells in that state.
+            [m²] of the area of this rank's cells in that state.
 
         Raises:
             InputError: a film is not in the scene.

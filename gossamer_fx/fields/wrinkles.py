@@ -127,7 +127,7 @@ class WrinkleMap:
 
         Returns:
             wrinkling strain A in space (n, 3, 3) [-], tension T (n,) [N/m], and bending stiffness B
-                across the crests (n,) [N m], zero where the film is taut.
+            across the crests (n,) [N m], zero where the film is taut.
         """
         cellwise = self._cellwise
         cellwise.interpolate(self._expression)
@@ -174,8 +174,8 @@ def _columns(shape: BodyShape) -> Expr:
 
     Returns:
         six components of the wrinkling strain A in space, in the order of `SYMMETRIC`; tension T
-            [N/m], the larger principal stress; excess of length a = tr A [-]; and a B [N m], B the
-            bending stiffness across the crests.
+        [N/m], the larger principal stress; excess of length a = tr A [-]; and a B [N m], B the
+        bending stiffness across the crests.
     """
     film = shape.body
     elastic = shape.elastic_strain()

@@ -206,7 +206,7 @@ def _kinked_edges(
 
     Returns:
         local numbers (k,) of the edges, and for each the number of its fold, its sheet, its sign,
-            and the size of its angle [rad].
+        and the size of its angle [rad].
     """
     corners = mesh.domain.geometry.dofmap[:, :3]
     table = mesh.edges

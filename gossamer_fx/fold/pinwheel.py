@@ -134,8 +134,8 @@ class Star(FoldMap):
 
         Returns:
             the corner k, the distance s - k a [m] from it, the depth -z [m], and 1 behind the
-                bisector, else 0; each (n,).  Points within the hub's polygon have no coordinates:
-                all are NaN.
+            bisector, else 0; each (n,).  Points within the hub's polygon have no coordinates: all
+            are NaN.
         """
         sector = 2 * math.pi / self.n
         apothem = self.side / 2 / math.tan(math.pi / self.n)

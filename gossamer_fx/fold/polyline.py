@@ -60,7 +60,7 @@ class Bent:
 
         Returns:
             positions (n, 2) [m] and normals (n, 2).  At a corner the normal is the mean of both
-                pieces, zero where these are folded back on each other.
+            pieces, zero where these are folded back on each other.
         """
         starts, positions, tangents = self._knots
         last = len(tangents) - 1

@@ -160,7 +160,7 @@ def within_cone(
 
     Returns:
         start and end, shares of the path with 0 ≤ start ≤ end ≤ 1; start = end if it misses the
-            cone.
+        cone.
 
     >>> import ufl
     >>> slack = ufl.as_vector([-1.0, -1.0, 0.0])

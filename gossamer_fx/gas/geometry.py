@@ -39,6 +39,10 @@ class Geometry:
     """
 
     def __init__(self, system: Assembly) -> None:
+        """Begin without rings, surfaces and pistons; enclosures and openings ask for theirs.
+
+        The argument is described in the class.
+        """
         self.comm = system.comm
         self._system = system
         self._loops: dict[Ring, Loop] = {}

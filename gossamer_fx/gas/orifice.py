@@ -151,10 +151,13 @@ class Orifice:
             yield from self.area.requires()
 
     def aperture(self, geometry: Geometry) -> Aperture:
-        """The effective area C_d A [m²] as a function of step length h [s] and time t [s] of its
-        middle.
+        """Return the effective area C_d A [m²] as a function of step length h [s] and time t [s].
 
-        The function raises InputError if a valve's area is negative or not a number.
+        t is the middle of the step.  The function is collective, and raises InputError if a valve's
+        area is negative or not a number.
+
+        Args:
+            geometry: of the running scene, with the rings whose area may be that of the orifice.
         """
         coefficient = self.discharge_coefficient
         area = self.area
@@ -179,7 +182,7 @@ class Orifice:
         p: tuple[complex, complex],
         T: tuple[complex, complex],
     ) -> complex:
-        """Mass flow [kg/s] from a to b.
+        """Return the mass flow [kg/s] from a to b; negative if b has the higher pressure.
 
         Args:
             gas: the gas.

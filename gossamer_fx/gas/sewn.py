@@ -71,6 +71,8 @@ class SeamStrip:
     def __init__(self, line_a: EdgeLine, line_b: EdgeLine, system: Assembly) -> None:
         """Divide the strip between the edges at the nodes of both, and tabulate its shape
         functions.
+
+        The arguments are described in the class.
         """
         self._system = system
         self._alpha = system.rule.alpha
@@ -115,7 +117,13 @@ class SeamStrip:
         return edges, (begins - start) / width, (ends - start) / width
 
     def _tabulate(self, line_a: EdgeLine, line_b: EdgeLine, cuts: Array) -> None:
-        """Tabulate the functions of each segment at its quadrature points, (n, g, k)."""
+        """Tabulate the shape functions of each segment at its quadrature points, (n, g, k).
+
+        Args:
+            line_a, line_b: both edges of the seam.
+            cuts: fractions of arc length [-], ascending from 0 to 1, at which segments begin and
+                end.
+        """
         is_long = np.diff(cuts) > SHORTEST_SEGMENT
         self._begins = cuts[:-1][is_long]
         self._ends = cuts[1:][is_long]
@@ -143,7 +151,9 @@ class SeamStrip:
     # ---- a step ----------------------------------------------------------------------------------
 
     def follow(self) -> None:
-        """Evaluate volume and gradients at q1 of the system.  Collective."""
+        """Evaluate volume [m³], swept volume [m³] and gradients [m²] at q1 of the system.
+        Collective.
+        """
         self._X1 = self._gather(self._system.q1)[0]
         self._at_end = self._gradient(self._X1)
         self._at_mid = self._at_end
@@ -164,7 +174,12 @@ class SeamStrip:
         self._initial_volume = self.volume
 
     def gradients(self) -> tuple[Array, Array, Array]:
-        """G(q_mid), ∂V/∂q1 and ∂W/∂q1 [m²], this rank's parts of system vectors."""
+        """Return the gradients [m²] of volume and swept volume, this rank's parts of system
+        vectors.
+
+        Returns:
+            G(q_mid), which times the pressure is the force; ∂V/∂q1; and ∂W/∂q1.
+        """
         of_swept = self._at_end
         if self._alpha != 1.0:
             change = self._at_end - self._initial_gradient
@@ -176,8 +191,15 @@ class SeamStrip:
         )
 
     def add_tangent(self, A: PETSc.Mat, scale: float) -> None:
-        """Add scale · α · ∂G/∂q at q_mid, the derivative of scale · G(q_mid) by q1; each rank adds
-        its rows."""
+        """Add the derivative of the force scale · G(q_mid) by q1 to a matrix; each rank adds its
+        rows.
+
+        It is scale · α · ∂G/∂q at q_mid, with the weight α of the end of the step in q_mid.
+
+        Args:
+            A: tangent of the system [N/m], changed in place.
+            scale: pressure on the strip [Pa], with its sign.
+        """
         xs, xr = self._tangents(self._middle())
         # δG_i = Σ_j a_ij × δx_j, as in `gas.ring`
         by_xr = np.einsum("ngi,ngj,ngd->nijd", self._test, self._dr, xs, optimize=True)
@@ -246,7 +268,11 @@ class SewnEnclosure:
         yield from self.seams
 
     def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
-        """The enclosure in a running scene.  Collective.
+        """Return the enclosure in a running scene, which evaluates its volume.  Collective.
+
+        Args:
+            system: the equations of the scene, with its initial state.
+            geometry: surfaces of films that several enclosures share; the strips are added to it.
 
         Raises:
             InputError: the surface is open, an edge is sewn twice, a seam is on another film, or
@@ -271,7 +297,19 @@ class SewnEnclosure:
     def _orient(
         self, lines: Sequence[tuple[EdgeLine, EdgeLine]]
     ) -> tuple[list[float], list[float]]:
-        """Signs of the films and of the strips with which all normals agree.  Collective."""
+        """Return the signs of the films and of the strips with which all normals agree.
+        Collective.
+
+        Args:
+            lines: both edges of each seam, in the order of `seams`.
+
+        Returns:
+            for each film, and for the strip of each seam, 1 or -1.
+
+        Raises:
+            InputError: no seam joins a film to the others, normals change sides across a seam, or
+                what `_directions` refuses.
+        """
         passed = self._directions(lines)
         numbers = {id(film): k for k, film in enumerate(self.films)}
         signs = [0.0] * len(self.films)
@@ -306,10 +344,20 @@ class SewnEnclosure:
         return signs, strip_signs
 
     def _directions(self, lines: Sequence[tuple[EdgeLine, EdgeLine]]) -> list[tuple[float, float]]:
-        """For both edges of each seam: 1 if the triangles pass the line in the direction of its
-        walk, else -1.
+        """Return in which direction triangles pass both edges of each seam; refuse open surfaces.
 
-        Checks that the surface is closed.  Collective.
+        Collective.
+
+        Args:
+            lines: both edges of each seam, in the order of `seams`.
+
+        Returns:
+            for both edges of each seam 1 if the triangles pass it in the direction in which its
+            nodes are listed, else -1.
+
+        Raises:
+            InputError: an edge of a film is open or sewn twice, a seam is on another film, or
+                neighbouring triangles have opposite normals.
         """
         sums = np.zeros((len(lines), 2))
         is_open = 0

@@ -137,7 +137,12 @@ class Chamber:
         outside: Ambient | None = None,
         name: str = "chamber",
     ) -> None:
-        """Check the arguments, which the class describes, and find what encloses the gas."""
+        """Check the arguments, which the class describes, and find what encloses the gas.
+
+        Raises:
+            InputError: an argument is out of its range, or arguments exclude each other, see the
+                class.
+        """
         self.name = name
         self.gas = gas
         self.outside = outside
@@ -194,6 +199,11 @@ class Tank(Chamber):
         temperature: float,
         name: str = "tank",
     ) -> None:
+        """Make a rigid chamber; the arguments are described in the class.
+
+        Raises:
+            InputError: a quantity is not a positive number.
+        """
         super().__init__(
             gas=gas,
             pressure=pressure,

@@ -79,7 +79,13 @@ class Damping:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Dissipation by the mass and by the stiffness, for factors above zero."""
+        """Yield the dissipation by the mass and by the stiffness, for factors above zero.
+
+        With `tension_only` also the stiffness of the film at the start of each step, as a term.
+
+        Args:
+            start: the initial state of the scene, which damping does not need.
+        """
         body = self.body
         both = self.mass_factor > 0 and self.stiffness_factor > 0
         # Two terms need two names in the energy balance; one alone keeps that of the item.

@@ -147,7 +147,7 @@ class CandidateSearch:
 
         Returns:
             bounds whose margin is half of the activation distance and a part of each point's way;
-                infinite for points of walls, whose pairs are always candidates.
+            infinite for points of walls, whose pairs are always candidates.
         """
         mesh = self._mesh
         vertices = mesh.surface.vertices
@@ -226,7 +226,7 @@ def find_candidates(
 
     Returns:
         the pairs, and how many triangle pairs and edge pairs step 1 has found, which the next
-            search may take as `expected`.
+        search may take as `expected`.
 
     Raises:
         ValueError: a pair has a point that does not exist, which would be an error of this package.

@@ -55,7 +55,7 @@ class RigidDrift:
 
         Returns:
             the motion with the same momentum and angular momentum, each point of mass one.  Points
-                on a line get no spin about it.
+            on a line get no spin about it.
         """
         sums = np.concatenate([x.sum(axis=0), v.sum(axis=0), [len(x)]])
         sums = comm.allreduce(sums)

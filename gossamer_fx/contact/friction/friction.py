@@ -84,7 +84,7 @@ class Friction:
 
         Returns:
             for the pairs between bodies, and for those with obstacles, the block rows (n, k) that
-                each pair couples in the tangent; a kind without pairs is left out.
+            each pair couples in the tangent; a kind without pairs is left out.
         """
         # A search may have changed which points this rank knows.
         self._block_row = self._block_row_of_points()
@@ -242,7 +242,7 @@ class Friction:
 
         Returns:
             weights (n, 4, 8) [-]: a point of a body follows itself, one of an obstacle the vectors
-                of its rigid body, and is zero where nothing moves it.
+            of its rigid body, and is zero where nothing moves it.
         """
         own = points[:, :4]
         is_of_body = own < self._points.body_count

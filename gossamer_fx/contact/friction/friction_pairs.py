@@ -170,7 +170,7 @@ class FrictionPairs:
 
         Returns:
             w (n, 2) [m]; the vectors r (n, 3) [m] and directions t (n, 2, 3) [-], mid-step and at
-                the end.
+            the end.
         """
         r_start, t_start = self._vectors(step.x0)
         r_end, t_end = self._vectors(step.x1)
@@ -193,8 +193,7 @@ class FrictionPairs:
 
         Returns:
             N (n,) [N], zero for pairs that do not press; and its derivative (n, k, 3) [N/m] with
-                respect to the k points of each pair at the end, or an empty array without
-                `tangents`.
+            respect to the k points of each pair at the end, or an empty array without `tangents`.
         """
         response = evaluate(
             self.pairs,

@@ -52,7 +52,7 @@ class TiedLabels:
 
         Returns:
             labels (m, w), which are numbers of points; those of a point that is not tied are its
-                own number.
+            own number.
         """
         row = np.minimum(np.searchsorted(self.numbers, numbers), len(self.numbers) - 1)
         is_tied = self.numbers[row] == numbers
@@ -135,7 +135,7 @@ def _ties(
 
     Returns:
         for each tie the numbers of the points of both sides, the shorter list first.  A side is one
-            node, or the nodes of an edge between which the tied point lies.
+        node, or the nodes of an edge between which the tied point lies.
     """
 
     def nodes(port: Attached) -> list[tuple[int, int]]:

@@ -315,7 +315,7 @@ class CollisionMesh:
 
         Returns:
             kind (n,), points (n, 4), identifier (n,), and radius of the sphere or cylinder (n,)
-                [m], which is zero for planes.
+            [m], which is zero for planes.
         """
         vertices = self.surface.vertices[self._wall_vertices]
         count = len(vertices)

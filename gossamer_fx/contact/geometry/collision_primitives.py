@@ -57,7 +57,7 @@ class CollisionPrimitives:
 
         Returns:
             the primitives with the boxes (n, 6) [m] of their points, with their labels, of which
-                connected primitives share one, and fixed where all of their points are.
+            connected primitives share one, and fixed where all of their points are.
         """
         least = lower[primitives].min(axis=1)
         greatest = upper[primitives].max(axis=1)

@@ -272,8 +272,8 @@ class ContactPoints:
 
         Returns:
             block rows (n, 4 w), where w is the largest number of block rows of a point, and the
-                weights (n, 4, 4 w) [-] of each pair's block rows in its points.  Points with fewer
-                block rows repeat one of the pair with weight zero.
+            weights (n, 4, 4 w) [-] of each pair's block rows in its points.  Points with fewer
+            block rows repeat one of the pair with weight zero.
         """
         count = len(points)
         width = int(np.diff(self.weights.indptr).max(initial=1))

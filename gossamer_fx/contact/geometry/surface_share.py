@@ -189,7 +189,7 @@ def _surface_of(
 
     Returns:
         tables of this rank's primitives with their areas [m²], and how many of each kind the body
-            has on all ranks: points, edges, triangles.
+        has on all ranks: points, edges, triangles.
     """
     ends, edge_area, point_area = _edges_and_areas(facets, radius)
     rows = facets.rows

@@ -79,7 +79,7 @@ def find_collisions(
 
     Returns:
         indices (k,) of the pairs; also of those for which `MAX_ADVANCES` evaluations could not
-            decide.
+        decide.
 
     Raises:
         ValueError: an array is not contiguous, or not of the shape above.

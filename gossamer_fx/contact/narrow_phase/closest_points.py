@@ -31,7 +31,7 @@ def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
 
     Returns:
         s (n,) [m²]: the squared distance.  Of planes s is the signed distance [m], inside spheres
-            and cylinders minus the squared distance from the middle.  And (u, v) (n, 2) [-].
+        and cylinders minus the squared distance from the middle.  And (u, v) (n, 2) [-].
 
     Raises:
         ValueError: an array is not contiguous, or not of the shape above.

@@ -128,7 +128,7 @@ def _count_and_first(
 
     Returns:
         their number, each point counted once, and name of the body and position (3,) [m] of the one
-            with the lowest number; an empty name and zeros if there is none.
+        with the lowest number; an empty name and zeros if there is none.
     """
     wrong = np.flatnonzero(is_wrong & mesh.shared.is_own)
     first: list[tuple[int, str, Array]] = []
