@@ -25,13 +25,24 @@ def creased_strip(
     length: float,
     width: float,
 ) -> Mesh:
-    """Two panels [-length, 0] and [0, length] by [0, width], each of nx × ny cells of two
-    triangles.
+    """Make a flat strip of two panels, [-length, 0] and [0, length] by [0, width], with a crease
+    between.
 
-    Groups: "film"; the edges "left", "right"; "crease", at x = 0.
+    Groups: "film"; the edges "left", "right"; "crease", at x = 0.  Collective.
+
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        nx, ny: cells of two triangles along and across each panel.
+        length: of each panel [m].
+        width: of the strip [m].
+
+    Raises:
+        InputError: no mesh can be made, e.g. of 0 cells.
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
+        """Return points (n, 3) [m], triangles (m, 3) as numbers of points, and the edges of groups.
+        """
         # 2 nx cells, so that the crease is a line of nodes.
         along = np.linspace(-length, length, 2 * nx + 1)
         across = np.linspace(0, width, ny + 1)

@@ -119,10 +119,9 @@ class Ring:
         Returns:
             An array (n, 5): for each edge its two end vertices, its two end nodes and the node
             between them (or -1), in global numbers.  The walk starts at the vertex with the lowest
-            x
-            on the mesh, of those the lowest y, then z: at the same vertex for any number of ranks,
-            and at the seam of a tube that is pressed flat, so that opposite edges lie on each
-            other.
+            x on the mesh, of those the lowest y, then z: at the same vertex for any number of
+            ranks, and at the seam of a tube that is pressed flat, so that opposite edges lie on
+            each other.
 
         Raises:
             InputError: the edges do not form one closed line.

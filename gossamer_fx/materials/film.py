@@ -426,8 +426,7 @@ class TensionField(Miyazaki):
         0.0
 
     Source: A. C. Pipkin, The relaxed energy density for isotropic elastic membranes, IMA J. Appl.
-        Math. 36
-        (1986) 85.
+        Math. 36 (1986) 85.
     """
 
     _: KW_ONLY
