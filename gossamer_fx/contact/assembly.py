@@ -51,9 +51,11 @@ class BlockAssembly:
     _row_dof: Int64Array
 
     def __init__(self, points: ContactPoints, system: ContactAssembly) -> None:
-        """Find out which unknowns ranks own; `couple` makes the pattern of a step.
+        """Find out which unknowns ranks own; `couple` makes the pattern of a step.  Collective.
 
-        Collective.  The arguments are described in the class.
+        Args:
+            points: of one contact, which move with v vectors of three unknowns, its block rows.
+            system: the equations, to whose tangent the 3 x 3 blocks between block rows belong.
         """
         self._points = points
         self._system = system
@@ -120,10 +122,10 @@ class BlockAssembly:
     def _number_blocks(
         self, group_size: Int32Array, members: Int32Array, room: int
     ) -> tuple[Int32Array, Int32Array, Int32Array]:
-        """Number the distinct blocks between the block rows that groups couple.
+        """Number the distinct 3 x 3 blocks of the tangent that groups of block rows couple.
 
         Args:
-            group_size: how many block rows each group has, (g,).
+            group_size: how many block rows, vectors of three unknowns, each group has, (g,).
             members: the block rows of all groups, one group after the other.
             room: sum of the squares of the group sizes.
 
@@ -169,10 +171,11 @@ class BlockAssembly:
         return block_index, rows[:count], columns[:count]
 
     def _divide(self, rows: Int32Array, columns: Int32Array) -> None:
-        """Sort out the blocks on the diagonal, and to which ranks the others go; collective.
+        """Sort out the 3 x 3 blocks on the diagonal, and to which ranks the others go; collective.
 
         Args:
-            rows, columns: block rows (b,) of each block, as this rank numbers them.
+            rows, columns: block rows (b,), vectors of three unknowns, of each block, as this rank
+                numbers them.
         """
         diagonal = np.flatnonzero(rows == columns)
         self._diagonal = diagonal[np.argsort(self._position[rows[diagonal]])]
@@ -188,11 +191,11 @@ class BlockAssembly:
         self._is_free = self._values_at(is_free)
 
     def _keep_all(self, coupling: np.ndarray, rows: Int32Array, columns: Int32Array) -> None:
-        """Sort the blocks off the diagonal of the only rank by row, then by column.
+        """Sort the 3 x 3 blocks off the diagonal of the only rank by row, then by column.
 
         Args:
             coupling: indices (k,) of these blocks.
-            rows, columns: block rows (b,) of all blocks.
+            rows, columns: block rows (b,), vectors of three unknowns, of all blocks.
         """
         # A key names the row and column of a block in the order of the unknowns.
         row_count = len(self._position)
@@ -205,7 +208,8 @@ class BlockAssembly:
         self._row_dof = self._first_dof
 
     def _send_to_owners(self, coupling: np.ndarray, rows: Int32Array, columns: Int32Array) -> None:
-        """Report to the owners of block rows which blocks off the diagonal they get; collective.
+        """Report to the owners of block rows, vectors of three unknowns, which 3 x 3 blocks they
+        get; collective.
 
         Args:
             coupling: indices (k,) of these blocks.
@@ -249,9 +253,9 @@ class BlockAssembly:
 
         Args:
             A: tangent of the system; changed in place.
-            block_rows: row and column (k,) of each block, each once, in the order of their
-                unknowns.
-            blocks: (k, 9) [N/m], each row by row.
+            block_rows: row and column (k,) of each block, as numbers of vectors of three unknowns;
+                each once, in the order of their unknowns.
+            blocks: (k, 9) [N/m], 3 x 3 numbers row by row.
         """
         if not len(block_rows):
             return
@@ -262,9 +266,10 @@ class BlockAssembly:
     # ---- the matrix of couplings ----
 
     def coupling(self, diagonal: PETSc.Vec | None) -> PETSc.Mat | None:
-        """Return the matrix [N/m] of the blocks between two different block rows.
+        """Return the matrix [N/m] of the tangent's 3 x 3 blocks between two different block rows.
 
-        It is zero in the rows and columns of fixed coordinates.  Collective.
+        A block row is a vector of three unknowns.  The matrix is zero in the rows and columns of
+        fixed coordinates.  Collective.
 
         Args:
             diagonal: of the tangent; with it, only blocks that are strong in comparison, which a
@@ -298,9 +303,11 @@ class BlockAssembly:
         return PETSc.Mat().createAIJ(sizes, csr=csr, comm=self._comm)
 
     def _fetch_entries(self) -> None:
-        """Sum the blocks of all ranks in this rank's block rows, without those that are zero.
+        """Sum the tangent's 3 x 3 blocks [N/m] of all ranks in this rank's block rows.
 
-        Collective.  Rows and columns of fixed coordinates become zero.
+        A block row is a vector of three unknowns.  Blocks that are zero are left out; rows and
+        columns of fixed coordinates become zero.  The results are `_entries` (k, 9), with
+        `_entry_rows` and `_entry_columns` (k,).  Collective.
         """
         blocks = self.blocks
         index = self._sent
@@ -325,10 +332,11 @@ class BlockAssembly:
         blocks: Array,
         first_dof: Int64Array,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Array]:
-        """Return blocks as compressed sparse rows, in the format of PETSc.
+        """Return 3 x 3 blocks of the tangent as compressed sparse rows, in the format of PETSc.
 
         Args:
-            block_rows, block_columns: of each block (k,), sorted by rows.
+            block_rows, block_columns: of each block (k,), sorted by rows: numbers of vectors of
+                three unknowns.
             blocks: (k, 9) [N/m], each row by row.
             first_dof: number in the system of the first of the three unknowns of each block row.
 

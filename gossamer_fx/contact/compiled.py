@@ -224,7 +224,11 @@ class CompiledContacts(
         return np.concatenate(nodes), np.concatenate(values)
 
     def solids(self) -> list[Solid]:
-        """The obstacles of all contacts as solids; planes are drawn near the bodies."""
+        """Return the obstacles of all contacts as solids for pictures; collective.
+
+        Planes, which have no end, are drawn near the bodies of their contact; kinds of obstacles
+        without a picture are left out.
+        """
         # Loaded when a picture is made.
         from gossamer_fx.contact.obstacle_drawing import solid_of
 

@@ -89,12 +89,23 @@ class Contact:
         radius: Mapping[str, float] | None = None,
         name: str = "contact",
     ) -> None:
-        """Check the arguments, which the class describes, and sort bodies from obstacles.
+        """Check the arguments, and sort bodies from obstacles.
 
         Collective where films are given: the shortest edge of each is that of all ranks.
 
+        Args:
+            bodies: films, cables and beams, and obstacles.
+            distance: gap d [m] at which contact begins, at most half of the shortest edge.
+            stiffness: K [N/m³], pressure over closing; None: derived from closing speeds.
+            law: "barrier" or "penalty".
+            friction: coefficient μ of Coulomb friction [-], ≥ 0.
+            slip_velocity: speed [m/s] up to which friction grows.
+            radius: of the sections of bodies [m], by their names.
+            name: in messages and outputs.
+
         Raises:
-            InputError: an argument out of its range, see the class, or no film, cable or beam.
+            InputError: a number out of its range, another law, a body that has no surface or is
+                given twice, or no film, cable or beam.
         """
         self.name = name
         self.distance = distance

@@ -110,9 +110,16 @@ class ContactSet:
         system: ContactAssembly,
         friction: Friction | None = None,
     ) -> None:
-        """Make the stages of contact; the first `commit` finds the initial candidates.
+        """Make the stages of contact; the first `commit` finds the initial candidates.  Collective.
 
-        Collective.  The arguments are described in the class.
+        Args:
+            mesh: points, edges and triangles of bodies and obstacles that may touch.
+            law: of the energy: barrier or penalty.
+            activation_distance: largest gap [m] at which pairs have energy.
+            stiffness: K [N/m³], or None: derived from the closing speed of each pair.
+            history: history variables, which a checkpoint may set at any time.
+            system: the equations of the scene, with the step.
+            friction: Coulomb friction of the pairs; None: there is none.
         """
         library(system.comm)
         # History variables of points are kept by their owners: which points a rank knows changes.
@@ -157,8 +164,10 @@ class ContactSet:
     # ---- states ----
 
     def set_initial_state(self) -> None:
-        """Check the first state of a run, and choose the activation distances of its points;
-        collective.
+        """Check the first state of a run, and choose the activation distances of its points.
+
+        The activation distance of a point is the gap [m] below which its pairs have energy; it is
+        at most nine tenths of the initial gap.  Collective.
 
         Raises:
             InputError: layers intersect or coincide, or a point of a body is inside a box.
@@ -176,10 +185,10 @@ class ContactSet:
         self.history.has_begun = True
 
     def commit(self) -> None:
-        """Take q0 as the start of the next step, and update the history variables; collective.
+        """Take the accepted coordinates q0 as the start of the next step; update history variables.
 
-        The first call finds the initial candidates.  Later ones note the stored energy, and which
-        pairs have energy, with their stiffness.
+        The first call finds the initial candidates.  Later ones note the stored energy [J], and
+        which contact pairs have energy, with their stiffness [J].  Collective.
 
         Raises:
             InputError: in the first call, if layers intersect or coincide, or a point is inside a
@@ -257,7 +266,7 @@ class ContactSet:
         return replace(pairs.rows(is_near), start=None)
 
     def load_active_set(self, pairs: ActivePairs | None) -> None:
-        """Start a step from the accepted state, with pairs that were recorded; collective.
+        """Start a step from the accepted state, with contact pairs that were recorded; collective.
 
         Args:
             pairs: what `save_active_set` returned; None: they are searched, as `begin_step` does.
@@ -290,7 +299,8 @@ class ContactSet:
         self._last_states = None
 
     def _known_parameters(self, pairs: ActivePairs) -> Array | None:
-        """Return the parameters of the active pairs' closest points at x0, if they are known.
+        """Return the parameters of contact pairs' closest points at the start x0 of the step, if
+        known.
 
         Args:
             pairs: n active pairs of the step.
@@ -307,7 +317,7 @@ class ContactSet:
         return distances.closest_points(self._active)[1]
 
     def _distances_at(self, x: Array) -> PairDistances | None:
-        """Return the distances of the present candidates at some points, if they are known.
+        """Return the distances of the candidates, pairs that may touch, at some points, if known.
 
         Args:
             x: points (m, 3) [m].
@@ -321,7 +331,7 @@ class ContactSet:
         return None
 
     def stored_energy(self) -> float:
-        """Return the energy [J] of this rank's pairs at q0; collective.
+        """Return the energy [J] of this rank's contact pairs in the accepted state; collective.
 
         After a checkpoint was restored, candidates are searched again, and the pairs of this rank
         are taken from those of all ranks.
@@ -347,10 +357,12 @@ class ContactSet:
     # ---- the active set of a step ----
 
     def begin_step(self) -> None:
-        """Find the pairs that may touch in the step; collective.
+        """Find the contact pairs that may touch in the step; collective.
 
-        Candidates are searched if points have left their bounds; activation distances grow with the
-        gaps; the active set is that of the end that is predicted from the velocities.
+        Candidates, all pairs that can come near in the next steps, are searched again if points
+        have left the bounds of the last search.  Activation distances, the gaps [m] below which
+        pairs have energy, grow as layers part.  The pairs that take part are those of the end that
+        is predicted from the velocities.
 
         Raises:
             Inadmissible: the motion of an obstacle jumps in the step, which is then tried in parts.
@@ -396,7 +408,8 @@ class ContactSet:
         return search.holds(self.x0, self._system.time) and search.holds(end, self._end_time)
 
     def _search(self, end: Callable[[], Array]) -> None:
-        """Find candidates for the present step; collective.
+        """Find candidates, pairs that may touch in the next steps, for the present step;
+        collective.
 
         The search may change which points this rank knows: whatever has a row for each point is
         asked for again.
@@ -416,7 +429,10 @@ class ContactSet:
         self._take_points()
 
     def _search_at_rest(self) -> None:
-        """Find candidates about the points at q0; collective."""
+        """Find candidate pairs about the points of the accepted state, as if they did not move.
+
+        `x0` (m, 3) [m] has these points afterwards.  Collective.
+        """
 
         def read() -> Array:
             self.x0 = self.points.at(self._system.q0, self._start_time)
@@ -430,8 +446,11 @@ class ContactSet:
         self._take_points()
 
     def _take_points(self) -> None:
-        """Read the history variables of the points that this rank knows since a search;
-        collective."""
+        """Read the activation distances [m] of the points that this rank knows since a search.
+
+        On several ranks a search changes which points that are; owners hand out the values.
+        Collective.
+        """
         of_own = self.history.activation_distance
         # The only rank knows the same points as before.
         if self._comm.size == 1:
@@ -452,7 +471,11 @@ class ContactSet:
             self.history.activation_distance = of_points[self._own]
 
     def _grow_activation(self) -> None:
-        """Let activation distances grow with the gaps at x0; collective."""
+        """Let the activation distances of points grow with the gaps at the start of the step.
+
+        They are the gaps [m] below which pairs have energy, at most that of the contact.
+        `closest`, the least gap so far on all ranks, is updated.  Collective.
+        """
         gap = self._start.gap
         near = np.where(gap < FAR * self.activation_distance, gap, np.inf)
         nearest = nearest_gaps(self.candidates, near, self.mesh)
@@ -473,8 +496,8 @@ class ContactSet:
         return activate(self.candidates.rows(active), activation_distance, self.law)
 
     def _set_active(self, active: MaskArray) -> None:
-        """Let some candidates take part in the step: choose their stiffness and the tangent's
-        pattern.
+        """Let some candidates, pairs that may touch in the next steps, take part in the step:
+        choose their stiffness and the tangent's pattern.
 
         Collective.
 
@@ -513,7 +536,8 @@ class ContactSet:
         block rows, vectors of three unknowns, which are coupled instead.
 
         Args:
-            pairs: all active pairs of this rank, with the column `start`.
+            pairs: all contact pairs of this rank that take part in the step, with the column
+                `start` of their closest points.
 
         Raises:
             RuntimeError: more blocks on this rank than 32 bits can number.
@@ -531,10 +555,11 @@ class ContactSet:
             self.friction.set_block_index(block_index[2:])
 
     def exchange_ends(self) -> None:
-        """Reverse the step: q0 and the time of the system are its new start, and the pairs stay.
+        """Reverse the step: the accepted state and time of the system are its new start; pairs
+        stay.
 
-        The force is symmetric in the ends of a step if pairs, stiffness and activation distances
-        are the same.  Nothing changes if there is no step.  Collective.
+        Gradients need the reversed step: its force is the same if pairs, stiffness and activation
+        distances are.  Nothing changes if there is no step.  Collective.
         """
         pairs = self.pairs
         if pairs is None:
@@ -557,10 +582,10 @@ class ContactSet:
         self._push_back = 0.0
 
     def extend_active_set(self) -> bool:
-        """Add pairs that are near at the end of a step, or were passed on the way, and were left
-        out.
+        """Add contact pairs that are near at the end of a step, or were passed on the way.
 
-        Collective.  A step with recorded pairs is complete.
+        They were left out because the end was predicted only.  A step with recorded pairs is
+        complete. Collective.
 
         Returns:
             whether any rank has added one: the step is then solved again from where it ended.
@@ -628,7 +653,7 @@ class ContactSet:
         return self._turns.find(self._start, x1)
 
     def _identifiers_of_passed(self, x1: Array) -> np.ndarray:
-        """Return the identifiers of active pairs that passed through each other in a step.
+        """Return the identifiers (k,) of contact pairs that passed through each other in a step.
 
         Args:
             x1: points (m, 3) [m] at its end; its start is `x0`.
@@ -675,7 +700,8 @@ class ContactSet:
         self.points.add(self.point_forces, r)
 
     def _compute_forces(self, x1: Array) -> None:
-        """Compute the forces of this rank's pairs, with friction, and note what each pair does.
+        """Compute the forces of this rank's contact pairs, with friction, and note what each pair
+        does.
 
         The forces are in `point_forces` (m, 3) [N] afterwards.
 
@@ -747,8 +773,8 @@ class ContactSet:
         self.assembly.add_diagonal(A)
 
     def _add_through_block_rows(self, tangents: Array) -> None:
-        """Add tangents of pairs with obstacles to the blocks of the unknowns that move their
-        points.
+        """Add tangents of contact pairs with obstacles to the blocks of the unknowns that move
+        their points.
 
         Args:
             tangents: (n, 144) [N/m], derivative of the 12 force components of each pair by its 12

@@ -84,10 +84,11 @@ class Obstacle:
     def __post_init__(self) -> None:
         """Check the arguments that all kinds of obstacles share.
 
-        Vectors and radii are checked where a kind has an attribute of this name.
+        Vectors and radii [m] are checked where a kind has an attribute of this name.
 
         Raises:
-            InputError: see the class.
+            InputError: a vector that is not three finite numbers, a radius that is not positive, a
+                negative friction, or both a rigid body and a prescribed motion.
         """
         owner = f"{type(self).__name__} '{self.name}'"
         if self.friction is not None:
@@ -180,7 +181,8 @@ class Plane(Obstacle):
     normal: Vector
 
     def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
-        """Return one wall: its origin on the plane [m] and its normal of unit length; no solid.
+        """Return one wall, which keeps points on one side, and no solid: its origin on the plane
+        [m] and its normal of unit length.
 
         Raises:
             InputError: the normal has no length.
@@ -213,10 +215,11 @@ class Sphere(Obstacle):
     inside: bool = False
 
     def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
-        """Return the walls and solids that make it up.
+        """Return the walls, which keep points on one side, and the solids that make the obstacle
+        up.
 
-        A ball is a solid of one corner with a radius [m]; a room (`inside`) is one wall, whose
-        points are three times the centre.
+        A ball is a solid of one corner with a radius [m]; a room (`inside`) is one wall with this
+        radius, whose three points are all the centre [m].
         """
         centre = self._at(self.centre)
         if self.inside:
@@ -247,7 +250,8 @@ class Cylinder(Obstacle):
     inside: bool = False
 
     def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
-        """Return the walls and solids that make it up.
+        """Return the walls, which keep points on one side, and the solids that make the obstacle
+        up.
 
         A mast is a solid of one edge with a radius [m]; a room (`inside`) is a wall without ends: a
         point on the axis and two unit directions across it.
@@ -312,7 +316,8 @@ class Box(Obstacle):
         )
 
     def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
-        """Return the walls and solids that make it up.
+        """Return the walls, which keep points on one side, and the solids that make the obstacle
+        up.
 
         A box is a solid of 8 corners, 12 edges and 12 triangles, two on each face; a room
         (`inside`) is six walls.

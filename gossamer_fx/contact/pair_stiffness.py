@@ -50,9 +50,14 @@ class PairStiffness:
         activation_distance: float,
         system: ContactAssembly,
     ) -> None:
-        """Take the given stiffness [N/m³], or None; densities follow when masses are assembled.
+        """Take the given stiffness, or None; densities follow when masses are assembled.
 
-        The arguments are described in the class.
+        Args:
+            mesh: bodies and obstacles of a contact.
+            stiffness: K [N/m³], pressure over closing; None: derived from area densities and
+                closing speeds.
+            activation_distance: gap d [m] at which contact begins.
+            system: the equations, with the masses of the bodies.
         """
         self._mesh = mesh
         self._stiffness = stiffness

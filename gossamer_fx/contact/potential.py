@@ -108,7 +108,8 @@ class PairResponse:
 def activate(
     candidates: CandidatePairs, activation_distance: Array, law: ContactLaw
 ) -> ActivePairs:
-    """Return n candidates as pairs that have energy up to an activation distance; stiffness zero.
+    """Return n contact pairs with the numbers of their energy, which reaches up to an activation
+    distance.
 
     With the sum R of both radii, a pair with the gap d has the squared distance (R + d)².
 
@@ -118,7 +119,8 @@ def activate(
         law: of the energy.  Barriers of edge pairs are made infinite where the edges cross.
 
     Returns:
-        the pairs with offset and width of the squared distance [m²], of planes [m].
+        the pairs with offset and width of the squared distance [m²], of planes [m], and the
+        stiffness zero.
     """
     radius = candidates.radius
     width: Array = (radius + activation_distance) ** 2 - radius**2
@@ -166,10 +168,11 @@ def pair_starts(
     squared_distance: Array,
     parameters: Array,
 ) -> Array:
-    """Return the column `start` of pairs: what the energy rule needs from the start of a step.
+    """Return the column `start` of contact pairs: what the energy rule needs from the start of a
+    step.
 
     Args:
-        pairs: n active pairs.
+        pairs: n pairs that take part in the step.
         x: points (m, 3) [m] at the start.
         squared_distance, parameters: of `closest_points` there: s (n,) [m²], of planes [m], and (u,
             v) (n, 2).
@@ -205,7 +208,7 @@ def energy_of_pairs(
     law: ContactLaw,
     parameters: Array | None = None,
 ) -> tuple[float, Array]:
-    """Return the energy of pairs in one configuration, and their scaled distances.
+    """Return the energy of contact pairs in one configuration, and their scaled distances.
 
     Args:
         pairs: n pairs with their stiffness [J].
@@ -254,7 +257,8 @@ def evaluate(
     """Compute forces and tangents of n contact pairs in a step from x0 to x1.
 
     Args:
-        pairs: with the column `start`; without it, closest points at the start are computed.
+        pairs: n pairs with the column `start` of their closest points; without it, these are
+            computed.
         x0, x1: points (m, 3) [m] at the start and at the end.
         law: of the energy.
         alpha: weight of the end in the configuration where forces act; with 1 they are the gradient

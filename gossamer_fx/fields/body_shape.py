@@ -38,9 +38,12 @@ class BodyShape:
     """
 
     def __init__(self, system: System, body: MeshBody) -> None:
-        """Make the functions of positions on the mesh; `update` sets their values.
+        """Make the functions of positions on the mesh of a body; `update` sets their values.
 
-        The arguments are described in the class.
+        Args:
+            system: the compiled scene of a run or an equilibrium.
+            body: a film, plate, cable or beam in it; a reduced film has the mesh of the one that
+                was reduced.
 
         Raises:
             InputError: the body is not in the scene.

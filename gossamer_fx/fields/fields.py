@@ -279,7 +279,12 @@ class FieldFunctions:
     def __init__(self, system: System, body: MeshBody, names: Sequence[str]) -> None:
         """Make one function for each name, and what computes its values; `update` computes them.
 
-        Collective: expressions are compiled.  The arguments are described in the class.
+        Collective: expressions are compiled.
+
+        Args:
+            system: the compiled scene.
+            body: a body on a mesh in it.
+            names: of output fields, e.g. "displacement".
 
         Raises:
             InputError: the body does not have a field, or is not in the scene.

@@ -80,7 +80,11 @@ class WrinkleMap:
     def __init__(self, function: fem.Function, film: MeshBody, system: System) -> None:
         """Check the film's law, and compile the expressions of the map; collective.
 
-        The arguments are described in the class.
+        Args:
+            function: on the film's mesh, named as the map: "wrinkle_slope", "wrinkle_amplitude" or
+                "wrinkle_direction".
+            film: in the system.
+            system: the compiled scene.
 
         Raises:
             InputError: the law of the film has no maps, or the film is not in the scene.
@@ -216,7 +220,14 @@ def _smooth(domain: Mesh, in_cells: Array) -> Array:
     areas = np.linalg.norm(area_vectors(corner_points(domain)), axis=1)
 
     def mean_at_vertices(values: Array) -> Array:
-        """Average values of cells (cells, k) at the vertices, weighted by area.  Collective."""
+        """Average values of cells at the vertices, weighted by area.  Collective.
+
+        Args:
+            values: (cells, k) of local cells, in any unit.
+
+        Returns:
+            (vertices, k) at local vertices, ghosts included.
+        """
         sums = la.vector(dofmap.index_map, values.shape[1] + 1)
         weighted = np.column_stack([values[:own], np.ones(own)]) * areas[:own, None]
         table = sums.array.reshape(-1, values.shape[1] + 1)

@@ -79,7 +79,13 @@ class Ikaros(FoldMap):
     out: int = 0
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check the arguments, counts [-] and lengths [m], before any use.
+
+        Raises:
+            InputError: less than 3 trapezoids, rows that are not 0 < inner < outer, bends not from
+                1 to inner - 1, tips out of an arm that is not wound, a length out of its range, or
+                layers that leave no room for a hub.
+        """
         self._check(self.n >= 3, f"n is {self.n!r}; give at least 3 trapezoids.")
         self._check(
             0 < self.inner < self.outer,

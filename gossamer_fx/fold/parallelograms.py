@@ -60,7 +60,12 @@ class Miura(FoldMap):
     lift: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check lengths [m] and angles [rad] of a parallelogram.
+
+        Raises:
+            InputError: a side that is not positive, a negative opening or lift, or an angle that is
+                not between 0 and π/2.
+        """
         self._check_positive("a", "b")
         self._check_not_negative("opening", "lift")
         for what in ("gamma", "theta"):
@@ -72,7 +77,10 @@ class Miura(FoldMap):
 
     @cached_property
     def sizes(self) -> tuple[float, float, float, float]:
-        """Sizes H, S, L, V [m] of a folded parallelogram, see the equations of the class."""
+        """Sizes of a folded parallelogram: height H, length S along x and L along y, shift V [m].
+
+        Schenk & Guest, Proc. Natl. Acad. Sci. 110 (2013) 3276, equations 1 to 4.
+        """
         cos_θ = math.cos(self.theta)
         tan_γ = math.tan(self.gamma)
         sines = math.sin(self.theta) * math.sin(self.gamma)
@@ -120,8 +128,10 @@ class Miura(FoldMap):
 
     @cached_property
     def axes(self) -> Array:
-        """Directions (3, 3), as columns, in which x, y and the normal of the first parallelogram
-        are folded."""
+        """Unit directions (3, 3), as columns, into which the first parallelogram is folded.
+
+        They are those of x, of y and of the normal on the flat sheet.
+        """
         H, S, L, V = self.sizes
         along = np.array([0.0, L, H]) / self.a
         # The side b of the parallelogram is at the angle γ to the side a.

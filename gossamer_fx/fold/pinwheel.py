@@ -69,7 +69,12 @@ class Star(FoldMap):
     gap: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check the arguments, counts [-] and lengths [m], before any use.
+
+        Raises:
+            InputError: less than 3 sides, columns that are not 1 ≤ columns ≤ reach, a side that is
+                not positive, a negative gap, or layers that leave no room for a hub.
+        """
         self._check(self.n >= 3, f"n is {self.n!r}; give a polygon of at least 3 sides.")
         self._check(
             1 <= self.columns <= self.reach,

@@ -209,7 +209,13 @@ class Zigzag(Strip):
     spacing: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check the arguments, counts [-], lengths [m] and the angle [rad], before any use.
+
+        Raises:
+            InputError: a length out of its range, less than 2 panels, an angle that is not above 0
+                and up to π/2, several bends without a spacing or one with it, or bends that take
+                more than a panel.
+        """
         self._check_strip(("width", "opening", "lift", "spacing"))
         self._check(self.panels >= 2, f"panels is {self.panels!r}; give at least 2.")
         self._check(
@@ -234,7 +240,10 @@ class Zigzag(Strip):
 
     @cached_property
     def bent(self) -> Bent:
-        """The bent line of the strip: each fold is bent at `bends` rows of edges by equal angles.
+        """Line of the strip seen from the side: positions [m] along it where it is bent, and angles
+        [rad].
+
+        Each fold is bent at `bends` rows of edges by equal angles.
         """
         # The rows of a fold lie symmetrically about its middle.
         rows = (np.arange(self.bends) - (self.bends - 1) / 2) * self.spacing
@@ -331,7 +340,12 @@ class Roll(Strip):
     opening: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check the arguments, counts [-] and lengths [m], before any use.
+
+        Raises:
+            InputError: a length out of its range, no bends or too many, a straight part that is not
+                shorter than the strip, or rows farther apart than two thirds of the radius.
+        """
         self._check_strip(("radius", "pitch", "width", "opening"))
         self._check(
             1 <= self.bends <= MAX_BENDS,
@@ -359,7 +373,10 @@ class Roll(Strip):
 
     @cached_property
     def bent(self) -> Bent:
-        """The bent line of the strip: each piece is a chord of the circle with the present radius.
+        """Line of the strip seen from the side: positions [m] along it where it is bent, and angles
+        [rad].
+
+        Each piece is a chord of the circle with the present radius, which grows outwards.
         """
         rows = self._rows
         # From the innermost piece outwards, as the radius grows in this direction: each piece is a

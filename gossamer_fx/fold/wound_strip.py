@@ -62,7 +62,12 @@ class Spiral(FoldMap):
         return (self.length, self.rows * self.pitch)
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check the arguments, counts [-] and lengths [m], before any use.
+
+        Raises:
+            InputError: a length that is not positive, a negative gap, less than 1 column or row or
+                6 columns in a turn, or layers that leave no room for a hub.
+        """
         self._check_positive("length", "pitch")
         for what, least in (("columns", 1), ("around", 6), ("rows", 1)):
             value = getattr(self, what)

@@ -212,7 +212,13 @@ class Bending:
     ) -> None:
         """Take the frame and the moments of curvatures; normals and sizes are those of the cells.
 
-        The arguments are described in the class.
+        Args:
+            domain: plane triangles with straight edges.
+            B: frame of the mesh, two orthonormal vectors of each cell as columns (3, 2).
+            stiffness: gives moments [N] of curvatures [1/m].
+            penalty: factor [-] on the bound above which the form is definite, such as `PENALTY`.
+            rest: curvature (2, 2) [1/m] of the plate without bending moments; None for a flat
+                plate.
         """
         self._B = B
         self._stiffness = stiffness
@@ -225,9 +231,10 @@ class Bending:
     # ---- the quadratic form ----------------------------------------------------------------------
 
     def cells(self, x: Expr, w: Expr, dx: ufl.Measure) -> ufl.Form:
-        """Integral of a(x, w) over the cells, the first term of (1) of the module [J].
+        """Integral ∫ M(x):D²w dA [J] of the bending form over the cells, M the moment of the
+        curvature D²x.
 
-        With the form ½ a(x, x) as energy it is linear in the test function.
+        The bending energy is half of the form with w = x.
 
         Args:
             x: positions (3,) [m] of order 2.
@@ -243,8 +250,10 @@ class Bending:
         return sum(densities) * dx
 
     def edges(self, x: Expr, w: Expr, dS: ufl.Measure) -> ufl.Form:
-        """Integral of a(x, w) over interior edges that transmit bending, the second term of (1) of
-        the module [J].
+        """Integral of the bending form [J] over interior edges that transmit bending.
+
+        It has moments times jumps of slopes, and a penalty on the jumps: second term of (1) of the
+        module.
 
         Args:
             x: positions (3,) [m] of order 2.
@@ -270,8 +279,8 @@ class Bending:
         d: Expr,
         ds: ufl.Measure,
     ) -> ufl.Form:
-        """Integral of a(x, w) over boundary edges where the plate is tangent to a given direction
-        [J].
+        """Integral of the bending form [J] over boundary edges where the plate is tangent to a
+        direction.
 
         With a rest curvature it has the part of `rest_clamp`, too.
 

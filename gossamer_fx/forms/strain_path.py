@@ -149,8 +149,7 @@ def within_cone(
 ) -> tuple[Expr, Expr]:
     """Interval (start, end) of the path from e0 to e1 on which h + margin ≥ m r.
 
-    Here h and r are centre and radius of Mohr's circle, equation (2) of the module.  All are UFL
-    expressions.
+    Here h and r are centre and radius of Mohr's circle of the strain.  All are UFL expressions.
 
     Args:
         e0: strain (3,) at s = 0, as (E11, E22, 2 E12), dimensionless.
@@ -333,11 +332,12 @@ def _mean_of_product(
     b: tuple[Expr, Expr],
     J: tuple[Expr, Expr, Expr],
 ) -> Expr:
-    """The average of a b/r of two linear functions a[0] + a[1] t and b[0] + b[1] t over -1 ≤ t ≤ 1.
+    """The average of a b/r, with two linear functions a = a[0] + a[1] t and b = b[0] + b[1] t, over
+    -1 ≤ t ≤ 1.
 
     Args:
         a, b: value and slope of each function at t = 0.
-        J: averages J_0, J_1, J_2 of tⁿ/r, equation (5) of the module.
+        J: averages J_0, J_1, J_2 of tⁿ/r over the same interval.
     """
     constant = a[0] * b[0]
     linear = a[0] * b[1] + a[1] * b[0]
@@ -354,7 +354,7 @@ def _mean_inverse_radius(
     rb: Expr,
     k: Expr,
 ) -> Expr:
-    """The average J0 of 1/r along a straight path from da to db, equation (6) of the module.
+    """The average J0 of 1/|d| along a straight path of vectors d from da to db.
 
     With 2 artanh(z) = ln((1 + z)/(1 - z)) it is
 

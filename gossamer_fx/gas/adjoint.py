@@ -102,10 +102,10 @@ class GasAdjoint:
     """
 
     def __init__(self, network: SolvedGas) -> None:
-        """Find the parameters of chambers, openings, walls and reservoirs, and set their sums to
-        zero.
+        """Find the parameters of chambers, openings, walls and reservoirs; set their sums to zero.
 
-        The argument is described in the class.
+        Args:
+            network: the gas of a running scene, with the solution of its last step.
         """
         self._network = network
         self._comm = network.geometry.comm
@@ -287,7 +287,8 @@ class GasAdjoint:
         return by_start
 
     def _take_openings(self, ν: Array) -> None:
-        """Add equation (7) of the module, derivatives by numbers of openings, to their sums.
+        """Add derivatives of the result by areas [m²] and discharge coefficients of openings to
+        their sums.
 
         The derivative by the area of a ring is kept, since `carry` takes it to the film later.
 
@@ -312,9 +313,10 @@ class GasAdjoint:
                 self._add(opening, "area", coefficient * derivative)
 
     def _take_boundaries(self, ν: Array) -> None:
-        """Add equation (7) of the module to the sums of walls, reservoirs and surroundings.
+        """Add derivatives of the result by numbers of walls, reservoirs and surroundings to their
+        sums.
 
-        These are derivatives by conductances [W/K], temperatures [K] and pressures [Pa].
+        The numbers are conductances [W/K], temperatures [K] and pressures [Pa].
 
         Args:
             ν: adjoint of the scaled balance (2n,), for n chambers.
@@ -334,7 +336,7 @@ class GasAdjoint:
         self.sums[id(item), name] += float(derivative)
 
     def carry(self, by_position: Array, by_velocity: Array) -> None:
-        """Add what volumes and rings at the start of the step give, (5) and (6) of the module.
+        """Add what volumes and rings at the start of the step give to derivatives of the result.
 
         Collective.  It is called after `take`, when the ends of the step have changed places: the
         start of the original step is then the end of the present one.

@@ -159,7 +159,14 @@ class Balance:
         walls: list[tuple[Wall, int]],
         n: int,
     ) -> None:
-        """Take gas, openings and walls, which the class describes; V, W and y are given later."""
+        """Take gas, openings and walls of a network; volumes and pressures are given later.
+
+        Args:
+            gas: the ideal gas of all chambers.
+            passages: the openings, with the numbers of the chambers that they connect.
+            walls: walls that heat or cool, each with the number of its chamber.
+            n: number of chambers.
+        """
         self.h = 0.0
         self.temperatures: Array = np.zeros(n)
         self._gas = gas
@@ -183,8 +190,7 @@ class Balance:
         U: Array,
         V: Array,
     ) -> None:
-        """Start a step: take its initial state and choose the weights θ of (4) and (5) of the
-        module.
+        """Start a step: take its initial state and choose the weights θ of its flows.
 
         θ says at which part of the step flows are taken: ½ is the middle, 1 the end.
 
@@ -215,8 +221,10 @@ class Balance:
         W: Array,
         known: Rates | None = None,
     ) -> Array:
-        """Return the excess of energy [J] and mass [kg] in each chamber over (2) and (1) of the
-        module.
+        """Return the excess of energy [J] and mass [kg] in each chamber over its balance in a step.
+
+        A chamber gains mass by flows, and energy by flows, heat and the work of its enclosure: (1)
+        and (2) of the module.
 
         Args:
             y: pressures [Pa] and masses [kg] at the end of the step (2n,).
@@ -306,7 +314,8 @@ class Balance:
     ) -> tuple[Array, Array]:
         """Return the derivatives of the residual with respect to y and to the volumes.
 
-        That with respect to W is p̄ on the diagonal of the energy rows; the caller has it.
+        That with respect to W is the mean pressure on the diagonal of the energy rows; the caller
+        has it.
 
         Args:
             y: pressures [Pa] and masses [kg] at the end of the step (2n,).
@@ -335,8 +344,7 @@ class Balance:
         y: Array,
         V: Array,
     ) -> None:
-        """Subtract h times the derivatives of the flows, by the chain rule through (3) of the
-        module.
+        """Subtract step length times the derivatives of the flows from those of the balance.
 
         Args:
             by_y, by_V: derivatives of the residual (2n, 2n) and (2n, n), changed in place.
@@ -380,7 +388,8 @@ class Balance:
         y: Array,
         V: Array,
     ) -> None:
-        """Subtract h times the derivatives of the heat of the walls.
+        """Subtract step length times the derivatives of the heat of the walls from those of the
+        balance.
 
         Args:
             by_y, by_V: derivatives of the residual (2n, 2n) and (2n, n), changed in place.
@@ -438,8 +447,7 @@ class Balance:
         W: Array,
         magnitude: Array,
     ) -> Array | None:
-        """Solve (1) and (2) of the module for y at given volumes, by Newton's method with
-        backtracking.
+        """Solve the mass and energy balance of the chambers at given volumes, by Newton's method.
 
         Args:
             y: initial guess (2n,), positive: pressures [Pa] and masses [kg] at the end of the step.
@@ -540,10 +548,12 @@ class Balance:
         T: Array,
         V: Array,
     ) -> None:
-        """Choose θ of every chamber and wall for the step, by (4) and (5) of the module.
+        """Choose the weight θ of the end of the step [-] in the flows of every chamber, and of
+        every wall.
 
-        The conductances at rest are summed too: they amplify the round-off of pressures, see
-        `scales`.
+        The weights are ½ for short steps and near 1 for steps in which pressures equalise, (4) and
+        (5) of the module.  The conductances at rest are summed too: they amplify the round-off of
+        pressures, see `scales`.
 
         Args:
             p: pressure at the start (n,) [Pa].
@@ -600,7 +610,14 @@ class Balance:
         Tu: Number,
         pd: Number,
     ) -> Number:
-        """Mass flow over pressure difference [kg/(s Pa)] from pressure pu, temperature Tu to pd."""
+        """Return the mass flow over the pressure difference [kg/(s Pa)] of an opening.
+
+        Args:
+            passage: the opening, with its effective area.
+            pu: upstream pressure [Pa].
+            Tu: temperature of the gas [K].
+            pd: downstream pressure [Pa], < pu.
+        """
         mass_flow = passage.opening.flow(self._gas, passage.area, (pu, pd), (Tu, Tu))
         return mass_flow.real / (pu - pd)
 

@@ -132,7 +132,14 @@ class FilmEnclosure:
         rings: tuple[Ring, ...],
         chamber: str,
     ) -> None:
-        """Take a film and what closes it; the arguments are described in the class.
+        """Take a film and what closes it; its mesh is checked when the scene is compiled.
+
+        Args:
+            film: the film.
+            surface: names of the groups of triangles that bound the chamber; empty for the whole
+                film.
+            rings: closed lines of edges over which strips close the chamber.
+            chamber: name of the chamber, for messages.
 
         Raises:
             InputError: a ring is on another film.
@@ -361,7 +368,12 @@ class Piston:
         *,
         direction: tuple[float, float, float],
     ) -> None:
-        """Take a point of a body and its direction; the arguments are described in the class.
+        """Take a point of a body and the direction in which a chamber grows with it.
+
+        Args:
+            port: a point of a body.
+            area: of the piston [m²], > 0.
+            direction: in which the volume grows; need not be of unit length.
 
         Raises:
             InputError: the area is not positive or the direction has no length.

@@ -41,7 +41,8 @@ class Geometry:
     def __init__(self, system: Assembly) -> None:
         """Begin without rings, surfaces and pistons; enclosures and openings ask for theirs.
 
-        The argument is described in the class.
+        Args:
+            system: the equations of the scene, with the coordinates of its bodies.
         """
         self.comm = system.comm
         self._system = system

@@ -77,9 +77,11 @@ class GasNetwork:
     """
 
     def __init__(self, items: list[Any], system: Assembly) -> None:
-        """Compile the enclosures, and connect chambers by openings and walls; collective.
+        """Compile what bounds the chambers, and connect them by openings and walls; collective.
 
-        The arguments are described in the class.
+        Args:
+            items: chambers, reservoirs, surroundings, openings and walls of a scene.
+            system: the compiled scene.
 
         Raises:
             InputError: there is no chamber, chambers have different gases, two enclose the same
@@ -296,11 +298,10 @@ class GasNetwork:
                 state.enclosure.add_tangents(A)
 
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
-        """Return the blocks of the Newton matrix by which the gas is coupled to the bodies;
-        collective.
+        """Return the blocks of the Newton matrix by which the gas is coupled to the bodies.
 
-        See the module: G are the forces of a unit of y, H the derivatives of the scaled balance by
-        coordinates, C those by y.
+        G are the forces [N] of a unit of the unknowns y, n pressures [Pa] and n masses [kg]; H the
+        derivatives of the scaled gas balance by coordinates, C those by y.  Collective.
 
         Returns:
             this rank's parts of the 2n columns of G and of H, None for a column that is zero, and C

@@ -116,7 +116,13 @@ class Orifice:
     scalar_unknowns = GasNetwork
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check ends, area [m²], discharge coefficient [-] and laminar range [-] of an opening.
+
+        Raises:
+            InputError: an end holds no gas, both ends are the same, the area is negative or
+                infinite, the discharge coefficient is outside (0, 1], or `laminar` outside [1e-12,
+                0.1).
+        """
         for end in (self.a, self.b):
             check(
                 isinstance(end, Volume | Holder),

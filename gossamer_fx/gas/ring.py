@@ -205,9 +205,11 @@ class Loop:
     """
 
     def __init__(self, ring: Ring, system: Assembly) -> None:
-        """Walk once around the ring, and tabulate the strips that close it; collective.
+        """Walk once around a ring of film edges, and tabulate the strips that close it; collective.
 
-        The arguments are described in the class.
+        Args:
+            ring: the closed line of edges.
+            system: the equations of the scene, with the coordinates of the film.
 
         Raises:
             InputError: the edges of the ring do not form one closed line.
@@ -334,10 +336,11 @@ class Loop:
         return float(np.linalg.norm(self._area_vector(xs, xr)))
 
     def aperture_gradient(self, h: float) -> Array:
-        """Return ∂|a|/∂q0 of the opened area |a| of `aperture`.  Collective.
+        """Return the derivative ∂|a|/∂q0 of the opened area |a| [m²] by positions at the start of a
+        step.  Collective.
 
-        With e = a/|a| the change of |a| is e·δa, and by (1) of the module e·δa = ∫∫ δx,s·(x,r × e)
-        + δx,r·(e × x,s) ds dr.
+        With e = a/|a| the change of |a| is e·δa, and with the tangents x,s and x,r of the ring's
+        strips e·δa = ∫∫ δx,s·(x,r × e) + δx,r·(e × x,s) ds dr.
 
         Args:
             h: length of the step [s].
@@ -389,8 +392,9 @@ class Loop:
     def products(self) -> Array:
         """Return the ring's share of three volumes that surfaces sum up, (3,) [m³].
 
-        They are G(q1)·q1, three times its volume; the sum of the sizes of the terms of that, for
-        round-off; and G(q̄)·(q1 - q0), the volume that it sweeps in the step.
+        They are G(q1)·q1, three times its volume, G the gradient of the volume; the sum of the
+        sizes of the terms of that, for round-off; and G(q̄)·(q1 - q0), the volume that it sweeps in
+        the step.
         """
         if self._products is None:
             at_middle, at_end = self.gradients
@@ -436,9 +440,11 @@ class Loop:
         values[self._own - start] += G[self._mine]
 
     def add_tangent(self, A: PETSc.Mat, scale: float) -> None:
-        """Add the derivative of the force scale · G(q̄) by q1 to a matrix; each rank adds its rows.
+        """Add the derivative of a pressure's force by the end q1 of the step to a matrix; each rank
+        adds its rows.
 
-        It is scale · α · ∂G/∂q at q̄, with the weight α of the end of the step in q̄.
+        The force is scale · G(q̄), with the gradient G [m²] of the ring's volume and positions q̄ =
+        (1 - α) q0 + α q1; its derivative is scale · α · ∂G/∂q.
 
         Args:
             A: tangent of the system [N/m], changed in place.
@@ -468,7 +474,8 @@ class Loop:
         return self._ds @ corners, self._dr @ corners
 
     def _gradient(self, X: Array) -> Array:
-        """Return the gradient G of the ring's volume, equation (2) of the module.
+        """Return the gradient of the volume that the ring's strips close, by the positions of its
+        nodes.
 
         Args:
             X: positions (nodes, 3) [m] of the nodes.

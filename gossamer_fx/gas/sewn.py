@@ -69,10 +69,13 @@ class SeamStrip:
     """
 
     def __init__(self, line_a: EdgeLine, line_b: EdgeLine, system: Assembly) -> None:
-        """Divide the strip between the edges at the nodes of both, and tabulate its shape
+        """Divide the strip between two edges at the nodes of both, and tabulate its shape
         functions.
 
-        The arguments are described in the class.
+        Args:
+            line_a, line_b: nodes along both edges of a seam, in the same direction, with their
+                fractions of arc length [-].
+            system: the equations of the scene, with the coordinates of the films.
         """
         self._system = system
         self._alpha = system.rule.alpha
@@ -108,8 +111,15 @@ class SeamStrip:
     def _edges_of(
         self, line: EdgeLine, begins: Array, ends: Array
     ) -> tuple[np.ndarray, Array, Array]:
-        """For segments between fractions: the edge (n,) of a line, and the part of it from ξ0 to
-        ξ1."""
+        """Return the edge of a line on which each of n segments lies, and which part of it.
+
+        Args:
+            line: edges along one side of a seam.
+            begins, ends: fractions of arc length (n,) [-] of the segments, none across a node.
+
+        Returns:
+            number of the edge (n,), and the local coordinates of begin and end on it (n,), 0 to 1.
+        """
         middle = (begins + ends) / 2
         edges = np.searchsorted(line.fractions, middle, side="right") - 1
         start = line.fractions[edges]
@@ -151,8 +161,8 @@ class SeamStrip:
     # ---- a step ----------------------------------------------------------------------------------
 
     def follow(self) -> None:
-        """Evaluate volume [m³], swept volume [m³] and gradients [m²] at q1 of the system.
-        Collective.
+        """Evaluate volume [m³], swept volume [m³] and gradients [m²] of the strip for the iterate's
+        end q1. Collective.
         """
         self._X1 = self._gather(self._system.q1)[0]
         self._at_end = self._gradient(self._X1)
@@ -178,7 +188,8 @@ class SeamStrip:
         vectors.
 
         Returns:
-            G(q_mid), which times the pressure is the force; ∂V/∂q1; and ∂W/∂q1.
+            G = ∂V/∂q in the positions where forces act, which times the pressure is the force;
+            ∂V/∂q1; and ∂W/∂q1.
         """
         of_swept = self._at_end
         if self._alpha != 1.0:
@@ -191,10 +202,11 @@ class SeamStrip:
         )
 
     def add_tangent(self, A: PETSc.Mat, scale: float) -> None:
-        """Add the derivative of the force scale · G(q_mid) by q1 to a matrix; each rank adds its
-        rows.
+        """Add the derivative of a pressure's force by the end q1 of the step to a matrix; each rank
+        adds its rows.
 
-        It is scale · α · ∂G/∂q at q_mid, with the weight α of the end of the step in q_mid.
+        The force is scale · G(q_mid), with the gradient G [m²] of the strip's volume and positions
+        q_mid = (1 - α) q0 + α q1; its derivative is scale · α · ∂G/∂q.
 
         Args:
             A: tangent of the system [N/m], changed in place.

@@ -81,7 +81,9 @@ class FilmSurface:
     def __init__(self, film: Membrane, system: Assembly) -> None:
         """Prepare a surface without chambers; those that it bounds are added one by one.
 
-        The arguments are described in the class.
+        Args:
+            film: the film.
+            system: the equations of the scene, with the coordinates of the film.
         """
         self.film = film
         self.pressures: Array = np.zeros(0)
@@ -108,7 +110,8 @@ class FilmSurface:
         return len(self._sides) - 1
 
     def _compile(self) -> None:
-        """Compile the forms of area vectors and tangent, and allocate the arrays.  Collective.
+        """Compile the forms of area vectors and of the pressure's tangent, and allocate the arrays.
+        Collective.
 
         Raises:
             InputError: no C compiler was found.
@@ -277,8 +280,8 @@ class FilmSurface:
             c: index of the chamber, as `add` returned it.
 
         Returns:
-            G_c(q̄), which times the pressure is the force; ∂V_c/∂q1; and ∂W_c/∂q1 by (4) of the
-            module; this rank's parts of system vectors.
+            G_c = ∂V_c/∂q in the positions q̄ where forces act, which times the pressure is the
+            force; ∂V_c/∂q1; and ∂W_c/∂q1 by (4) of the module; this rank's parts of system vectors.
         """
         at_mid = self._total_at_mid(c)
         at_end = self._total_at_end(c)

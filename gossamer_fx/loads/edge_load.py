@@ -191,7 +191,12 @@ class EdgeLoad:
                 f.value = float(ask_numbers(film.comm, source, lambda: value(t)))
 
         def work(x: Expr, w: Expr) -> ufl.Form:
-            """δW [J] at positions x along test functions w."""
+            """Return the virtual work δW [J] of the load.
+
+            Args:
+                x: positions (3,) [m] of the film.
+                w: test function (3,), like x.
+            """
             # Dead load: normal and length of the edge are those of the mesh.
             if not self.following:
                 return f * ufl.dot(ν, w) * ds

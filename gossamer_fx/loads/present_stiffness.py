@@ -68,7 +68,9 @@ class PresentStiffness:
     compiler: ClassVar[Compiler] = PresentStiffnesses
 
     def __post_init__(self) -> None:
-        """Make the function that stores the nine entries of C at the quadrature points of `dx`."""
+        """Make the function that stores the stiffness C (3, 3) [N/m], as nine numbers, at the
+        quadrature points of `dx`.
+        """
         mesh = self.body.space.mesh
         element = basix.ufl.quadrature_element(
             mesh.basix_cell(),

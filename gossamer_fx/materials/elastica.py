@@ -63,7 +63,7 @@ END_SLOPES = np.linspace(0.02, 1.2, 200)
 
 
 def onset(e_E: float) -> float:
-    """Buckling strain e_c of a strip, the smaller root of equation (2) of the module.
+    """Buckling strain e_c of a strip, the smaller root of e_c (1 - e_c) = e_E.
 
     The load p = P/(E' t) at which it buckles is the same number.
 
@@ -201,11 +201,12 @@ class Elastica(IsotropicFilm):
     c3: float = field(init=False)
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes, and fit the cubic of the buckled strip.
+        """Check the arguments, and fit the cubic of the buckled strip, whose wrinkles the law
+        describes.
 
         Raises:
-            InputError: a number out of its range, or a half wavelength of less than 10 π
-                thicknesses.
+            InputError: a modulus, density or thickness that is not positive, nu outside (-1, 0.5],
+                or a half wavelength [m] of not more than 10 π thicknesses.
         """
         super().__post_init__()
         shortest = 10 * math.pi * self.thickness

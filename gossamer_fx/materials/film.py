@@ -175,7 +175,7 @@ class IsotropicFilm(FilmLaw):
     nu: float
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes.
+        """Check Young's modulus [Pa], Poisson's ratio [-], density [kg/m³] and thickness [m].
 
         Raises:
             InputError: E, density or thickness is not a positive number, or nu is outside (-1,
@@ -280,10 +280,11 @@ class Miyazaki(IsotropicFilm):
     residual_stiffness: float = 1e-6
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes.
+        """Check the numbers of the law, the ratio of compressive to tensile stiffness [-] included.
 
         Raises:
-            InputError: a number out of its range; the residual stiffness is outside [0, 1].
+            InputError: E, density or thickness is not positive, nu is outside (-1, 0.5], or the
+                residual stiffness is outside [0, 1].
         """
         super().__post_init__()
         check(

@@ -155,7 +155,7 @@ class LinearOrthotropic(FilmLaw):
     quadratic = True
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes.
+        """Check moduli [Pa], Poisson's ratio [-], density [kg/m³], thickness [m] and direction.
 
         Raises:
             InputError: a modulus, density or thickness that is not positive, a nu12 of √(E1/E2) or
@@ -326,10 +326,11 @@ class Orthotropic(LinearOrthotropic):
     quadratic = False
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes.
+        """Check the numbers of the law, the ratio of compressive to tensile stiffness [-] included.
 
         Raises:
-            InputError: a number out of its range, see the class.
+            InputError: a number that `LinearOrthotropic` refuses, or a residual stiffness outside
+                [0, 1].
         """
         super().__post_init__()
         check(
@@ -394,7 +395,7 @@ class Orthotropic(LinearOrthotropic):
         )
 
     def unwrinkled(self) -> FilmLaw:
-        """The law without wrinkles: the same stiffness in compression as in tension."""
+        """Return the law without wrinkles: the same stiffness in compression as in tension."""
         return LinearOrthotropic(
             self.E1,
             self.E2,

@@ -147,7 +147,11 @@ def read_mesh(path: str | Path, comm: MPI.Intracomm, *, orient: bool = False) ->
     """
 
     def read() -> RawMesh:
-        """Read the file on rank 0; what is wrong with it becomes an `InputError`."""
+        """Read the file, on rank 0, and orient its triangles if that is wanted.
+
+        Raises:
+            InputError: there is no such file, or its mesh cannot be used.
+        """
         check(
             Path(path).is_file(),
             f"There is no mesh file '{path}'; give the path of a gmsh file (.msh).",

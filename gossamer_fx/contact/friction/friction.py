@@ -42,7 +42,16 @@ class Friction:
         law: ContactLaw,
         system: ContactAssembly,
     ) -> None:
-        """List the coefficients of bodies and obstacles; the arguments are described in the class.
+        """List the coefficients of bodies and obstacles.
+
+        Args:
+            mesh: bodies and obstacles of a contact; obstacles with friction have an origin and
+                axes.
+            coefficient: μ [-] of bodies with each other.
+            of_obstacles: μ [-] of each obstacle with bodies.
+            slip_velocity: speed [m/s] below which what sticks may slide.
+            law: of the normal forces.
+            system: the equations of the scene, with the step.
         """
         self._mesh = mesh
         self._points = mesh.points
@@ -75,11 +84,11 @@ class Friction:
     # ---- a step ----
 
     def begin_step(self, pairs: ActivePairs, x0: Array) -> list[Int64Array]:
-        """Choose the pairs of a step that have friction, and the two directions in which each
-        slides.
+        """Choose the contact pairs of a step that have friction, and the two directions in which
+        each slides.
 
         Args:
-            pairs: n active pairs with their column `start`.
+            pairs: n pairs that take part, with the column `start` of their closest points.
             x0: points (m, 3) [m] at the start.
 
         Returns:
@@ -150,10 +159,11 @@ class Friction:
         return np.where(block_rows >= 0, block_rows, of_body[:, None])
 
     def _between_bodies(self, pairs: ActivePairs, x0: Array) -> FrictionPairs:
-        """Return the friction of pairs between bodies, which slide along two edges of the pair.
+        """Return the friction of contact pairs between bodies, which slide along two edges of the
+        pair.
 
         Args:
-            pairs: n active pairs with their column `start`, of bodies only.
+            pairs: n pairs of bodies only, with the column `start` of their closest points.
             x0: points (m, 3) [m] at the start of the step.
         """
         points = pairs.points
@@ -186,14 +196,15 @@ class Friction:
         )
 
     def _with_obstacles(self, pairs: ActivePairs, x0: Array) -> FrictionPairs:
-        """Return the friction of pairs with an obstacle, which slide along two of its axes.
+        """Return the friction of contact pairs with an obstacle, which slide along two of its axes.
 
         The vector r of a pair, whose products with the two directions measure its sliding, leads
         from the point of the obstacle that lies where the body's point is, fixed in the obstacle's
         frame: so a ball on a rigid body rolls.
 
         Args:
-            pairs: n active pairs with their column `start`, each with an obstacle that has a frame.
+            pairs: n pairs with the column `start` of their closest points, each with an obstacle
+                that has a frame: an origin and three axes that move with it.
             x0: points (m, 3) [m] at the start of the step.
         """
         is_of_body = pairs.points < self._points.body_count

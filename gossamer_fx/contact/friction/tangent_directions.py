@@ -34,12 +34,13 @@ def unit_vectors(vectors: Array) -> Array:
 
 
 def gap_weights(pairs: ActivePairs) -> Array:
-    """Return the weights of a pair's points in the vector from its second side to its first.
+    """Return the weights of a contact pair's four points in the vector from its second side to its
+    first.
 
     It leads between the closest points of the start; of walls it is their first point.
 
     Args:
-        pairs: n active pairs with the column `start`.
+        pairs: n pairs with the column `start` of their closest points.
 
     Returns:
         (n, 4) [-].

@@ -139,7 +139,14 @@ def _ties(
     """
 
     def nodes(port: Attached) -> list[tuple[int, int]]:
-        """Bodies and nodes on whose positions a port depends; none if it is of another body."""
+        """Return number of the body and node, for each node on whose position a port depends.
+
+        Empty if the port is a direction, a point of the ground, or of a body that is not in the
+        contact.
+
+        Args:
+            port: point that is tied, a weighted sum of nodes of one body.
+        """
         # A tie to the ground or of directions connects no surfaces.
         if not isinstance(port, Port) or any(port.vectors):
             return []

@@ -93,10 +93,17 @@ class CollisionMesh:
         system: Assembly,
         has_friction: Sequence[bool] = (),
     ) -> None:
-        """Number the primitives of bodies, then of obstacles, in the same way on all ranks;
-        collective.
+        """Number the points, edges and triangles of bodies, then of obstacles, alike on all ranks.
 
-        The arguments are described in the class.
+        Collective.
+
+        Args:
+            bodies: films, cables and beams of a contact.
+            obstacles: what they touch.
+            radii: of each body [m], zero for films without a radius.
+            system: the equations, in which the bodies have unknowns.
+            has_friction: of each obstacle whether it needs an origin and axes that move with it;
+                empty: no obstacle does.
 
         Raises:
             InputError: an obstacle has a direction without a length.
@@ -394,7 +401,8 @@ def _obstacle_points(
     solids: Sequence[ObstacleSolid],
     has_frame: bool,
 ) -> ObstaclePoints:
-    """Return the points and directions of an obstacle in the order of `CollisionMesh`.
+    """Return the points and directions of an obstacle: first of walls, then of solids, then of its
+    frame.
 
     Args:
         obstacle: of which `walls` and `solids` are the parts.

@@ -117,9 +117,12 @@ class ContactPoints:
         obstacles: Sequence[ObstaclePoints],
         system: Assembly,
     ) -> None:
-        """Find the unknowns that move obstacles; `set_nodes` names the points of bodies.
+        """Find the unknowns that move obstacles; `set_nodes` adds the points of bodies.
 
-        The arguments are described in the class.
+        Args:
+            bodies: films, cables and beams of a contact.
+            obstacles: points and directions of obstacles.
+            system: the equations, whose unknowns move them.
         """
         self.comm = system.comm
         self._numbering = system.numbering

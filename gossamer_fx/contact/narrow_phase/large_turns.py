@@ -44,7 +44,11 @@ class _Turn:
     centre: Array
 
     def angle_to(self, other: _Turn) -> float:
-        """Return by which angle [rad] one turns relative to the other."""
+        """Return the angle [rad], 0 to π, by which one body turns relative to another one.
+
+        Args:
+            other: rotation of the other body in the same step.
+        """
         cosine = (np.sum(self.rotation * other.rotation) - 1) / 2
         return float(
             np.arccos(
@@ -77,7 +81,10 @@ class LargeTurns:
     ) -> None:
         """List rigid bodies and kinds of surfaces of all bodies and obstacles.
 
-        The arguments are described in the class.
+        Args:
+            mesh: bodies and obstacles of a contact.
+            activation_distance: gap [m] at which contact begins.
+            system: the equations, with the rigid bodies of which obstacles are parts.
         """
         self._mesh = mesh
         self._system = system
