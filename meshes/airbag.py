@@ -30,10 +30,14 @@ def airbag(comm: MPI.Intracomm, edge: float, cells: int) -> Mesh:
     cells = 2 * max(round(cells / 2), 1)
 
     def build(model: Any) -> None:
-        """Draw both sheets, name their groups and mesh them; in gmsh, on rank 0.
+        """Draw both sheets with sides of `edge` [m], name their groups and mesh them; on rank 0.
 
         Args:
             model: `gmsh.model` of an open session.
+
+        Raises:
+            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
+                ranks.
         """
         geo = model.geo
         a = edge / 2

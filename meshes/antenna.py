@@ -42,7 +42,10 @@ def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        """Return points (n, 3) [m], triangles (m, 3) as numbers of points, and no further groups.
+        """Return a square grid of `cells` × `cells` with a centre node in each cell, in z = 0.
+
+        Returns:
+            points (n, 3) [m], triangles (m, 3) as numbers of points, and no further groups.
         """
         ticks = _ticks(cells, side)
         centres = (ticks[1:] + ticks[:-1]) / 2

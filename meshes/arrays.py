@@ -39,10 +39,13 @@ def mesh_of_arrays(
     """
 
     def build(model: Any) -> None:
-        """Enter points, triangles and groups into gmsh, on rank 0.
+        """Enter points, triangles and groups of `arrays` into gmsh, on rank 0.
 
         Args:
             model: `gmsh.model` of an open session.
+
+        Raises:
+            Exception: of `arrays` or gmsh; `gmsh_mesh` reports it as `InputError` on all ranks.
         """
         points, triangles, groups = arrays()
         film = model.addDiscreteEntity(2)

@@ -41,10 +41,13 @@ def creased_film(
     """
 
     def build(model: Any) -> None:
-        """Mesh the polygon and name its groups; in gmsh, on rank 0.
+        """Mesh the polygon with edges along `lines` and name its groups; in gmsh, on rank 0.
 
         Args:
             model: `gmsh.model` of an open session.
+
+        Raises:
+            Exception: gmsh cannot mesh it; `gmsh_mesh` reports it as `InputError` on all ranks.
         """
         # Triangles first: gmsh's own geometry would not know which nodes are on the lines.
         points, triangles = _triangulated(model, corners, lines, size)

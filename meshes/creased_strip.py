@@ -41,7 +41,12 @@ def creased_strip(
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        """Return points (n, 3) [m], triangles (m, 3) as numbers of points, and the edges of groups.
+        """Return a regular grid on [-length, length] × [0, width] in z = 0 with a line of nodes at
+        x = 0.
+
+        Returns:
+            points (n, 3) [m], triangles (m, 3) as numbers of points, and the edges (k, 2) of
+            groups.
         """
         # 2 nx cells, so that the crease is a line of nodes.
         along = np.linspace(-length, length, 2 * nx + 1)

@@ -33,10 +33,15 @@ def quarter_disc(
     """
 
     def build(model: Any) -> None:
-        """Draw the three patches, name the groups and mesh them; in gmsh, on rank 0.
+        """Draw the three patches of a quarter disc of `radius` [m], name its groups and mesh it; on
+        rank 0.
 
         Args:
             model: `gmsh.model` of an open session.
+
+        Raises:
+            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
+                ranks.
         """
         geo = model.geo
         a = radius
@@ -111,10 +116,17 @@ def ring(
     """
 
     def build(model: Any) -> None:
-        """Draw the four quarters of the ring, name the groups and mesh them; in gmsh, on rank 0.
+        """Draw four quarters of a ring with radii `inner` and `outer` [m], name its groups and mesh
+        it.
+
+        On rank 0.
 
         Args:
             model: `gmsh.model` of an open session.
+
+        Raises:
+            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
+                ranks.
         """
         geo = model.geo
         centre = geo.addPoint(0, 0, 0)

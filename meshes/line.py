@@ -36,10 +36,15 @@ def line(
     counts = [elements] * segments if isinstance(elements, int) else list(elements)
 
     def build(model: Any) -> None:
-        """Draw the segments, name the groups and mesh them; in gmsh, on rank 0.
+        """Draw the segments between `points` [m], name their groups and mesh them; in gmsh, on rank
+        0.
 
         Args:
             model: `gmsh.model` of an open session.
+
+        Raises:
+            ValueError: a point has not three coordinates, or there is another number of segments
+                than of numbers of elements; `gmsh_mesh` reports it as `InputError` on all ranks.
         """
         geo = model.geo
         tags = []

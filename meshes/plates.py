@@ -141,10 +141,16 @@ def free_slit_ring(
     """
 
     def build(model: Any) -> None:
-        """Draw the ring with its slit, name the groups and mesh it; in gmsh, on rank 0.
+        """Draw a ring with a slit and radii `inner` and `outer` [m], name its groups and mesh it.
+
+        Edges of triangles are about `size` [m] long.  In gmsh, on rank 0.
 
         Args:
             model: `gmsh.model` of an open session.
+
+        Raises:
+            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
+                ranks.
         """
         import gmsh
 

@@ -49,7 +49,12 @@ def parallelograms(
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        """Return points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups.
+        """Return a sheet of parallelograms with sides a and b [m] that rise and fall in turn, in z
+        = 0.
+
+        Returns:
+            points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups by
+            name.
         """
         # Nodes by columns u and rows v; each parallelogram has unit sides in u and v.
         across = np.arange(columns * cells + 1) / cells
@@ -110,7 +115,12 @@ def trapezoids(
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        """Return points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups.
+        """Return n trapezoids in z = 0 between rows that are `pitch` [m] apart, joined along their
+        seams.
+
+        Returns:
+            points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups by
+            name.
         """
         slope = math.tan(math.pi / n)
         h = pitch / refine
@@ -173,7 +183,12 @@ def pinwheel(
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        """Return points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups.
+        """Return n sectors in z = 0, which begin at the corners of a polygon with sides of `side`
+        [m].
+
+        Returns:
+            points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups by
+            name.
         """
         h = side / columns
         step = 2 * math.pi / n

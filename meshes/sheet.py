@@ -44,7 +44,8 @@ def sheet(
     """
 
     def build(model: Any) -> None:
-        """Draw the rectangle, name the groups and mesh it; in gmsh, on rank 0.
+        """Draw a rectangle of `width` by `height` [m], name its groups and mesh it; in gmsh, on
+        rank 0.
 
         Args:
             model: `gmsh.model` of an open session.
@@ -102,7 +103,12 @@ def crossed_sheet(
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        """Return points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups.
+        """Return a grid of nx × ny cells on [0, width] × [0, height] in z = 0, with a centre in
+        each cell.
+
+        Returns:
+            points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups by
+            name.
         """
         x, y = np.meshgrid(np.linspace(0, width, nx + 1), np.linspace(0, height, ny + 1))
         # gmsh has no such pattern: the centres of the cells are further nodes, after those of the

@@ -29,10 +29,15 @@ def sphere(
     """
 
     def build(model: Any) -> None:
-        """Draw the sphere and mesh it with one size of cells; in gmsh, on rank 0.
+        """Draw a sphere of `radius` [m] and mesh it with `cells` edges round its equator; on rank
+        0.
 
         Args:
             model: `gmsh.model` of an open session.
+
+        Raises:
+            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
+                ranks.
         """
         import gmsh
 

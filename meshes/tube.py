@@ -44,10 +44,14 @@ def flat_tube(
     along = 2 * max(round(across * length / compartments / width / 2), 1)
 
     def build(model: Any) -> None:
-        """Draw both strips, name their groups and mesh them; in gmsh, on rank 0.
+        """Draw both strips of `length` [m], name their groups and mesh them; in gmsh, on rank 0.
 
         Args:
             model: `gmsh.model` of an open session.
+
+        Raises:
+            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
+                ranks.
         """
         geo = model.geo
         size = width / across

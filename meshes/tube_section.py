@@ -66,10 +66,17 @@ def cylinder(
     quarter = max(round(around / 4), 1)
 
     def build(model: Any) -> None:
-        """Draw walls and caps, name their groups and mesh them; in gmsh, on rank 0.
+        """Draw walls and caps of a cylinder of `radius` and `length` [m], name its groups and mesh
+        it.
+
+        In gmsh, on rank 0.
 
         Args:
             model: `gmsh.model` of an open session.
+
+        Raises:
+            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
+                ranks.
         """
         geo = model.geo
         axes = ((0, 1), (1, 0), (0, -1), (-1, 0))

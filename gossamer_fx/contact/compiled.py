@@ -83,7 +83,7 @@ class CompiledContacts(
     """
 
     def __init__(self, terms: Sequence[ContactEnergy], system: Assembly) -> None:
-        """Make a contact set, which holds the pairs of one contact, for each term; collective.
+        """Make a contact set, which holds the pairs that may touch, for each contact; collective.
 
         Args:
             terms: one for each `Contact` of the scene.
@@ -330,7 +330,8 @@ class ContactEnergy:
 
 
 def _contact_set(term: ContactEnergy, system: ContactAssembly) -> ContactSet:
-    """Make the contact set of one term: its collision mesh, its friction and its pairs; collective.
+    """Make a contact set: collision mesh, friction, and pairs that may touch, of one contact;
+    collective.
 
     Friction, and the frames of obstacles that it needs, are there only if a coefficient is positive
     and the scene moves: an equilibrium has none.

@@ -31,7 +31,8 @@ def pressures_on(body: Body, contact_set: ContactSet) -> tuple[Int64Array, Array
 
 
 def pressures(contact_set: ContactSet) -> Array:
-    """Return the contact pressure on the points of bodies that this rank knows, at q0; collective.
+    """Return the contact pressure on the points of bodies that this rank knows, in the accepted
+    state; collective.
 
     It is the sum of the sizes of all pairs' forces on a point, over the area of the stress-free
     shape for which the point stands: pressures on both sides of a film add up.  The area of cables

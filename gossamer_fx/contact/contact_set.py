@@ -559,7 +559,7 @@ class ContactSet:
         stay.
 
         Gradients need the reversed step: its force is the same if pairs, stiffness and activation
-        distances are.  Nothing changes if there is no step.  Collective.
+        distances are.  Nothing changes between steps.  Collective.
         """
         pairs = self.pairs
         if pairs is None:

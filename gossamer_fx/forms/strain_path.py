@@ -228,7 +228,7 @@ def within_cone(
 def _fraction(a: Expr, b: Expr) -> Expr:
     """The quotient a/b limited to [0, 1], without a division by zero.
 
-    Roots of equation (3) of the module beyond the ends of the path are moved to the ends.
+    Roots of a quadratic equation beyond the ends of a path, 0 and 1, are moved to the ends.
 
     Args:
         a, b: scalar UFL expressions; a/b = 0 where one of them is zero or their signs differ.
@@ -250,7 +250,7 @@ def mean_gradient(ea: Expr, eb: Expr) -> Expr:
     result is finite also for ea = eb and for paths through r = 0.
 
     Args:
-        ea: strain (3,) at the beginning, as (E11, E22, 2 E12).
+        ea: strain (3,) at the beginning, as (E11, E22, 2 E12), dimensionless.
         eb: strain (3,) at the end.
 
     >>> import ufl

@@ -256,15 +256,17 @@ class GasAdjoint:
         return balance.residual(x["y"], x["V"], x["W"])
 
     def take(self, ν: Array, μ: Array) -> Array:
-        """Add a step to the sums of all parameters; return derivatives by the start.  Collective.
+        """Add a step to the sums of all parameters; return derivatives by its start.  Collective.
+
+        The sums are derivatives of a result of the run by numbers of chambers, openings and walls.
 
         Args:
-            ν: adjoint of the scaled balance (2n,), for n chambers.
+            ν: adjoint of the scaled gas balance (2n,), for n chambers.
             μ: this rank's part of the adjoint of the bodies.
 
         Returns:
-            derivatives of the result by the n pressures [1/Pa] and n masses [1/kg] at the start of
-            the step, (2n,), times the unit of the result.
+            derivatives of the result by the n pressures [Pa] and n masses [kg] at the start of the
+            step, (2n,).
         """
         by_start = np.concatenate([-ν @ self._by["p0"], -ν @ self._by["m0"]])
         for k, state in enumerate(self._network.chambers):
@@ -365,12 +367,16 @@ class GasAdjoint:
             self._add(state.chamber, _volume_name(state.chamber), share * per_volume)
 
     def finish(self, by_start: Array, by_position: Array) -> None:
-        """Add what the initial state gives: p0 of each chamber and m0 = p0 V0/(R T0).  Collective.
+        """Add what the initial state gives to the derivatives of the result.  Collective.
+
+        The initial mass of a chamber is p0 V0/(R T0), a function of its pressure, temperature and
+        volume.
 
         Args:
-            by_start: derivatives by the n pressures and n masses at the start of the run (2n,).
-            by_position: this rank's part of the derivatives by coordinates at the start, to which
-                that of the volumes is added in place.
+            by_start: derivatives of the result by the n pressures [Pa] and n masses [kg] at the
+                start of the run (2n,).
+            by_position: this rank's part of those by coordinates [m] at the start, to which that of
+                the volumes is added in place.
         """
         network = self._network
         for k, state in enumerate(network.chambers):

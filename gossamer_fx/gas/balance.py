@@ -296,7 +296,8 @@ class Balance:
         Args:
             y: pressures [Pa] and masses [kg] (2n,).
             V: volumes (n,) [m³].
-            magnitude: sum of the sizes of the terms that add up to each volume (n,) [m³].
+            magnitude: sum of the sizes of the summands of each volume (n,) [m³], of which round-off
+                is a part.
         """
         flows = 1 + ROUND_OFF_SHARE * self._amplification
         volume = abs(V) * flows + ROUND_OFF_SHARE * magnitude
@@ -453,7 +454,8 @@ class Balance:
             y: initial guess (2n,), positive: pressures [Pa] and masses [kg] at the end of the step.
             V: volumes at the end of the step (n,) [m³].
             W: swept volumes (n,) [m³].
-            magnitude: sum of the sizes of the terms that add up to each volume (n,) [m³].
+            magnitude: sum of the sizes of the summands of each volume (n,) [m³], of which round-off
+                is a part.
 
         Returns:
             The solution (2n,), or None if the iteration does not converge or the matrix is

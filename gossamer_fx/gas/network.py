@@ -186,7 +186,8 @@ class GasNetwork:
     # ---- scalar unknowns: a step -----------------------------------------------------------------
 
     def start(self) -> None:
-        """Take the initial volumes, and from them mass and energy of each chamber.  Collective.
+        """Take the initial volumes [m³], and from them mass [kg] and energy [J] of each chamber.
+        Collective.
 
         Raises:
             InputError: a chamber encloses no volume, or a negative one.
@@ -343,7 +344,7 @@ class GasNetwork:
         """Accept the step: state, supplied energy and supplied mass are summed up.  Collective.
 
         Mass and energy are summed from the flows, not taken from y: so they are conserved to
-        round-off whatever the tolerance of y.
+        round-off whatever the tolerance to which pressures and masses y are solved.
         """
         rates = self.balance.rates(self.y, self.volumes)
         h = self.balance.h
@@ -412,7 +413,7 @@ class GasNetwork:
         return ""
 
     def unsolved(self) -> str:
-        """Report in one clause which chamber's balance has the largest residual.
+        """Report in one clause which chamber's mass and energy balance has the largest residual.
 
         Empty if all scaled residuals are at most `ACCEPTABLE_RESIDUAL`; NaN counts as infinite.
         """

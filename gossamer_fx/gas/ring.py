@@ -245,10 +245,10 @@ class Loop:
         self.gradients: tuple[Array, Array] = (self._X0, self._X0)
 
     def _tabulate(self, order: int) -> None:
-        """Tabulate the shape functions of a strip at its quadrature points.
+        """Tabulate the shape functions of a strip across a ring at its quadrature points.
 
-        They are values, times the weight, and derivatives along and across the strip, (points,
-        nodes of a strip) each.
+        They are values, times the weight of the point, and derivatives along and across the strip,
+        (points, nodes of a strip) each, all dimensionless.
 
         Args:
             order: of the film's positions, 1 or 2.

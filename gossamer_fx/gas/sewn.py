@@ -189,7 +189,8 @@ class SeamStrip:
 
         Returns:
             G = ∂V/∂q in the positions where forces act, which times the pressure is the force;
-            ∂V/∂q1; and ∂W/∂q1.
+            ∂V/∂q1 and ∂W/∂q1, by coordinates at the end of the step, of the volume V and the swept
+            volume W.
         """
         of_swept = self._at_end
         if self._alpha != 1.0:

@@ -193,8 +193,8 @@ class FilmSurface:
     # ---- the step --------------------------------------------------------------------------------
 
     def follow(self) -> None:
-        """Evaluate volumes [m³] and gradients [m²] of all chambers at q1 of the system.
-        Collective.
+        """Evaluate volumes [m³] and gradients [m²] of all chambers at the end of the step, as
+        iterated. Collective.
 
         The rings of the chambers have to be evaluated before.  The first call compiles the forms.
         """
@@ -281,7 +281,8 @@ class FilmSurface:
 
         Returns:
             G_c = ∂V_c/∂q in the positions q̄ where forces act, which times the pressure is the
-            force; ∂V_c/∂q1; and ∂W_c/∂q1 by (4) of the module; this rank's parts of system vectors.
+            force; ∂V_c/∂q1 and ∂W_c/∂q1, by coordinates at the end of the step, of the volume V_c
+            and the swept volume W_c; this rank's parts of system vectors.
         """
         at_mid = self._total_at_mid(c)
         at_end = self._total_at_end(c)
@@ -348,9 +349,11 @@ class FilmSurface:
         return total
 
     def tangents(self) -> Iterable[fem.Form]:
-        """Yield the bilinear form of the derivative of all chambers' forces by q1, without strips.
+        """Yield the bilinear form of the derivative of all chambers' pressure forces by the end of
+        the step.
 
-        It takes the current `pressures` [Pa], which add up on triangles that two chambers share.
+        Forces on strips over rings are not in it.  It takes the current `pressures` [Pa], which add
+        up on triangles that two chambers share.
         """
         pressure = self._pressure.x.array
         pressure[:] = 0

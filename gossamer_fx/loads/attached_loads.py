@@ -45,10 +45,11 @@ class AttachedLoads(
     masses M."""
 
     def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:
-        """Compile the terms: arrays and indices that stay the same in a run.  Collective.
+        """Compile accelerations of bodies, e.g. gravity, as loads on masses that are attached to
+        these bodies.  Collective.
 
         Args:
-            terms: accelerations of bodies, which masses that are attached to them have, too.
+            terms: accelerations a + A (x - c) of bodies; a [m/s²], A [1/s²], c [m].
             system: the equations of the scene, with the attached masses.
         """
         self._system = system
@@ -66,7 +67,8 @@ class AttachedLoads(
         self._gather = Gather(system.numbering, self._indices) if self._indices else None
 
     def _add(self, term: AttachedLoad, masses: AttachedKineticEnergy, system: Assembly) -> None:
-        """Prepare the load of a body on one term of attached masses, if any is on it.
+        """Prepare the acceleration of a body as a load on masses that are attached to it, if any
+        is.
 
         Args:
             term: the acceleration a + A (x - c) of the body.

@@ -63,7 +63,7 @@ class Damping:
 
         Raises:
             InputError: a factor is negative, both are zero, or `tension_only` is given for a body
-                that is no film or without a stiffness factor.
+                that is not a film or without a stiffness factor.
         """
         check(
             self.mass_factor >= 0

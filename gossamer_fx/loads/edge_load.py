@@ -191,7 +191,8 @@ class EdgeLoad:
                 f.value = float(ask_numbers(film.comm, source, lambda: value(t)))
 
         def work(x: Expr, w: Expr) -> ufl.Form:
-            """Return the virtual work δW [J] of the load.
+            """Return the virtual work δW [J] of a load f ν [N/m] along the edges ds, ν the normal
+            of the rim.
 
             Args:
                 x: positions (3,) [m] of the film.

@@ -147,7 +147,10 @@ class Couple:
         """Nothing to prepare: the torque is constant."""
 
     def _spread(self, r: Array) -> tuple[Array, Array]:
-        """Return the matrix (tr S 1 - S)⁻¹ (3, 3) [1/m²] and F (3,) [N/m] of the class.
+        """Return the matrix (tr S 1 - S)⁻¹ (3, 3) [1/m²] and its product F (3,) [N/m] with the
+        torque.
+
+        S = Σ r rᵀ is the sum over the vectors; the forces F × r on them have this torque.
 
         Args:
             r: the k attached vectors (k, 3) [m], or directors without a unit.

@@ -31,7 +31,7 @@ class PresentStiffnesses(OnMeshes, StateObserver, CompiledTerms["PresentStiffnes
         """Compile the stiffness C = ∂S/∂e [N/m] at the present strain, for each term.  Collective.
 
         Args:
-            terms: of which each has the values of C on one body.
+            terms: each stores C at the quadrature points of one film; `commit` sets it.
             system: the equations of the scene, with coordinates and thermal strains at the start of
                 a step.
         """

@@ -293,7 +293,8 @@ def _relative_load(f: Expr, c: Any) -> Expr:
 
     Args:
         f: Green-Lagrange strain of the strip [-]; below `STEEPEST` the stress is constant.
-        c: onset and cubic of the law as UFL constants.
+        c: strain `onset` of buckling [-], and coefficients c1, c2, c3 [-] of the load beyond it, as
+            UFL constants.
     """
     λ_w = ufl.sqrt(1 - 2 * c.onset)
     λ = _stretch(f)

@@ -245,7 +245,8 @@ class Friction:
         return np.hstack([points, first[:, None] + np.arange(FRAME_SIZE)]).astype(np.int32)
 
     def _weights_with_frames(self, points: Int32Array) -> Array:
-        """Return how the four points of pairs follow the unknowns that friction couples.
+        """Return how the four points of contact pairs with obstacles follow the unknowns that
+        friction couples.
 
         Args:
             points: numbers (n, 8) of the four points of each pair and the four of its obstacle's

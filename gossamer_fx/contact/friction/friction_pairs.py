@@ -161,9 +161,11 @@ class FrictionPairs:
         return r, t
 
     def _sliding(self, step: FrictionStep) -> _Sliding:
-        """Return how the pairs slide: w = m(q1) - m(q0) of the measures m = r·t [m] of the module.
+        """Return how the pairs slide in a step: the change w of the measures m = r·t [m].
 
-        The change of a product is computed from its factors in the middle, without cancellation.
+        r leads between the two sides of a pair, t are two directions along the surface, both fixed
+        in the material.  The change of a product is computed from its factors in the middle,
+        without cancellation.
 
         Args:
             step: with the points at the start and at the end.
@@ -185,7 +187,7 @@ class FrictionPairs:
         return self._pressing(step)[0]
 
     def _pressing(self, step: FrictionStep, tangents: bool = False) -> tuple[Array, Array]:
-        """Return the normal forces of pairs, and their derivatives.
+        """Return the normal forces by which pairs press on each other, and their derivatives.
 
         Args:
             step: start and end of the step.
@@ -221,7 +223,8 @@ class FrictionPairs:
         return np.where(presses, pressure, 0.0), derivative
 
     def _forces(self, stress: Array, sliding: _Sliding) -> Array:
-        """Return the forces Dm(q_mid)ᵀ S on the k points of each pair.
+        """Return the friction forces on the k points of each pair: a stress times the gradient of
+        sliding.
 
         Args:
             stress: S (n, 2) [N] in the two directions of sliding.
@@ -277,7 +280,9 @@ class FrictionPairs:
         pressing: Array,
         creep: float,
     ) -> Array:
-        """Return the tangent for constant directions, Dm(q_mid)ᵀ (∂S/∂w) Dm(q1), S = μ N g w.
+        """Return the tangent of the friction force for constant directions: Dm_midᵀ (∂S/∂w) Dm_end.
+
+        S = μ N g w is the friction stress, Dm the gradient of the measures m of sliding.
 
         Args:
             sliding: w, and the vectors r and t of the measures m = r·t in the middle and at the

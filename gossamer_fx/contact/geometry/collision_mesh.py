@@ -143,8 +143,8 @@ class CollisionMesh:
     def show(self, known: SurfaceTables) -> None:
         """Set the primitives of bodies that this rank knows; collective.
 
-        It computes all attributes of the class that have an entry for each point, edge or triangle,
-        and numbers the points: first those of bodies, then those of all obstacles.
+        It computes areas [m²], radii [m], owners and labels of all points, edges and triangles, and
+        numbers the points: first those of bodies, then those of all obstacles.
 
         Args:
             known: points, edges and triangles of bodies, with all points of each; at least those

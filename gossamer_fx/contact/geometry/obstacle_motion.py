@@ -52,7 +52,8 @@ class ObstacleMotion:
             time: [s].
 
         Raises:
-            InputError: on all ranks, see the class.
+            InputError: on all ranks, if the function of the user raises, or returns something other
+                than three finite numbers, the same on all ranks.
         """
         if time not in self._known:
             what = f"Motion of the obstacle '{self.name}' at t = {time:.6g} s"
@@ -66,15 +67,15 @@ class ObstacleMotion:
         """Return how far [m] the motion is from a straight and uniform one in a step; collective.
 
         A smooth motion deviates by its acceleration times step²/8, so that shorter steps bring it
-        below any limit.  A jump deviates by at least half of its length, however short the
-        step is.
+        below any limit.  A jump deviates by at least half of its length, however short the step is.
 
         Args:
             time: at the start of the step [s].
             step: its length [s].
 
         Raises:
-            InputError: on all ranks, see the class.
+            InputError: on all ranks, if the function of the user raises, or returns something other
+                than three finite numbers, the same on all ranks.
         """
         start = self.at(time)
         way = self.at(time + step) - start

@@ -43,7 +43,7 @@ def find_violations(
         among: mask (n,) of the pairs that are asked for.
 
     Returns:
-        indices (k,) of the pairs, ascending; empty if all keep their gap.
+        indices (k,) of the pairs, ascending; empty if none loses its gap.
 
     Raises:
         ValueError: an array is not contiguous, or not of the shape above.

@@ -108,7 +108,7 @@ class LargeTurns:
             x1: points (m, 3) [m] at its end.
 
         Returns:
-            a clause with both names and the angle in degrees; empty if there is no such turn.
+            a clause with both names and the angle in degrees; empty if nothing turns too far.
         """
         count = len(self._mesh.names)
         body_count = len(self._mesh.bodies)
