@@ -367,6 +367,7 @@ class ContactSet:
         Raises:
             Inadmissible: the motion of an obstacle jumps in the step, which is then tried in parts.
             InputError: the motion of an obstacle raises or returns other than three numbers.
+            RuntimeError: more blocks of the tangent on this rank than 32 bits can number.
         """
         self._is_recorded = False
         self._push_back = PUSH_BACK

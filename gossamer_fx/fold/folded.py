@@ -86,7 +86,8 @@ class Folded:
         It is zero but for round-off and for what keeps layers apart.
 
         Raises:
-            InputError: see `positions`.
+            InputError: the map is for a film of another size, or gives positions that are not
+                finite.
         """
         film = self.film
         x = fem.Function(film.space)

@@ -172,12 +172,17 @@ def loaded_library(
     sources: Sequence[str],
     definitions: Sequence[str] = (),
 ) -> CLibrary:
-    """Return a compiled library of this process; the first call for a header compiles it,
-    collective.
+    """Return a library of C functions, which is compiled or loaded once in a process.
+
+    The first call for a header is collective.
 
     Args:
-        comm, name, header, sources, definitions: as of `compile_library`; later calls use the
-            header alone.
+        comm: rank 0 compiles, the others wait.
+        name: of the library, for its file's name.
+        header: C header with all functions and structures that Python uses; later calls use it
+            alone.
+        sources: names of the C files in the header's folder.
+        definitions: names that are defined for the preprocessor.
 
     Raises:
         InputError: no C compiler was found.

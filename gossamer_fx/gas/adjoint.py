@@ -344,9 +344,9 @@ class GasAdjoint:
         start of the original step is then the end of the present one.
 
         Args:
-            by_position: this rank's part of the derivatives by coordinates at the start; changed in
-                place.
-            by_velocity: that of the derivatives by velocities; changed in place.
+            by_position: this rank's part of the derivatives by coordinates [m] at the start;
+                changed in place.
+            by_velocity: that of the derivatives by velocities [m/s]; changed in place.
         """
         self._network.exchange_ends()
         for k, state in enumerate(self._network.chambers):

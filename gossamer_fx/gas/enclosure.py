@@ -177,7 +177,8 @@ class FilmEnclosure:
             geometry: rings and surfaces that several enclosures share.
 
         Raises:
-            InputError: see `check_closed`; or one of several parts is inside out.
+            InputError: the surface is open, its normals are not consistent, or one of several parts
+                is inside out.
         """
         loops = [geometry.loop(ring) for ring in self.rings]
         cells = self.cells(self.film)

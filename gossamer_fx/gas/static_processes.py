@@ -76,7 +76,8 @@ class HeldPressureBalance(Balance):
         Args:
             y: pressures [Pa], then masses [kg] of the n chambers.
             V: volumes (n,) [m³].
-            W, known: as of `Balance.residual`; not used.
+            W: volumes that the enclosures sweep in the step; not used.
+            known: flows of this state; not used.
         """
         n = self._n
         pressures = y[:n]

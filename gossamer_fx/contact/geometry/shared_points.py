@@ -49,7 +49,7 @@ class SharedPoints:
         """Replace values by the least that any rank has for the same point; collective.
 
         Args:
-            values: (n,) of the points that this rank knows; changed in place.
+            values: (n,) of the points that this rank knows, in any unit; changed in place.
         """
         if self._comm.size > 1:
             # The owner sees the values of all ranks, and spreads what it finds.
