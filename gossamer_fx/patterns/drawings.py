@@ -24,6 +24,9 @@ MEETING = 1e-6
 # Largest distance of a sampled curve from the drawn one, over the size of the drawing.
 SAGITTA = 1e-5
 
+# Name of the group of all triangles.
+ALL_PANELS = "film"
+
 SMOOTH = ("ARC", "CIRCLE", "ELLIPSE", "SPLINE")
 POLYLINES = ("LWPOLYLINE", "POLYLINE")
 TEXTS = ("TEXT", "MTEXT")
@@ -75,7 +78,8 @@ def read_dxf(
 
     Raises:
         InputError: ezdxf is missing, the file does not exist, it is not a DXF drawing, it has no
-            unit, an outline is open, or two groups would have one name.
+            unit, an outline is open, two groups would have one name, or a panel or layer is named
+            "film".
 
     Example:
         >>> def balloon(comm):
@@ -273,8 +277,18 @@ def _is_inside(point: Array, polygon: Array) -> bool:
 def _check_names(panels: Sequence[Panel], path: str) -> None:
     """Raise `InputError` unless all groups have different names."""
     layers = {curve.layer for panel in panels for loop in panel.loops for curve in loop}
-    taken = {"film"} | layers
+    check(
+        ALL_PANELS not in layers,
+        f"The drawing '{path}' has a layer '{ALL_PANELS}', the name of the group of all panels; "
+        "rename the layer.",
+    )
+    taken = set(layers)
     for panel in panels:
+        check(
+            panel.name != ALL_PANELS,
+            f"The drawing '{path}' has a panel with the text '{ALL_PANELS}', the name of the group "
+            "of all panels; give the panel another text.",
+        )
         check(
             panel.name not in taken,
             f"The drawing '{path}' has two groups '{panel.name}'; give each panel its own text, "
@@ -312,7 +326,7 @@ def _build(model: Any, panels: Sequence[Panel], size: float) -> None:
             rings.append(geo.addCurveLoop(lines))
         surfaces[panel.name] = geo.addPlaneSurface(rings)
     geo.synchronize()
-    model.addPhysicalGroup(2, list(surfaces.values()), name="film")
+    model.addPhysicalGroup(2, list(surfaces.values()), name=ALL_PANELS)
     for name, surface in surfaces.items():
         model.addPhysicalGroup(2, [surface], name=name)
     for name, lines in on_layer.items():

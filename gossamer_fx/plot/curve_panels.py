@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gossamer_fx.checks.errors import check
 from gossamer_fx.fields.fields import STATES
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.ledger import LOST
@@ -126,7 +127,15 @@ def overlay_curves(run: RunReader, series: Sequence[MeasuredSeries]) -> Curves:
     Args:
         run: with these probes.
         series: measured, at least one, with times [s].
+
+    Raises:
+        InputError: there is no series.
     """
+    check(
+        len(series) > 0,
+        "overlay: there are no measured series; give files with columns named like the probes of "
+        "the run.",
+    )
     probes = _thinned(run.table("probes.csv"))
     end = max(float(probes["time"].max()), *(float(one.t.max()) for one in series))
     start = min(float(probes["time"].min()), *(float(one.t.min()) for one in series))
