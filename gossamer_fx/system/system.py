@@ -580,7 +580,8 @@ class System:
     def restore(self, q: Array, v: Array, t: float) -> None:
         """Set an earlier accepted state; totals of energies do not change.  Collective.
 
-        Kinds of terms with history variables need theirs, too (`roles.StepHistory`).
+        History variables, such as the rest angles of creases that yield, are set by the caller
+        (`roles.StepHistory`).
 
         Args:
             q: this rank's coordinates (n,) [m].
@@ -682,7 +683,8 @@ class System:
         Collective.
 
         Args:
-            r: residual, as `residual` returns it: rows of forces, then those of multipliers.
+            r: residual of all unknowns, as `residual` returns it: rows of forces [N], then those of
+                multipliers, with the violations of their constraints.
 
         Returns:
             Both numbers, the same on every rank; a violation is in the unit of its constraint, [m]
@@ -706,7 +708,7 @@ class System:
         Collective; the same on every rank.
 
         Args:
-            r: residual of all unknowns.
+            r: residual of all unknowns [N].
 
         Returns:
             Empty if the largest entry does not belong to a body but to a constraint.

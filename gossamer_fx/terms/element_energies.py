@@ -156,11 +156,11 @@ class ElementEnergies(
                 force.evaluate()
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        """Add the internal forces [N] of all terms at the present iterate to the residual.
+        """Add the internal forces of all terms on meshes at the present iterate to the residual.
         Collective.
 
         Args:
-            r: residual of all unknowns, changed in place.
+            r: residual [N] of all unknowns, changed in place.
         """
         for b in self._forces.values():
             b.array[:] = 0
@@ -456,8 +456,10 @@ class ElementForces:
         """Evaluate stress S and its derivative D by the strain at all quadrature points, at the
         first use.
 
-        Later calls for the same strain do nothing.  States that are only accepted or restored, as
-        in the reversed run of a gradient, need strains and no stresses.
+        They are stored, m + m² numbers a point for m strains, in the unit of the density (per area
+        [N/m], per length [N]), for residual and tangent.  Later calls for the same strain do
+        nothing.  States that are only accepted or restored, as in the reversed run of a gradient,
+        need strains and no stresses.
         """
         if self._has_response:
             return
