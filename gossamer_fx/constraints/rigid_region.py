@@ -168,10 +168,11 @@ class RigidRegion:
 
     @cached_property
     def piece(self) -> RigidPiece:
-        """The piece without mass that the nodes are tied to, if not to a rigid body.  Collective.
+        """The piece without mass that the nodes of the region are tied to, if not to a rigid body.
 
-        It has a position [m] and one director (a unit vector) for each dimension of the set of
-        nodes; nodes that slide in a plane have the normal as third director.
+        It has a position [m] and one director (a unit vector that turns with it) for each dimension
+        of the set of nodes; nodes that slide in a plane have the normal as third director.
+        Collective at the first use.
         """
         start, rates, _ = self._fit
         if self.sliding and len(start) == 3:

@@ -385,15 +385,16 @@ class System:
         return self.increment.predict(increment, self.q0, self.time + self.h)
 
     def set_increment(self, w: PETSc.Vec, base: PETSc.Vec | None) -> None:
-        """Set the coordinates at the end of the step, q1 = q0 + p + w, with the predicted increment
-        p.
+        """Set the coordinates at the end of the step, q1 = q0 + p + w, and the strains there.
+        Collective.
 
-        With a `base`, strains follow linearly from those at w = `base`; without, they are the true
-        ones.  Collective.
+        q0 are the coordinates at its start, p is the increment that the stepper predicts, w the
+        unknown.
 
         Args:
             w: unknown part of the increment [m].
-            base: w of the last iterate [m], or None.
+            base: w of the last iterate [m]: strains follow linearly from those there; None: they
+                are the true ones.
         """
         self.increment.end(w, self.q0, self.q1)
         self._spread(self.q1, "q1")

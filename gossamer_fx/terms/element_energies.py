@@ -126,8 +126,12 @@ class ElementEnergies(
         """Compile forces, tangents and energies of all terms on meshes.  Collective.
 
         Args:
-            terms: stored energies and dissipation of films, plates, cables and beams.
-            system: the compiled scene, which has the fields of their bodies.
+            terms: what films, plates, cables and beams add to the equations: stored energies of
+                strains, and dissipation by their rates.
+            system: the compiled scene, which has the coordinates of the bodies as functions.
+
+        Raises:
+            InputError: a law is written in C, and the stress rule has no function for such laws.
         """
         self._system = system
         self.elements = [ElementForces(t, system.fields[t.body], system.rule) for t in terms]

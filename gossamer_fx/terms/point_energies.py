@@ -454,8 +454,9 @@ class PointDissipation:
 def _kind(term: PointStoredEnergy | PointDissipation) -> Any:
     """Key of the energies and dampers that are evaluated as one array: equal for those of one kind.
 
-    They have the class of term and of density, all numbers of the density that are not stacked, and
-    the shapes of their strains in common.  A density without `stacks` has a key of its term alone.
+    What they have in common: the class of the term and of its density (the law of the strains), the
+    numbers of the density except those named in its `stacks`, which may be arrays, and the shapes
+    of their strains.  A density without `stacks` has a key of its term alone.
 
     Args:
         term: a stored energy or damper between points.
