@@ -80,8 +80,20 @@ def _of_shape(
     J: float,
     k: float,
 ) -> Section:
-    """The section of a shape with area A [m²], second moments I2, I3 and torsion constant J [m⁴],
-    shear factor k."""
+    """Stiffness and inertia of a beam's section of a given shape and isotropic material.
+
+    Args:
+        E: Young's modulus [Pa].
+        nu: Poisson's ratio.
+        density: [kg/m³].
+        A: area [m²].
+        I2, I3: second moments ∫X2² dA and ∫X3² dA [m⁴] along the directors d2 and d3.
+        J: torsion constant [m⁴].
+        k: shear coefficient, effective over true shear area.
+
+    Raises:
+        InputError: nu is not in (-1, 0.5], or a stiffness is not positive.
+    """
     check(-1 < nu <= 0.5, f"Section: nu is {nu!r}; Poisson's ratio lies in (-1, 0.5].")
     G = E / (2 * (1 + nu))
     return Section(
@@ -112,6 +124,12 @@ def solid_circle(
         E: Young's modulus [Pa].
         nu: Poisson's ratio.
         density: [kg/m³].
+
+    Returns:
+        Stiffnesses, mass per length and rotary inertia of a beam.
+
+    Raises:
+        InputError: a value is not positive, or nu is not in (-1, 0.5].
 
     Example:
         >>> section = gx.sections.solid_circle(0.01, E=70e9, nu=0.33, density=2700.0)
@@ -145,8 +163,12 @@ def tube(
         nu: Poisson's ratio.
         density: [kg/m³].
 
+    Returns:
+        Stiffnesses, mass per length and rotary inertia of a beam.
+
     Raises:
-        InputError: the wall is thicker than the radius, or a value is not positive.
+        InputError: the wall is thicker than the radius, a value is not positive, or nu is not in
+            (-1, 0.5].
 
     Example:
         >>> section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
@@ -180,8 +202,8 @@ def rectangle(
 ) -> Section:
     """Rectangular section; shear coefficient 10(1+ν)/(12+11ν) (Cowper 1966).
 
-    Its torsion constant is J = a b³ (1/3 - 64 b/(π⁵ a) Σ tanh(nπa/(2b))/n⁵), odd n, a ≥ b
-    (Saint-Venant's series; Timoshenko & Goodier, Theory of Elasticity, § 109).
+    Its torsion constant is J = a b³ (1/3 - 64 b/(π⁵ a) Σ tanh(nπa/(2b))/n⁵), odd n, with the sides
+    a ≥ b (Saint-Venant's series; Timoshenko & Goodier, Theory of Elasticity, § 109).
 
     Args:
         width2: along d2 [m].
@@ -189,6 +211,12 @@ def rectangle(
         E: Young's modulus [Pa].
         nu: Poisson's ratio.
         density: [kg/m³].
+
+    Returns:
+        Stiffnesses, mass per length and rotary inertia of a beam.
+
+    Raises:
+        InputError: a value is not positive, or nu is not in (-1, 0.5].
 
     Example:
         >>> section = gx.sections.rectangle(0.02, 0.01, E=70e9, nu=0.33, density=2700.0)

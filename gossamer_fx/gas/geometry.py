@@ -39,6 +39,11 @@ class Geometry:
     """
 
     def __init__(self, system: Assembly) -> None:
+        """Begin without rings, surfaces and pistons; enclosures and openings ask for theirs.
+
+        Args:
+            system: the equations of the scene, with the coordinates of its bodies.
+        """
         self.comm = system.comm
         self._system = system
         self._loops: dict[Ring, Loop] = {}

@@ -124,11 +124,15 @@ def _grids(run: RunReader, frame: int) -> Iterator[tuple[str, Grid]]:
     """The parts of the scene in a recorded state, by names of files.
 
     Args:
-        run: recorded.
+        run: reads a recorded run.
         frame: index of the state in `run.times`.
 
     Yields:
-        Name of the file without its ending, and points [m], cells and arrays at points.
+        Name of the file without its ending, and points (p, 3) [m], cells and arrays at points in SI
+        units.
+
+    Raises:
+        InputError: the files of the run cannot be read.
     """
     for name, body in run.bodies.items():
         segment, step = body.at(frame)

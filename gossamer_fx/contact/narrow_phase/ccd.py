@@ -35,11 +35,18 @@ def find_violations(
 
     Args:
         candidates: n pairs; walls are left out, since a point cannot get around them.
-        x0, x1: points (m, 3) [m] at the start and at the end.
+        x0, x1: points (m, 3) [m] at the start and at the end; they move on straight lines.
         gap: at the start (n,) [m].
-        activation_distance: of each pair (n,) [m].
+        activation_distance: gap (n,) [m] below which each pair has energy; a tenth of it is kept
+            where it is less than the gap.
         approach: by how much pairs can come closer in the step (n,) [m].
-        among: which pairs are asked for (n,).
+        among: mask (n,) of the pairs that are asked for.
+
+    Returns:
+        indices (k,) of the pairs, ascending; empty if none loses its gap.
+
+    Raises:
+        ValueError: an array is not contiguous, or not of the shape above.
     """
     min_gap = KEPT_GAP * np.minimum(gap, activation_distance)
     can_come_near = approach > gap - min_gap
@@ -69,6 +76,13 @@ def find_collisions(
         radius: of both sides together (n,) [m].
         gap: distances less the radii at x0 (n,) [m].
         min_gap: to be kept on the way (n,) [m].
+
+    Returns:
+        indices (k,) of the pairs; also of those for which `MAX_ADVANCES` evaluations could not
+        decide.
+
+    Raises:
+        ValueError: an array is not contiguous, or not of the shape above.
     """
     c = library()
     count = len(pairs)
