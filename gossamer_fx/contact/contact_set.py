@@ -217,11 +217,12 @@ class ContactSet:
             self.pairs = None
 
     def save_history(self) -> tuple[Array, Int64Array, Array, float]:
-        """Return the history of this rank; its arrays are replaced and never changed.
+        """Return the history variables of this rank; their arrays are replaced and never changed.
 
         Returns:
-            activation distances (m,) [m] of the points of this rank; identifiers (k,) of the pairs
-            that have energy, and their stiffness (k,) [J]; the reference speed [m/s].
+            activation distances (m,) [m] of the points of this rank, gaps below which pairs have
+            energy; identifiers (k,) of the pairs that have energy, and their stiffness (k,) [J];
+            the reference speed [m/s], the least closing speed for which stiffness is chosen.
         """
         history = self.history
         return (
@@ -232,11 +233,12 @@ class ContactSet:
         )
 
     def load_history(self, saved: tuple[Array, Int64Array, Array, float]) -> None:
-        """Restore what `save_history` returned.
+        """Restore the history variables that `save_history` returned.
 
         Args:
-            saved: activation distances [m], identifiers of pairs, their stiffness [J], reference
-                speed [m/s].
+            saved: activation distances (m,) [m], gaps below which pairs have energy; identifiers
+                (k,) of pairs that have energy, and their stiffness (k,) [J]; the reference speed
+                [m/s].
         """
         history = self.history
         history.activation_distance, history.identifier, history.stiffness, speed = saved
@@ -244,7 +246,7 @@ class ContactSet:
         history.restored += 1
 
     def save_active_set(self) -> ActivePairs | None:
-        """Return those pairs of the last accepted step that have energy at one of its ends.
+        """Return those contact pairs of the last accepted step that have energy at one of its ends.
 
         A tape, which records a run for its gradient, stores them.  The other pairs have neither
         force nor tangent.  The column `start` is left out: it follows from the points.
@@ -676,9 +678,11 @@ class ContactSet:
         return self._last_states if np.array_equal(x1, self._last_end) else None
 
     def limit_update(self, update: Array) -> None:
-        """Shorten a Newton update in place, node by node, to four activation distances at most.
+        """Shorten a Newton update in place, node by node, to a multiple of the gap where contact
+        begins.
 
-        Longer updates put layers on the wrong side of others, and the iteration does not come back.
+        The limit is `MAX_UPDATE` times the activation distance.  Longer updates put layers on the
+        wrong side of others, and the iteration does not come back.
 
         Args:
             update: of this rank's unknowns (n,); positions [m] are the first three of each node.
