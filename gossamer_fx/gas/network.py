@@ -164,7 +164,7 @@ class GasNetwork:
         return self._stiffness(exponents[self._process])
 
     def _stiffness(self, exponent: float) -> list[tuple[Array, float]]:
-        """Return the stiffness of the gas against volume changes of each enclosure, for p
+        """Return the stiffness of the gas in each film or piston against volume changes, p
         V^exponent = const.
 
         Collective.
@@ -173,7 +173,7 @@ class GasNetwork:
             exponent: γ for an adiabatic change, 1 for an isothermal one, 0 for a constant pressure.
 
         Returns:
-            for each enclosure this rank's part of the gradient of its volume [m²], and κ = exponent
+            for each of them this rank's part of the gradient of its volume [m²], and κ = exponent
             p/V [Pa/m³]; empty for the exponent 0.
         """
         found = []
@@ -211,7 +211,7 @@ class GasNetwork:
         self._accepted_magnitude = self._magnitudes()
 
     def begin_step(self, h: float, t: float) -> Array:
-        """Start a step; the guess of y is the solution for bodies at rest: gas flows, and no film
+        """Start a step of the gas, and guess its unknowns y at the end: the solution if no film
         moves.
 
         Args:
@@ -242,8 +242,8 @@ class GasNetwork:
     def residual(self, y: Array) -> Array:
         """Return the scaled residual (2n,) [-] of the gas balance at the iterate.  Collective.
 
-        It solves the balance at the volumes of the iterate, and sets the pressures on the
-        enclosures.
+        It solves the balance at the volumes of the iterate, and sets the pressures on films and
+        pistons that enclose the chambers.
 
         Args:
             y: pressures [Pa] and masses [kg] that Newton's method for the bodies proposes (2n,).

@@ -127,7 +127,8 @@ class SeamStrip:
         return edges, (begins - start) / width, (ends - start) / width
 
     def _tabulate(self, line_a: EdgeLine, line_b: EdgeLine, cuts: Array) -> None:
-        """Tabulate the shape functions of each segment at its quadrature points, (n, g, k).
+        """Tabulate the shape functions of a strip along a seam: n segments, g points, k nodes, (n,
+        g, k).
 
         Args:
             line_a, line_b: both edges of the seam.
@@ -310,7 +311,7 @@ class SewnEnclosure:
     def _orient(
         self, lines: Sequence[tuple[EdgeLine, EdgeLine]]
     ) -> tuple[list[float], list[float]]:
-        """Return the signs of the films and of the strips with which all normals agree.
+        """Return the signs of sewn films, and of strips along seams, with which all normals agree.
         Collective.
 
         Args:
@@ -321,7 +322,7 @@ class SewnEnclosure:
 
         Raises:
             InputError: no seam joins a film to the others, normals change sides across a seam, or
-                what `_directions` refuses.
+                the surface is open.
         """
         passed = self._directions(lines)
         numbers = {id(film): k for k, film in enumerate(self.films)}
