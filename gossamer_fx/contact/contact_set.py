@@ -133,6 +133,7 @@ class ContactSet:
         self.activation_distance = activation_distance
         self._system = system
         self._comm = system.comm
+        # Weight of the end of a step in the configuration where forces act: 1 in an equilibrium.
         self._alpha = system.rule.alpha
         self.search = CandidateSearch(mesh, activation_distance)
         self.has_given_stiffness = stiffness is not None
@@ -376,6 +377,7 @@ class ContactSet:
         system = self._system
         self.stored_energy()
         self._end_time = system.time + system.h
+        # An equilibrium, in which forces act at the end (weight 1), has no motion in time.
         if self._alpha < 1:
             limit = MAX_DEVIATION * self.activation_distance
             self.points.refuse_jumps(system.time, system.h, limit)
@@ -633,7 +635,8 @@ class ContactSet:
             turns too far; empty if the step is admissible.  The same on every rank.
         """
         x1 = self._end_points()
-        # What is added here is found below.
+        # `_solved` has the gaps at both ends of the step as `extend_active_set` last saw it.  What
+        # is added here is found below.
         if self._comm.allreduce(not np.array_equal(x1, self._solved.end.x)):
             self.extend_active_set()
         candidates = self.candidates
@@ -651,6 +654,7 @@ class ContactSet:
             x, y, z = x1[point]
             message = f"'{one}' would pass through '{other}' near ({x:.4g}, {y:.4g}, {z:.4g}) m"
         message = next(filter(None, self._comm.allgather(message)), "")
+        # In an equilibrium (weight 1 of the end) nothing turns on a way.
         if message or self._alpha == 1:
             return message
         return self._turns.find(self._start, x1)
@@ -661,6 +665,7 @@ class ContactSet:
         Args:
             x1: points (m, 3) [m] at its end; its start is `x0`.
         """
+        # Pairs of bodies only, and pairs with an obstacle; what each does in a step to x1.
         tables = (self._body_pairs, self._obstacle_pairs)
         states = self._states_at(x1)
         if states is None:

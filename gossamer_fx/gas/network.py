@@ -90,6 +90,7 @@ class GasNetwork:
         chambers = [item for item in items if isinstance(item, Volume)]
         _check_chambers(chambers)
         self.gas = chambers[0].gas
+        # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
         self._alpha = system.rule.alpha
         self.geometry = Geometry(system)
         self.chambers = [
@@ -326,6 +327,7 @@ class GasNetwork:
         swept_gradients = []
         for i, (k, enclosure) in enumerate(enclosures.items()):
             at_middle, of_volume, of_swept = enclosure.gradients()
+            # The pressure that acts has the weight α of the pressure at the end of the step.
             G[k] = -self._alpha * at_middle
             if self.balance.depends_on_swept_volume:
                 # ∂/∂W of p̄ W in the energy balance

@@ -219,6 +219,7 @@ class Loop:
         walk = ring.loop()
         order = ring.body.order
         self._system = system
+        # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
         self._alpha = system.rule.alpha
         self.vertices = walk[:, :2]
         nodes = walk[:, 2]

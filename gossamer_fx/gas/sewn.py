@@ -78,6 +78,7 @@ class SeamStrip:
             system: the equations of the scene, with the coordinates of the films.
         """
         self._system = system
+        # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
         self._alpha = system.rule.alpha
         self.volume = 0.0
         self.magnitude = 0.0
@@ -168,6 +169,7 @@ class SeamStrip:
         self._X1 = self._gather(self._system.q1)[0]
         self._at_end = self._gradient(self._X1)
         self._at_mid = self._at_end
+        # With the weight α = 1 of the end, forces act at q1; else in the middle of the step.
         if self._alpha != 1.0:
             self._at_mid = self._gradient(self._middle())
         terms = self._at_end * self._X1
@@ -194,6 +196,7 @@ class SeamStrip:
             volume W.
         """
         of_swept = self._at_end
+        # Forces act in the middle of the step unless the weight α of its end is 1.
         if self._alpha != 1.0:
             change = self._at_end - self._initial_gradient
             of_swept = self._at_mid + self._alpha * change

@@ -93,6 +93,7 @@ class FilmSurface:
         # The owned unknowns of the film in this rank's part of a system vector
         self._owned = system.block(film).owned
         self._local_size = system.numbering.size_local
+        # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
         self._alpha = system.rule.alpha
         self._form: fem.Form | None = None
         # Owned parts of G_c(q̄) and G_c(q1) of the present iterate, once they were asked for, by
