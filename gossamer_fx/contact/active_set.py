@@ -62,8 +62,8 @@ def initial_activation(activation_distance: float, nearest: Array) -> Array:
     """Return the activation distance (m,) [m] of points at the start of a run: the gap below which
     pairs have energy.
 
-    It is nine tenths of the gap where layers are packed closer than contact begins, so that they
-    have no energy at first.
+    It is nine tenths of the gap where layers are nearer to each other than that, so that they have
+    no energy at first.
 
     Args:
         activation_distance: of the contact [m].

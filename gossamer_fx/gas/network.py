@@ -269,8 +269,8 @@ class GasNetwork:
 
         Args:
             y: pressures [Pa] and masses [kg] that Newton's method for the bodies proposes (2n,);
-                they are returned if volumes or y are not positive numbers, or if no solution is
-                found.
+                they are returned if they or the volumes are not finite, a volume is not positive,
+                or no solution is found.
         """
         finite = np.isfinite(y).all() and np.isfinite(self.volumes + self.swept).all()
         if not (finite and (self.volumes > 0).all()):
