@@ -106,7 +106,11 @@ class Tie:
         yield coincidence(self.name, *self._pairs(start))
 
     def _pairs(self, start: State) -> list[tuple[Port, Port]]:
-        """This rank's nodes of the first line, each with its point of the second line.  Collective.
+        """This rank's nodes of the first line, each with its point of the second line, as ports.
+        Collective.
+
+        Args:
+            start: initial state of the scene, in which the nodes must lie on the second line.
 
         Raises:
             InputError: a line is empty, or nodes are not on the second line in the initial state.
@@ -149,9 +153,12 @@ class Tie:
     def _segments(self, start: State) -> tuple[npt.NDArray[np.int64], Array]:
         """The straight pieces of the second line, on every rank.  Collective.
 
+        Args:
+            start: initial state of the scene.
+
         Returns:
-            global nodes (n, 2) of the ends of the pieces, and their positions (n, 2, 3) [m] at the
-            start.
+            Global nodes (n, 2) of the ends of the pieces, and their positions (n, 2, 3) [m] in the
+            state.
         """
         body = self.b
         space = body.space
@@ -184,11 +191,11 @@ def _nearest(x: Array, segments: Array) -> tuple[npt.NDArray[np.intp], Array, Ar
     """Find the nearest segment of each point.
 
     Args:
-        x: points (n, 3) [m].
-        segments: ends (m, 2, 3) [m].
+        x: points (n, 3) [m]; n may be zero.
+        segments: ends (m, 2, 3) [m] of at least one segment, none without length.
 
     Returns:
-        (n,) index of the segment, position on it between 0 and 1, and distance [m].
+        For each point (n,): index of the segment, position on it from 0 to 1, and distance [m].
     """
     a = segments[:, 0]
     d = segments[:, 1] - a

@@ -34,7 +34,8 @@ class Coordinates:
         """Make the functions and constants of one step.
 
         Args:
-            space: of the coordinates.
+            space: of the coordinates: positions [m] and, for beams, directors at the nodes of a
+                mesh.
             alpha: share of the end of the step in the configuration of the forces: ½, or 1 at rest.
         """
         self.q0 = fem.Function(space)

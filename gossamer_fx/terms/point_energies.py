@@ -92,6 +92,15 @@ class Stencil:
         dissipates: bool,
         alpha: float,
     ) -> None:
+        """Take measures and density; the start of a step is set by `keep`, its length by the
+        attribute `h`.
+
+        Args:
+            at: n sets of m strains, quadratic functions of the unknowns.
+            density: energy or damping of all of them, see `PointDensity` and `PointDamping`.
+            dissipates: whether it is a damping.
+            alpha: the forces act at q_mid = (1 - α) q0 + α q1.
+        """
         self.at = at
         self.density = density
         self._dissipates = dissipates
@@ -109,9 +118,14 @@ class Stencil:
         self.e0 = self.at.measure(self._Y0)
 
     def force(self, q1: Array) -> Array:
-        """Forces S_mean·De(q_mid) (n, D) of a step to the unknowns q1 (n, D).
+        """Forces S_mean·De(q_mid) (n, D) [N] of a step, from its mean stress S_mean and the strains
+        e.
 
         They are computed where there is stress: slack ropes and open stops cost little.
+
+        Args:
+            q1: unknowns (n, D), positions [m] and directors [-], of each of n measures at the end
+                of the step.
         """
         Y, _, (S, _) = self._end(q1)
         on = _all_or_some(S.any(axis=1))
@@ -135,7 +149,14 @@ class Stencil:
         return found
 
     def add_tangent(self, A: PETSc.Mat, q1: Array) -> None:
-        """Add `tangent` to a matrix."""
+        """Add the derivatives [N/m] of the forces by the unknowns at the end of the step to a
+        matrix.
+
+        Args:
+            A: PETSc matrix of all unknowns, not yet assembled.
+            q1: unknowns (n, D), positions [m] and directors [-], of each of n measures at the end
+                of the step.
+        """
         at = self.at
         if at.share_unknowns:
             # One block is entered instead of n at the same rows.
@@ -146,8 +167,14 @@ class Stencil:
             add_blocks(A, at.indices, at.indices, self.tangent(q1))
 
     def _stiffness(self, q1: Array) -> tuple[Array, Any]:
-        """Stiffness (r, 3k, 3k) of the measured vectors, and the indices of the r rows that have
-        one.
+        """Derivatives of the forces on the measured vectors by these vectors, where there are any.
+
+        Args:
+            q1: unknowns (n, D), positions [m] and directors [-], of each of n measures at the end
+                of the step.
+
+        Returns:
+            Stiffness (r, 3k, 3k) [N/m] of the k vectors of r measures, and the indices of these.
         """
         Y, _, (S, dS) = self._end(q1)
         on = _all_or_some(S.any(axis=1) | dS.any(axis=(1, 2)))
@@ -164,8 +191,14 @@ class Stencil:
         return (1 - self._α) * self._Y0[on] + self._α * Y[on]
 
     def _end(self, q1: Array) -> tuple[Array, Array, tuple[Array, Array]]:
-        """Vectors Y (n, 3k) and strain e1 (n, m) at the end of the step, and the pair of
-        `_average`.
+        """Quantities at the end of the step, which are kept for the next call with the same array.
+
+        Args:
+            q1: unknowns (n, D), positions [m] and directors [-], of each of n measures.
+
+        Returns:
+            Vectors Y (n, 3k), strains e1 (n, m), and the mean stress (n, m) with its derivatives
+            (n, m, m) by e1.
         """
         # The same array object, not equal numbers: a comparison would cost as much as it saves.
         if self._known is None or self._known[0] is not q1:
@@ -191,9 +224,14 @@ class Stencil:
         return self.density.energy(self.e0)
 
     def force_by_number(self, q1: Array, key: str) -> Array:
-        """∂force/∂number (n, D) of a number of the density, by a complex step.
+        """Derivatives (n, D) of the forces by a number of the density, by a complex step.
 
         The densities are analytic in their numbers where they are smooth, so that nothing cancels.
+
+        Args:
+            q1: unknowns (n, D), positions [m] and directors [-], of each of n measures at the end
+                of the step.
+            key: name of the number, an attribute of the density, e.g. a stiffness.
         """
         Y, e1, _ = self._end(q1)
         density = self.density
@@ -258,7 +296,15 @@ class PointEnergies(
     def __init__(
         self, terms: Sequence[PointStoredEnergy | PointDissipation], system: Assembly
     ) -> None:
-        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
+        """Compile all energies and dampers between points: arrays and indices that stay the same in
+        a run.
+
+        Terms of one kind, such as all springs, are evaluated as one array.  Collective.
+
+        Args:
+            terms: the energies and dampers, in the same order on all ranks.
+            system: the compiled scene, which has the numbering of the unknowns.
+        """
         self._system = system
         self._names = [term.name for term in terms if isinstance(term, PointStoredEnergy)]
         # Terms of one kind become arrays: a thousand ropes cost little more than one.
@@ -399,7 +445,14 @@ class PointDissipation:
 
 
 def _kind(term: PointStoredEnergy | PointDissipation) -> Any:
-    """What terms must have in common to be one array."""
+    """Key of the terms that are evaluated as one array: equal for terms of one kind.
+
+    They have the class of term and of density, all numbers of the density that are not stacked, and
+    the shapes of their measures in common.  A density without `stacks` has a key of its term alone.
+
+    Args:
+        term: a stored energy or damper between points.
+    """
     density = term.density
     stacks = getattr(density, "stacks", None)
     # A density that cannot be stacked is an array of one term.
@@ -414,7 +467,12 @@ def _kind(term: PointStoredEnergy | PointDissipation) -> Any:
 
 
 def _stacked(densities: Sequence[Any], of: Array) -> Any:
-    """One density for all rows; row k belongs to densities[of[k]]."""
+    """One density for all rows of an array, with arrays (n,) of the numbers that differ.
+
+    Args:
+        densities: of one class.  If there are several, `stacks` names the numbers that may differ.
+        of: index (n,) of the density to which each row belongs.
+    """
     first = densities[0]
     if len(densities) == 1:
         return first
