@@ -123,7 +123,7 @@ def spanning_fans(ends: Array, numbers: npt.NDArray[np.int64]) -> tuple[Array, i
     Args:
         ends: start and end (n, 2, 3) [m] of edges on the rims, in the direction in which the
             triangle of the surface passes them.
-        numbers: of these points (n, 2), global; edges that share a number are on one rim.
+        numbers: of these points (n, 2), global, n > 0; edges that share a number are on one rim.
 
     Returns:
         corners (n, 3, 3) [m] of the triangle at each edge, whose normals agree with the surface,
