@@ -87,7 +87,7 @@ def _of_shape(
         nu: Poisson's ratio.
         density: [kg/m³].
         A: area [m²].
-        I2, I3: second moments ∫X2² dA and ∫X3² dA [m⁴] along the directors d2 and d3.
+        I2, I3: second moments ∫X2² dA and ∫X3² dA [m⁴] along the principal axes d2 and d3.
         J: torsion constant [m⁴].
         k: shear coefficient, effective over true shear area.
 

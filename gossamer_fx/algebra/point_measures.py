@@ -54,9 +54,12 @@ def evaluated_here(tuples: Sequence[Ports]) -> list[int]:
 def translation_weight(port: Attached) -> float:
     """Displacement of a port, over that of all bodies, in a common translation (dimensionless).
 
-    A port is a vector attached to a body: a sum of position and director vectors of its nodes, with
-    weights; `Ground` is a constant vector.  The result is 1 for a point and 0 for a director or a
-    difference of points.  Ground counts as a point.
+    Args:
+        port: a vector attached to a body: a sum of positions and directors (vectors that turn with
+            the body) of its nodes, with weights; or `Ground`, a constant vector.
+
+    Returns:
+        1 for a point and 0 for a director or a difference of points.  Ground counts as a point.
     """
     if isinstance(port, Ground):
         return 1.0
@@ -127,8 +130,9 @@ def attach_all(
     """Maps X = P q + offset from the unknowns to the stacked vectors of n tuples of ports, as
     arrays.
 
-    A port is a vector attached to a body.  Tuples with fewer unknowns than others take their first
-    one several times, with weight zero.
+    A port is a vector attached to a body: a point, or a director (a vector that turns with the
+    body).  Tuples with fewer unknowns than others take their first one several times, with weight
+    zero.
 
     Args:
         numbering: global indices of the unknowns of all bodies.
@@ -227,8 +231,8 @@ class PointMeasures:
     ) -> None:
         """Convert the measures that this rank evaluates to arrays.
 
-        A measure is ½ X·H X + L·X + c of the stacked vectors X = P q + offset of some ports: points
-        [m] and directions [-], linear in the unknowns q.
+        A measure is a strain ½ X·H X + L·X + c of the stacked vectors X = P q + offset of some
+        ports: points [m] and directions [-] of bodies, linear in the unknowns q.
 
         Args:
             numbering: global indices of the unknowns of all bodies.
@@ -419,9 +423,11 @@ class Gather:
         """Add values of all arrays to a distributed vector at their global indices.  Collective.
 
         Args:
-            values: as many numbers as all index arrays of the `Gather` together, one array after
-                the other.  Values with the same index add up, also those of different ranks.
-            r: vector in the layout of the numbering, changed in place.
+            values: (n,), as many numbers as all index arrays of the `Gather` have together, one
+                array after the other.  Values with the same index add up, also those of different
+                ranks.
+            r: vector of all unknowns in the layout of the numbering, of the same unit; changed in
+                place.
         """
         self._values.array[:] = values.ravel()
         self._scatter.scatter(

@@ -73,15 +73,17 @@ class RankExchange:
         received_parts: list[tuple[int, slice]],
         count: int,
     ) -> npt.NDArray[Any]:
-        """Exchange rows between the ranks, and return the rows (count, ...) that arrive.
-        Collective.
+        """Exchange rows of an array between the ranks.  Collective.
 
         Args:
-            values: rows to be sent, ordered by destination, contiguous.
+            values: rows (s, ...) to be sent, in any unit, ordered by destination, contiguous.
             sent_parts: destination rank and range of rows for each message that leaves.
             received_parts: source rank and range of rows in the result for each message that
                 arrives.
-            count: rows that arrive.
+            count: number of rows that arrive.
+
+        Returns:
+            Rows (count, ...) of the other ranks, ordered by source.
         """
         received = np.empty((count, *values.shape[1:]), dtype=values.dtype)
         # Receives first, so that MPI can put messages where they belong.

@@ -60,7 +60,8 @@ class FrameJoint(Between):
     b: Frame
 
     def __post_init__(self) -> None:
-        """Check the two frames `a` and `b` that the joint connects.
+        """Check the two frames `a` and `b`, oriented points of bodies or of the ground, that the
+        joint connects.
 
         Raises:
             InputError: both frames are of the ground, or both are of the same body.

@@ -36,12 +36,14 @@ class Curve(Meshed):
         size: int,
     ) -> None:
         """Check that the mesh consists of lines, and make the space of the coordinates.
+        Collective.
 
         Args:
             kind, name: class and name of the body, for messages.
-            mesh: of line elements in three dimensions.
+            mesh: of line elements in three dimensions [m].
             order: of the Lagrange elements, 1 or 2.
-            size: numbers a node, 3 of positions and 3 of each director.
+            size: numbers a node: 3 of the position [m], and 3 of each director (an axis of the
+                section).
 
         Raises:
             InputError: the mesh has other cells, or the order is not possible.

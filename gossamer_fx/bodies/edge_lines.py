@@ -124,8 +124,8 @@ class EdgeLine:
         """The point of the film at a fraction of the arc length of the line.
 
         Args:
-            fraction: σ, from 0 at the start of the line to 1 at its end; others count as the
-                nearest.
+            fraction: σ (dimensionless), from 0 at the start of the line to 1 at its end; others
+                count as the nearest.
 
         Returns:
             A port: the weighted sum of the nodes of the edge at σ, with Lagrange functions as

@@ -177,8 +177,8 @@ class SectionFrame:
         """Initial coordinates and rates of the frame of a beam's section, from those of the beam.
         Collective.
 
-        They are the section's point, its normal n = s2 × s3 and its two directors s2 and s3, one
-        vector after the other.
+        They are the section's point, its normal n = s2 × s3 and its two directors s2 and s3
+        (orthonormal vectors in the section), one vector after the other.
 
         Returns:
             Coordinates (12,) [m for the point, else -] and rates (12,) [m/s, else 1/s] on rank 0;
@@ -194,10 +194,12 @@ class SectionFrame:
         return q[:own_size], v[:own_size]
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The constraints by which the frame follows the section of a beam.
+        """The constraints by which the frame follows the section of a beam, with its normal as
+        third axis.
 
-        Twelve measures of the point x, the directors n, d2, d3 of the frame and x_s, s2, s3 of the
-        section are zero: x - x_s, d2 - s2, d3 - s3, ½(n·n - 1), n·s2 and n·s3.
+        Twelve functions of the point x and the directors n, d2, d3 (unit vectors) of the frame, and
+        of the point x_s and the directors s2, s3 of the section are zero: x - x_s, d2 - s2, d3 -
+        s3, ½(n·n - 1), n·s2 and n·s3.
 
         Args:
             start: initial state of the scene; the constraints do not depend on it.

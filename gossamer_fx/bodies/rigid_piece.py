@@ -45,7 +45,10 @@ class RigidPiece:
         rates: Array,
         rigid: bool = True,
     ) -> None:
-        """Take position, directors and rates without a check.  Collective.
+        """Take position, directors and rates of a massless rigid piece without a check.
+        Collective.
+
+        What is tied to the piece decides its motion.
 
         Args:
             name: in messages.
@@ -135,7 +138,10 @@ def directors_of(covariance: Array, flat: float = FLAT) -> Array:
 
     Args:
         covariance: Σ (x - x_mean)(x - x_mean)ᵀ (3, 3) [m²] of the points.
-        flat: extent, over the largest one, below which the set counts as flat in a direction.
+        flat: ratio of an extent to the largest one, below which the set counts as flat there.
+
+    Returns:
+        Unit vectors (k, 3), k from 0 to 3.
     """
     # Eigenvalues are in ascending order.  Round-off may make the least of them negative.
     squares, vectors = np.linalg.eigh(covariance)

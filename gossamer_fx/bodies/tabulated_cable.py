@@ -298,9 +298,9 @@ def _check_table(strain: Array, force: Array) -> None:
     """Raise `InputError` unless measured points are a force law.
 
     Args:
-        strain: engineering strains; two or more, rising, from at most zero and above -1 to a
-            positive one.
-        force: [N], as many; not falling, zero at zero strain, and positive from there on.
+        strain: engineering strains (n,), dimensionless; two or more, rising, from at most zero and
+            above -1 to a positive one.
+        force: [N] (n,); not falling, zero at zero strain, and positive from there on.
 
     Raises:
         InputError: the first of these conditions that does not hold, with the values.

@@ -161,11 +161,10 @@ class TripleProductEnergies(
         return [one.changing for one in self._compiled if one.changing is not None]
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        """Add the internal forces [N] of all terms in the present step to the residual.
-        Collective.
+        """Add the internal forces of all terms in the present step to the residual.  Collective.
 
         Args:
-            r: residual of all unknowns, changed in place.
+            r: residual [N] of all unknowns, changed in place.
         """
         for compiled in self._compiled:
             force = compiled.force
@@ -263,7 +262,10 @@ def _invariants(X: Vectors, δ: Vectors) -> list[Expr]:
 
     Args:
         X: the vectors u, v, s, each a UFL vector (3,), dimensionless.
-        δ: direction of the derivatives, three vectors of the same shape.
+        δ: direction of the derivatives, three UFL vectors (3,).
+
+    Returns:
+        Six UFL scalars, linear in δ, dimensionless.
     """
     u, v, s = X
     du, dv, ds = δ
@@ -286,11 +288,11 @@ def _defect(mid: Vectors, Δ: Vectors, δ: Vectors) -> Expr:
 
     Args:
         mid: the vectors u, v, s at mid-step, each a UFL vector (3,), dimensionless.
-        Δ: their changes in the step.
-        δ: their derivatives along the test function.
+        Δ: their changes in the step, three UFL vectors (3,).
+        δ: their derivatives along the test function, three UFL vectors (3,).
 
     Returns:
-        UFL expression, linear in δ.
+        UFL scalar, linear in δ, dimensionless: the scale of the term gives it its unit.
     """
     # A cubic function changes by its gradient in the middle times the step, and a quarter of its
     # value at the step: u·(v × s) of the three changes.

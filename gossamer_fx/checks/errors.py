@@ -123,7 +123,7 @@ def require_positive(
 
     Args:
         what: subject of the message.
-        value: the number.
+        value: the number, in the unit `unit`.
         unit: its unit, for the message.
         hint: text that follows "give a positive number".
 

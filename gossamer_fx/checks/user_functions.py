@@ -110,13 +110,14 @@ def _numbers(
     """Call a user's function that is to return numbers, and say what is wrong with its result.
 
     Args:
-        function: called without arguments.
-        shape: shape of the array that it must return.
+        function: called without arguments, on this rank alone.
+        shape: shape of the array that it must return, () for a number.
         wanted: what it must return, in words, for the message.
 
     Returns:
         The problem in words, empty if there is none; the exception that caused it, if any; and the
-        numbers, zeros where there is a problem.  Nothing is raised.
+        numbers, of this shape and in the unit of the function, zeros where there is a problem.
+        Nothing is raised.
     """
     result, problem, cause = _call(function)
     values = np.zeros(shape)
@@ -187,15 +188,16 @@ def _agree(
         what: subject of the messages.
         problem: what is wrong on this rank, in words; empty if nothing is.
         cause: the exception behind it, if any.
-        values: numbers of the same shape on all ranks; empty if they need not be compared.
+        values: numbers of the same shape, in any unit, on all ranks; empty if they need not be
+            compared.
 
     Returns:
-        The values, the largest of all ranks where they differ by round-off.
+        The values, in their shape; the largest of all ranks where they differ by round-off.
 
     Raises:
-        InputError: on all ranks, if one has a problem, or if values differ by more than a relative
-            `SAME`.  If other ranks do not answer within `PATIENCE` seconds, a rank with a problem
-            prints it and ends the program.
+        InputError: on all ranks, if one has a problem, or if values differ by more than `SAME`
+            (1e-9) of the largest.  If other ranks do not answer within `PATIENCE` seconds, a rank
+            with a problem prints it and ends the program.
     """
     if comm.size == 1:
         if problem:

@@ -71,12 +71,12 @@ class Case:
     outputs: Sequence[Output] = ()
 
     def __post_init__(self) -> None:
-        """Check the fields, as the scene, the end time `until` [s] and the number `frames` of
-        outputs.
+        """Check the fields, as the scene, the end time `until` [s] and how often fields are
+        written.
 
         Raises:
             InputError: a scene or stepper of another kind, an end time that is not a positive
-                number, or fewer than one frame.
+                number, or `frames`, the number of times that fields are written, below one.
         """
         check(isinstance(self.scene, Scene), f"Case: scene is {self.scene!r}; give a Scene.")
         check(

@@ -429,7 +429,11 @@ def _show(case: Case, comm: MPI.Intracomm) -> None:
 
 
 def _sides(bodies: Iterable[Body]) -> Iterator[str]:
-    """Sentences about the side of the normals of films that enclose a volume.  Collective."""
+    """Sentences about the side of the normals of films that enclose a volume [m³].  Collective.
+
+    Args:
+        bodies: of the compiled scene; only films count.
+    """
     from gossamer_fx.bodies.membrane import Membrane
     from gossamer_fx.mesh.enclosed_volume import enclosed_by
 

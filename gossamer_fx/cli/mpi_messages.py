@@ -66,7 +66,7 @@ class MessageFilter:
             self._write(self._removed)
 
     def _advance(self) -> bool:
-        """Pass on or remove the next piece of the output that waits in the filter.
+        """Pass on or remove the next part of the output of mpirun that waits in the filter.
 
         Open MPI puts a message between two lines of dashes.  A message that only repeats that a
         rank has failed is removed; other text is passed on.
@@ -133,7 +133,7 @@ def copy_without_repetitions(source: BinaryIO, target: BinaryIO) -> None:
 
     Args:
         source: binary stream that is read, e.g. the standard error of mpirun.
-        target: binary stream that is written, and flushed after each piece.
+        target: binary stream that is written, and flushed each time.
     """
 
     def write(data: bytes) -> None:

@@ -90,7 +90,8 @@ def check_same_scene(comm: MPI.Intracomm, path: Path, folder: Path) -> None:
         folder: of the sweep; made if it does not exist.
 
     Raises:
-        InputError: names both files.
+        InputError: on all ranks; names both files.
+        OSError: on all ranks, if a file cannot be read or written.
     """
 
     def compare() -> None:
@@ -98,6 +99,7 @@ def check_same_scene(comm: MPI.Intracomm, path: Path, folder: Path) -> None:
 
         Raises:
             InputError: the folder has another checksum.
+            OSError: a file cannot be read or written.
         """
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
         mark = folder / "scene.json"
@@ -144,8 +146,8 @@ class SceneOutcome:
             values: arguments of `build` for this run.
 
         Returns:
-            Numbers by name: those of `_probe_numbers`, and "energy error" (relative), "steps" and
-            "iterations a step"; the same on every rank.
+            Numbers by name, the same on every rank: those of `_probe_numbers`, each with its unit
+            in the name, and the dimensionless "energy error", "steps" and "iterations a step".
 
         Raises:
             InputError: `build` does not return a `Case`, or the scene is wrong.

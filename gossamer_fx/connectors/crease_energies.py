@@ -345,13 +345,13 @@ class _Points:
         return result
 
     def keep(self, q: Array) -> None:
-        """Update fold angles and rest angles from the unknowns at the start of a step.
+        """Update fold angles and rest angles from the positions at the start of a step.
 
-        They were those at the end of the last step, so rest angles slip here.  The first call
-        measures the angles, and moves rest angles that are beyond the yield angle.
+        They were those at the end of the last step, so rest angles slip here.  The first call takes
+        the angles of the initial state, and moves rest angles that are beyond the yield angle.
 
         Args:
-            q: positions (n, D) [m] of the nodes of each of the n points.
+            q: positions (n, D) [m] of the nodes of each of the n points of creases.
         """
         X = self.vectors(q)
         if self._begun:
@@ -456,7 +456,8 @@ class _Points:
         return np.array([ψ[self.owner == i].sum() for i in self.of])
 
     def unusual(self) -> list[tuple[list[int], int, float | None]]:
-        """Points of folds whose angle or rest angle does not follow from positions and input.
+        """Points of creases whose fold angle or rest angle does not follow from positions and
+        input.
 
         Returns:
             For each such point: its term and the numbers that name it, on any number of ranks; the
@@ -476,12 +477,14 @@ class _Points:
         return found
 
     def recall(self, stored: dict[tuple[int, ...], tuple[int, float | None]]) -> None:
-        """Set the history variables of the points; their positions are those of the state already.
+        """Set fold angles and rest angles of the points of creases, from a checkpoint.
+
+        Their positions are those of the restored state already.
 
         Args:
-            stored: for the points that `unusual` listed, by (term, nodes): full turns of the fold
-                angle, and the rest angle [rad], None for the one of the input.  All other points
-                get the values of the input.
+            stored: for the points that `unusual` listed, by (term, numbers that name the point):
+                full turns of the fold angle, and the rest angle [rad], None for the one of the
+                input.  All other points get the values of the input.
         """
         self.θ = self._principal(self._X)
         self.rest = self._first_rest.copy()

@@ -38,12 +38,13 @@ SMALL_ANGLE = 1e-4
 
 
 def angles(e0: Array, e1: Array) -> tuple[Array, Array]:
-    """Angles (n,) [rad] at the start of a step in (-π, π], and their changes, less than half a
-    turn.
+    """Angles (n,) [rad] of n hinges at the start of a step in (-π, π], and their changes.
+
+    A change is less than half a turn: the shorter way is taken.
 
     Args:
-        e0, e1: measures (n, 2), dimensionless: numbers in proportion to cosine and sine of the
-            angle, at the beginning and the end of the step.
+        e0, e1: (n, 2), dimensionless: numbers in proportion to cosine and sine of the angle, at the
+            beginning and the end of the step.
     """
     φ0 = np.arctan2(e0[:, 1], e0[:, 0])
     φ1 = np.arctan2(e1[:, 1], e1[:, 0])
@@ -60,7 +61,7 @@ def stress(
     Δφ: Array,
     e1: Array,
 ) -> tuple[Array, Array]:
-    """Stress of a mean moment in the measures (cos φ, sin φ) of an angle, and its derivative.
+    """Stress of a mean moment in the strains (cos φ, sin φ) of n hinges, and its derivative.
 
     The stress S satisfies S·(e1 - e0) = m Δφ, the work [J] of the step.
 
@@ -68,7 +69,7 @@ def stress(
         m: mean moment (n,) [N m] of the step.
         slope: its derivative (n,) [N m/rad] by the angle at the end.
         φ0, Δφ: angle at the beginning and its change (n,) [rad], as `angles` returns them.
-        e1: measures (n, 2) at the end, dimensionless and not both zero.
+        e1: strains (n, 2) at the end, dimensionless and not both zero.
 
     Returns:
         S (n, 2) [N m] and ∂S/∂e1 (n, 2, 2) [N m].

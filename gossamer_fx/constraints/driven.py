@@ -62,7 +62,7 @@ class Driven:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The support that fixes the body's position and turns its directors with time.
+        """The support that fixes the body's position and turns its axes with time.
 
         A support eliminates coordinates from the equations.
 

@@ -168,10 +168,11 @@ class RigidRegion:
 
     @cached_property
     def piece(self) -> RigidPiece:
-        """The piece without mass that the nodes are tied to, if not to a rigid body.  Collective.
+        """The piece without mass that the nodes of the region are tied to, if not to a rigid body.
 
-        It has a position [m] and one director (a unit vector) for each dimension of the set of
-        nodes; nodes that slide in a plane have the normal as third director.
+        It has a position [m] and one director (a unit vector that turns with it) for each dimension
+        of the set of nodes; nodes that slide in a plane have the normal as third director.
+        Collective at the first use.
         """
         start, rates, _ = self._fit
         if self.sliding and len(start) == 3:
@@ -219,8 +220,9 @@ class RigidRegion:
         return [int(node) for node in self.body.block.index_map.local_to_global(self._own)]
 
     def _pairs(self, start: State) -> list[tuple[Port, Port]]:
-        """This rank's nodes, each with the point of the piece or rigid body that it is tied to, as
-        ports.
+        """This rank's nodes of the region, each with the point that it is tied to, as ports.
+
+        A port is a point of a body: here of the rigid body, or of a piece without mass.
 
         Args:
             start: initial state of the scene, which may differ from that of the body itself.
@@ -248,10 +250,10 @@ class RigidRegion:
         yield self._carrier
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The constraints that couple the nodes to the rigid piece, and the support of that piece.
+        """The constraints that couple the nodes to a rigid piece, and the support of that piece.
 
-        Nodes that slide in a plane stay in the plane of the piece, which has three directors.  In
-        all other cases each node coincides with its point of the piece.  Collective.
+        The piece is a rigid body, or has no mass.  Nodes that slide in a plane stay in the plane of
+        the piece; in all other cases each node coincides with its point of the piece.  Collective.
 
         Args:
             start: state of the scene in which the region is rigid from then on.
@@ -272,12 +274,12 @@ class RigidRegion:
         yield coincidence(self.name, *self._pairs(start))
 
     def _slides(self) -> Iterable[Term]:
-        """The constraints of nodes that slide in a plane of the piece, whose normal is n.
+        """The constraints of nodes that slide in a plane of a rigid piece without mass.
         Collective.
 
-        With the piece's centre x_c and its directors p, q, n: each node x_k stays in the plane,
-        (x_k - x_c)·n = 0; the mean of the nodes stays at x_c; and the nodes do not turn about n on
-        average.
+        With the piece's centre x_c and its axes p, q in the plane and n normal to it: each node x_k
+        stays in the plane, (x_k - x_c)·n = 0; the mean of the nodes stays at x_c; and the nodes do
+        not turn about n on average.
         """
         p, q, n = self.piece.directors
         centre = self.piece.port()

@@ -57,8 +57,8 @@ class SectionRotation:
         motion = self.motion
 
         def path(t: float) -> Array:
-            """Coordinates (9 n,) of n nodes of the beam at a time: positions [m] and two directors
-            each.
+            """Coordinates (9 n,) of n nodes of the beam at a time: position [m] and two section
+            axes [-] each.
 
             They follow from the stress-free state by the user's motion, direction and twist.
             Collective.

@@ -106,14 +106,19 @@ class Tie:
         yield coincidence(self.name, *self._pairs(start))
 
     def _pairs(self, start: State) -> list[tuple[Port, Port]]:
-        """This rank's nodes of the first line, each with its point of the second line, as ports.
-        Collective.
+        """This rank's nodes of the first line, each with its point of the second line.  Collective.
+
+        A tie connects the nodes of a line of one film or cable to points of a line of another.
 
         Args:
             start: initial state of the scene, in which the nodes must lie on the second line.
 
+        Returns:
+            Pairs of a node and a point, as ports (points of bodies).
+
         Raises:
-            InputError: a line is empty, or nodes are not on the second line in the initial state.
+            InputError: on all ranks, if a line is empty, or nodes are further than `COINCIDE` (1e-8
+                m) from the second line in the initial state.
         """
         comm = self.a.comm
         index_map = self.a.block.index_map
@@ -151,7 +156,7 @@ class Tie:
         return pairs
 
     def _segments(self, start: State) -> tuple[npt.NDArray[np.int64], Array]:
-        """The straight pieces of the second line, on every rank.  Collective.
+        """The straight pieces of the second line of a tie, on every rank.  Collective.
 
         Args:
             start: initial state of the scene.

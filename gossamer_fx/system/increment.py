@@ -35,6 +35,9 @@ class Increment:
     def __init__(self, numbering: Numbering, supports: Supports) -> None:
         """Set all vectors to zero; `set_inertia` and `predict` begin a step.  Collective.
 
+        The increment of the coordinates in a step is p + w [m]: p is predicted, w is found by the
+        solver.
+
         Args:
             numbering: layout of the vectors of all unknowns.
             supports: which coordinates are fixed or prescribed.
@@ -87,7 +90,8 @@ class Increment:
         """Reference force [N] for the round-off of a residual: the norm of what cancels in it.
         Collective.
 
-        That is diag(K) q1 and diag(c M)(w + o), with the stiffness K and the inertia c M (w + o).
+        That is diag(K) q1 and diag(c M)(w + o), with the stiffness K [N/m] and the inertia c M (w +
+        o) of the increment w of the step; c [1/s²] and o [m] are those of the time stepper.
 
         Args:
             M: mass matrix [kg].
@@ -128,8 +132,9 @@ class Increment:
     def commit(self, q0: PETSc.Vec, q1: PETSc.Vec) -> None:
         """Store what rounding took from q1 = q0 + (p + w), exactly, in `remainder` [m].
 
-        It is added to the next increment, so that it does not accumulate.  Knuth's sum of two
-        numbers (The Art of Computer Programming, vol. 2, section 4.2.2, theorem B).
+        p + w is the increment of the step.  The remainder is added to the next increment, so that
+        it does not accumulate.  Knuth's sum of two numbers (The Art of Computer Programming, vol.
+        2, section 4.2.2, theorem B).
 
         Args:
             q0, q1: coordinates [m] at the start and the end of the accepted step.

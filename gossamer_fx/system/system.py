@@ -385,15 +385,16 @@ class System:
         return self.increment.predict(increment, self.q0, self.time + self.h)
 
     def set_increment(self, w: PETSc.Vec, base: PETSc.Vec | None) -> None:
-        """Set the coordinates at the end of the step, q1 = q0 + p + w, with the predicted increment
-        p.
+        """Set the coordinates at the end of the step, q1 = q0 + p + w, and the strains there.
+        Collective.
 
-        With a `base`, strains follow linearly from those at w = `base`; without, they are the true
-        ones.  Collective.
+        q0 are the coordinates at its start, p is the increment that the stepper predicts, w the
+        unknown.
 
         Args:
             w: unknown part of the increment [m].
-            base: w of the last iterate [m], or None.
+            base: w of the last iterate [m]: strains follow linearly from those there; None: they
+                are the true ones.
         """
         self.increment.end(w, self.q0, self.q1)
         self._spread(self.q1, "q1")
@@ -580,7 +581,8 @@ class System:
     def restore(self, q: Array, v: Array, t: float) -> None:
         """Set an earlier accepted state; totals of energies do not change.  Collective.
 
-        Kinds of terms with history variables need theirs, too (`roles.StepHistory`).
+        History variables, such as the rest angles of creases that yield, are set by the caller
+        (`roles.StepHistory`).
 
         Args:
             q: this rank's coordinates (n,) [m].
@@ -682,7 +684,8 @@ class System:
         Collective.
 
         Args:
-            r: residual, as `residual` returns it: rows of forces, then those of multipliers.
+            r: residual of all unknowns, as `residual` returns it: rows of forces [N], then those of
+                multipliers, with the violations of their constraints.
 
         Returns:
             Both numbers, the same on every rank; a violation is in the unit of its constraint, [m]
@@ -706,7 +709,7 @@ class System:
         Collective; the same on every rank.
 
         Args:
-            r: residual of all unknowns.
+            r: residual of all unknowns [N].
 
         Returns:
             Empty if the largest entry does not belong to a body but to a constraint.

@@ -71,10 +71,15 @@ class Tangent:
         return total
 
     def _sum(self, couplings: Sequence[PETSc.Mat]) -> PETSc.Mat:
-        """A + Σ C [N/m] as a new matrix; A itself if nothing is coupled.  Collective.
+        """The tangent as one new matrix: the sum of A and coupling matrices of contact pairs.
+        Collective.
 
         Args:
-            couplings: matrices C of the same sizes, with entries where A may have none.
+            couplings: square matrices [N/m] of all unknowns, as A, with entries where A may have
+                none.
+
+        Returns:
+            A itself if nothing is coupled.
         """
         if not couplings:
             return self.A

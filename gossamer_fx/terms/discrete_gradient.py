@@ -114,13 +114,14 @@ class StressRule(Protocol):
         return []
 
     def function_of(self, law: CLaw) -> int:
-        """Address of the C function for the mean stress S_mean of a law that is written in C.
+        """Address of the C function for the mean stress of a step, for a law that is written in C.
 
         Args:
             law: addresses of the law's C functions.
 
         Raises:
-            InputError: the rule has none; it then works only with laws in UFL.
+            InputError: this rule, by which stresses follow from strains, has no such function; it
+                then works only with laws in UFL.
         """
         raise InputError(
             f"{type(self).__name__} has no stress for laws in C (Orthotropic); use PathAverage() "
@@ -254,13 +255,14 @@ def gonzalez_correction(
     not change in rigid motions, the correction keeps both momenta.
 
     Args:
-        missing: change of the energy, less the work of the approximate force, a UFL expression.
-        changes: Δg_i, the changes of the measures in the step, e.g. of strains.
-        smallest: lower bound of the sum of squares; below it the step is too small for a correction
-            to mean anything.
+        missing: change of the energy (or its density), less the work of the approximate force, a
+            UFL scalar.
+        changes: Δg_i, the changes of the measures in the step, UFL scalars, e.g. of strains.
+        smallest: lower bound of the sum of squares Σ_j Δg_j², in its unit; below it the step is too
+            small for a correction to mean anything.
 
     Returns:
-        UFL expressions, as many as there are changes, in the unit of `missing` over that of g_i.
+        UFL scalars, as many as there are changes, in the unit of `missing` over that of g_i.
     """
     squares = ufl.max_value(sum(change * change for change in changes), smallest)
     return [missing / squares * change for change in changes]
@@ -279,9 +281,12 @@ def defect(
     over the whole step needs no correction, and the noise would stop its convergence.
 
     Args:
-        ψ: energy density as a function of the strain.
-        S: approximate mean stress, of the shape of the strain, in the unit of ψ.
-        e0, e1: strains at the start and the end of the step, dimensionless UFL vectors.
+        ψ: energy density as a function of the strain (m,), e.g. per area [N/m].
+        S: approximate mean stress, a UFL vector (m,) in the unit of ψ.
+        e0, e1: strains (m,) at the start and the end of the step, dimensionless UFL vectors.
+
+    Returns:
+        UFL vector (m,), to be added to S.
     """
     Δe = e1 - e0
     # 1e-40 stands for a film at rest, both of whose strains are zero.

@@ -126,8 +126,12 @@ class ElementEnergies(
         """Compile forces, tangents and energies of all terms on meshes.  Collective.
 
         Args:
-            terms: stored energies and dissipation of films, plates, cables and beams.
-            system: the compiled scene, which has the fields of their bodies.
+            terms: what films, plates, cables and beams add to the equations: stored energies of
+                strains, and dissipation by their rates.
+            system: the compiled scene, which has the coordinates of the bodies as functions.
+
+        Raises:
+            InputError: a law is written in C, and the stress rule has no function for such laws.
         """
         self._system = system
         self.elements = [ElementForces(t, system.fields[t.body], system.rule) for t in terms]
@@ -156,11 +160,11 @@ class ElementEnergies(
                 force.evaluate()
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        """Add the internal forces [N] of all terms at the present iterate to the residual.
+        """Add the internal forces of all terms on meshes at the present iterate to the residual.
         Collective.
 
         Args:
-            r: residual of all unknowns, changed in place.
+            r: residual [N] of all unknowns, changed in place.
         """
         for b in self._forces.values():
             b.array[:] = 0
@@ -456,8 +460,10 @@ class ElementForces:
         """Evaluate stress S and its derivative D by the strain at all quadrature points, at the
         first use.
 
-        Later calls for the same strain do nothing.  States that are only accepted or restored, as
-        in the reversed run of a gradient, need strains and no stresses.
+        They are stored, m + m² numbers a point for m strains, in the unit of the density (per area
+        [N/m], per length [N]), for residual and tangent.  Later calls for the same strain do
+        nothing.  States that are only accepted or restored, as in the reversed run of a gradient,
+        need strains and no stresses.
         """
         if self._has_response:
             return

@@ -102,15 +102,16 @@ class PointLoads(
     - X0)."""
 
     def __init__(self, terms: Sequence[PointLoad], system: Assembly) -> None:
-        """Compile all loads on points and directors: maps and indices that stay the same in a run.
-        Collective.
+        """Compile all loads on points and directions of bodies: maps and indices that stay the same
+        in a run.  Collective.
 
         Args:
             terms: the loads, in the same order on all ranks.
             system: the compiled scene, which has the numbering of the unknowns.
 
         Raises:
-            InputError: a port whose nodes, weights and vectors do not belong together.
+            InputError: a point or direction whose nodes, weights and vectors do not belong
+                together.
         """
         self._system = system
         self._terms = terms

@@ -71,10 +71,11 @@ def cell_function(expression: fem.Expression) -> CellFunction:
     depends.
 
     Args:
-        expression: made by `compile_expression`.
+        expression: made by `compile_expression`, of float values.
 
     Returns:
-        Address and arguments; it keeps the expression alive.
+        Address of the function, the dolfinx functions whose values in a cell are its arguments, and
+        views of its constants.  The object keeps the expression alive.
     """
     compiled = expression.ufcx_expression
     ufl_expression = expression.ufl_expression
@@ -148,7 +149,8 @@ def _in_c(c_law: CLaw, rule: StressRule, start: fem.Function, strain: fem.Functi
 
     Args:
         c_law: addresses of the C functions, and the numbers of the law as a UFL expression.
-        rule: which of them gives the mean stress of a step.
+        rule: how the stress of a step follows from the strains at its ends; it chooses the
+            function.
         start, strain: strains (m,), dimensionless, at the start of the step and of the iterate, as
             functions at the quadrature points.
 

@@ -116,8 +116,12 @@ class PointLaw:
     def linearise(
         self, linear_strain: Callable[[], Array], first_guess: Callable[[], Array]
     ) -> None:
-        """Set the strains of the next iterate from the linearised strains, then evaluate the
-        responses.
+        """Set the strains of the next iterate from linearised strains, then evaluate stresses
+        there.
+
+        Stresses and their derivatives by the strains are written to `response` (q, m + m²) of the
+        values.  In the first iterate of a step, and where the law may choose strains, others are
+        taken.
 
         Args:
             linear_strain: returns the strains (q, m), dimensionless, of q quadrature points,
@@ -197,7 +201,8 @@ class PointLaw:
     def _entry(self, function: CellFunction) -> dict[str, Any]:
         """Members of the C struct `cell_function` of law.h, by name.
 
-        The arrays that they point at are kept alive by this object.
+        They are the address of the function, its constants, and the indices (int32) of its
+        arguments among all values of a cell.  The arrays are kept alive by this object.
 
         Args:
             function: compiled function of the law.
