@@ -38,15 +38,16 @@ class Activation:
         self._of_pairs: Array = np.zeros(0)
 
     def of(self, candidates: CandidatePairs, of_points: Array) -> Array:
-        """Return the gap (n,) [m] below which each pair has energy: the least of those of its
-        points.
+        """Return the gap (n,) [m] below which each contact pair has energy: the least of those of
+        its points.
 
         The array of the last call is returned again for the same objects.
 
         Args:
             candidates: n pairs that may touch in the next steps.
-            of_points: activation distance [m] of each point of the contact, (m,).  For a pair of a
-                point and a wall, that of the point counts alone.
+            of_points: activation distance of each point of the contact, (m,) [m]: the gap below
+                which its pairs have energy.  For a pair of a point and a wall, that of the point
+                counts alone.
         """
         if candidates is not self._candidates or of_points is not self._of_points:
             self._candidates = candidates
@@ -58,10 +59,11 @@ class Activation:
 
 
 def initial_activation(activation_distance: float, nearest: Array) -> Array:
-    """Return the activation distance (m,) [m] of points at the start of a run.
+    """Return the activation distance (m,) [m] of points at the start of a run: the gap below which
+    pairs have energy.
 
-    It is nine tenths of the gap where layers are packed closer than contact begins, so that they
-    have no energy at first.
+    It is nine tenths of the gap where layers are nearer to each other than that, so that they have
+    no energy at first.
 
     Args:
         activation_distance: of the contact [m].
@@ -71,14 +73,14 @@ def initial_activation(activation_distance: float, nearest: Array) -> Array:
 
 
 def grown_activation(present: Array, activation_distance: float, nearest: Array) -> Array:
-    """Return activation distances (m,) [m] that have grown with the gaps, up to that of the
-    contact.
+    """Return activation distances (m,) [m], gaps below which pairs have energy, that have grown
+    with the gaps.
 
     No pair has energy between the present distance and its gap, so that growth costs none.
 
     Args:
         present: activation distance (m,) [m] of each point so far; no result is less.
-        activation_distance: of the contact [m].
+        activation_distance: of the contact [m], the largest result.
         nearest: gap (m,) [m] of each point to what is nearest.
     """
     possible = np.minimum(activation_distance, GROWN_ACTIVATION * nearest)
@@ -103,7 +105,8 @@ class StepDistances:
         """Compute the gaps at the end of all pairs that may have come near in the step.
 
         Args:
-            start: gaps of the n candidate pairs at the start of the step.
+            start: gaps of the n candidates, contact pairs that may come near, at the start of the
+                step.
             x1: points (m, 3) [m] at the end, predicted or solved for.
             far: gap [m] from which a pair takes no part in the step; pairs that stay beyond keep a
                 lower bound instead of their gap.
@@ -119,7 +122,8 @@ class StepDistances:
         self.end.make_exact(np.flatnonzero(~stays_far))
 
     def violations(self, activation_distance: Array, among: MaskArray) -> np.ndarray:
-        """Return the rows of pairs that all but pass through each other in the step.
+        """Return the indices (k,) of contact pairs that all but pass through each other in the
+        step.
 
         These are pairs whose gap falls below a tenth of its value at the start, or of the
         activation distance if that is less; see `find_violations`.
@@ -139,7 +143,8 @@ class StepDistances:
         )
 
     def may_touch(self, activation_distance: Array) -> MaskArray:
-        """Return which pairs are near at the start, may be at the end, or would pass through.
+        """Return which contact pairs are near at the start, may be at the end, or would pass
+        through.
 
         Args:
             activation_distance: gap (n,) [m] below which each pair has energy.
@@ -156,7 +161,8 @@ class StepDistances:
         return is_near
 
     def missing(self, activation_distance: Array, active: MaskArray) -> MaskArray:
-        """Return which pairs are not active though they are near at the end or would pass through.
+        """Return which contact pairs take no part in the step though they are near at its end or
+        would pass through.
 
         Args:
             activation_distance: gap (n,) [m] below which each pair has energy.

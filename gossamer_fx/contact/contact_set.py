@@ -133,6 +133,7 @@ class ContactSet:
         self.activation_distance = activation_distance
         self._system = system
         self._comm = system.comm
+        # Weight of the end of a step in the configuration where forces act: 1 in an equilibrium.
         self._alpha = system.rule.alpha
         self.search = CandidateSearch(mesh, activation_distance)
         self.has_given_stiffness = stiffness is not None
@@ -217,11 +218,12 @@ class ContactSet:
             self.pairs = None
 
     def save_history(self) -> tuple[Array, Int64Array, Array, float]:
-        """Return the history of this rank; its arrays are replaced and never changed.
+        """Return the history variables of this rank; their arrays are replaced and never changed.
 
         Returns:
-            activation distances (m,) [m] of the points of this rank; identifiers (k,) of the pairs
-            that have energy, and their stiffness (k,) [J]; the reference speed [m/s].
+            activation distances (m,) [m] of the points of this rank, gaps below which pairs have
+            energy; identifiers (k,) of the pairs that have energy, and their stiffness (k,) [J];
+            the reference speed [m/s], the least closing speed for which stiffness is chosen.
         """
         history = self.history
         return (
@@ -232,11 +234,12 @@ class ContactSet:
         )
 
     def load_history(self, saved: tuple[Array, Int64Array, Array, float]) -> None:
-        """Restore what `save_history` returned.
+        """Restore the history variables that `save_history` returned.
 
         Args:
-            saved: activation distances [m], identifiers of pairs, their stiffness [J], reference
-                speed [m/s].
+            saved: activation distances (m,) [m], gaps below which pairs have energy; identifiers
+                (k,) of pairs that have energy, and their stiffness (k,) [J]; the reference speed
+                [m/s].
         """
         history = self.history
         history.activation_distance, history.identifier, history.stiffness, speed = saved
@@ -244,7 +247,7 @@ class ContactSet:
         history.restored += 1
 
     def save_active_set(self) -> ActivePairs | None:
-        """Return those pairs of the last accepted step that have energy at one of its ends.
+        """Return those contact pairs of the last accepted step that have energy at one of its ends.
 
         A tape, which records a run for its gradient, stores them.  The other pairs have neither
         force nor tangent.  The column `start` is left out: it follows from the points.
@@ -374,6 +377,7 @@ class ContactSet:
         system = self._system
         self.stored_energy()
         self._end_time = system.time + system.h
+        # An equilibrium, in which forces act at the end (weight 1), has no motion in time.
         if self._alpha < 1:
             limit = MAX_DEVIATION * self.activation_distance
             self.points.refuse_jumps(system.time, system.h, limit)
@@ -631,7 +635,8 @@ class ContactSet:
             turns too far; empty if the step is admissible.  The same on every rank.
         """
         x1 = self._end_points()
-        # What is added here is found below.
+        # `_solved` has the gaps at both ends of the step as `extend_active_set` last saw it.  What
+        # is added here is found below.
         if self._comm.allreduce(not np.array_equal(x1, self._solved.end.x)):
             self.extend_active_set()
         candidates = self.candidates
@@ -649,6 +654,7 @@ class ContactSet:
             x, y, z = x1[point]
             message = f"'{one}' would pass through '{other}' near ({x:.4g}, {y:.4g}, {z:.4g}) m"
         message = next(filter(None, self._comm.allgather(message)), "")
+        # In an equilibrium (weight 1 of the end) nothing turns on a way.
         if message or self._alpha == 1:
             return message
         return self._turns.find(self._start, x1)
@@ -659,6 +665,7 @@ class ContactSet:
         Args:
             x1: points (m, 3) [m] at its end; its start is `x0`.
         """
+        # Pairs of bodies only, and pairs with an obstacle; what each does in a step to x1.
         tables = (self._body_pairs, self._obstacle_pairs)
         states = self._states_at(x1)
         if states is None:
@@ -676,9 +683,11 @@ class ContactSet:
         return self._last_states if np.array_equal(x1, self._last_end) else None
 
     def limit_update(self, update: Array) -> None:
-        """Shorten a Newton update in place, node by node, to four activation distances at most.
+        """Shorten a Newton update in place, node by node, to a multiple of the gap where contact
+        begins.
 
-        Longer updates put layers on the wrong side of others, and the iteration does not come back.
+        The limit is `MAX_UPDATE` times the activation distance.  Longer updates put layers on the
+        wrong side of others, and the iteration does not come back.
 
         Args:
             update: of this rank's unknowns (n,); positions [m] are the first three of each node.

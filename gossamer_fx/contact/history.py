@@ -49,8 +49,10 @@ class ContactHistory:
     _own_points: Int64Array = field(default_factory=_no_identifiers)
 
     def share(self, comm: MPI.Intracomm, own_points: Int64Array) -> None:
-        """Let this rank keep the activation distances of some points only; together the ranks keep
-        all.
+        """Let this rank keep the activation distances [m] of some points only; together the ranks
+        keep all.
+
+        They are the gaps below which pairs of a point have energy.
 
         Args:
             comm: ranks of the contact.
@@ -63,7 +65,8 @@ class ContactHistory:
             self.activation_distance = self.activation_distance[own_points]
 
     def get_state(self) -> dict[str, Any]:
-        """Return the history of all ranks for a checkpoint, the same on every rank; collective.
+        """Return the history variables of all ranks for a checkpoint, the same on every rank;
+        collective.
 
         Returns:
             by name, lists and numbers: "activation distance" [m] of each point in the order of its
@@ -114,7 +117,7 @@ class ContactHistory:
         self.restored += 1
 
     def stiffness_of(self, identifier: Int64Array) -> tuple[MaskArray, Array]:
-        """Return which pairs have energy already, and their stiffness.
+        """Return which contact pairs have energy already, and their stiffness.
 
         Args:
             identifier: numbers (n,) of pairs, which are the same in every step and on every rank.

@@ -130,8 +130,8 @@ def _box(box: Box) -> DrawnSurface:
         box: an obstacle of the scene, in its position at the start.
 
     Returns:
-        the 8 corners (8, 3) [m]; 12 triangles (12, 3), or none for a room; 12 edges (12, 2).  Both
-        are indices of corners.
+        the 8 corners (8, 3) [m]; 12 triangles (12, 3), or none for a room; 12 edges (12, 2).  The
+        last two are indices of corners.
     """
     axes = np.asarray(box.axes, dtype=float)
     half = np.asarray(box.sizes, dtype=float) / 2

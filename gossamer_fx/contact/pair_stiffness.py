@@ -82,14 +82,13 @@ class PairStiffness:
         v: Array,
         reference_speed: float,
     ) -> Array:
-        """Return the stiffness k [J] of pairs that begin to touch; collective.
+        """Return the stiffness k [J] of contact pairs that begin to touch; collective.
 
         A given stiffness that cannot stop the pairs is warned of once, in the log.
 
         Args:
             pairs: n pairs.
-            squared_distance: s (n,) of `closest_points` at x0: a square [m²], of planes a distance
-                [m].
+            squared_distance: of the closest points at x0 (n,) [m²]; of planes a distance [m].
             x0, v: points [m] and their velocities [m/s] (m, 3) at the start of the step.
             reference_speed: closing speed [m/s] that is assumed at least.
 
@@ -128,14 +127,15 @@ class PairStiffness:
         x0: Array,
         v: Array,
     ) -> Array:
-        """Return by how much the distances of pairs grow (n,) [m/s]; negative where they close.
+        """Return by how much the distances of contact pairs grow (n,) [m/s]; negative where they
+        close.
 
         It is a difference quotient over a thousandth of the step.
 
         Args:
             pairs: n pairs.
-            squared_distance: s (n,) of `closest_points` at x0: a square [m²], of planes a distance
-                [m], in rooms minus the squared distance from the middle.
+            squared_distance: of the closest points at x0 (n,) [m²]; of planes a distance [m], in
+                rooms minus the squared distance from the middle.
             x0, v: points [m] and their velocities [m/s], (m, 3).
         """
         duration = SHORT_TIME * self._system.h

@@ -147,7 +147,7 @@ def activate(
 
 
 def infinite_at_crossings(kind: ByteArray, width: Array, offset: Array) -> tuple[Array, Array]:
-    """Return width and offset of barriers that are infinite where edges cross.
+    """Return width and offset (n,) [m²] of barrier energies that are infinite where edges cross.
 
     Squared distances of edges are rounded, so that they are not zero at a crossing.  The energy
     begins at the same distance: offset + width is constant.
@@ -174,8 +174,8 @@ def pair_starts(
     Args:
         pairs: n pairs that take part in the step.
         x: points (m, 3) [m] at the start.
-        squared_distance, parameters: of `closest_points` there: s (n,) [m²], of planes [m], and (u,
-            v) (n, 2).
+        squared_distance: of the closest points there (n,) [m²], of planes [m].
+        parameters: (u, v) (n, 2) [-] of these points along the two sides.
 
     Returns:
         (n, 4): u, v [-], distance [m], squared distance with rounded edges [m²].  The distance of
@@ -254,7 +254,7 @@ def evaluate(
     known_state: ByteArray | None = None,
     push_back: float = PUSH_BACK,
 ) -> PairResponse:
-    """Compute forces and tangents of n contact pairs in a step from x0 to x1.
+    """Compute forces and tangents of n contact pairs in a step from points x0 to x1.
 
     Args:
         pairs: n pairs with the column `start` of their closest points; without it, these are

@@ -51,9 +51,10 @@ class StiffnessWarning:
         self.was_given = False
 
     def check(self, bodies: Int32Array, density: Array, speed: Array) -> None:
-        """Warn once, in the log, of the pair of all ranks that needs most stiffness; collective.
+        """Warn once, in the log, if the given stiffness cannot stop a contact pair; collective.
 
-        Nothing happens if all pairs are stopped, or if the warning was given before.
+        Of all ranks' pairs the one is named that needs most.  Nothing happens if all are stopped,
+        or if the warning was given before.
 
         Args:
             bodies: numbers (n, 2) of the bodies or obstacles of both sides.

@@ -138,7 +138,10 @@ class Ikaros(FoldMap):
         return _Tilted(**vars(self.pressed()))
 
     def place(self, X: Array, side: Array) -> Array:
-        """Return the folded positions of points of the flat sail.
+        """Return the folded positions of points of a flat sail of n trapezoids round a hub.
+
+        Each trapezoid is folded at its rows to a strip that stands on edge; the strip lies round
+        the hub and out along an arm, or its arms are wound round the hub, too.
 
         Args:
             X: points (n, 3) [m] of the flat sail, in the plane z = 0, centre at the origin.
@@ -183,8 +186,8 @@ class Ikaros(FoldMap):
         return wave
 
     def _corner(self, i: Array, layer: Array) -> Array:
-        """Return the line of a strip at whole columns, in a trapezoid whose middle is at (0,
-        -radius).
+        """Return where a folded strip has its corners on the hub and on a radial arm, seen from
+        above.
 
         Args:
             i: column of each point (n,), 0 in the middle of the trapezoid; up to `bends` on either
@@ -192,7 +195,7 @@ class Ikaros(FoldMap):
             layer: layers (n,) from the innermost one.
 
         Returns:
-            positions (n, 2) [m].
+            positions (n, 2) [m] in the frame of a trapezoid whose middle is at (0, -radius).
         """
         side = np.sign(i)
         far = np.maximum(np.abs(i) - self.bends, 0) * self.column
@@ -222,7 +225,7 @@ class Ikaros(FoldMap):
         return self.outer - self.bends
 
     def _rise(self, p: Array) -> Array:
-        """Return the height, in layers, of a strip that is wound round the hub.
+        """Return the height above the hub, in layers of film, of a strip that is wound round it.
 
         It lies on the hub at first, and leaves it to make room for the turns of the next trapezoid:
         a quarter of 2 `bends` columns on, it is above two halves of that.
@@ -253,7 +256,7 @@ class Ikaros(FoldMap):
         return float(highest)
 
     def _wound(self, i: Array, row: Array, back: npt.NDArray[np.bool_]) -> Array:
-        """Return the positions of columns of rows in the roll, for arms that are wound round the
+        """Return where columns of a folded strip are in the roll, if its arms are wound round the
         hub.
 
         The strip and its half that turned back lie above each other with their outer edges

@@ -141,7 +141,7 @@ class Miura(FoldMap):
         return np.stack([across, along, normal], axis=1)
 
     def place(self, X: Array, side: Array) -> Array:
-        """Return the folded positions of points of the flat sheet.
+        """Return the folded positions of points of a flat sheet of parallelograms, Miura's fold.
 
         Args:
             X: points (n, 3) [m] in the plane z = 0.

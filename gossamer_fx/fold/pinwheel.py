@@ -109,7 +109,8 @@ class Star(FoldMap):
         return _Open(self.n, self.side, columns=self.columns, reach=self.reach)
 
     def place(self, X: Array, side: Array) -> Array:
-        """Return the folded positions of points of the flat ring.
+        """Return the folded positions of points of a flat ring, whose pleats wind round a polygonal
+        hub.
 
         Args:
             X: points (n, 3) [m] in the plane z = 0, outside the polygon round the origin.
@@ -131,16 +132,16 @@ class Star(FoldMap):
         return np.column_stack([p, -down])
 
     def _unrolled(self, X: Array) -> tuple[Array, Array, Array, Array]:
-        """Return the coordinates of points in the sector of the polygon's corner that they belong
-        to.
+        """Return the coordinates of points of a ring in the sector of the polygon's corner that
+        they belong to.
 
         Args:
             X: points (n, 3) [m] of the flat ring.
 
         Returns:
-            the corner k, the distance s - k a [m] from it, the depth -z [m], and 1 behind the
-            bisector, else 0; each (n,).  Points within the hub's polygon have no coordinates: all
-            are NaN.
+            the corner k of the polygon with sides a, the distance s - k a [m] from it, the depth -z
+            [m], and 1 behind the bisector, else 0; each (n,).  Points within the hub's polygon have
+            no coordinates: all are NaN.
         """
         sector = 2 * math.pi / self.n
         apothem = self.side / 2 / math.tan(math.pi / self.n)
@@ -182,7 +183,8 @@ class Star(FoldMap):
         depth: Array,
         is_behind: Array,
     ) -> Array:
-        """Return positions on columns of the roll.
+        """Return where points on columns, lines across the pleats, are in the roll, seen from
+        above.
 
         Args:
             k: corner of the polygon of each point (n,).
@@ -217,7 +219,7 @@ class _Open(Star):
         return self
 
     def place(self, X: Array, side: Array) -> Array:
-        """Return positions (n, 3) [m] in a roll with layers `_ajar` apart.
+        """Return positions (n, 3) [m] in the same roll with layers apart, so that no fold is shut.
 
         Args:
             X: points (n, 3) [m] of the flat ring.

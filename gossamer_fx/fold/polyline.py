@@ -52,7 +52,8 @@ class Bent:
         return x, positions, tangents
 
     def at(self, x: Array) -> tuple[Array, Array]:
-        """Return where points of the straight line are on the bent one, and unit normals there.
+        """Return where points of a straight line are after it is bent at corners, and unit normals
+        there.
 
         Args:
             x: coordinates (n,) [m] on the straight line; beyond its ends the first and last piece
@@ -103,7 +104,8 @@ class Strip(FoldMap):
         raise NotImplementedError
 
     def place(self, X: Array, side: Array) -> Array:
-        """Return the folded positions of points of the flat strip.
+        """Return the folded positions of points of a flat strip that is bent across: an accordion
+        or a roll.
 
         Args:
             X: points (n, 3) [m] in the plane z = 0, x along the strip from 0 to `length`.

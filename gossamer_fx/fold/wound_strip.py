@@ -99,7 +99,8 @@ class Spiral(FoldMap):
         return _Open(**vars(self.pressed()))
 
     def place(self, X: Array, side: Array) -> Array:
-        """Return the folded positions of points of the flat strip.
+        """Return the folded positions of points of a flat strip: folded at its rows, and wound
+        round a hub.
 
         Args:
             X: points (n, 3) [m] in the plane z = 0, x along the strip, y across from 0 on.
@@ -120,7 +121,8 @@ class Spiral(FoldMap):
         return np.column_stack([p, z])
 
     def _corner(self, i: Array, layer: Array) -> Array:
-        """Return corners (n, 2) [m] of the wound strip at whole columns.
+        """Return corners (n, 2) [m] of the wound strip at whole columns, seen along the axis of the
+        hub.
 
         Args:
             i: column of each corner (n,), from the beginning of the strip.

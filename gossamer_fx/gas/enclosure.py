@@ -416,7 +416,8 @@ class _CompiledPiston:
     """A piston in a running scene; its volume is linear in the coordinates, so G is constant."""
 
     def __init__(self, piston: Piston, system: Assembly) -> None:
-        """Compute the gradient of the volume, A times the direction, in this rank's unknowns.
+        """Compute the gradient of a piston's volume, area times direction [m²], in this rank's
+        unknowns.
 
         Args:
             piston: area [m²], direction and the point that moves.

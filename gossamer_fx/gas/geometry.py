@@ -39,7 +39,8 @@ class Geometry:
     """
 
     def __init__(self, system: Assembly) -> None:
-        """Begin without rings, surfaces and pistons; enclosures and openings ask for theirs.
+        """Begin without rings, surfaces and pistons, which chambers and openings of the gas ask
+        for.
 
         Args:
             system: the equations of the scene, with the coordinates of its bodies.

@@ -90,6 +90,7 @@ class GasNetwork:
         chambers = [item for item in items if isinstance(item, Volume)]
         _check_chambers(chambers)
         self.gas = chambers[0].gas
+        # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
         self._alpha = system.rule.alpha
         self.geometry = Geometry(system)
         self.chambers = [
@@ -164,7 +165,7 @@ class GasNetwork:
         return self._stiffness(exponents[self._process])
 
     def _stiffness(self, exponent: float) -> list[tuple[Array, float]]:
-        """Return the stiffness of the gas against volume changes of each enclosure, for p
+        """Return the stiffness of the gas in each film or piston against volume changes, p
         V^exponent = const.
 
         Collective.
@@ -173,7 +174,7 @@ class GasNetwork:
             exponent: γ for an adiabatic change, 1 for an isothermal one, 0 for a constant pressure.
 
         Returns:
-            for each enclosure this rank's part of the gradient of its volume [m²], and κ = exponent
+            for each of them this rank's part of the gradient of its volume [m²], and κ = exponent
             p/V [Pa/m³]; empty for the exponent 0.
         """
         found = []
@@ -211,7 +212,7 @@ class GasNetwork:
         self._accepted_magnitude = self._magnitudes()
 
     def begin_step(self, h: float, t: float) -> Array:
-        """Start a step; the guess of y is the solution for bodies at rest: gas flows, and no film
+        """Start a step of the gas, and guess its unknowns y at the end: the solution if no film
         moves.
 
         Args:
@@ -242,8 +243,8 @@ class GasNetwork:
     def residual(self, y: Array) -> Array:
         """Return the scaled residual (2n,) [-] of the gas balance at the iterate.  Collective.
 
-        It solves the balance at the volumes of the iterate, and sets the pressures on the
-        enclosures.
+        It solves the balance at the volumes of the iterate, and sets the pressures on films and
+        pistons that enclose the chambers.
 
         Args:
             y: pressures [Pa] and masses [kg] that Newton's method for the bodies proposes (2n,).
@@ -268,8 +269,8 @@ class GasNetwork:
 
         Args:
             y: pressures [Pa] and masses [kg] that Newton's method for the bodies proposes (2n,);
-                they are returned if volumes or y are not positive numbers, or if no solution is
-                found.
+                they are returned if they or the volumes are not finite, a volume is not positive,
+                or no solution is found.
         """
         finite = np.isfinite(y).all() and np.isfinite(self.volumes + self.swept).all()
         if not (finite and (self.volumes > 0).all()):
@@ -326,6 +327,7 @@ class GasNetwork:
         swept_gradients = []
         for i, (k, enclosure) in enumerate(enclosures.items()):
             at_middle, of_volume, of_swept = enclosure.gradients()
+            # The pressure that acts has the weight α of the pressure at the end of the step.
             G[k] = -self._alpha * at_middle
             if self.balance.depends_on_swept_volume:
                 # ∂/∂W of p̄ W in the energy balance

@@ -76,7 +76,7 @@ class Edge(NamedTuple):
     end: tuple[float, ...]
 
     def reversed(self) -> Edge:
-        """Return the same edge in the opposite direction: first and last ends are exchanged."""
+        """Return the same edge of a film in the opposite direction: its two ends are exchanged."""
         return Edge(
             first_vertex=self.last_vertex,
             last_vertex=self.first_vertex,
@@ -114,7 +114,8 @@ class Ring:
         yield self.body
 
     def loop(self) -> Indices:
-        """The edges in the order of a walk around the ring, the same on every rank.  Collective.
+        """Return the edges of a closed line in the order of a walk around it, the same on every
+        rank.  Collective.
 
         Returns:
             An array (n, 5): for each edge its two end vertices, its two end nodes and the node
@@ -157,7 +158,8 @@ class Ring:
         return np.roll(numbers, -_lowest(starts), axis=0)
 
     def _own_edges(self) -> list[Edge]:
-        """Return the edges of the ring that this rank owns, in global numbers.
+        """Return the edges of a ring, a closed line of film edges, that this rank owns, in global
+        numbers.
 
         Raises:
             InputError: the mesh has no group of this name, or it is not one of curves.
@@ -217,6 +219,7 @@ class Loop:
         walk = ring.loop()
         order = ring.body.order
         self._system = system
+        # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
         self._alpha = system.rule.alpha
         self.vertices = walk[:, :2]
         nodes = walk[:, 2]
@@ -277,7 +280,7 @@ class Loop:
         self._test = at_points(N, across) * weights.reshape(-1, 1)
 
     def _strips_for_kernel(self, nodes: int) -> CStruct:
-        """Return the strips of the ring as the C structure `ring_strips`.
+        """Return the strips that close a ring of film edges as the C structure `ring_strips`.
 
         Args:
             nodes: number of the ring's nodes.
@@ -310,7 +313,7 @@ class Loop:
         )
 
     def _rows_for_kernel(self, strip: Indices, node: Indices) -> CStruct:
-        """Return the rows of the tangent that this rank adds as the C structure `ring_rows`.
+        """Return the rows of a ring's tangent that this rank adds as the C structure `ring_rows`.
 
         Args:
             strip: number of the strip of each row (n,).
@@ -390,7 +393,7 @@ class Loop:
         self._X0 = self._X1
 
     def products(self) -> Array:
-        """Return the ring's share of three volumes that surfaces sum up, (3,) [m³].
+        """Return the share of a ring, whose strips close a chamber, in three volumes, (3,) [m³].
 
         They are G(q1)·q1, three times its volume, G the gradient of the volume; the sum of the
         sizes of the terms of that, for round-off; and G(q̄)·(q1 - q0), the volume that it sweeps in
@@ -404,7 +407,8 @@ class Loop:
         return self._products
 
     def direction(self, vertices: Indices) -> Indices:
-        """Return in which direction the walk round the ring passes edges.
+        """Return in which direction the walk round a ring, a closed line of film edges, passes some
+        edges.
 
         Args:
             vertices: global numbers (m, 2) of the ends of each edge.
@@ -430,7 +434,7 @@ class Loop:
         start: int,
         G: Array,
     ) -> None:
-        """Add a gradient at the nodes of the ring to the unknowns that this rank owns.
+        """Add a gradient at the nodes of a ring of film edges to the unknowns that this rank owns.
 
         Args:
             values: the owned unknowns of the film, flattened; changed in place.

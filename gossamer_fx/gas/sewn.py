@@ -78,6 +78,7 @@ class SeamStrip:
             system: the equations of the scene, with the coordinates of the films.
         """
         self._system = system
+        # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
         self._alpha = system.rule.alpha
         self.volume = 0.0
         self.magnitude = 0.0
@@ -127,7 +128,8 @@ class SeamStrip:
         return edges, (begins - start) / width, (ends - start) / width
 
     def _tabulate(self, line_a: EdgeLine, line_b: EdgeLine, cuts: Array) -> None:
-        """Tabulate the shape functions of each segment at its quadrature points, (n, g, k).
+        """Tabulate the shape functions of a strip along a seam: n segments, g points, k nodes, (n,
+        g, k).
 
         Args:
             line_a, line_b: both edges of the seam.
@@ -167,6 +169,7 @@ class SeamStrip:
         self._X1 = self._gather(self._system.q1)[0]
         self._at_end = self._gradient(self._X1)
         self._at_mid = self._at_end
+        # With the weight α = 1 of the end, forces act at q1; else in the middle of the step.
         if self._alpha != 1.0:
             self._at_mid = self._gradient(self._middle())
         terms = self._at_end * self._X1
@@ -193,6 +196,7 @@ class SeamStrip:
             volume W.
         """
         of_swept = self._at_end
+        # Forces act in the middle of the step unless the weight α of its end is 1.
         if self._alpha != 1.0:
             change = self._at_end - self._initial_gradient
             of_swept = self._at_mid + self._alpha * change
@@ -310,7 +314,7 @@ class SewnEnclosure:
     def _orient(
         self, lines: Sequence[tuple[EdgeLine, EdgeLine]]
     ) -> tuple[list[float], list[float]]:
-        """Return the signs of the films and of the strips with which all normals agree.
+        """Return the signs of sewn films, and of strips along seams, with which all normals agree.
         Collective.
 
         Args:
@@ -321,7 +325,7 @@ class SewnEnclosure:
 
         Raises:
             InputError: no seam joins a film to the others, normals change sides across a seam, or
-                what `_directions` refuses.
+                the surface is open.
         """
         passed = self._directions(lines)
         numbers = {id(film): k for k, film in enumerate(self.films)}

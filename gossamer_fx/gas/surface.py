@@ -79,7 +79,7 @@ class FilmSurface:
     """
 
     def __init__(self, film: Membrane, system: Assembly) -> None:
-        """Prepare a surface without chambers; those that it bounds are added one by one.
+        """Prepare the surface of a film that bounds chambers of gas, which are added one by one.
 
         Args:
             film: the film.
@@ -93,6 +93,7 @@ class FilmSurface:
         # The owned unknowns of the film in this rank's part of a system vector
         self._owned = system.block(film).owned
         self._local_size = system.numbering.size_local
+        # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
         self._alpha = system.rule.alpha
         self._form: fem.Form | None = None
         # Owned parts of G_c(q̄) and G_c(q1) of the present iterate, once they were asked for, by
@@ -147,7 +148,8 @@ class FilmSurface:
         self._initial_volume: Array = np.zeros(len(self._sides))
 
     def _restriction(self) -> dict[str, Any]:
-        """Return arguments of a UFL measure on the triangles of all chambers.  Collective.
+        """Return arguments of a UFL measure on the triangles that bound the chambers of a film.
+        Collective.
 
         Returns:
             `subdomain_data` and `subdomain_id`; empty if the chambers use the whole film.
@@ -246,7 +248,8 @@ class FilmSurface:
         return slice(self._starts[c], self._starts[c + 1])
 
     def _gradient(self, share: float) -> Array:
-        """Return the gradient of volume from this rank's triangles, at the nodes of each chamber.
+        """Return the gradient of enclosed volumes from this rank's triangles, at the nodes of each
+        chamber.
 
         Args:
             share: of the end q1 in the positions (1 - share) q0 + share q1 [-].
@@ -323,7 +326,7 @@ class FilmSurface:
         G: Array,
         of_loops: list[Array],
     ) -> Array:
-        """Return the sum over all ranks of a gradient on the triangles of a chamber and on its
+        """Return the sum over all ranks of a volume's gradient on triangles of a chamber and on its
         rings.
 
         Collective.

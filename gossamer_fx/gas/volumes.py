@@ -250,7 +250,8 @@ def _enclosure(
         chamber: name of the chamber, for messages.
 
     Raises:
-        InputError: seams are given with surface, rings, or without films.
+        InputError: seams are given with surface, rings, or without films; several films without
+            seams; a ring is on another film.
     """
     if isinstance(enclosure, Membrane) and not seams:
         return FilmEnclosure(enclosure, surface, rings, chamber)

@@ -115,7 +115,8 @@ class AttachedLoads(
         Returns:
             for each term (n, 3k) [N]: n masses with k vectors each.
         """
-        # Where all forces of the step act; linear in X, so the work of the step is exact.
+        # Where all forces of the step act: at (1 - α) X0 + α X1 of the vectors X at its ends.  The
+        # force is linear in X, so the work of the step is exact.
         α = self._system.rule.alpha
         found = []
         X1_of_all = self._vectors(self._system.q1)

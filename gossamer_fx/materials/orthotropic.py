@@ -520,9 +520,10 @@ def _turned(t: tuple[Expr, Expr], step: Expr) -> tuple[Expr, Expr]:
 
 
 def _tension_direction(e: Expr, c: Any) -> tuple[Expr, Expr]:
-    """The direction t of tension of wrinkled film, which maximises e_tt²/F_tt with e_tt > 0.
+    """The direction t of tension of wrinkled film, which maximises e_tt²/F_tt.
 
-    The angle is found about the best one of a grid, by bracketed steps of Newton.
+    e_tt > 0 is the strain along t, F_tt the compliance [m/N] along t.  The angle is found about the
+    best one of a grid, by bracketed steps of Newton.
 
     Args:
         e: strain (E11, E22, 2 E12) [-] in the axes of the law, without variables of UFL.

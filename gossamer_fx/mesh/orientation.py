@@ -111,7 +111,7 @@ def oriented(raw: RawMesh) -> RawMesh:
 def _sums(
     triangles: Array, surface: Integers, turned: npt.NDArray[np.bool_], surfaces: int
 ) -> _Sums:
-    """Volumes and areas of surfaces.
+    """Return signed volumes [m³] and areas [m²] of surfaces.
 
     Args:
         triangles: corners (n, 3, 3) [m].

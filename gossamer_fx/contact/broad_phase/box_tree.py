@@ -71,7 +71,8 @@ class BoxTree:
         in_tree: bool = False,
         expected: int = 0,
     ) -> Int32Array:
-        """Return the pairs of another primitive and one of the tree whose boxes overlap.
+        """Return the pairs of another primitive (vertex, edge or triangle) and one of the tree
+        whose boxes overlap.
 
         Primitives with a label in common, which are connected, and those that are both fixed form
         no pair.
@@ -109,7 +110,8 @@ class BoxTree:
 
 
 def _query(primitives: FilteredPrimitives, which: Int32Array, in_tree: bool) -> CStruct:
-    """Return the C structure of the primitives whose overlaps are asked for.
+    """Return the C structure of the primitives, vertices, edges or triangles, whose overlaps are
+    asked for.
 
     Args:
         primitives: n primitives with boxes (n, 6) [m].

@@ -74,8 +74,8 @@ class CandidateSearch:
         self._age += 1
 
     def find_at_rest(self, read: Callable[[], Array], time: float) -> None:
-        """Find the pairs that are within the activation distance of points that do not move;
-        collective.
+        """Find the contact pairs whose gap is within the activation distance, for points that do
+        not move; collective.
 
         Args:
             read: returns the points (m, 3) [m] of the contact as they are when it is called: a
@@ -91,8 +91,8 @@ class CandidateSearch:
         self._find(at_rest)
 
     def find(self, read: Callable[[], StepPoints], time: float, step: float) -> None:
-        """Find the pairs that can come within the activation distance in the next steps;
-        collective.
+        """Find the contact pairs whose gap can fall below the activation distance in the next
+        steps; collective.
 
         Args:
             read: returns points, velocities and expected end of the step, as they are when it is
@@ -162,7 +162,8 @@ class CandidateSearch:
         return TrajectoryBounds(drift, x, velocities, margin, duration)
 
     def _find(self, bounds_of_mesh: Callable[[], TrajectoryBounds]) -> None:
-        """Find the candidates within bounds; collective.
+        """Find the candidates, contact pairs that can come near while points stay within bounds;
+        collective.
 
         On several ranks, facets of other ranks that may come near are fetched first.
 
@@ -194,7 +195,7 @@ def searched_boxes(
     Args:
         mesh: with the radii of the m points.
         bounds: of their trajectories.
-        activation_distance: gap [m].
+        activation_distance: gap [m] below which pairs have energy.
 
     Returns:
         least and greatest coordinates (m, 3) [m] of each point, without the rigid drift of all.
@@ -210,7 +211,8 @@ def find_candidates(
     activation_distance: float,
     expected: tuple[int, int] = (0, 0),
 ) -> tuple[CandidatePairs, tuple[int, int]]:
-    """Return this rank's pairs whose gap can be below a distance [m] within the bounds.
+    """Return this rank's contact pairs whose gap can fall below a distance while points stay within
+    bounds.
 
     1. Boxes of primitives, with half of the distance and their radius around them, overlap.
     2. The gap at the beginning, less what the pair can come closer, is below the distance.
@@ -221,7 +223,7 @@ def find_candidates(
     Args:
         mesh: the points, edges and triangles that may touch.
         bounds: of the trajectories of the points in the next steps.
-        activation_distance: gap [m].
+        activation_distance: gap [m] below which pairs have energy.
         expected: numbers of triangle pairs and edge pairs that step 1 will find; zero: not known.
 
     Returns:
@@ -260,12 +262,16 @@ def find_candidates(
 
 
 def nearest_gaps(pairs: CandidatePairs, gap: Array, mesh: CollisionMesh) -> Array:
-    """Return the gap (m,) [m] of each point of a mesh to what is nearest on any rank; collective.
+    """Return the gap (m,) [m] of each point of a contact to what is nearest on any rank;
+    collective.
 
     Args:
-        pairs: the candidates of this rank.
+        pairs: the n candidates of this rank, contact pairs that may come near.
         gap: of the candidates (n,) [m]; infinite ones are left out.
         mesh: with m points.
+
+    Returns:
+        gaps (m,), infinite for points without a pair.
     """
     nearest = np.full(mesh.points.count, np.inf)
     rows = np.isfinite(gap)

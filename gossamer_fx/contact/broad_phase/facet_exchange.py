@@ -62,8 +62,8 @@ class SearchRegions:
 
         Args:
             comm: the ranks.
-            boxes: least, then greatest coordinates (n, 6) [m] of the primitives for which this rank
-                searches.
+            boxes: least, then greatest coordinates (n, 6) [m] of the primitives (vertices or edges)
+                for which this rank searches.
         """
         of_ranks = comm.allgather(group_boxes(boxes))
         # What is near this rank's own region needs no sending.
@@ -73,7 +73,7 @@ class SearchRegions:
         self._boxes = np.ascontiguousarray(np.concatenate(of_ranks))
 
     def destinations(self, boxes: Array) -> tuple[Int64Array, Int64Array]:
-        """Return where to send primitives: to the ranks that search near them.
+        """Return where to send primitives (edges or triangles): to the ranks that search near them.
 
         Args:
             boxes: of this rank's primitives, least, then greatest coordinates (n, 6) [m].
@@ -93,7 +93,8 @@ class SearchRegions:
 
 
 def _unfiltered(boxes: Array, first_label: int) -> FilteredPrimitives:
-    """Return primitives that are connected to nothing and not fixed: each has a label for itself.
+    """Return primitives (boxes) that are connected to nothing and not fixed: each has a label for
+    itself.
 
     Args:
         boxes: least, then greatest coordinates (n, 6) [m].
@@ -114,12 +115,14 @@ def _unfiltered(boxes: Array, first_label: int) -> FilteredPrimitives:
 
 
 def import_facets(mesh: CollisionMesh, lower: Array, upper: Array) -> None:
-    """Let a mesh know the facets of other ranks that may come near its own; collective.
+    """Let this rank know the edges and triangles of other ranks that may come near its own;
+    collective.
 
-    After it the points of the mesh are other ones: its own, and those of the facets of other ranks.
+    After it the points of the mesh are other ones, with other numbers: its own, and those of what
+    it has received.
 
     Args:
-        mesh: of which this rank knows at least its own facets.
+        mesh: bodies and obstacles of a contact; it is changed.
         lower, upper: least and greatest coordinates (m, 3) [m] of its points, within which pairs
             shall be found.
     """

@@ -32,10 +32,10 @@ def find_overlaps(
     edges: Int32Array,
     expected: tuple[int, int] = (0, 0),
 ) -> OverlappingPairs:
-    """Return all pairs of primitives whose boxes overlap and that the collision filter lets
-    through.
+    """Return all pairs of vertex and triangle, or of two edges, whose boxes overlap and that may
+    touch.
 
-    The filter leaves out pairs that are connected: by a shared point, a tie or a joint.
+    Pairs that are connected, by a shared point, a tie or a joint, are left out.
 
     Args:
         surface: all vertices, edges and triangles that may touch.

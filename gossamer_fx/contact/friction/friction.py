@@ -270,7 +270,7 @@ class Friction:
 
 
 def _towards_body(pairs: ActivePairs, weights: Array, x0: Array) -> Array:
-    """Return a vector from each pair's obstacle towards its body, of any length.
+    """Return a vector from the obstacle of each contact pair towards its body, of any length.
 
     Args:
         pairs: n active pairs with an obstacle.

@@ -45,7 +45,7 @@ class TiedLabels:
 
     def labels_of(self, numbers: Int64Array) -> Int64Array:
         """Return the labels of points; two points with one in common are connected and form no
-        pair.
+        contact pair.
 
         Args:
             numbers: of the points (m,), the same on all ranks.

@@ -141,7 +141,7 @@ class CollisionMesh:
     # ---- what this rank knows ----
 
     def show(self, known: SurfaceTables) -> None:
-        """Set the primitives of bodies that this rank knows; collective.
+        """Set the points, edges and triangles of bodies that this rank knows; collective.
 
         It computes areas [m²], radii [m], owners and labels of all points, edges and triangles, and
         numbers the points: first those of bodies, then those of all obstacles.
@@ -272,7 +272,7 @@ class CollisionMesh:
     # ---- identifiers of pairs ----
 
     def identifiers(self, kind: ByteArray, primitives: Int64Array) -> Int64Array:
-        """Return numbers of pairs that are the same on every rank and in every search.
+        """Return numbers of contact pairs that are the same on every rank and in every search.
 
         History variables, such as the stiffness of a pair, are found by them.
 
@@ -316,13 +316,14 @@ class CollisionMesh:
     # ---- pairs with walls, which need no search ----
 
     def wall_pairs(self) -> tuple[ByteArray, Int32Array, Int64Array, Array]:
-        """Return pairs of this rank's points of bodies and all walls, which need no search.
+        """Return contact pairs of this rank's points of bodies and all walls, which need no search.
 
         A wall is a plane or the inside of a room.
 
         Returns:
-            kind (n,), points (n, 4), identifier (n,), and radius of the sphere or cylinder (n,)
-            [m], which is zero for planes.
+            kind (n,), a `PairKind`; points (n, 4), that of the body and three that describe the
+            wall; identifier (n,); and radius of the sphere or cylinder (n,) [m], which is zero for
+            planes.
         """
         vertices = self.surface.vertices[self._wall_vertices]
         count = len(vertices)
@@ -430,7 +431,7 @@ def _dealt(count: int, comm: MPI.Intracomm) -> Int64Array:
 
 
 def _numbers(indices: Int64Array, of_bodies: SurfacePrimitives, count: int) -> Int64Array:
-    """Return the numbers of primitives over all ranks.
+    """Return the numbers over all ranks of primitives: points, edges or triangles.
 
     Args:
         indices: (n,) among the primitives that this rank knows, those of obstacles last.

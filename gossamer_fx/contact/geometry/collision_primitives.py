@@ -48,7 +48,8 @@ class CollisionPrimitives:
     labels: Int32Array | None = None
 
     def filtered(self, primitives: Int32Array, lower: Array, upper: Array) -> FilteredPrimitives:
-        """Return primitives of one kind with their boxes and with what forms no pairs with them.
+        """Return vertices, edges or triangles with their boxes and with what forms no pairs with
+        them.
 
         Args:
             primitives: points of vertices (n, 1), edges (n, 2) or triangles (n, 3), as numbers of
@@ -66,7 +67,7 @@ class CollisionPrimitives:
         return FilteredPrimitives(boxes, self._labels_of(primitives), is_fixed)
 
     def _labels_of(self, primitives: Int32Array) -> Int32Array:
-        """Return the labels (n, l) of primitives: those of all their points.
+        """Return the labels (n, l) of vertices, edges or triangles: those of all their points.
 
         Two primitives with a label in common are connected and form no pair.
 

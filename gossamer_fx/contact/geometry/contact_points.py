@@ -143,7 +143,8 @@ class ContactPoints:
         self._are_block_rows = not self._of_obstacles.rows
 
     def set_nodes(self, body: Int64Array, node: Int64Array) -> None:
-        """Let the first n points be some nodes of bodies; collective.
+        """Let the first n points of a contact be some nodes of bodies; points of obstacles follow.
+        Collective.
 
         It also sets the map x = W q + c(t) from block rows q, vectors of three unknowns, to points
         x.
@@ -178,7 +179,7 @@ class ContactPoints:
         return csr_matrix((values, (rows, columns)), shape=(self.count, len(self.first_dof)))
 
     def at(self, q: PETSc.Vec, time: float) -> Array:
-        """Return the points for given coordinates of the system at a time; collective.
+        """Return the points of a contact for given coordinates of the system at a time; collective.
 
         Args:
             q: coordinates of the whole system.
@@ -203,8 +204,8 @@ class ContactPoints:
         return np.ascontiguousarray(x)
 
     def rates(self, v: PETSc.Vec, time: float, step: float) -> Array:
-        """Return the velocities (m, 3) [m/s] of the points for given rates of the coordinates;
-        collective.
+        """Return the velocities (m, 3) [m/s] of the points of a contact for rates of the
+        coordinates; collective.
 
         Args:
             v: rates of the coordinates of the whole system.
@@ -250,7 +251,9 @@ class ContactPoints:
         return self._gather(q)[0]
 
     def add(self, force: Array, r: PETSc.Vec) -> None:
-        """Add the forces on points to a vector of the system, as Wᵀ force; collective.
+        """Add the forces on points of a contact to a vector of the system, as Wᵀ force; collective.
+
+        W are the weights of the unknowns in the points.
 
         Args:
             force: (m, 3) [N], this rank's share.
@@ -268,7 +271,8 @@ class ContactPoints:
         self._gather.add(on_block_rows, r)
 
     def block_rows_of(self, points: Int32Array) -> tuple[Int64Array, Array]:
-        """Return the block rows, vectors of three unknowns, that move the points of pairs, and how.
+        """Return the block rows, vectors of three unknowns, that move the points of contact pairs,
+        and how.
 
         Args:
             points: numbers (n, 4) of the points of n pairs.

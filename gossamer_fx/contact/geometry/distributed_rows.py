@@ -28,7 +28,7 @@ class DistributedRows:
     """
 
     def __init__(self, comm: MPI.Intracomm, rows: Int64Array, bound: int) -> None:
-        """Number the rows of all ranks; collective.
+        """Number the distinct rows of integers of all ranks in lexicographic order; collective.
 
         Args:
             comm: the ranks.
@@ -59,7 +59,8 @@ class DistributedRows:
         self.owners: Int64Array = self._exchange.answer(owner[self._row_of])
 
     def sums(self, values: Array) -> Array:
-        """Return for each row the sum of the values that all ranks have for it; collective.
+        """Return for each row of integers the sum of the values that all ranks have for it;
+        collective.
 
         Args:
             values: (n,), one for each row of this rank.

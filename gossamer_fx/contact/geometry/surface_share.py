@@ -39,7 +39,8 @@ class SurfacePrimitives:
         return len(self.number)
 
     def received(self, which: Int64Array, exchange: RankExchange) -> Self:
-        """Return the rows that other ranks send to this one; collective.
+        """Return a table of the points, edges or triangles that other ranks send to this one;
+        collective.
 
         Args:
             which: indices (k,) of the rows that this rank sends.
@@ -51,7 +52,8 @@ class SurfacePrimitives:
         )
 
     def united(self, *others: Self) -> Self:
-        """Return the rows of all tables, each number once, ascending.
+        """Return a table with the rows of all tables of points, edges or triangles, each once, by
+        number.
 
         Args:
             others: tables of the same kind; rows with the same number are equal.

@@ -31,10 +31,11 @@ def find_violations(
     approach: Array,
     among: MaskArray,
 ) -> np.ndarray:
-    """Return the rows of candidates that do not keep a tenth of their gap from x0 to x1.
+    """Return the contact pairs that do not keep a tenth of their gap from x0 to x1.
 
     Args:
-        candidates: n pairs; walls are left out, since a point cannot get around them.
+        candidates: n pairs; those of a point and a wall are left out, since a point cannot get
+            around them.
         x0, x1: points (m, 3) [m] at the start and at the end; they move on straight lines.
         gap: at the start (n,) [m].
         activation_distance: gap (n,) [m] below which each pair has energy; a tenth of it is kept
@@ -65,13 +66,13 @@ def find_violations(
 def find_collisions(
     pairs: PairTable, x0: Array, x1: Array, radius: Array, gap: Array, min_gap: Array
 ) -> np.ndarray:
-    """Return the rows of pairs that come nearer than their least gap on the way, or may.
+    """Return the contact pairs that come nearer than their least gap on the way, or may.
 
     Additive continuous collision detection: Li, Kaufman & Jiang, "Codimensional incremental
     potential contact", ACM Trans. Graph. 40 (2021) 170, section 4, doi:10.1145/3450626.3459767.
 
     Args:
-        pairs: n pairs without walls.
+        pairs: n pairs of a point and a triangle, or of two edges.
         x0, x1: points (m, 3) [m] at the start and at the end; they move on straight lines.
         radius: of both sides together (n,) [m].
         gap: distances less the radii at x0 (n,) [m].

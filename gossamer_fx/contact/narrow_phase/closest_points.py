@@ -20,13 +20,13 @@ from gossamer_fx.contact.pair_table import CandidatePairs, PairTable, is_room, i
 
 
 def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
-    """Return the squared distances of pairs, and the parameters of their closest points.
+    """Return the squared distances of contact pairs, and the parameters of their closest points.
 
     The closest points of two edges are at u and v of their lengths; the one on a triangle is corner
     0 + u (corner 1 - corner 0) + v (corner 2 - corner 0).  Walls have no parameters: zeros.
 
     Args:
-        pairs: n pairs with the numbers of their points.
+        pairs: n pairs: a point and a triangle, two edges, or a point and a wall.
         x: points (m, 3) [m].
 
     Returns:
@@ -50,10 +50,10 @@ def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
 
 
 def approach_bounds(pairs: PairTable, x0: Array, x1: Array, margin: Array | None = None) -> Array:
-    """Return by how much pairs can come closer on straight lines, at most.
+    """Return by how much contact pairs can come closer on straight lines, at most.
 
     Args:
-        pairs: n pairs with the numbers of their points.
+        pairs: n pairs: a point and a triangle, two edges, or a point and a wall.
         x0, x1: points (m, 3) [m] at the start and at the end.
         margin: distance (m,) [m] from x1 within which points may end; None: they end at x1.
 
@@ -77,7 +77,7 @@ def approach_bounds(pairs: PairTable, x0: Array, x1: Array, margin: Array | None
 
 
 def gaps_of(kind: ByteArray, squared_distance: Array, radius: Array, wall_radius: Array) -> Array:
-    """Return the gaps (n,) [m] of pairs: their distance less the radii of both sides.
+    """Return the gaps (n,) [m] of contact pairs: their distance less the radii of both sides.
 
     Args:
         kind: values (n,) of `PairKind`.
@@ -128,7 +128,7 @@ class PairDistances:
         return found
 
     def make_exact(self, rows: Any) -> None:
-        """Replace the lower bounds of the gaps of some pairs by the gaps.
+        """Compute the gaps [m] of some contact pairs, of which lower bounds were known.
 
         Args:
             rows: which pairs, as indices, a mask (n,) or a slice.
@@ -143,13 +143,14 @@ class PairDistances:
         )
 
     def closest_points(self, rows: MaskArray) -> tuple[Array, Array]:
-        """Return squared distance and parameters of the closest points of some pairs.
+        """Return squared distance and parameters of the closest points of some contact pairs.
 
         Args:
             rows: mask (n,) of the pairs, k of which are asked for.
 
         Returns:
-            s (k,) and (u, v) (k, 2), see the function `closest_points`.
+            squared distance (k,) [m²], of planes a distance [m]; and (u, v) (k, 2) [-] along the
+            two sides.
         """
         missing = np.flatnonzero(rows & ~self._is_known)
         if len(missing):

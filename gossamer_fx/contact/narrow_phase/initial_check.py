@@ -57,10 +57,10 @@ def refuse_coincident(
     collective.
 
     Args:
-        mesh: with m points.
+        mesh: bodies and obstacles of a contact, with m points.
         x: points (m, 3) [m].
         nearest: gap (m,) [m] of each point to what is nearest on any rank.
-        activation_distance: [m].
+        activation_distance: gap [m] at which contact begins; a millionth of it counts as none.
 
     Raises:
         InputError: names a body, the number of such points and the first of them.

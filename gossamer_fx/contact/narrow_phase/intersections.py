@@ -26,7 +26,7 @@ UNSURE = 2
 def find_intersections(
     surface: CollisionPrimitives, x: Array, edges: Int32Array | None = None
 ) -> Int32Array:
-    """Return pairs of an edge and a triangle that intersect and are not connected.
+    """Return the pairs of an edge and a triangle that intersect and are not connected.
 
     Signs that round-off makes uncertain are computed again in exact fractions.
 

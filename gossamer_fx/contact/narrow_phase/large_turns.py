@@ -104,7 +104,7 @@ class LargeTurns:
         """Report which body turns too far past which other one in a step; collective.
 
         Args:
-            distances: of the candidate pairs at the start of the step.
+            distances: gaps of the contact pairs that may touch, at the start of the step.
             x1: points (m, 3) [m] at its end.
 
         Returns:
@@ -186,7 +186,7 @@ class LargeTurns:
             one: number of what turns, bodies first, then obstacles.
             other: number of the other one; one of both is a body on a mesh.
             turn: of `one`.
-            distances: of the candidate pairs at the start of the step.
+            distances: gaps of the contact pairs that may touch, at the start of the step.
             x1: points (m, 3) [m] at its end.
         """
         touching = min(one, other)  # a body on a mesh
@@ -242,7 +242,7 @@ class LargeTurns:
         Args:
             body: number of the body.
             obstacle: number of the obstacle, which follow the bodies.
-            distances: of the candidate pairs at the start of the step.
+            distances: gaps of the contact pairs that may touch, at the start of the step.
 
         Returns:
             the gap on all ranks; infinite if the obstacle has no walls.
