@@ -256,8 +256,8 @@ class EliminatedJoints:
         Args:
             pc: PETSc's preconditioner; not used.
             r: residual of all unknowns, forces [N] and violations of constraints [m or 1].
-            z: correction of all unknowns [m, or N for multipliers]; NaN if the factorisation failed,
-                so that the Krylov iteration ends.
+            z: correction of all unknowns [m, or N for multipliers]; NaN if the factorisation
+                failed, so that the Krylov iteration ends.
         """
         self._applications += 1
         if self.problem:
