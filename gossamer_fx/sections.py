@@ -80,8 +80,21 @@ def _of_shape(
     J: float,
     k: float,
 ) -> Section:
-    """The section of a shape with area A [m²], second moments I2, I3 and torsion constant J [m⁴],
-    shear factor k."""
+    """The section of a homogeneous beam of a shape.
+
+    Args:
+        E: Young's modulus [Pa].
+        nu: Poisson's ratio.
+        density: [kg/m³].
+        A: area [m²].
+        I2: second moment ∫X2² dA [m⁴].
+        I3: second moment ∫X3² dA [m⁴].
+        J: torsion constant [m⁴].
+        k: shear coefficient, dimensionless.
+
+    Raises:
+        InputError: nu is not in (-1, 0.5].
+    """
     check(-1 < nu <= 0.5, f"Section: nu is {nu!r}; Poisson's ratio lies in (-1, 0.5].")
     G = E / (2 * (1 + nu))
     return Section(
@@ -112,6 +125,9 @@ def solid_circle(
         E: Young's modulus [Pa].
         nu: Poisson's ratio.
         density: [kg/m³].
+
+    Raises:
+        InputError: a value is not positive, or nu is not in (-1, 0.5].
 
     Example:
         >>> section = gx.sections.solid_circle(0.01, E=70e9, nu=0.33, density=2700.0)
@@ -146,7 +162,8 @@ def tube(
         density: [kg/m³].
 
     Raises:
-        InputError: the wall is thicker than the radius, or a value is not positive.
+        InputError: the wall is thicker than the radius, a value is not positive, or nu is not in
+            (-1, 0.5].
 
     Example:
         >>> section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
@@ -180,8 +197,8 @@ def rectangle(
 ) -> Section:
     """Rectangular section; shear coefficient 10(1+ν)/(12+11ν) (Cowper 1966).
 
-    Its torsion constant is J = a b³ (1/3 - 64 b/(π⁵ a) Σ tanh(nπa/(2b))/n⁵), odd n, a ≥ b
-    (Saint-Venant's series; Timoshenko & Goodier, Theory of Elasticity, § 109).
+    Its torsion constant is J = a b³ (1/3 - 64 b/(π⁵ a) Σ tanh(nπa/(2b))/n⁵), odd n, with the sides
+    a ≥ b (Saint-Venant's series; Timoshenko & Goodier, Theory of Elasticity, § 109).
 
     Args:
         width2: along d2 [m].
@@ -189,6 +206,9 @@ def rectangle(
         E: Young's modulus [Pa].
         nu: Poisson's ratio.
         density: [kg/m³].
+
+    Raises:
+        InputError: a value is not positive, or nu is not in (-1, 0.5].
 
     Example:
         >>> section = gx.sections.rectangle(0.02, 0.01, E=70e9, nu=0.33, density=2700.0)

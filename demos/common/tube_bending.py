@@ -14,12 +14,20 @@ the tip balances that of the wall.  So
     EI y''(x) = F (L - x)
 
 holds away from the flat ends, also if shear makes y' larger by a constant; EI follows from a
-least-squares fit of the deflection of the sections in between.
+least-squares fit of the deflection of the sections in between.  There must be enough of them: with
+diameters of 30 mm, 8 and 12 cells give EI within 1.2 % of the closed form on a tube of 250 mm, but
+0.75 and 0.40 N m² for 0.67 on one of 160 mm, of which 40 mm are left.
+
+A short tube is described by the stiffness F/y(L) of its tip.  It is that of the flat end, at which
+the tube turns like at a hinge whose moment comes from the pressure: 6 N/m at 160 mm, where a
+cantilever of the stiffness EI has 490 N/m.  It is 19 % less with 12 cells than with 8; the ratio of
+two designs changes by 1.4 %.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
@@ -47,7 +55,38 @@ def straight_stiffness(law: IsotropicFilm, diameter: float, pressure: float) -> 
     return film * math.pi * inflated**3
 
 
-def bending_stiffness(
+@dataclass(frozen=True)
+class BentTube:
+    """A tube under a force at its tip, by its sections from the inlet to the tip.
+
+    Attributes:
+        x: positions along the tube (n,) [m].
+        deflection: displacements of the sections by the force (n,) [m].
+        force: at the tip [N].
+        diameter: of the specimen [m].
+    """
+
+    x: Array
+    deflection: Array
+    force: float
+    diameter: float
+
+    @property
+    def bending_stiffness(self) -> float:
+        """EI [N m²], of the sections away from the flat ends."""
+        margin = END_DIAMETERS * self.diameter
+        middle = (self.x > margin) & (self.x < self.x[-1] - margin)
+        return _fitted_stiffness(
+            self.x[middle], self.deflection[middle], self.force, float(self.x[-1])
+        )
+
+    @property
+    def tip_stiffness(self) -> float:
+        """Force over the deflection of the tip [N/m]."""
+        return self.force / float(self.deflection[-1])
+
+
+def bent_tube(
     comm: MPI.Comm,
     law: IsotropicFilm,
     length: float,
@@ -57,8 +96,8 @@ def bending_stiffness(
     cells: int = 8,
     creases: dict[str, float] | None = None,
     angle: float = 1.4,
-) -> float:
-    """EI [N m²] of a deployed tube.
+) -> BentTube:
+    """Bend a deployed tube.
 
     Args:
         law: of the film, as drawn.
@@ -135,9 +174,7 @@ def bending_stiffness(
         sections.append(_axis(film, equilibrium))
     x, straight = sections[0]
     _, bent = sections[1]
-    margin = END_DIAMETERS * diameter
-    middle = (x > margin) & (x < x[-1] - margin)
-    return _fitted_stiffness(x[middle], (bent - straight)[middle], force, float(x[-1]))
+    return BentTube(x, bent - straight, force, diameter)
 
 
 def _axis(film: gx.Membrane, equilibrium: gx.Equilibrium) -> tuple[Array, Array]:

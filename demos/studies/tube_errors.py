@@ -24,7 +24,7 @@ import numpy as np
 from mpi4py import MPI
 
 from demos.common.manufacturing import Scatter, draw_specimen
-from demos.common.tube_bending import bending_stiffness, straight_stiffness
+from demos.common.tube_bending import bent_tube, straight_stiffness
 from demos.folded_tube import SCATTER
 from demos.studies.engine.study import Measure, Study
 from gossamer_fx.presets.films import KAPTON_HN
@@ -61,19 +61,18 @@ def problem(comm: MPI.Comm, errors: str, cells: int) -> Mapping[str, float]:
     for seed in seeds:
         specimen = draw_specimen(seed, PANELS, scatter_of(errors))
         law = KAPTON_HN.law(THICKNESS, residual_stiffness=1e-6)
-        found.append(
-            bending_stiffness(
-                comm,
-                law,
-                length=LENGTH,
-                diameter=DIAMETER,
-                pressure=PRESSURE,
-                specimen=specimen,
-                cells=cells,
-                creases=creases,
-                angle=ANGLE,
-            )
+        bent = bent_tube(
+            comm,
+            law,
+            length=LENGTH,
+            diameter=DIAMETER,
+            pressure=PRESSURE,
+            specimen=specimen,
+            cells=cells,
+            creases=creases,
+            angle=ANGLE,
         )
+        found.append(bent.bending_stiffness)
         middle = THICKNESS * specimen.thickness_ratios[PANELS // 2]
         film = KAPTON_HN.law(middle)
         closed.append(straight_stiffness(film, DIAMETER * specimen.diameter_ratio, PRESSURE))

@@ -48,7 +48,7 @@ from typing import Any, Literal
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.analysis.remedies import remedies
+from gossamer_fx.analysis.remedies import collapsing_pressures, remedies
 from gossamer_fx.analysis.rigid_motions import free_motions
 from gossamer_fx.analysis.search_progress import SearchProgress, SearchState
 from gossamer_fx.checks.arguments import check_arguments
@@ -331,6 +331,7 @@ class Equilibrium:
         self.system.q0.copy(self._start)
         if self.system.active_sets:
             self._announce_load(at)
+        self._warn_of_inward_normals(at)
         self._progress = SearchProgress(self.comm, self.system.numbering.size, progress)
         try:
             with Listener() as signals:
@@ -552,6 +553,16 @@ class Equilibrium:
                 "not converge, as in slack film or at a limit load; shape and modes of such parts "
                 "are not unique."
             )
+
+    def _warn_of_inward_normals(self, at: float) -> None:
+        """Warn of films that a pressure of time `at` [s] turns inside out.
+
+        Such a search takes hundreds of iterations, and may end in an equilibrium of the film turned
+        inside out.
+        """
+        for pressure in collapsing_pressures(self.system, at):
+            if pressure.is_inwards and self.comm.rank == 0:
+                LOG.warning("%s", pressure.words)
 
     def _announce_load(self, at: float) -> None:
         """Tell contact the norm of the loads of time `at` [s], which it may have to carry."""

@@ -7,15 +7,18 @@ is not known, it is estimated from the three finest meshes, whose values change 
     v* = v3 + Δ2/((h2/h3)^p - 1),    Δ1/Δ2 = ((h1/h2)^p - 1)/(1 - (h3/h2)^p)                  (1)
 
 where the second equation gives the order p; for sizes of one ratio r it is p = log(Δ1/Δ2)/log r.
-The estimate exists if Δ1 and Δ2 have the same sign and the second is smaller.
+
+The estimate is valid in the asymptotic range only, where one power of h dominates the error.
+Outside of it `extrapolated` raises the reason, and a quantity has no limit and no errors.
 """
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +31,32 @@ from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.mesh.quality import corner_points, sizes
 from gossamer_fx.model.body import Array
 
+LOG = logging.getLogger("gossamer_fx")
+
 # The name of a quantity that is returned as a number.
 ONLY = "value"
 
-# Orders between which (1) is solved: others are not seen in finite elements.
-MIN_ORDER = 0.1
+# What helps outside the asymptotic range.
+FINER = "give finer meshes, or `exact`"
+
+# Orders between which (1) is solved.  Below the smallest, v* is farther from the finest value than
+# that is from the coarsest of the three, so that the estimate says more about p than about v*.
+# Orders above the largest are not seen in finite elements.
+MIN_ORDER = 0.5
 MAX_ORDER = 10.0
 BISECTIONS = 60
+
+# Largest change of the order from the three meshes before to the last three.  In the asymptotic
+# range it is a few tenths.
+MAX_ORDER_CHANGE = 1.0
+
+# Differences over the largest value, below which values count as equal: an equilibrium is not
+# known to more digits.
+EQUAL_VALUES = 1e-8
+
+# A limit whose sign differs from that of all values, over the finest value.  A smaller one is the
+# estimate of a zero.
+MAX_OVERSHOOT = 0.1
 
 
 @check_arguments
@@ -50,6 +72,8 @@ class Convergence:
         values: of each quantity (n,), by name.
         exact: value that errors refer to, by name; a quantity without one is left out.
         is_extrapolated: whether it was estimated by (1), by name.
+        remarks: reason for which no exact value was extrapolated, by name: the values oscillate,
+            are all equal, or have no steady order.
 
     Example:
         >>> found = gx.analysis.convergence(lambda n: 2.0 + 1.0 / n**2, meshes=[4, 8, 16])
@@ -63,6 +87,7 @@ class Convergence:
     values: Mapping[str, Array]
     exact: Mapping[str, float]
     is_extrapolated: Mapping[str, bool]
+    remarks: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def errors(self) -> dict[str, Array]:
@@ -119,11 +144,8 @@ class Convergence:
                     f"\nErrors of {name} refer to {self.exact[name]:.6g}, extrapolated from the "
                     "three finest meshes."
                 )
-            elif name not in self.exact:
-                yield (
-                    f"\n{name} has no errors: its values do not approach a limit yet; give finer "
-                    "meshes, or `exact`."
-                )
+            elif name in self.remarks:
+                yield f"\n{name} has no errors: {self.remarks[name]}."
 
     def plot(
         self, path: str | Path, *, others: Mapping[str, Convergence] | None = None, name: str = ""
@@ -156,7 +178,7 @@ class Convergence:
             # Errors need a limit.  Without any, the values themselves show why there is none.
             curves = list(self._curves(name, others or {}, of_errors=False))
             left.set_ylabel("value")
-            figure.suptitle("No errors: the values do not approach a limit yet", fontsize=10)
+            figure.suptitle("No errors: see the remarks below the table", fontsize=10)
         for label, seconds, steps, values in curves:
             left.plot(seconds, values, marker="o", markersize=4, label=label)
             right.plot(steps, values, marker="o", markersize=4, label=label)
@@ -203,7 +225,8 @@ def convergence(
 ) -> Convergence:
     """Compute quantities on several meshes, and their errors, orders and run times.
 
-    The coarsest mesh is computed once more before, so that its time is without compilation.
+    The coarsest mesh is computed once more before, so that its time is without compilation.  If the
+    values do not show a limit, `remarks` and a warning in the log say why.
 
     Args:
         quantity: a function of one of the meshes that returns a number, or numbers by name; e.g. it
@@ -255,16 +278,19 @@ def convergence(
     values = {name: np.array([row[name] for row in rows]) for name in names}
     exact_values = {}
     is_extrapolated = {}
+    remarks = {}
     for name in names:
         given = exact
         if isinstance(exact, Mapping):
             given = exact.get(name)
-        is_extrapolated[name] = given is None
+        is_extrapolated[name] = False
         if given is None:
-            limit = extrapolated(steps[order], values[name])
-            is_extrapolated[name] = not math.isnan(limit)
-            if is_extrapolated[name]:
-                exact_values[name] = limit
+            try:
+                exact_values[name] = extrapolated(steps[order], values[name])
+                is_extrapolated[name] = True
+            except _NoLimit as reason:
+                remarks[name] = str(reason)
+                LOG.warning("convergence: %s has no errors: %s.", name, reason)
         else:
             assert not isinstance(given, Mapping)
             exact_values[name] = float(given)
@@ -276,22 +302,70 @@ def convergence(
         values=values,
         exact=exact_values,
         is_extrapolated=is_extrapolated,
+        remarks=remarks,
     )
 
 
+class _NoLimit(Exception):
+    """Values that (1) cannot be applied to; its words end a sentence."""
+
+
 def extrapolated(h: Array, values: Array) -> float:
-    """The limit of values on meshes of falling size h by (1), from the last three; NaN if there is
-    none."""
+    """The limit of values on meshes of falling size h by (1), from the last three.
+
+    Raises:
+        _NoLimit: with the reason: fewer than three meshes, values that are equal, that oscillate or
+            do not change less from mesh to mesh, an order outside `MIN_ORDER` to `MAX_ORDER`, one
+            that differs from that of the three meshes before, or a limit of the other sign.
+    """
     if len(values) < 3:
-        return math.nan
-    first = float(values[-2] - values[-3])
-    second = float(values[-1] - values[-2])
-    if first == second == 0:
-        return float(values[-1])
-    if first * second <= 0 or abs(second) >= abs(first):
-        return math.nan
-    coarse = float(h[-3] / h[-2])
-    fine = float(h[-2] / h[-1])
+        raise _NoLimit("two meshes show no limit; give a third one, or `exact`")
+    if float(np.ptp(values[-3:])) <= EQUAL_VALUES * float(np.abs(values[-3:]).max()):
+        raise _NoLimit(
+            f"its last values are all equal ({values[-1]:.6g}), so that they show no order; check "
+            "that it is the quantity you mean, or give `exact`"
+        )
+    order = _order(h[-3:], values[-3:])
+    if len(values) > 3:
+        # Three values always fit (1): only a fourth one shows whether one power of h dominates.
+        before = _order(h[-4:-1], values[-4:-1], advice=f"leave out the coarsest, or {FINER}")
+        if abs(before - order) > MAX_ORDER_CHANGE:
+            raise _NoLimit(
+                f"its order changes from {before:.1f} to {order:.1f}, so that not all meshes are "
+                f"in the asymptotic range; leave out the coarsest, or {FINER}"
+            )
+    finest = float(values[-1])
+    change = finest - float(values[-2])
+    ratio = float(h[-2] / h[-1])
+    limit = finest + change / (ratio**order - 1)
+    has_one_sign = bool((values[-3:] * finest > 0).all())
+    if has_one_sign and limit * finest < 0 and abs(limit) > MAX_OVERSHOOT * abs(finest):
+        raise _NoLimit(
+            f"all its values have one sign but the extrapolated limit {limit:.3g} has the other, "
+            f"so that the meshes are not in the asymptotic range; {FINER}"
+        )
+    return limit
+
+
+def _order(h: Array, values: Array, advice: str = FINER) -> float:
+    """The order p of three values on meshes of falling size h by (1).
+
+    Raises:
+        _NoLimit: there is none, with the reason.
+    """
+    first = float(values[1] - values[0])
+    second = float(values[2] - values[1])
+    if first * second < 0:
+        raise _NoLimit(
+            f"its values oscillate ({_listed(values)}), so that the meshes are not in the "
+            f"asymptotic range; {advice}"
+        )
+    if second == 0:
+        raise _NoLimit(
+            f"two of its values are equal ({_listed(values)}), so that they show no order; {advice}"
+        )
+    coarse = float(h[0] / h[1])
+    fine = float(h[1] / h[2])
 
     def excess(p: float) -> float:
         """Of the ratio of changes that an order p gives, over the observed one."""
@@ -300,14 +374,25 @@ def extrapolated(h: Array, values: Array) -> float:
     low = MIN_ORDER
     high = MAX_ORDER
     if excess(low) > 0 or excess(high) < 0:
-        return math.nan
+        side = f"below {MIN_ORDER:g}"
+        if excess(high) < 0:
+            side = f"above {MAX_ORDER:g}"
+        raise _NoLimit(
+            f"its values ({_listed(values)}) show an order {side}, so that the meshes are not in "
+            f"the asymptotic range; {advice}"
+        )
     for _ in range(BISECTIONS):
         middle = (low + high) / 2
         if excess(middle) > 0:
             high = middle
         else:
             low = middle
-    return float(values[-1]) + second / (fine**low - 1)
+    return low
+
+
+def _listed(values: Array) -> str:
+    """Values in the order of the meshes, for a message."""
+    return ", ".join(f"{value:.4g}" for value in values)
 
 
 def _sizes(meshes: Sequence[Any], given: Sequence[float]) -> Array:

@@ -197,9 +197,9 @@ def modes(
     nearest = sorted(found, key=distance)[:count]
     least = SHIFT_RATIO * K.norm() / M.norm()
     _warn_of_zeros(equilibrium, nearest, least)
-    _warn_of_growth(equilibrium, nearest, least)
     masses = ModalMasses(system, M)
     complete = [masses.complete(mode, is_turning=any(spin)) for mode in nearest]
+    _warn_of_growth(equilibrium, complete, least)
     return sorted(complete, key=lambda mode: (mode.frequency, -mode.growth))
 
 
@@ -268,19 +268,23 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
 
 def _warn_of_growth(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
     """Warn of modes that grow faster than round-off [rad²/s²] explains: the equilibrium is not
-    stable."""
+    stable.  Collective."""
     limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least)
-    growing = [mode.growth for mode in found if mode.growth > limit]
-    if growing and equilibrium.comm.rank == 0:
+    growing = [mode for mode in found if mode.growth > limit]
+    if not growing:
+        return
+    # Imported here: stable equilibria do not need it, nor scenes without beams those.
+    from gossamer_fx.analysis.instability import advice
+
+    fastest = max(growing, key=lambda mode: mode.growth)
+    words = advice(equilibrium.system, fastest.displacements)
+    if equilibrium.comm.rank == 0:
         LOG.warning(
-            "modes: the equilibrium is not stable: %d of %d modes grow, the fastest by %.3g/s; a "
-            "small disturbance "
-            "leads to another equilibrium. Compressed film (a residual stiffness) or beams may "
-            "have buckled: start "
-            "from a disturbed shape, or mesh finer.",
+            "modes: the equilibrium is not stable: %d of %d modes grow, the fastest by %.3g/s. %s",
             len(growing),
             len(found),
-            max(growing),
+            fastest.growth,
+            words,
         )
 
 

@@ -4,15 +4,16 @@ contains."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.forms.spaces import cell_nodes
+from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.loads.pressure import Pressure
-from gossamer_fx.mesh.quality import area_vectors
+from gossamer_fx.mesh.enclosed_volume import enclosed_by
 from gossamer_fx.model.body import Array
 from gossamer_fx.system.system import System
 
@@ -27,11 +28,18 @@ COOLED = 0.95
 # Sum of the loads over the sum of their magnitudes, below which they balance each other.
 BALANCED = 1e-6
 
-# Sum of the area vectors of a film over its area, below which it is closed.
-CLOSED = 1e-9
 
-# Volume of a closed film over the 3/2 power of its area, below which it is flat.
-FLAT_VOLUME = 1e-6
+@dataclass(frozen=True)
+class CollapsingPressure:
+    """A pressure that presses a film together.
+
+    Attributes:
+        words: a sentence with the cause and the remedy.
+        is_inwards: whether the normals of the film point inwards.
+    """
+
+    words: str
+    is_inwards: bool
 
 
 def remedies(system: System, chambers: Mapping[str, Any]) -> str:
@@ -43,7 +51,7 @@ def remedies(system: System, chambers: Mapping[str, Any]) -> str:
     """
     found = [
         *_unsupported(system),
-        *_inward_pressures(system),
+        *(pressure.words for pressure in collapsing_pressures(system, system.time)),
         *_gas_that_cooled(chambers),
         *_soft_films(system),
     ]
@@ -70,45 +78,44 @@ def _unsupported(system: System) -> Iterator[str]:
         )
 
 
-def _inward_pressures(system: System) -> Iterator[str]:
-    """Pressures on closed films whose normals point inwards, so that they collapse."""
+def collapsing_pressures(system: System, at: float) -> Iterator[CollapsingPressure]:
+    """Pressures at a time [s] on films with an inside that press them together.  Collective."""
     for item in system.items:
-        if not isinstance(item, Pressure) or callable(item.pressure):
+        if not isinstance(item, Pressure):
             continue
-        volume = _enclosed_volume(system, item.body)
-        if volume * item.pressure < 0:
-            side = "outwards"
-            if volume < 0:
-                side = "inwards"
-            yield (
-                f"'{item.name}' presses the closed film '{item.body.name}' together, as the "
-                "normals of its mesh "
-                f"point {side}: change the sign of the pressure, or turn the "
-                "normals (orient=True, or gmsh: model.mesh.reverse)."
+        pressure = _value(item, at)
+        film = item.body
+        enclosed = enclosed_by(film.mesh.domain, film.mesh.edges)
+        if not enclosed.has_inside or enclosed.volume * pressure >= 0:
+            continue
+        kind = "closed film"
+        if enclosed.rims:
+            kind = "film with small open rims"
+        # A negative pressure on normals that point outwards may be meant: suction.
+        is_inwards = enclosed.volume < 0
+        if is_inwards:
+            cause = "the normals of its mesh point inwards"
+            remedy = (
+                "turn all its triangles (orient=True when the mesh is made or read, or "
+                "model.mesh.reverse() of gmsh), or change the sign of the pressure"
             )
+        else:
+            cause = "the pressure is negative and the normals of its mesh point outwards"
+            remedy = "change the sign of the pressure"
+        words = (
+            f"'{item.name}' presses the {kind} '{film.name}' together, as {cause} "
+            f"(mesh.enclosed_volume() is {enclosed.volume:.3g} m³): {remedy}."
+        )
+        yield CollapsingPressure(words, is_inwards)
 
 
-def _enclosed_volume(system: System, film: Membrane) -> float:
-    """Volume [m³] that a film encloses at the start, negative if its normals point inwards; 0 if
-    open or flat."""
-    space = film.space
-    owned = space.mesh.topology.index_map(2).size_local
-    corners = space.tabulate_dof_coordinates()[cell_nodes(space)[:owned, :3]]
-    vectors = area_vectors(corners)
-    sums = np.concatenate(
-        [
-            vectors.sum(axis=0),
-            [np.linalg.norm(vectors, axis=1).sum()],
-            [np.einsum("ij,ij->", corners.mean(axis=1), vectors) / 3],
-        ]
-    )
-    total: Array = system.comm.allreduce(sums, op=MPI.SUM)
-    area = float(total[3])
-    volume = float(total[4])
-    is_closed = np.linalg.norm(total[:3]) < CLOSED * area
-    if not is_closed or abs(volume) < FLAT_VOLUME * area**1.5:
-        return 0.0
-    return volume
+def _value(item: Pressure, at: float) -> float:
+    """A pressure at a time [s], [Pa], the same on all ranks."""
+    value = item.pressure
+    if not callable(value):
+        return value
+    source = f"Pressure '{item.name}' at t = {at:.6g} s"
+    return float(ask_numbers(item.body.comm, source, lambda: value(at)))
 
 
 def _gas_that_cooled(chambers: Mapping[str, Any]) -> Iterator[str]:

@@ -11,7 +11,7 @@ import argparse
 import math
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
     from gossamer_fx.cli.case import Case
+    from gossamer_fx.model.body import Body
 
 # Environment variables by which mpirun or a batch system shows that it started this process.
 _LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_RANK", "SLURM_PROCID")
@@ -371,15 +372,37 @@ def _show(case: Case, comm: MPI.Intracomm) -> None:
     about = describe(run)
     # The search for intersections takes too long for every run; a dry run has the time.
     strange = [*warnings(run.scene.items), *self_intersections(run.system.bodies)]
+    sides = list(_sides(run.system.bodies))
     if comm.rank == 0:
         steps = case.until / case.stepper.dt
         print("\n".join(lines(about)))
+        for words in sides:
+            print(words)
         print(
             f"about {steps:.6g} steps of {case.stepper.dt:.6g} s to t = {case.until:.6g} s; "
             "nothing was computed"
         )
         for words in strange:
             print(f"warning: {words}")
+
+
+def _sides(bodies: Iterable[Body]) -> Iterator[str]:
+    """Sentences about the side of the normals of films that enclose a volume.  Collective."""
+    from gossamer_fx.bodies.membrane import Membrane
+    from gossamer_fx.mesh.enclosed_volume import enclosed_by
+
+    for body in bodies:
+        if not isinstance(body, Membrane):
+            continue
+        enclosed = enclosed_by(body.mesh.domain, body.mesh.edges)
+        if enclosed.has_inside:
+            side = "outwards"
+            if enclosed.volume < 0:
+                side = "inwards"
+            yield (
+                f"'{body.name}' encloses {abs(enclosed.volume):.6g} m³, and its normals point "
+                f"{side}"
+            )
 
 
 def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:

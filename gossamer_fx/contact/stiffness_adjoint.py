@@ -146,7 +146,8 @@ def _distances(pairs: ActivePairs, x: Array) -> tuple[Array, Array]:
 
 
 def _distances_of_walls(kind: PairKind, at: Array) -> tuple[Array, Array]:
-    """The same of pairs of one kind of wall, from their four points (n, 4, 3)."""
+    """Return D (n,) [m] of pairs of one kind of wall from their points (n, 4, 3), and its
+    derivatives (n, 4, 3)."""
     r = at[:, 0] - at[:, 1]
     gradient = np.zeros_like(at)
     if kind == PairKind.POINT_IN_SPHERE:

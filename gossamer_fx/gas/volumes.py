@@ -263,7 +263,7 @@ def _rigid_part(name: str, dead_volume: float, volume: float | None) -> float:
     # Zero is allowed: a film that encloses a volume at the start needs no dead volume.
     check(
         math.isfinite(dead_volume) and dead_volume >= 0,
-        f"Chamber '{name}': its dead volume is {dead_volume!r} m³; give a positive number.",
+        f"Chamber '{name}': its dead volume is {dead_volume!r} m³; give zero or a positive number.",
     )
     return dead_volume
 

@@ -152,10 +152,13 @@ class Elastica(IsotropicFilm):
     Eγ1²/2 + ψ(f) is the energy without stress σ1.  W is C1 and convex, and symmetric where both
     strains are compressive.  Below f = -0.42 the stress is constant.
 
-    A film has no bending stiffness: under this compressive stress its cells buckle in turn, the
-    more so the smaller they are.  Take cells of not much less than half_wavelength/4: on the airbag
-    of `demos/studies/airbag.py`, L = 0.1 m has an equilibrium with edges of 27 mm; with 13 mm,
-    cells next to the seam fold up and no equilibrium is found.
+    A film has no bending stiffness: where it may leave its plane, this compressive stress makes
+    waves of any length unstable, and the number of unstable directions grows like that of the cells
+    (`demos/studies/elastica_cells.py`).  Hold a flat film in its plane, or take a `Plate` with this
+    law, in which only waves longer than L are unstable.  Else take cells of not much less than
+    half_wavelength/4: on the airbag of `demos/studies/airbag.py`, L = 0.1 m has an equilibrium with
+    edges of 27 mm; with 13 mm, cells next to the seam fold up and no equilibrium is found, also
+    with a `Plate`.
 
     Args:
         E: Young's modulus [Pa], positive.

@@ -98,6 +98,32 @@ class Mesh:
         """Edges of the triangles.  The first call creates the table, and is collective."""
         return edges_of(self.domain)
 
+    def enclosed_volume(self) -> float:
+        """Volume [m³] that the triangles enclose, positive if their normals point outwards.
+
+        A pressure inflates a film whose normals point outwards.  Rims of an open surface are
+        spanned, each by triangles between its edges and the mean of its points; a flat surface has
+        the volume zero.  Collective.
+
+        Raises:
+            InputError: the mesh is one of line elements.
+
+        Example:
+            >>> import gossamer_fx as gx
+            >>> from gossamer_fx.meshes.airbag import airbag
+            >>> from mpi4py import MPI
+            >>> airbag(MPI.COMM_SELF, edge=1.0, cells=4).enclosed_volume()
+            0.0
+        """
+        check(
+            self.domain.topology.dim == 2,
+            "enclosed_volume: the mesh is one of line elements; give one of triangles.",
+        )
+        # Imported here: a scene does not need it.
+        from gossamer_fx.mesh.enclosed_volume import enclosed_by
+
+        return enclosed_by(self.domain, self.edges).volume
+
     def curve(self, name: str, user: str) -> npt.NDArray[np.int32]:
         """Local edges (owned and ghost) of a named group of curves, in rising order.
 
@@ -124,7 +150,7 @@ def read_mesh(path: str | Path, comm: MPI.Intracomm, *, orient: bool = False) ->
         path: path of the file; rank 0 reads it.
         comm: the ranks to which the mesh is distributed.
         orient: whether to turn triangles so that the normals of neighbours agree, and those of a
-            closed surface point outwards.
+            closed surface, or of one whose rims are small, point outwards.
 
     Raises:
         InputError: the file does not exist, is damaged, is in another format, or contains a mesh
@@ -170,7 +196,7 @@ def gmsh_mesh(build: Callable[[Any], None], comm: MPI.Intracomm, *, orient: bool
             `model.mesh.generate`.
         comm: the ranks to which the mesh is distributed.
         orient: whether to turn triangles so that the normals of neighbours agree, and those of a
-            closed surface point outwards.
+            closed surface, or of one whose rims are small, point outwards.
 
     Raises:
         InputError: the model has no elements, elements of several kinds or coordinates that are not

@@ -2,8 +2,8 @@
 
 Two neighbours agree if they pass their common edge in opposite directions.  Starting from one
 triangle of each connected surface, all others are turned to agree with a neighbour that is done.
-The normals of a closed surface then point outwards if its volume Σ x0·(x1×x2)/6 over its triangles
-is positive.
+The normals of a closed surface then point outwards if its volume is positive.  A surface with small
+rims is treated like a closed one, see `mesh.enclosed_volume`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,10 @@ import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from gossamer_fx.mesh.enclosed_volume import has_inside, spanning_fans, volumes
 from gossamer_fx.mesh.gmsh_reader import BadMesh, Integers, RawMesh
+from gossamer_fx.mesh.quality import area_vectors
+from gossamer_fx.model.body import Array
 
 # Nodes of a triangle in gmsh's order after its second and third corner are exchanged, by number of
 # nodes. Of order 2 the nodes in the middle of the edges 01, 12, 20 follow the corners.
@@ -29,19 +32,31 @@ class _Neighbours:
     Attributes:
         first, second: rows of the cells (n,).
         agree: whether the normals of both are on the same side (n,).
-        with_boundary: rows of cells with an edge that does not have exactly two triangles.
+        at_rim: rows of cells with an edge that does not have exactly two triangles, as often as
+            they have such edges.
+        rim_edges: rows of points at start and end of these edges (k, 2), as the cell passes them.
     """
 
     first: Integers
     second: Integers
     agree: npt.NDArray[np.bool_]
-    with_boundary: Integers
+    at_rim: Integers
+    rim_edges: Integers
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Volume [m³] and area [m²] of each surface (surfaces,)."""
+
+    volume: Array
+    area: Array
 
 
 def oriented(raw: RawMesh) -> RawMesh:
     """The mesh with consistent normals, which point out of closed surfaces.
 
-    An open surface keeps the side that the larger number of its triangles has.  Where three or more
+    A surface with rims counts as closed if they are small, see `mesh.enclosed_volume`.  Any other
+    open surface keeps the side that the larger number of its triangles has.  Where three or more
     triangles share an edge, surfaces end.  A mesh of line elements is returned as it is.
 
     Raises:
@@ -63,21 +78,52 @@ def oriented(raw: RawMesh) -> RawMesh:
             "agree; leave orient out."
         )
 
-    x0, x1, x2 = raw.points[corners].transpose(1, 0, 2)
     # Relative to the middle of the mesh, so that the volume has no round-off of a distance from the
     # origin.
-    middle = raw.points.mean(axis=0)
-    volumes = np.einsum("ij,ij->i", x0 - middle, np.cross(x1 - middle, x2 - middle)) / 6
-    volume = np.bincount(surface_of_cell, np.where(turned, -volumes, volumes), surfaces)
+    points = raw.points - raw.points.mean(axis=0)
+    of_cells = _sums(points[corners], surface_of_cell, turned, surfaces)
+    volume = of_cells.volume
+    rim_area = np.zeros(surfaces)
+    if len(neighbours.at_rim):
+        surface_of_rim = surface_of_cell[neighbours.at_rim]
+        # Two surfaces that share a point have separate rims there.
+        numbers = neighbours.rim_edges + surface_of_rim[:, None] * len(points)
+        fans, _ = spanning_fans(points[neighbours.rim_edges], numbers)
+        of_fans = _sums(fans, surface_of_rim, turned[neighbours.at_rim], surfaces)
+        volume = volume + of_fans.volume
+        rim_area = of_fans.area
     share_turned = np.bincount(surface_of_cell, turned, surfaces) / np.bincount(surface_of_cell)
-    is_closed = np.ones(surfaces, dtype=bool)
-    is_closed[surface_of_cell[neighbours.with_boundary]] = False
-    is_other_side = np.where(is_closed, volume < 0, share_turned > 0.5)
+    is_inside_out = volume < 0
+    is_mostly_turned = share_turned > 0.5
+    is_other_side = np.where(
+        has_inside(volume, of_cells.area, rim_area), is_inside_out, is_mostly_turned
+    )
     turned ^= is_other_side[surface_of_cell]
 
     cells = raw.cells.copy()
     cells[turned] = cells[turned][:, _TURNED[cells.shape[1]]]
     return replace(raw, cells=cells)
+
+
+def _sums(
+    triangles: Array, surface: Integers, turned: npt.NDArray[np.bool_], surfaces: int
+) -> _Sums:
+    """Volumes and areas of surfaces.
+
+    Args:
+        triangles: corners (n, 3, 3) [m].
+        surface: number of the surface of each (n,).
+        turned: which of them are turned (n,).
+        surfaces: number of surfaces.
+    """
+    volume = volumes(triangles)
+    area = np.linalg.norm(area_vectors(triangles), axis=1)
+    # NumPy declares sums of weights as integers.
+    volume_sums: Array = np.asarray(
+        np.bincount(surface, np.where(turned, -volume, volume), surfaces), dtype=float
+    )
+    area_sums: Array = np.asarray(np.bincount(surface, area, surfaces), dtype=float)
+    return _Sums(volume_sums, area_sums)
 
 
 def _neighbours(corners: Integers) -> _Neighbours:
@@ -100,7 +146,8 @@ def _neighbours(corners: Integers) -> _Neighbours:
         first=cell[first],
         second=cell[second],
         agree=forwards[first] != forwards[second],
-        with_boundary=np.unique(cell[~is_inner]),
+        at_rim=cell[~is_inner],
+        rim_edges=directed[~is_inner],
     )
 
 

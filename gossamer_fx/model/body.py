@@ -150,9 +150,14 @@ class Port:
         )
 
     def evaluate(self, unknowns: Array) -> Array:
-        """The vector (3,) for the owned unknowns of its body, flattened.
+        """The vector (3,) of the port, Σ_k weights[k] q[nodes[k], vectors[k]]: a point [m] or a
+        director [-].
 
         Collective; the same on every rank.
+
+        Args:
+            unknowns: coordinates q [m or -] of the nodes that this rank owns, flattened; or their
+                rates, of which the rate of the vector is returned.
         """
         block = self.body.block
         start, end = block.index_map.local_range

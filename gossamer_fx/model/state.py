@@ -40,7 +40,14 @@ class BodyState:
         q: PETSc.Vec,
         v: PETSc.Vec,
     ) -> None:
-        """Look at the unknowns `part` of this rank in the vectors q and v, without a copy."""
+        """Give access to the unknowns of one body in the vectors of a scene, without a copy.
+
+        Args:
+            body: whose unknowns they are.
+            part: their range in the local part of q and v.
+            q: coordinates of all bodies: positions [m] and directors [-].
+            v: their rates [m/s or 1/s].
+        """
         self.body = body
         self.part = part
         self._q = q
@@ -65,7 +72,11 @@ class BodyState:
     def function(self) -> fem.Function:
         """The coordinates as a function on the mesh of a film, plate, cable or beam, with ghosts.
 
-        Of a reduced film it is a function on the mesh of the film that was reduced.  Collective.
+        Of a reduced film it is a function on the mesh of the film that was reduced.  Its values at
+        a node are the position [m], and for beams the directors [-].  Collective.
+
+        Raises:
+            InputError: the body has no mesh, e.g. a rigid body.
         """
         body = self.body
         if not is_on_mesh(body):
@@ -86,8 +97,8 @@ class BodyState:
     def gathered(self) -> Array:
         """Positions (N, 3) [m] of all nodes of the body, by global number, on every rank.
 
-        Collective.  It is meant for what every rank has to see whole, such as a line of a few
-        points; a field on a mesh stays distributed.
+        Collective: all ranks call it.  It is meant for what every rank has to see whole, such as a
+        line of a few points; a field on a mesh stays distributed.
         """
         positions = self.positions()
         if self.body.comm.size == 1:
@@ -121,7 +132,15 @@ class State:
         q: PETSc.Vec,
         v: PETSc.Vec,
     ) -> None:
-        """Divide the vectors q and v among the bodies, in the order of their unknowns."""
+        """Divide the vectors q and v among the bodies, in the order of their unknowns, without a
+        copy.
+
+        Args:
+            bodies: of the scene.
+            comm: ranks of the scene.
+            q: coordinates of all bodies: positions [m] and directors [-]; multipliers may follow.
+            v: their rates [m/s or 1/s].
+        """
         self.comm = comm
         self._q = q
         self._v = v
@@ -185,6 +204,12 @@ class InitialState(State):
     def __init__(self, bodies: Sequence[Body], comm: MPI.Intracomm) -> None:
         """Make vectors for coordinates and rates, with the state that the bodies have by
         themselves.
+
+        Args:
+            bodies: of the scene, in the order in which their unknowns are numbered.
+            comm: ranks of the scene.
+
+        Collective: all ranks call it.
         """
         # Without multipliers: constraints are compiled from this state, later.
         size = sum(map(_local_size, bodies))

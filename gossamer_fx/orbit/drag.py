@@ -113,7 +113,23 @@ class Drag:
         rotation: float = ROTATION,
         name: str = "",
     ) -> None:
-        """Check the arguments, which the class describes, and name the load after the body."""
+        """Check the arguments of the load of rarefied air on a body, and name the load after the
+        body.
+
+        Args:
+            body: a film or a rigid body.
+            orbit: the orbit of the scene.
+            atmosphere: maps an altitude [m] to `Air`.
+            accommodation: exchange of momentum with the surface; None: molecules leave diffusely.
+            surfaces: flat faces of a rigid body; none for a film.
+            closed: whether a film encloses a volume, so that air reaches its outer side only.
+            rotation: angular speed [rad/s] of the air about z.
+            name: for messages and results.
+
+        Raises:
+            InputError: `atmosphere` is not a function, `rotation` is not finite, a rigid body has
+                no surfaces or is `closed`, or a film has surfaces.
+        """
         self.body = body
         self.orbit = orbit
         self.atmosphere = atmosphere
@@ -142,7 +158,21 @@ class Drag:
         yield self.orbit
 
     def flow(self, flight: Flight) -> tuple[Air, Array]:
-        """The air, and its velocity (3,) as seen from the origin of the frame."""
+        """The air at the origin of the frame of the scene, and its velocity relative to this
+        origin.
+
+        Args:
+            flight: position `R` and velocity `V` (3,) [m, m/s] of the origin from the Earth's
+                centre.
+
+        Returns:
+            the state of the air at the altitude of the origin, and the velocity Ω×R - V (3,) [m/s]
+            of air that turns with the Earth.
+
+        Raises:
+            InputError: the user's atmosphere fails or does not return `Air`, on all ranks.
+                Collective: all ranks call it.
+        """
         # One altitude for the whole scene, which is small compared with a scale height.
         altitude = float(np.linalg.norm(flight.R)) - self.orbit.radius
 
@@ -168,6 +198,14 @@ class Drag:
     def _on_film(self, film: Membrane) -> FlyingLoad:
         """Load of the flow on the deformed triangles of a film; air and wind are constants of its
         form.
+
+        Args:
+            film: the body of the load; its triangles are the faces.
+
+        Returns:
+            the load term: the form of its virtual work (forces [N] tested by w), and `prepare`,
+            which sets the constants (density [kg/m³], velocity and thermal speed [m/s],
+            √(T_wall/T_air)) before each step. `prepare` raises the errors of `flow`.
         """
         mesh = film.space.mesh
         how = self.accommodation
@@ -212,8 +250,16 @@ class _FlowOnFaces(FacesForce):
         self._air, self._wind = self._drag.flow(flight)
 
     def on_faces(self, areas: Array, positions: Array, rates: Array) -> Array:
-        """Forces (..., n, 3) [N] on area vectors [m²] that move with rates [m/s], all (..., n,
-        3)."""
+        """Forces of the air on n flat faces of a rigid body.
+
+        Args:
+            areas: area vectors (..., n, 3) [m²] of the faces, pointing away from their fronts.
+            positions: of their centres (..., n, 3) [m]; not used, since the air is uniform.
+            rates: velocities of the centres (..., n, 3) [m/s].
+
+        Returns:
+            forces (..., n, 3) [N]; complex where the input is, for derivatives by complex steps.
+        """
         how, air = self._drag.accommodation, self._air
         wall = math.sqrt(how.wall_temperature / air.temperature)
         U = self._wind - rates

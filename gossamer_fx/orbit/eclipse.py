@@ -22,7 +22,7 @@ def shadow_depth(r: Array, sun: Array, radius: float = RADIUS) -> float:
 
     Args:
         r: position (3,) from the Earth's centre [m].
-        sun: position (3,) of the Sun, or direction to it.
+        sun: position (3,) of the Sun [m], or direction to it of any length, not zero.
         radius: radius of the Earth [m].
 
     >>> import numpy as np
@@ -45,12 +45,13 @@ def sunlit_in_cylinder(r: Array, sun: Array, radius: float = RADIUS) -> float:
 
 
 def sunlit_in_cone(r: Array, sun: Array, radius: float = RADIUS) -> float:
-    """Part of the Sun's disc that is visible, 1 in light and 0 in the umbra.
+    """Part of the Sun's disc that is visible, 1 in light and 0 in the umbra; dimensionless.
 
-    Sun and Earth are seen as circles, and the Sun's disc has uniform brightness.
+    Sun and Earth are seen as circles, and the Sun's disc has uniform brightness.  An annular
+    eclipse gives a value between 0 and 1.
 
     Args:
-        r: position (3,) from the Earth's centre [m].
+        r: position (3,) from the Earth's centre [m], not zero.
         sun: position (3,) of the Sun from there [m].
         radius: radius of the Earth [m].
 

@@ -53,7 +53,13 @@ class Elements:
     anomaly: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse elements that are neither those of an ellipse nor of a hyperbola."""
+        """Refuse elements that are neither those of an ellipse nor of a hyperbola.
+
+        Raises:
+            InputError: a [m] and e are neither an ellipse (a > 0, e < 1) nor a hyperbola (a < 0, e
+                > 1), the inclination i is not in 0 to π, or the true anomaly [rad] is beyond the
+                asymptote of the hyperbola.
+        """
         check(
             self.e >= 0 and self.e != 1 and self.a * (1 - self.e) > 0,
             f"Elements: a is {self.a!r} m and e is {self.e!r}; give an ellipse (a > 0, e < 1) or a "
@@ -79,7 +85,12 @@ class Elements:
         return 2 * math.pi / self.motion(mu)
 
     def state(self, mu: float = MU) -> tuple[Array, Array]:
-        """Position [m] and velocity [m/s], (3,) each."""
+        """Position (3,) [m] and velocity (3,) [m/s] at the true anomaly, relative to the central
+        body.
+
+        Args:
+            mu: gravitational parameter of the central body [m³/s²].
+        """
         p = self.a * (1 - self.e**2)
         cosine = math.cos(self.anomaly)
         sine = math.sin(self.anomaly)
@@ -95,7 +106,11 @@ class Elements:
         return replace(self, anomaly=_true_anomaly(M, self.e))
 
     def _mean_anomaly(self) -> float:
-        """Mean anomaly [rad], by the eccentric anomaly E of an ellipse or H of a hyperbola."""
+        """Mean anomaly [rad], by the eccentric anomaly E of an ellipse or H of a hyperbola.
+
+        Kepler's equation: M = E - e sin E, or M = e sinh H - H.  It follows from the true anomaly
+        and the eccentricity e of these elements.
+        """
         e = self.e
         half = self.anomaly / 2
         if e < 1:
@@ -176,7 +191,12 @@ def _angle(a: Array, b: Array, axis: Array) -> float:
 
 
 def _about(axis: int, angle: float) -> Array:
-    """Rotation matrix (3, 3) about a coordinate axis, 0 to 2, by an angle [rad]."""
+    """Rotation matrix (3, 3) about a coordinate axis.
+
+    Args:
+        axis: 0, 1 or 2 for x, y or z.
+        angle: right-handed angle [rad] by which vectors are turned.
+    """
     cosine = math.cos(angle)
     sine = math.sin(angle)
     i = (axis + 1) % 3
@@ -190,7 +210,16 @@ def _about(axis: int, angle: float) -> Array:
 
 
 def _true_anomaly(M: float, e: float) -> float:
-    """True anomaly [rad] of a mean anomaly M [rad], by Newton's method on Kepler's equation."""
+    """True anomaly [rad] of a mean anomaly, by Newton's method on Kepler's equation.
+
+    Args:
+        M: mean anomaly [rad].
+        e: eccentricity, dimensionless: below 1 for an ellipse, above 1 for a hyperbola, not 1.
+
+    Returns:
+        the true anomaly, in -π to π.  The iteration ends at a change below round-off or after 60
+        iterations, without an error.
+    """
     if e < 1:
         M = math.remainder(M, 2 * math.pi)
         E = M

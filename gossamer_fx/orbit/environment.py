@@ -48,8 +48,29 @@ class Environment:
         following: float = 1000.0,
         name: str = "orbit",
     ) -> None:
-        """Check the arguments, which `Orbit` describes; build gravity field, sky and initial
-        state."""
+        """Check the arguments of an orbit; build gravity field, sky and initial state.
+
+        Args:
+            start: `Elements`, or position [m] and velocity [m/s], (3,) each, from the attracting
+                centre.
+            gravity: "point", "J2", or the degree of EGM2008, 2 to 20.
+            epoch: date of the time 0 in UTC.
+            sun: position of the Sun from the centre [au], (3,), or a function of time [s] that
+                returns it; None: that of the epoch.
+            third_bodies: of "sun" and "moon", whose tides act.
+            shadow: of the centre: "cylinder", "cone" or "none".
+            mu: gravity parameter of the centre [m³/s²]; None: that of the Earth.
+            radius: of the centre [m].
+            pressure: of sunlight at 1 au [N/m²].
+            ut1_utc: UT1 - UTC [s].
+            following: time [s] in which the origin returns to the centre of mass.
+            name: for messages and results.
+
+        Raises:
+            InputError: an argument is out of its range or not one of the named choices, `epoch` is
+                missing where the gravity field or a third body depends on the date, or the library
+                ERFA for dates is not installed.
+        """
         self.name = name
         self.radius = radius
         self.pressure = pressure
@@ -111,7 +132,14 @@ class Environment:
         self.state = self._state_of(start)
 
     def _state_of(self, start: Elements | tuple[Vector, Vector]) -> tuple[Array, Array]:
-        """Position [m] and velocity [m/s], (3,) each, at the start, from elements or from both."""
+        """Position [m] and velocity [m/s], (3,) each, at the start of the orbit.
+
+        Args:
+            start: orbital elements, or the position [m] and the velocity [m/s] themselves.
+
+        Raises:
+            InputError: `start` is neither, or the position is the centre.
+        """
         if isinstance(start, Elements):
             return start.state(self.mu)
         check(
@@ -136,7 +164,15 @@ class Environment:
         return self._harmonics is not None or bool(self._third_bodies)
 
     def field(self, r: Array, t: float) -> Array:
-        """Acceleration (3,) at r [m/s²] beyond 1/r, at time t."""
+        """Perturbing acceleration (3,) [m/s²]: all attraction except the 1/r gravity of the centre.
+
+        It is the sum over oblateness or harmonics and the tides of Sun and Moon; zero if there are
+        none.
+
+        Args:
+            r: position (3,) from the attracting centre [m], in axes that do not turn.
+            t: time since the epoch [s].
+        """
         a: Array = np.zeros(3)
         if self._harmonics is not None:
             E = self.earth(t)
@@ -180,10 +216,14 @@ class Environment:
     # ---- what lights -----------------------------------------------------------------------------
 
     def sun(self, t: float) -> Array:
-        """From the centre to the Sun (3,) [m].
+        """Position (3,) [m] of the Sun from the attracting centre; zero if the Sun is the centre.
+
+        Args:
+            t: time since the start of the run [s].
 
         Raises:
-            InputError: neither `sun` nor an epoch was given.
+            InputError: neither `sun` nor an epoch was given to the orbit, or the user's function
+                `sun` does not return three finite numbers.
         """
         if self._sun is None:
             check(

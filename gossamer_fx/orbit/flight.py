@@ -48,8 +48,11 @@ class Flight:
     """
 
     def __init__(self, around: Environment) -> None:
-        """Put the origin at the start of the orbit; the first step computes all other
-        attributes."""
+        """Put the origin at the start of the orbit; the first step computes all other attributes.
+
+        Args:
+            around: gravity field, Sun and shadow of the orbit, with the state in which it starts.
+        """
         self.around, self.origin = around, Origin(*around.state, around.mu)
         self.moments: Callable[[], Moments] | None = None
         self._for: tuple[float, float] | None = None
@@ -68,6 +71,9 @@ class Flight:
         Sets position `R` [m] and velocity `V` [m/s] of the origin in the middle of the step, the
         perturbing acceleration `field` [m/s²] there, and its `gradient` [1/s²].  The field acts at
         the middle of the step, which depends on the end; a fixed-point iteration solves that.
+
+        Args:
+            system: the compiled scene, with the start `time` and the length `h` of the step [s].
 
         Raises:
             InputError: the step is so long that the motion of the origin cannot be solved.
@@ -98,6 +104,15 @@ class Flight:
     def _return(self, h: float) -> Array:
         """Acceleration (3,) [m/s²] that returns the origin to the centre of mass, critically
         damped.
+
+        It is S/(m T²) + 2 P/(m T), with mass m [kg], first moment S [kg m] and momentum P [kg m/s]
+        of all bodies relative to the origin, and the time T = `following` [s], at least 5 steps.
+
+        Args:
+            h: length of the step [s].
+
+        Returns:
+            the acceleration; zeros before the bodies of the scene are known.  Collective.
         """
         if self.moments is None:
             return np.zeros(3)

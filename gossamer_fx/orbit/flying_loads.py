@@ -36,7 +36,15 @@ class FlyingLoads(Loads):
         super().__init__([at_rate(term, system.fields[term.body]) for term in terms], system)
 
     def begin_step(self, t: float) -> None:
-        """Set the constants of all loads for the step that is evaluated at time t [s]."""
+        """Set the constants of all loads for the step that is evaluated at time t [s].  Collective.
+
+        Each load is given the position, velocity and light of its orbit in the middle of the step,
+        and the length `h` [s] of the step.
+
+        Raises:
+            InputError: the orbit of a load is not in the scene, or the step is too long for the
+                orbit.
+        """
         system = self._system
         for term in self._flying:
             flight = term.orbit.flight(system)
@@ -92,7 +100,14 @@ class _ByComplexSteps:
         X: Array,
         V: Array,
     ) -> None:
-        """Start a step from the vectors X (3k,); forces act on them `lag` seconds later."""
+        """Start a step from the vectors of the ports; the force acts on them `lag` seconds later.
+
+        Args:
+            t: time at the start of the step [s]; not used, since the orbit knows it.
+            lag: time from the start of the step to that of the force [s], positive.
+            X: vectors of k ports at the start of the step, (3k,): points [m] and directors [-].
+            V: their rates (3k,) at the start; not used, since mean rates follow from X and `lag`.
+        """
         self._lag = lag
         self._X0 = X
 
@@ -105,7 +120,11 @@ class _ByComplexSteps:
         return f
 
     def tangent(self, X: Array) -> Array:
-        """Derivatives (3k, 3k) of the forces with respect to the vectors X (3k,)."""
+        """Derivatives (3k, 3k) of the forces with respect to the vectors X (3k,) of k ports.
+
+        Units are N/m for points [m], N for directors [-].  Before the first step the matrix is
+        zero.
+        """
         if not self._X0.size:  # before the first step only the pattern of the matrix is asked for
             return np.zeros((X.size, X.size))
         # A complex step subtracts nothing, so that it can be this small; its error is of the

@@ -38,7 +38,11 @@ class Air:
     molecule: float = ATOM
 
     def __post_init__(self) -> None:
-        """Refuse a negative density, and a temperature or mass that is not positive."""
+        """Refuse a negative density, and a temperature or mass that is not positive.
+
+        Raises:
+            InputError: density < 0 [kg/m³], temperature ≤ 0 [K] or molecule ≤ 0 [kg].
+        """
         check(
             self.density >= 0,
             f"Air: density is {self.density!r} kg/m³; give a number that is not negative.",
@@ -81,7 +85,11 @@ class Accommodation:
     wall_temperature: float = 300.0
 
     def __post_init__(self) -> None:
-        """Refuse fractions outside 0 to 1 and a wall temperature [K] that is not positive."""
+        """Refuse fractions outside 0 to 1 and a wall temperature that is not positive.
+
+        Raises:
+            InputError: `normal` or `tangential` is outside 0 to 1, or `wall_temperature` ≤ 0 [K].
+        """
         for quantity in ("normal", "tangential"):
             value = getattr(self, quantity)
             check(
@@ -109,13 +117,21 @@ def coefficients(
     n points into the surface, u = U/|U|, c = n·u (negative on the lee), s = |U|/√(2kT/m), wall =
     √(T_w/T).  With x = s c, the pressure and shear coefficients of Schaaf & Chambre are
 
-        c_p s² = [(2-σ_n) x/√π + σ_n wall/2] exp(-x²) + [(2-σ_n)(x² + ½) + σ_n √π wall x/2] (1 + erf
-        x) c_τ s  = σ_t sin θ [exp(-x²)/√π + x (1 + erf x)]
+        c_p s² = [(2-σ_n) x/√π + σ_n wall/2] exp(-x²)
+                 + [(2-σ_n)(x² + ½) + σ_n √π wall x/2] (1 + erf x)
+        c_τ s  = σ_t sin θ [exp(-x²)/√π + x (1 + erf x)]
 
-    and A = c_p - c c_τ/sin θ, B = c_τ/sin θ.
+    and A = c_p - c c_τ/sin θ, B = c_τ/sin θ.  All quantities are dimensionless: UFL scalars, or
+    arrays that broadcast with each other and may be complex.
 
     Args:
-        maths: of `exp` and `erf`: numbers by SciPy, UFL expressions by ufl.
+        c: cosine between the normal into the surface and the flow.
+        s: speed of the air over its thermal speed, not zero: for a face at rest in the air the
+            coefficients are not finite.
+        σn: accommodation of the normal momentum, 0 to 1.
+        σt: accommodation of the tangential momentum, 0 to 1.
+        wall: √(T_w/T), from the temperatures of the wall and of the air.
+        maths: object with the functions `exp` and `erf`, of UFL or of SciPy.
 
     Source: Schaaf & Chambre, Flow of Rarefied Gases (1961), section H.
     """

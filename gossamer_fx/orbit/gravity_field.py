@@ -25,10 +25,11 @@ EGM_DEGREE = 20
 def oblateness(J2: float = J2, mu: float = MU, radius: float = RADIUS) -> SolidHarmonics:
     """Potential -(μ/r) J2 (a/r)² P_2(sin φ) [m²/s²] of an oblate body around the z axis.
 
-    Its sign is that of geodesy: the acceleration is the gradient.
+    φ is the latitude and r the distance from the centre.  The sign is that of geodesy: the
+    acceleration is the gradient.  The potential μ/r of the point mass is not included.
 
     Args:
-        J2: oblateness.
+        J2: oblateness, dimensionless.
         mu: gravitational parameter μ [m³/s²].
         radius: equatorial radius a [m].
     """

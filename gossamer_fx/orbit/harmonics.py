@@ -73,7 +73,10 @@ class SolidHarmonics:
         return self.scale / self.radius * np.stack(components, axis=-1)
 
     def second_gradient(self, r: Array) -> Array:
-        """∇∇Φ (..., 3, 3) at positions r (..., 3) [m]; symmetric, and its trace is zero."""
+        """∇∇Φ (..., 3, 3) at positions r (..., 3) [m], in the unit of `scale` per square metre.
+
+        It is symmetric, and its trace is zero.  At the origin the result is not finite.
+        """
         Y = solid_harmonics(
             len(self._second[0][0]) - 1,
             r,
@@ -88,7 +91,8 @@ class SolidHarmonics:
         return self.scale / self.radius**2 * G
 
     def _sum(self, c: Coefficients, r: Array) -> Array:
-        """Re Σ c_nm Y_nm at positions r (..., 3)."""
+        """Re Σ c_nm Y_nm (...), dimensionless, of coefficients c (N, N) at positions r (..., 3)
+        [m]."""
         return _real_sum(
             c,
             solid_harmonics(
@@ -111,14 +115,17 @@ def _real_sum(c: Coefficients, Y: Coefficients) -> Array:
 
 
 def solid_harmonics(degree: int, r: Array, radius: float) -> Coefficients:
-    """Y_nm of equation (1) at positions r (..., 3), shape (degree + 1, degree + 1, ...).
+    """Y_nm = (a/r)^(n+1) P_nm(sin φ) exp(i m λ) at positions r, complex and dimensionless.
 
-    Entries with m > n are zero.
+    φ is the latitude, λ the longitude and P_nm the associated Legendre function, not normalised.
 
     Args:
         degree: highest degree n.
-        r: positions (..., 3) [m], not at the origin.
+        r: positions (..., 3) [m]; for the origin the result is not finite.
         radius: reference radius a [m].
+
+    Returns:
+        array (degree + 1, degree + 1, ...), with Y_nm at [n, m] and zeros where m > n.
     """
     r2 = np.sum(np.asarray(r, dtype=float) ** 2, axis=-1)
     x, y, z = (radius * np.asarray(r)[..., k] / r2 for k in range(3))
@@ -139,14 +146,16 @@ def solid_harmonics(degree: int, r: Array, radius: float) -> Coefficients:
 
 
 def differentiate(c: Coefficients, axis: int) -> Coefficients:
-    """Coefficients (N + 1, N + 1) of a ∂Φ/∂x_axis, from those of Φ (N, N).
+    """Coefficients (N + 1, N + 1) of a ∂Φ/∂x_axis, from those of the potential Φ (N, N).
+
+    Φ = Re Σ c_nm Y_nm is a sum of solid spherical harmonics with the reference radius a.
 
         a ∂z Y_nm = -(n-m+1) Y_{n+1,m}
         a (∂x + i ∂y) Y_nm = -Y_{n+1,m+1}
         a (∂x - i ∂y) Y_nm = (n-m+2)(n-m+1) Y_{n+1,m-1}
 
     Args:
-        c: coefficients of Φ.
+        c: coefficients of Φ, complex, c_nm at [n, m]; dimensionless, without normalisation.
         axis: 0, 1 or 2 for x, y or z.
     """
     N = len(c)
@@ -172,12 +181,12 @@ def differentiate(c: Coefficients, axis: int) -> Coefficients:
 
 
 def unnormalise(c: Coefficients, geodetic: bool) -> Coefficients:
-    """Coefficients without normalisation, from normalised ones.
+    """Coefficients (N, N) without normalisation, from normalised ones; zero where m > n.
 
     The factor is √((2-δ_0m) (n-m)!/(n+m)!), in geodesy times √(2n+1).
 
     Args:
-        c: normalised coefficients (N, N).
+        c: normalised coefficients (N, N), of degree n and order m at [n, m], in any unit.
         geodetic: True for the full normalisation of geodesy, False for Schmidt's semi-normalisation
             of geomagnetism.
     """

@@ -51,7 +51,20 @@ class MagneticDipole:
         moment: Vector | MomentHistory,
         name: str = "magnet",
     ) -> None:
-        """Check the arguments, and read the coefficients of IGRF-14 for the year of the epoch."""
+        """Check the arguments of a magnetic dipole, and read IGRF-14, the Earth's field, for its
+        year.
+
+        Args:
+            frame: of a rigid body, with three directors.
+            orbit: the orbit of the scene, with an epoch.
+            moment: dipole moment along the directors [A m²], (3,), or a function of time [s] that
+                returns it.
+            name: for messages and results.
+
+        Raises:
+            InputError: the frame has not three directors, the moment is neither numbers nor a
+                function, the orbit has no epoch, or IGRF-14 does not cover its year.
+        """
         self.frame = frame
         self.orbit = orbit
         self.moment = moment
@@ -96,7 +109,14 @@ class _DipoleTorque:
         self._m: Array = np.zeros(3)
 
     def prepare(self, flight: Flight) -> None:
-        """Take the field B [T] and the moment m [A m²], (3,) each, in the middle of the step."""
+        """Take the field B (3,) [T] and the moment m (3,) [A m²] in the middle of the step.
+
+        Args:
+            flight: time and position of the scene in the middle of the step.
+
+        Raises:
+            InputError: the user's function for the moment does not return three finite numbers.
+        """
         moment = self._dipole.moment
         # Loads of the midpoint rule act in the middle of the step.
         value = moment(flight.time) if callable(moment) else moment
@@ -109,7 +129,19 @@ class _DipoleTorque:
         self._m = np.asarray(value, dtype=float)
 
     def forces(self, X: Array, rate: Array) -> Array:
-        """Forces (..., 3, 3) on the directors X (..., 3, 3) whose torque is m × B [N m]."""
+        """Forces on the directors X of a body whose torque is m × B.
+
+        Args:
+            X: three directors (..., 3, 3) [-], one a row; complex for derivatives by complex steps.
+            rate: their rates [1/s]; not used.
+
+        Returns:
+            forces (..., 3, 3) [N m], conjugate to the dimensionless directors.
+
+        Raises:
+            numpy.linalg.LinAlgError: the directors are parallel, which no body in a solved step
+                has.
+        """
         torque = np.cross(self._m @ X, self._B)
         # In the middle of a step directors are not exactly orthonormal; with their own S the
         # torque is still m × B.

@@ -37,7 +37,14 @@ class Igrf:
     """
 
     def __init__(self, year: float) -> None:
-        """Interpolate the coefficients linearly between the two epochs around a year."""
+        """Interpolate the coefficients linearly between the two epochs around a year.
+
+        Args:
+            year: year with fraction, e.g. 2026.5.
+
+        Raises:
+            InputError: the year is not in 1900 to 2030.
+        """
         epochs, c = _igrf14()
         check(
             bool(epochs[0] <= year <= epochs[-1]),
@@ -61,7 +68,11 @@ class Igrf:
 
 @cache
 def _igrf14() -> tuple[Array, list[Coefficients]]:
-    """Epochs [years], and for each of them coefficients c_nm [T] without normalisation."""
+    """Epochs (k,) [years], and for each of them coefficients c_nm (14, 14) [T] without
+    normalisation.
+
+    They are read once, from the file `igrf14.shc` of the package.
+    """
     text = (files("gossamer_fx.orbit") / "igrf14.shc").read_text()
     lines = [line.split() for line in text.splitlines() if not line.startswith("#")]
     degree = int(lines[0][1])

@@ -43,7 +43,13 @@ class MassPoints:
     """
 
     def __init__(self, terms: Sequence[Kinetic], system: Assembly) -> None:
-        """Replace each mass by points, and find the unknowns that move them.  Collective."""
+        """Replace each mass by points, and find the unknowns that move them.  Collective.
+
+        Args:
+            terms: kinetic energies of bodies without a mesh, and of masses attached to bodies; each
+                with mass matrices in kg and kg m² for positions and directors.
+            system: the compiled scene, whose numbering gives the indices of the unknowns.
+        """
         indices: list[Array] = []
         matrices: list[Array] = []
         offsets: list[Array] = []
@@ -110,12 +116,13 @@ def equivalent_points(mass: Array, translation_weight: Array) -> tuple[Array, Ar
     second moments are exact; third moments are zero.
 
     Args:
-        mass: mass matrix (k, k) of the vectors.
+        mass: mass matrix (k, k) of the vectors: masses [kg] of positions, first [kg m] and second
+            moments [kg m²] of directors.
         translation_weight: (k,), 1 for positions and 0 for directors.
 
     Returns:
-        points c (p, k), each an affine combination of the k vectors, and masses m (p,), such that
-        Σ m c cᵀ is the mass matrix.
+        points c (p, k), each an affine combination of the k vectors, and masses m (p,) [kg], such
+        that Σ m c cᵀ is the mass matrix.
 
     >>> import numpy as np
     >>> points, masses = equivalent_points(np.diag([2.0, 8.0]), np.array([1.0, 0.0]))
@@ -143,6 +150,12 @@ def equivalent_points(mass: Array, translation_weight: Array) -> tuple[Array, Ar
 def _ports_and_masses(term: Kinetic) -> tuple[Sequence[tuple[Attached, ...]], Array]:
     """The k vectors of each of n masses, and the mass matrices (n, k, k), of the nodes of this
     rank.
+
+    A vector is a port: a position [m] or a director [-] of a body.  Entries of the matrices are
+    masses [kg] for two positions, first moments [kg m] and second moments [kg m²] with directors.
+
+    Args:
+        term: kinetic energy of the nodes of a body, or of masses attached to ports.
     """
     if isinstance(term, AttachedKineticEnergy):
         return term.ports, term.mass

@@ -56,7 +56,11 @@ class Origin:
     """
 
     def __init__(self, r: Array, v: Array, mu: float) -> None:
-        """Convert the state to decimals; `gained` counts from the invariants of this state."""
+        """Convert position r (3,) [m] and velocity v (3,) [m/s] to decimals of 40 digits.
+
+        `gained` counts from the energy and angular momentum of this state.  `mu` is the
+        gravitational parameter of the central body [m³/s²].
+        """
         self.mu = mu
         self._mu = Decimal(mu)
         self._R0 = exact(r)
@@ -89,7 +93,12 @@ class Origin:
             return rounded(difference)
 
     def step(self, h: float, a: Array) -> None:
-        """Compute the end of a step, equation (1); `keep` accepts it.
+        """Compute the end of a step of the midpoint rule, with 40 digits; `keep` accepts it.
+
+            (V1 - V0)/h = -σ (R0 + R1)/2 + a,    (R1 - R0)/h = (V0 + V1)/2
+
+        R is the position [m] and V the velocity [m/s] of the origin at the start (0) and the end
+        (1) of the step; σ = 2μ/(|R0||R1|(|R0| + |R1|)) gives the exact average of 1/r gravity.
 
         Args:
             h: length of the step [s].

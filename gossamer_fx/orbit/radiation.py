@@ -69,15 +69,21 @@ def equilibrium_temperature(A: Array, B: Array) -> Array:
 def advance(
     T: Array, h: float, C: Array | float, A: Array, B: Array, *, count: int
 ) -> tuple[Array, Array]:
-    """Temperatures (n,) [K] a time h [s] later, by equation (2), and the emitted heat (n,) [J/m²].
+    """Temperatures of n triangles of a film a time later, and the heat that they have emitted.
+
+    They follow C dT/dt = A - B T⁴, integrated by an implicit method of order 2 with two stages (R.
+    Alexander, SIAM J. Numer. Anal. 14 (1977) 1006).
 
     Args:
         T: temperatures (n,) [K].
         h: time [s].
-        C: heat capacity per area [J/(m² K)].
+        C: heat capacity per area [J/(m² K)], a number or (n,).
         A: absorbed flux (n,) [W/m²].
         B: radiated flux over T⁴ (n,) [W/(m² K⁴)].
         count: number of sub-steps; above `MAX_SUBSTEPS` one implicit Euler step is made.
+
+    Returns:
+        temperatures (n,) [K], and emitted heat (n,) [J/m²].
 
     >>> import numpy as np
     >>> black = np.array([2 * STEFAN_BOLTZMANN])
@@ -104,11 +110,15 @@ def _stage(start: Array, time: float, C: Array | float, A: Array, B: Array) -> A
     """Solve one implicit stage: the root T (n,) [K] of T + time B T⁴/C = start + time A/C.
 
     Args:
-        start: temperatures before the stage [K].
+        start: temperatures (n,) before the stage [K].
         time: length of the stage [s].
-        C: heat capacity per area [J/(m² K)].
-        A: absorbed flux [W/m²].
-        B: emission over T⁴ [W/(m² K⁴)].
+        C: heat capacity per area [J/(m² K)], a number or (n,).
+        A: absorbed flux (n,) [W/m²].
+        B: emission over T⁴ (n,) [W/(m² K⁴)].
+
+    Returns:
+        T (n,) [K].  Newton's method ends after 60 iterations without an error; it falls to the root
+        from above, so that it converges for all physical input.
     """
     right_side = start + time * A / C
     b = time * B / C
@@ -125,14 +135,15 @@ def _stage(start: Array, time: float, C: Array | float, A: Array, B: Array) -> A
 
 
 def view_factor(cosine: Array, height: float) -> Array:
-    """Share F (n,) of a full hemisphere of radiation that a flat face gets from a sphere.
+    """Share F (n,) of a full hemisphere of radiation that a flat face gets from a sphere, 0 to 1.
 
     It is (1/π) ∫ cos θ dΩ over the visible part of the sphere that is above the plane of the face.
 
     Args:
         cosine: of the angle between the outward normal of the face and the direction to the centre
             (n,).
-        height: distance of the face from the centre over the radius of the sphere, above 1.
+        height: distance of the face from the centre over the radius of the sphere, dimensionless,
+            at least 1.
 
     The closed form is compared with a quadrature in `tests/orbit/test_heating.py`.
 

@@ -67,10 +67,12 @@ def growth(
     dot: Any,
     root: Any,
 ) -> tuple[Any, Any]:
-    """|R| and |R + x| - |R|, by equation (3).
+    """|R| and |R + x| - |R| [m], by (2R + x)·x/(|R + x| + |R|), in which nothing cancels.
+
+    R and x are arrays or UFL vectors; both results are scalars, or (n,) for rows (n, 3).
 
     Args:
-        R: origin of the frame [m].
+        R: origin of the frame, from the attracting centre [m].
         x: position in the frame [m].
         dot: dot product of two such vectors.
         root: square root.
@@ -91,8 +93,16 @@ def excess(
     d0: Any,
     d1: Any,
 ) -> Any:
-    """γ of equation (2), from the distances r and their growths d at the start and the end of a
-    step.
+    """γ = σ(R0, R1)/σ(X0, X1) - 1 without cancellation, dimensionless.
+
+    σ(b, c) = 2μ/(|b||c|(|b| + |c|)) is the factor of the mean gravity over a step, R the origin of
+    the frame and X a mass point.  Numbers, arrays or UFL scalars.
+
+    Args:
+        r0: |R0|, distance of the origin from the centre at the start of the step [m].
+        r1: the same at the end of the step [m].
+        d0: |X0| - |R0| [m], as `growth` returns it.
+        d1: |X1| - |R1| [m].
     """
     p = d0 / r0
     q = d1 / r1
@@ -102,7 +112,14 @@ def excess(
 
 
 def _names_of_holders(terms: Sequence[Term]) -> Iterator[str]:
-    """Names of the terms that fix a body to a point of the frame."""
+    """Yield the names of terms that fix a body to a point of the frame, which flies and cannot
+    hold.
+
+    These are supports (`Support`), and measures between points of which one is on the ground.
+
+    Args:
+        terms: all terms of the scene on this rank.
+    """
     for term in terms:
         if isinstance(term, Support):
             yield term.name
@@ -124,7 +141,18 @@ class MeshGravity:
     """
 
     def __init__(self, term: KineticEnergy, at: Any) -> None:
-        """Compile equations (1) to (3) for one body; each step sets only constants of the forms."""
+        """Compile relative gravity on one body on a mesh; each step sets only constants of the
+        forms.
+
+        The force per mass is the difference of gravity at a point and at the origin R of the frame,
+        -σ(R0, R1) [x_mid - γ/(1+γ) X_mid], see the module for σ and γ.
+
+        Args:
+            term: kinetic energy of the body; `term.mass(a, w)` is the form ∫ ρ a·w, which takes an
+                acceleration [m/s²] to a force [N].
+            at: fields of the body in the system: coordinates q0, q1 and mid of a step [m], test
+                function w and trial function dq.
+        """
         self.body = term.body
         self._at = at
         mesh = at.q0.function_space.mesh
@@ -202,7 +230,16 @@ class CompiledOrbit(
     """
 
     def __init__(self, terms: Sequence[RelativeGravity], system: Assembly) -> None:
-        """Check that the scene can fly, and compile gravity on its bodies.  Collective."""
+        """Check that the scene can fly, and compile gravity on its bodies.  Collective.
+
+        Args:
+            terms: the orbits of the scene; there must be one.
+            system: the compiled scene.
+
+        Raises:
+            InputError: the scene has several orbits, the time-stepping rule is not the midpoint
+                rule, or a term fixes a body to a point of the frame.
+        """
         # Positions of the scene are relative to one origin.
         check(len(terms) == 1, f"The scene has {len(terms)} orbits; give it one.")
         check(
@@ -238,8 +275,13 @@ class CompiledOrbit(
         self._resultant: Array = np.zeros((2, 3))
 
     def _weigh(self) -> PETSc.Vec:
-        """Weights W with Σ m w = Σ_i W_i w_i, for positions, velocities or displacements w of all
-        bodies.
+        """Weights W [kg] with Σ m w = Σ_i W_i w_i, the sum over all masses m that move by w.
+
+        w is a vector of the system: positions, velocities or displacements.
+
+        Returns:
+            a vector of the system, of all bodies: the same weight for the three components of a
+            node.  Multipliers have the weight zero.  Collective.
         """
         W = self._system.numbering.vector()
         with W as values:
@@ -272,7 +314,15 @@ class CompiledOrbit(
     # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self, t: float) -> None:
-        """Advance the origin by one step, whose middle is at t [s], and set all constants."""
+        """Advance the origin by one step, whose middle is at t [s], and set all constants.
+        Collective.
+
+        The constants are positions R0, R1 [m] of the origin, the factor σ [1/s²] of the mean
+        gravity over the step, and the gravity gradient [1/s²].
+
+        Raises:
+            InputError: the step is too large a part of a revolution.
+        """
         flight = self.flight
         flight.prepare(self._system)
         R0 = flight.origin.R0
@@ -294,8 +344,14 @@ class CompiledOrbit(
             self._X0 = self._points(self._system.q0)
 
     def _on_points(self, x1: Array) -> Array:
-        """Forces (n, 3) [N] on the mass points, whose positions (n, 3) at the end of the step are
-        x1.
+        """Forces (n, 3) [N] of gravity, relative to the falling frame, on the mass points in a
+        step.
+
+        m [-σ(R0, R1) (x_mid - γ/(1+γ) X_mid) + tidal and other accelerations], with the origin R of
+        the frame and X = R + x; the first term is the exact average of 1/r gravity over the step.
+
+        Args:
+            x1: positions (n, 3) [m] of the points in the frame at the end of the step.
         """
         assert self._points is not None
         flight = self.flight
@@ -328,11 +384,11 @@ class CompiledOrbit(
     # ---- energy and momentum for the ledger ------------------------------------------------------
 
     def supplied(self) -> float:
-        """Work [J] in the step that no other term counts; on rank 0, zero elsewhere.
+        """Work [J] in the step that no other term counts; on rank 0, zero elsewhere.  Collective.
 
         It is the work of all attraction other than 1/r, and that of all other loads on the
-        displacement of the origin.  The loads count their work on displacements in the frame
-        themselves.  Their resultant follows from the change of momentum.  Collective.
+        displacement of the origin of the moving frame.  The loads count their work on displacements
+        in the frame themselves.  Their resultant follows from the change of momentum.
         """
         system = self._system
         flight = self.flight
@@ -381,10 +437,12 @@ class CompiledOrbit(
         self.flight.keep()
 
     def energies(self) -> dict[str, float]:
-        """Energy [J] of the motion of the frame and of 1/r gravity; the sum over ranks counts.
+        """Energy [J] of the motion of the frame and of 1/r gravity, by the name of the orbit.
 
         It is ½ M |V|² + V·P + Σ m μ (1/|R| - 1/|X|) - M μ/|R|, less the first and the last term at
-        the start of the run, with the mass M and the momentum P in the frame.
+        the start of the run: M is the mass of all bodies [kg], P their momentum in the frame, R and
+        V position and velocity of the origin, X = R + x the position of a mass m.  The sum over
+        ranks counts.
         """
         system = self._system
         origin = self.flight.origin
@@ -405,9 +463,12 @@ class CompiledOrbit(
         return {self.name: energy}
 
     def momenta(self) -> Array:
-        """Momentum and angular momentum (2, 3) about the central body, less those in the frame.
+        """Momentum [kg m/s] and angular momentum [kg m²/s] about the central body, less those in
+        the frame.
 
-        On rank 0; zeros elsewhere.  Collective.
+        Returns:
+            both as rows of an array (2, 3), on rank 0; zeros on all other ranks, so that the sum
+            over ranks counts.  Collective.
         """
         m = self.moments()
         origin = self.flight.origin

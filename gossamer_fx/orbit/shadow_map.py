@@ -66,9 +66,13 @@ class ShadowMap:
         self._corners = cell_nodes(film.space)[: self._owned, :3]
 
     def update(self, system: Assembly, u: Array) -> None:
-        """Compute `lit` for light along the unit vector u (3,), at the start of the step.
+        """Compute `lit` (1 in light, 0 in shade) of all triangles for light along a unit vector.
 
         Collective.
+
+        Args:
+            system: the compiled scene; the shape is that at the start of the present step.
+            u: direction (3,) in which the light travels, of length 1.
         """
         x = system.fields[self._film].q0.x.array.reshape(-1, 3)
         triangles = x[self._corners]
@@ -147,7 +151,15 @@ def lit_parts(
 
 
 def _slopes(triangles: Array, u: Array) -> Array:
-    """Change of depth along u per length across u (n,), of triangles (n, 3, 3)."""
+    """Change of depth along u per length across u (n,), dimensionless: the tangent of incidence.
+
+    Args:
+        triangles: corners (n, 3, 3) [m].
+        u: unit vector (3,) along the light.
+
+    Returns:
+        slopes (n,), limited to 1000; that of triangles without area is this limit.
+    """
     first = triangles[:, 1] - triangles[:, 0]
     second = triangles[:, 2] - triangles[:, 0]
     normals = np.cross(first, second)
@@ -160,7 +172,11 @@ def _slopes(triangles: Array, u: Array) -> Array:
 
 
 def _barycentric(n: int) -> Array:
-    """Barycentric coordinates (n², 3) of the centres of the n² equal triangles of a triangle."""
+    """Barycentric coordinates (n², 3) of the centres of the n² equal triangles of a triangle.
+
+    Args:
+        n: number of parts of each edge, at least 1.
+    """
     i = np.repeat(np.arange(n), n)
     j = np.tile(np.arange(n), n)
     # Small triangles with the orientation of the large one, and those that are upside down.

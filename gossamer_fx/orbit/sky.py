@@ -37,7 +37,15 @@ class Sky:
     """
 
     def __init__(self, epoch: str, ut1_utc: float = 0.0) -> None:
-        """Convert the epoch from UTC to terrestrial time and UT1, as Julian dates."""
+        """Convert the epoch from UTC to terrestrial time and UT1, as Julian dates.
+
+        Args:
+            epoch: date in UTC, in the format of ISO 8601.
+            ut1_utc: difference UT1 - UTC [s].
+
+        Raises:
+            InputError: `epoch` is not a date, |ut1_utc| ≥ 1 s, or ERFA is not installed.
+        """
         try:
             self.start = datetime.fromisoformat(epoch).replace(tzinfo=UTC)
         except (TypeError, ValueError):
@@ -84,7 +92,11 @@ class Sky:
 
 
 def _erfa() -> Any:
-    """The module erfa, which is optional."""
+    """The module `erfa` (positions of Sun, Moon and Earth by date), which is optional.
+
+    Raises:
+        InputError: ERFA is not installed; the message names the package to install.
+    """
     try:
         import erfa
     except ImportError:

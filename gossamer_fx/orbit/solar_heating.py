@@ -144,7 +144,8 @@ class ThermalProperties:
         """Check the signs and ranges of the properties.
 
         Raises:
-            InputError: a capacity is not positive, or a share is not between 0 and 1.
+            InputError: the heat capacity is not positive [J/(m² K)], an absorptivity or emissivity
+                is not between 0 and 1, or a film that absorbs has no emissivity.
         """
         check(
             self.heat_capacity > 0,
@@ -221,7 +222,24 @@ class SolarHeating:
         shadow_pixels: int = 0,
         name: str = "",
     ) -> None:
-        """Check the arguments, which the class describes."""
+        """Check the arguments of the heating of a film by sunlight.
+
+        Args:
+            film: a membrane or plate.
+            orbit: the orbit of the scene.
+            properties: heat capacity [J/(m² K)], absorptivities and emissivities of the film.
+            groups: other properties, by the names of groups of its triangles.
+            initial_temperature: [K]; None: that of the film's thermal expansion.
+            space_temperature: of the sky [K].
+            infrared: flux that the central body radiates at its surface [W/m²].
+            albedo: share of sunlight that the central body reflects, 0 to 1.
+            shadow_pixels: pixels across the map by which the film shades itself; 0: no shadows.
+            name: for messages.
+
+        Raises:
+            InputError: a number is out of its range, the film is a reduced model, or no initial
+                temperature is known.
+        """
         self.film = film
         self.orbit = orbit
         self.properties = properties
@@ -242,7 +260,13 @@ class SolarHeating:
         self._temperatures: WeakKeyDictionary[Assembly, FilmTemperatures] = WeakKeyDictionary()
 
     def _check_numbers(self) -> None:
-        """Refuse numbers out of their ranges, each in one sentence."""
+        """Refuse numbers out of their ranges, each in one sentence.
+
+        Raises:
+            InputError: `albedo` is outside 0 to 1, `infrared` [W/m²] is negative, a temperature is
+                outside 0 to 1e5 K, `shadow_pixels` is negative or too large, or no initial
+                temperature is known.
+        """
         check(0 <= self.albedo <= 1, f"'{self.name}': albedo is {self.albedo!r}; give 0 to 1.")
         check(
             self.infrared >= 0,
@@ -301,7 +325,18 @@ class FilmTemperatures:
     """
 
     def __init__(self, heating: SolarHeating, system: Assembly) -> None:
-        """Take the initial temperatures, and compile the area vectors.  Collective."""
+        """Take the initial temperatures, and compile the area vectors.  Collective.
+
+        It sets `T` (n,) [K] and the stress-free areas [m²] of the n triangles that this rank owns.
+
+        Args:
+            heating: the item of the scene, with the film and its thermal properties.
+            system: the compiled scene.
+
+        Raises:
+            InputError: a group of properties is not of triangles, or the film's thermal expansion
+                has a temperature that is a function of time.
+        """
         self.heating = heating
         self.film = film = heating.film
         self._system = system
@@ -334,7 +369,14 @@ class FilmTemperatures:
             self._strain.commit()
 
     def _take_properties(self) -> None:
-        """Properties of each triangle: capacities (n,), absorptivities and emissivities (n, 2)."""
+        """Set the thermal properties of each of the n triangles that this rank owns.
+
+        These are the heat capacities `_C` (n,) [J/(m² K)] and, for front and back,
+        `_absorptivities` and `_emissivities` (n, 2), dimensionless.
+
+        Raises:
+            InputError: a group is not in the mesh, or is not of triangles.
+        """
         heating = self.heating
         table = np.zeros((self._owned, 5))
 
@@ -356,7 +398,15 @@ class FilmTemperatures:
         self._emissivities = table[:, 3:5]
 
     def _initial(self) -> Array:
-        """The temperatures (n,) at the start."""
+        """The temperatures (n,) [K] of this rank's triangles at the start.
+
+        They are the item's `initial_temperature`, or the mean over the nodes of each triangle of
+        the film's thermal expansion.
+
+        Raises:
+            InputError: the thermal expansion of the film has a temperature that is a function of
+                time.
+        """
         heating = self.heating
         strain = self._strain
         if strain is not None:
@@ -376,7 +426,16 @@ class FilmTemperatures:
     # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self) -> None:
-        """Advance the temperatures over the step; `commit` accepts them.  Collective."""
+        """Advance the temperatures over the step `system.h` [s]; `commit` accepts them.
+        Collective.
+
+        Absorbed and emitted heat [J] of the step are stored with the temperatures, and the film
+        takes the thermal strain of its new temperatures.
+
+        Raises:
+            InputError: the orbit is not in the scene, the step is too long for it, or it does not
+                know where the Sun is.
+        """
         system = self._system
         flight = self.heating.orbit.flight(system)
         flight.prepare(system)
@@ -390,7 +449,8 @@ class FilmTemperatures:
         self._expand(T)
 
     def commit(self) -> None:
-        """Accept the step, if there was one."""
+        """Accept the temperatures and heats of the step that `begin_step` computed, if there is
+        one."""
         if self._pending is None:
             return
         T, absorbed, emitted = self._pending
@@ -415,8 +475,15 @@ class FilmTemperatures:
         function.x.scatter_forward()
 
     def _fluxes(self, flight: Flight) -> tuple[Array, Array]:
-        """A [W/m²] and B [W/(m² K⁴)] of `orbit.radiation` (n,), in the middle of the step.
-        Collective."""
+        """Absorbed flux A and emission coefficient B of the heat equation C dT/dt = A - B T⁴.
+
+        Args:
+            flight: position, sunlight and time of the scene in the middle of the step.
+
+        Returns:
+            A (n,) [W/m²] and B (n,) [W/(m² K⁴)] of the n triangles of this rank, per stress-free
+            area.  Collective.
+        """
         heating = self.heating
         u, pressure = flight.light()
         a = self._middle_area_vectors()
@@ -435,8 +502,19 @@ class FilmTemperatures:
         return A, B
 
     def _from_central_body(self, flight: Flight, a: Array, stretch: Array) -> Array:
-        """Flux (n,) [W/m²] of infrared and reflected sunlight of the central body that is
-        absorbed."""
+        """Absorbed flux (n,) [W/m²] of infrared and reflected sunlight of the central body.
+
+        It is per stress-free area, summed over both faces of each triangle.
+
+        Args:
+            flight: position and time of the scene in the middle of the step.
+            a: area vectors (n, 3) of the deformed triangles over their stress-free areas,
+                dimensionless.
+            stretch: lengths (n,) of `a`: deformed over stress-free area.
+
+        Raises:
+            InputError: the orbit does not know where the Sun is.
+        """
         heating = self.heating
         around = flight.around
         distance = float(np.linalg.norm(flight.R))
@@ -490,7 +568,10 @@ class FilmTemperatures:
         self._first = share * first
 
     def balance(self) -> HeatBalance:
-        """The heat balance of the accepted state.  Collective."""
+        """The heat balance of the accepted state: heats [J] and temperatures [K] of all triangles.
+
+        Collective; the same on every rank.
+        """
         comm = self._system.comm
         sums = self.sums()
         own = np.array([self._stored(), float(self._C @ self._areas)])
@@ -521,10 +602,14 @@ class HeatedFilms(
     """All `HeatedFilm` terms of a scene."""
 
     def __init__(self, terms: Sequence[HeatedFilm], system: Assembly) -> None:
-        """Make the temperatures of each heated film.
+        """Make the temperatures of each heated film.  Collective.
+
+        Args:
+            terms: one for each `SolarHeating` of the scene.
+            system: the compiled scene.
 
         Raises:
-            InputError: a film is heated twice.
+            InputError: a film is heated twice, or the errors of `FilmTemperatures`.
         """
         self._films: list[FilmTemperatures] = []
         for term in terms:

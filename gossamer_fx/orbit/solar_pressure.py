@@ -71,7 +71,21 @@ class SolarPressure:
         shadow_pixels: int = 0,
         name: str = "",
     ) -> None:
-        """Check the arguments, which the class describes, and name the load after the body."""
+        """Check the arguments of the load of sunlight on a body, and name the load after the body.
+
+        Args:
+            body: a film or a rigid body.
+            orbit: the orbit of the scene.
+            optics: of both sides of a film.
+            groups: other optics, by the names of groups of the film's triangles.
+            surfaces: flat faces of a rigid body; none for a film.
+            shadow_pixels: pixels across the map by which a film shades itself; 0: no shadows.
+            name: for messages and results.
+
+        Raises:
+            InputError: a rigid body has no surfaces, or has groups or shadow pixels; a film has
+                surfaces; or `shadow_pixels` is not from 0 to 8192.
+        """
         self.body = body
         self.orbit = orbit
         self.optics = optics
@@ -111,6 +125,16 @@ class SolarPressure:
     def _on_film(self, film: Membrane) -> FlyingLoad:
         """Load of sunlight on the deformed triangles of a film; direction and pressure are
         constants.
+
+        Args:
+            film: the body of the load.
+
+        Returns:
+            the load term: the form of its virtual work (forces [N] tested by w), and `prepare`,
+            which sets direction (3,), pressure [N/m²] and shadows before each step.
+
+        Raises:
+            InputError: a group of optics is not of triangles of the mesh.
         """
         mesh = film.space.mesh
         u = fem.Constant(mesh, np.zeros(3))
@@ -149,6 +173,10 @@ def face_coefficients(
         groups: optics by the names of groups of its mesh.
         name: of the load, for messages.
 
+    Returns:
+        for front and back a list of three dimensionless UFL scalars, those of
+        `Optics.coefficients`.
+
     Raises:
         InputError: a group that is not in the mesh, or not of triangles.
     """
@@ -172,7 +200,17 @@ def face_coefficients(
 
 
 def check_surfaces(name: str, body: Membrane | RigidBody, surfaces: Sequence[Surface]) -> None:
-    """Raise `InputError` unless a rigid body has surfaces and a film has none."""
+    """Raise `InputError` unless a rigid body has surfaces and a film has none.
+
+    Args:
+        name: of the load, for the message.
+        body: on which the load acts.
+        surfaces: flat faces that the user gave for the body.
+
+    Raises:
+        InputError: the body is neither a film nor a rigid body, or surfaces are missing or
+            superfluous.
+    """
     check(
         isinstance(body, Membrane | RigidBody),
         f"'{name}' acts on {body!r}; give a film or a rigid body.",
@@ -198,7 +236,12 @@ class _LightOnFaces(FacesForce):
     """Sunlight on flat faces."""
 
     def __init__(self, surfaces: Sequence[Surface]) -> None:
-        """Take geometry and optical coefficients (3, n, 1) of both sides of n surfaces."""
+        """Take geometry and optical coefficients (3, n, 1) [-] of both sides of n surfaces.
+
+        Args:
+            surfaces: flat faces of a rigid body, with area [m²], normal, centre [m] and optics.
+                The back of a one-sided face has the coefficients zero.
+        """
         super().__init__(*geometry(surfaces))
         self._front, self._back = (
             np.array([s.optics.coefficients(back=side) for s in surfaces]).T[..., None]

@@ -65,7 +65,21 @@ class Sunlight:
         pressure: float = PRESSURE,
         name: str = "sunlight",
     ) -> None:
-        """Check the arguments, which the class describes."""
+        """Check the arguments of the load of light on a film.
+
+        Args:
+            body: the film.
+            direction: (3,) of any length, along which the light travels, or a function of time [s]
+                that returns it.
+            optics: of both sides of the film.
+            groups: other optics, by the names of groups of triangles.
+            pressure: of the light on a black surface [N/m²].
+            name: for messages and results.
+
+        Raises:
+            InputError: the pressure is negative or not finite, or the direction at time 0 is not
+                three finite numbers with a length.
+        """
         self.body = body
         self.optics = optics
         self.groups = dict(groups or {})
@@ -83,7 +97,10 @@ class Sunlight:
         yield self.body
 
     def direction_at(self, t: float) -> Array:
-        """Unit vector (3,) along the light at a time [s].
+        """Unit vector (3,) along which the light travels at a time.  Collective.
+
+        Args:
+            t: time [s], or the argument `at` of an equilibrium.
 
         Raises:
             InputError: the direction is not three finite numbers, or has no length.
@@ -103,7 +120,14 @@ class Sunlight:
         return unit
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The force of light on the deformed triangles, a load that follows them."""
+        """Yield the force of light on the deformed triangles, a load that follows them.
+
+        Args:
+            start: initial state of the scene; not used.
+
+        Raises:
+            InputError: a group of optics is not of triangles of the mesh.
+        """
         film = self.body
         mesh = film.space.mesh
         u = fem.Constant(mesh, self.direction_at(0.0))

@@ -62,17 +62,23 @@ def light_force(
     back: Any,
     maths: Any,
 ) -> Any:
-    """Force of light on a face, divided by the pressure of light; equation of `Optics`.
+    """Force of light on a face, divided by the pressure of light.
+
+        |a·u| [(c_0 cos α + c_1) n + c_2 u]
+
+    with the unit normal n of the face on the side away from the light, the angle α between n and u,
+    and the coefficients c of the lit side.
 
     Args:
-        a: area vector of the face [m²]; it points away from its front.
+        a: area vector of the face [m²], a UFL vector or rows (..., 3); it points away from its
+            front. Its length must not be zero: NaN is returned.
         u: unit vector along the light.
         front: the three coefficients of `Optics.coefficients` that hold when the front is lit.
         back: those that hold when the back is lit.
-        maths: `Symbolic` or `Rows`.
+        maths: `Symbolic` for UFL expressions, or `Rows` for arrays.
 
     Returns:
-        a vector [m²].
+        a vector [m²], of the shape of `a`.
 
     >>> import numpy as np
     >>> mirror = (2.0, 0.0, 0.0)
@@ -106,17 +112,18 @@ def flow_force(
     """Force of free-molecular flow on a face, divided by the density of the air.
 
     Args:
-        a: area vector of the face [m²]; it points away from its front.
-        U: velocity of the air relative to the face [m/s].
+        a: area vector of the face [m²], a UFL vector or rows (..., 3); it points away from its
+            front.
+        U: velocity of the air relative to the face [m/s], of the same kind.
         thermal: thermal speed √(2kT/m) of the air [m/s].
-        σn: accommodation coefficient of normal momentum.
-        σt: accommodation coefficient of tangential momentum.
+        σn: accommodation coefficient of normal momentum, 0 to 1.
+        σt: accommodation coefficient of tangential momentum, 0 to 1.
         wall: √(T_w/T), with the temperatures of wall and air.
-        two_sided: 1, or 0 if air does not reach the back.
-        maths: `Symbolic` or `Rows`.
+        two_sided: 1, or 0 if air does not reach the back; a number, or (n, 1) for n faces.
+        maths: `Symbolic` for UFL expressions, or `Rows` for arrays.
 
     Returns:
-        a vector [m⁴/s²].
+        a vector [m⁴/s²], of the shape of `a`; NaN where `a` or `U` is zero.
     """
     area = maths.root(maths.dot(a, a))
     speed = maths.root(maths.dot(U, U))
@@ -160,7 +167,12 @@ class Surface:
     two_sided: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse an area [m²] that is not positive, and vectors that are not three numbers."""
+        """Refuse an area that is not positive, and vectors that are not three numbers.
+
+        Raises:
+            InputError: area ≤ 0 [m²], normal or centre [m] are not three finite numbers, or the
+                normal is zero.
+        """
         check(self.area > 0, f"Surface: area is {self.area!r} m²; give a positive number.")
         for what in ("normal", "centre"):
             check(

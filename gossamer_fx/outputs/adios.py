@@ -9,10 +9,13 @@ from gossamer_fx.checks.errors import InputError
 
 
 def adios2_for(path: Path) -> Any:
-    """The module with which a file is to be read.
+    """The Python module `adios2` (the library that reads and writes BP files), for reading a file.
+
+    Args:
+        path: of the file that is to be read; only for the message.
 
     Raises:
-        InputError: this Python has none.
+        InputError: this Python has no ADIOS2.
     """
     import dolfinx  # noqa: F401 (the wheels of both have libraries of one name: adios2 goes second)
 

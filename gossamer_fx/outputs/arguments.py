@@ -62,7 +62,14 @@ _POSITION_TOLERANCE = 1e-9
 def arguments_of(items: Sequence[Any]) -> dict[str, dict[str, Known]]:
     """The arguments of the items of a scene, by the items' names.  Collective.
 
-    Initial conditions are left out: a restart replaces them by the state of the checkpoint.
+    A checkpoint stores them, and a restart compares them with those of the present scene.  Initial
+    conditions are left out: a restart replaces them by the state of the checkpoint.
+
+    Args:
+        items: bodies, loads, constraints and other items of the scene, each with a name.
+
+    Returns:
+        for each item the values of its arguments as data for JSON, as `describe` makes them.
     """
     arguments = {}
     for item in items:
@@ -73,23 +80,31 @@ def arguments_of(items: Sequence[Any]) -> dict[str, dict[str, Known]]:
 
 def of_item(item: Any, items: Iterable[Any]) -> dict[str, Known]:
     """The arguments of an item of a scene, by name, and its public attributes that are numbers,
-    words or obstacles.
+    words or obstacles.  Collective.
 
     Args:
         item: it keeps each argument as an attribute of the argument's name, maybe after an
             underscore.
-        items: of the scene.
+        items: of the scene; references to them are stored as class and name.
+
+    Returns:
+        values as data for JSON, as `describe` makes them.
     """
     return _attributes(item, functools.partial(describe, items=tuple(items), depth=1))
 
 
 def describe(value: Any, items: Iterable[Any] = (), depth: int = 0) -> Known:
-    """Convert a value to data; `{"unknown": class}` stands for one that cannot be converted.
+    """Convert a value to data for JSON; `{"unknown": class}` stands for one that cannot be
+    converted.
+
+    Numbers and words are returned as they are, items of the scene as "Class 'name'", objects of
+    this package by their arguments, functions by what their code contains.  Collective, as
+    positions of attached points are sums over all ranks.
 
     Args:
         value: any object.
         items: of the scene, which are described by class and name.
-        depth: number of objects in which the value is.
+        depth: number of objects in which the value is; deeper than 6 all objects are unknown.
     """
     known_items = tuple(items)
     inner = functools.partial(describe, items=known_items, depth=depth + 1)
@@ -128,11 +143,14 @@ def describe(value: Any, items: Iterable[Any] = (), depth: int = 0) -> Known:
 
 
 def unknown(known: Known, where: str = "") -> list[str]:
-    """Keys, joined to words, that lead to the unknown values of a description.
+    """Names, joined to words, that lead to the values of a description that could not be stored.
 
     Args:
-        known: a description.
+        known: a description, as `describe` returns it: numbers, words, lists and dictionaries.
         where: words that lead to it.
+
+    Returns:
+        one text for each `{"unknown": class}`; an empty list if all values are stored.
     """
     if isinstance(known, dict):
         if UNKNOWN in known:
@@ -159,7 +177,16 @@ def _is_of_package(value: Any) -> bool:
 
 
 def _attributes(thing: Any, inner: Callable[[Any], Known]) -> dict[str, Known]:
-    """The arguments with which an object was made, if it keeps them, and other plain attributes."""
+    """The arguments with which an object was made, if it keeps them, and other plain attributes.
+
+    Args:
+        thing: the object; an argument is looked for under its name, or with an underscore before
+            it.
+        inner: converts an attribute to data for JSON.
+
+    Returns:
+        the data by name, without names, meshes and communicators, which are not compared.
+    """
     if is_dataclass(thing):
         arguments = [field.name for field in fields(thing)]
     else:
@@ -189,8 +216,12 @@ def _is_plain(value: Any) -> bool:
 
 
 def _of_port(port: Port) -> Known:
-    """A vector attached to a body: its initial value, which does not depend on the numbering of
-    nodes."""
+    """Data about a vector attached to a body, for the comparison with a later run.  Collective.
+
+    Args:
+        port: weights on nodes of a body.  The numbers of its nodes are not stored, since they
+            differ between runs; its initial value is, (3,) [m] or [-], with a tolerance [m].
+    """
     body = port.body
     coordinates = body.initial_state()[0]
     largest = body.comm.allreduce(float(np.abs(coordinates).max(initial=0.0)), MPI.MAX)
@@ -205,7 +236,15 @@ def _of_port(port: Port) -> Known:
 
 
 def _of_function(function: Callable[..., Any], inner: Callable[[Any], Known]) -> Known:
-    """A function, method, partial function, or object that can be called."""
+    """Data about a function, method, partial function, or object that can be called.
+
+    Args:
+        function: to be compared with that of a later run.
+        inner: converts values in it, such as default arguments, to data for JSON.
+
+    Returns:
+        a dictionary with the key "function"; of compiled functions it contains the name only.
+    """
     if isinstance(function, functools.partial):
         return {
             "function": inner(function.func),
@@ -224,7 +263,16 @@ def _of_function(function: Callable[..., Any], inner: Callable[[Any], Known]) ->
 
 
 def _of_python_function(function: FunctionType, inner: Callable[[Any], Known]) -> Known:
-    """A function that is written in Python, by what its code contains and uses."""
+    """Data about a function that is written in Python: what its code contains and uses.
+
+    Args:
+        function: the function.
+        inner: converts constants, default arguments and variables from outside to data for JSON.
+
+    Returns:
+        its name, the constants and names in its code, its default arguments, and the values of
+        variables that it reads from outside.
+    """
     code = function.__code__
     cells = function.__closure__ or ()
     outside: dict[str, Any] = {}
@@ -280,10 +328,13 @@ def _names(code: CodeType) -> Iterator[str]:
 
 
 def _constants(code: CodeType) -> Iterator[Known]:
-    """Numbers and words in the body of a function, in their order.
+    """Yield the numbers and words in the body of a function, in their order.
 
     They are read from the instructions, which the module `dis` knows for each version of Python:
     small integers are no longer among `co_consts` in Python 3.14, and a docstring is.
+
+    Args:
+        code: bytecode of the function; functions within it are included.
     """
     for each in _codes(code):
         for instruction in dis.get_instructions(each):
@@ -292,7 +343,13 @@ def _constants(code: CodeType) -> Iterator[Known]:
 
 
 def _plain_constants(value: Any) -> Sequence[Known]:
-    """The numbers and words in a constant of a function; none in e.g. None or a slice."""
+    """The numbers and words in a constant of a function; an empty list for others, e.g. None or a
+    slice.
+
+    Args:
+        value: a constant of the bytecode.  Tuples and sets give their elements; complex numbers and
+            bytes give their text, since JSON does not have them.
+    """
     if isinstance(value, tuple | frozenset):
         found: list[Known] = []
         for element in value:

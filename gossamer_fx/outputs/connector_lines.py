@@ -34,7 +34,13 @@ class ConnectorLines:
     """
 
     def __init__(self, path: Path, items: Sequence[object], schedule: Schedule) -> None:
-        """List the ends of all lines, and the columns of the table; no file is opened yet."""
+        """List the ends of all lines, and the columns of the table; no file is opened yet.
+
+        Args:
+            path: of the CSV file.
+            items: of the scene; ropes, springs and tapes among them have lines.
+            schedule: steps or times [s] at which rows are written.
+        """
         self.path = path
         self._schedule = schedule
         self._table = Table(path)
@@ -72,7 +78,15 @@ class ConnectorLines:
         self._table.cut(run.comm, self._head, cursor)
 
     def record(self, run: Run, last: bool) -> None:
-        """Add a row if it is due; `last`: in any case."""
+        """Add a row with the end points of all lines [m] if it is due.  Collective.
+
+        Args:
+            run: whose present state is written.
+            last: True for the last state of the run, which is always written.
+
+        Raises:
+            OutputFailure: the disk is full or the folder is gone.
+        """
         if not self._schedule.due(run.step, run.time, last):
             return
         row: list[float] = [float(run.time), run.step]

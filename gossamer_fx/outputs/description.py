@@ -23,11 +23,13 @@ _PACKAGES = ("fenics-dolfinx", "fenics-ufl", "petsc4py", "mpi4py", "numpy", "gms
 
 
 def describe(run: Run) -> Description:
-    """Bodies, terms, gas, energies and momenta of the present state; the same on every rank.
-    Collective.
+    """Bodies, terms, gas, energies and momenta of the present state, as data for `run.json`.
 
     Masses [kg], areas [m²], lengths [m], boxes [m], pressures [Pa], temperatures [K], volumes [m³],
-    energies [J], momenta [kg m/s, kg m²/s].
+    energies [J], momenta [kg m/s, kg m²/s].  Collective; the same on every rank.
+
+    Args:
+        run: whose scene and state are described.
     """
     system = run.system
     totals = run.totals
@@ -70,7 +72,16 @@ def describe(run: Run) -> Description:
 
 
 def _body(run: Run, body: Body) -> Description:
-    """Kind, size, mass and law of a body.  Collective."""
+    """Kind, size, mass [kg], surrounding box [m] and law of a body, as data for JSON.  Collective.
+
+    Args:
+        run: with the state of the body.
+        body: a body of its scene.
+
+    Returns:
+        a dictionary; on a mesh with the number of cells, the order, and the area [m²] or length
+        [m].
+    """
     nodes = body.block.index_map.size_global
     positions = run.system.state[body].positions()
     found: Description = {
@@ -104,7 +115,12 @@ def _body(run: Run, body: Body) -> Description:
 
 
 def _mass(run: Run, body: Body) -> float:
-    """Mass of a body [kg]: e·M e, where e moves it along x by one."""
+    """Mass of a body [kg]: e·M e, where e moves it along x by one.  Collective.
+
+    Args:
+        run: whose system has the mass matrix M.
+        body: a body of its scene.
+    """
     system = run.system
     owned = system.block(body).owned
     along_x = np.zeros(owned.stop - owned.start)
@@ -118,8 +134,10 @@ def _mass(run: Run, body: Body) -> float:
 
 
 def versions() -> dict[str, str]:
-    """Versions of this package and of those that it is built on; what is not installed is left
-    out."""
+    """Versions of this package and of those that it is built on, by name.
+
+    Packages that are not installed are left out.
+    """
     found = {"gossamer_fx": VERSION}
     for name in _PACKAGES:
         try:
@@ -130,10 +148,11 @@ def versions() -> dict[str, str]:
 
 
 def lines(about: Mapping[str, Any]) -> list[str]:
-    """A description as lines of text: one for each body, chamber and kind of term.
+    """A description of a run as lines of text: one for each body, chamber and kind of term.
 
     Args:
-        about: as `describe` returns it, or as it was read from a run.json.
+        about: the entry "scene" of a run.json, as `describe` returns it: masses in kg, energies in
+            J.
     """
     ranks = f"{about['ranks']} ranks"
     if about["ranks"] == 1:
@@ -169,7 +188,11 @@ def lines(about: Mapping[str, Any]) -> list[str]:
 
 
 def _body_words(body: Mapping[str, Any]) -> list[str]:
-    """The kind, size and mass of a body in words."""
+    """The kind, size and mass of a body in words, e.g. "120 cells of order 1", "mass 0.3 kg".
+
+    Args:
+        body: entry of the body in a run.json: its mass in kg, its area in m² or length in m.
+    """
     words = [body["kind"]]
     if "cells" in body:
         words.append(f"{body['cells']} cells of order {body.get('order', '?')}")

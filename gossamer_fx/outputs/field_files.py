@@ -37,6 +37,13 @@ def clear(folder: Path) -> None:
 def note_steps(folder: Path, steps: int) -> Lengths:
     """Write `steps.json` for files that hold a number of whole steps; returns their lengths.
 
+    Args:
+        folder: of an ADIOS2 output, `film.bp`.
+        steps: number of steps (records of the fields) that are completely written.
+
+    Returns:
+        the length [bytes] of each data file, by its name.
+
     Raises:
         OSError: the disk is full, or the folder is gone; the former `steps.json` stays.
     """
@@ -50,7 +57,11 @@ def note_steps(folder: Path, steps: int) -> Lengths:
 
 
 def noted_steps(folder: Path) -> int:
-    """The number of steps that a field output should hold; 0 if it has no `steps.json`.
+    """The number of steps (records in time) that a field output should hold; 0 without
+    `steps.json`.
+
+    Args:
+        folder: of an ADIOS2 output, `film.bp`.
 
     Raises:
         InputError: `steps.json` is damaged, or a file is missing or shorter than it says.
@@ -69,7 +80,15 @@ def noted_steps(folder: Path) -> int:
 
 
 def check_lengths(folder: Path, lengths: Lengths) -> None:
-    """Raise `InputError` if a file is missing or shorter than it was."""
+    """Raise `InputError` if a file is missing or shorter than it was.
+
+    Args:
+        folder: of an ADIOS2 output.
+        lengths: lengths [bytes] that its files had, by name; longer files are accepted.
+
+    Raises:
+        InputError: names the file.
+    """
     for name, length in lengths.items():
         path = folder / name
         check(path.is_file(), f"'{path}' is missing; {_REMEDY}")
@@ -86,10 +105,17 @@ def cut(
     lengths: Lengths,
     time: float,
 ) -> None:
-    """Cut a field output back to a number of steps, the last of which was at a time [s].
+    """Cut a field output back to a number of steps, the last of which was at a time.
+
+    Args:
+        folder: of an ADIOS2 output.
+        steps: number of steps (records of the fields) that are kept.
+        lengths: lengths [bytes] of the files after these steps, by name.
+        time: of the last of these steps [s].
 
     Raises:
-        InputError: a file is missing or shorter, or, where Python has ADIOS2, the steps are others.
+        InputError: a file is missing or shorter than `lengths`, or, where Python has ADIOS2, the
+            output has other steps: it was replaced.
     """
     check_lengths(folder, lengths)
     times = _times(folder)
@@ -105,7 +131,10 @@ def cut(
 
 
 def _times(folder: Path) -> list[float] | None:
-    """Times [s] of the steps of an output; None if this Python has no ADIOS2.
+    """Times [s] of the steps (records) of an output; None if this Python has no ADIOS2.
+
+    Args:
+        folder: of an ADIOS2 output.
 
     Raises:
         InputError: it cannot be read.

@@ -40,7 +40,19 @@ class FieldOutput:
         every: int,
         times: Sequence[float],
     ) -> None:
-        """Check the arguments, which the class describes; the body is found when a run begins."""
+        """Check the arguments of an output of fields; the body is found when a run begins.
+
+        Args:
+            path: of the file.
+            body: a body on a mesh; None: the only one of the scene.
+            fields: names of fields, e.g. "stress1".
+            every: number of steps between two records.
+            times: of records [s], in place of `every`.
+
+        Raises:
+            InputError: the path has another ending than the format, `fields` is a word instead of a
+                sequence, `every` is below 1, or a time is negative or not finite.
+        """
         self.path = Path(path)
         self.body = body
         self.fields = fields
@@ -63,6 +75,9 @@ class FieldOutput:
 
     def chosen_body(self, run: Run) -> MeshBody:
         """The body whose fields are recorded: the given one, else the only one on a mesh.
+
+        Args:
+            run: with the bodies of the scene.
 
         Raises:
             InputError: the body is not in the scene, or none was given and the scene has several.

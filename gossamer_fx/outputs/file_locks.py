@@ -50,8 +50,13 @@ class FileLocks:
     def __init__(self, comm: MPI.Intracomm, paths: Iterable[Path]) -> None:
         """Acquire the locks of all paths.  Collective.
 
+        Args:
+            comm: ranks of the run; rank 0 takes the locks, and errors are raised on all.
+            paths: files and folders that the run will write.
+
         Raises:
-            InputError: another run writes one of the files, or two outputs have one file.
+            InputError: another run writes one of the files, two outputs have one file, or a folder
+                cannot be made or written.
         """
         self.running = False
         self._comm = comm
@@ -74,7 +79,11 @@ class FileLocks:
         _release_all(self._locks)
 
     def _acquire_all(self) -> None:
-        """Lock every file on this rank; if one is locked by another run, release all and raise."""
+        """Lock every file on this rank; if one is locked by another run, release all and raise.
+
+        Raises:
+            InputError: another run of this or another program writes one of the files.
+        """
         try:
             for path in self._paths:
                 if path not in self._locks:
@@ -85,7 +94,15 @@ class FileLocks:
             raise
 
     def _take_over(self, path: Path) -> FileLock | None:
-        """The lock that an earlier run of this program holds on a path; None if there is none."""
+        """The lock that an earlier run of this program holds on a path, which it loses; None if
+        there is none.
+
+        Args:
+            path: of an output file or folder, absolute.
+
+        Raises:
+            InputError: the earlier run is inside `Simulation.run` and still writes the file.
+        """
         other = _LAST_OWNER.get(path)
         if other is None or path not in other._locks:
             return None
@@ -106,10 +123,17 @@ def _check_different(one: Path, other: Path) -> None:
 
 
 def _lock(path: Path) -> FileLock:
-    """Lock a path and write who did it.
+    """Lock a path for this process, and write a file next to it that names the process.
+
+    Args:
+        path: of an output file or folder.
+
+    Returns:
+        the lock, which is held until it is released or the process ends.  On a file system without
+        locks it is not held, and no error is raised.
 
     Raises:
-        InputError: another process holds the lock.
+        InputError: another process holds the lock; the message names it if it is known.
     """
     # The run may be closed by another thread than the one that opened it.
     lock = FileLock(_lock_file(path), thread_local=False)
@@ -139,7 +163,11 @@ def _lock(path: Path) -> FileLock:
 
 
 def _release_all(locks: dict[Path, FileLock]) -> None:
-    """Release locks and remove their files; `locks` is empty then."""
+    """Release locks and remove their files; `locks` is empty then.
+
+    Args:
+        locks: held locks by the paths of the outputs; files that cannot be removed are left.
+    """
     while locks:
         path, lock = locks.popitem()
         # The files are removed while they are still locked, so that nobody else's are; their folder

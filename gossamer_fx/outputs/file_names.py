@@ -27,7 +27,11 @@ def file_name(name: str) -> str:
     """A file name for an object's name; different names give different file names.
 
     Letters, digits, blanks and `- _ .` are kept.  Other characters, and those that would mislead,
-    become % and the hexadecimal digits of their UTF-8.  A long name is cut and ends in a hash.
+    become % and the hexadecimal digits of their UTF-8.  A name over 100 characters is cut and ends
+    in a hash.
+
+    Args:
+        name: any text, e.g. the name of a body; an empty one gives "%".
 
     Example:
         >>> file_name("film/left")
@@ -63,8 +67,14 @@ def segment(path: Path, number: int) -> Path:
 
 
 def segment_number(path: Path, other: Path) -> int | None:
-    """2 for `film_0002.bp` as a segment of `film.bp`, 0 for `film.bp` itself; None for any other
-    file."""
+    """2 for `film_0002.bp` as a segment of `film.bp`, 0 for `film.bp` itself; None for other files.
+
+    A run that is continued by a restart writes its later records to such segments.
+
+    Args:
+        path: of an output, without the number of a segment.
+        other: of the file that may be one of its segments.
+    """
     if other == path:
         return 0
     if other.parent != path.parent or other.suffix != path.suffix:
@@ -82,6 +92,9 @@ def segments(path: Path) -> list[Path]:
     """The existing files of one output, in the order in which a run and its restarts wrote them.
 
     These are `film.bp`, `film_0001.bp`, and so on; an empty list if there is none.
+
+    Args:
+        path: of the output, without the number of a segment.
     """
     if not path.parent.is_dir():
         return []

@@ -59,7 +59,12 @@ class Ledger:
         self._table.cut(run.comm, list(self._row(run)), cursor)
 
     def _row(self, run: Run) -> dict[str, Any]:
-        """The present state as columns by name; energies in J, momenta in kg m/s and kg m²/s."""
+        """The present state of a run as columns by name; energies in J, momenta in kg m/s and kg
+        m²/s.
+
+        Gas masses are in kg, the time in s; `energy_error` and `mass_error` are relative.  Columns
+        of gas are left out if there is no gas.  Collective; the same on every rank.
+        """
         t = run.totals
         row: dict[str, Any] = {"time": t.time, "step": run.step, "iterations": run.last_iterations}
         row |= {"substeps": run.substeps, "kinetic": t.kinetic}

@@ -90,8 +90,18 @@ def cursors_of(outputs: Iterable[Output]) -> list[tuple[str, dict[str, Any]]]:
 
 
 def begin(run: Run, output: Output, cursors: list[tuple[str, dict[str, Any]]]) -> None:
-    """Open an output, or let it continue at the first cursor of its kind, which is removed from the
-    list."""
+    """Open an output for a run, or let it continue at its position in a checkpoint.  Collective.
+
+    Args:
+        run: that begins.
+        output: a record of the run, e.g. a table or field files.
+        cursors: class names and positions of the outputs of a checkpoint; the first one of the same
+            class is used and removed from the list.  Empty for a run from the start.
+
+    Raises:
+        InputError: the output would replace the files of another run, its request is wrong, or the
+            files do not fit the checkpoint.
+    """
     kind = type(output).__name__
     # Outputs have no names: those of one kind are matched in the order in which they are given.
     mine = next((cursor for cursor in cursors if cursor[0] == kind), None)
@@ -158,7 +168,11 @@ class Table:
         self._head: Sequence[str] = ()  # columns that are written with the first row
 
     def create(self, comm: MPI.Intracomm, head: Sequence[str]) -> None:
-        """Begin an empty table with the columns `head`; an older file is kept until the first row.
+        """Begin an empty table; an older file is kept until the first row.  Collective.
+
+        Args:
+            comm: of the run; rank 0 writes.
+            head: names of the columns.
 
         Raises:
             InputError: the folder cannot be made or written.
@@ -169,7 +183,11 @@ class Table:
         self._head = head
 
     def append(self, comm: MPI.Intracomm, row: Iterable[Any]) -> None:
-        """Add a row.
+        """Add a row to the file.  Collective.
+
+        Args:
+            comm: of the run; rank 0 writes.
+            row: a value for each column: numbers or words, the same on every rank.
 
         Raises:
             OutputFailure: the disk is full or the folder is gone; the rows before are whole.
@@ -195,7 +213,12 @@ class Table:
         return {"end": self.end, "rows": self._rows}
 
     def cut(self, comm: MPI.Intracomm, head: Sequence[str], cursor: Mapping[str, int]) -> None:
-        """Go on with a table as it was at a cursor; later rows are cut off.
+        """Go on with a table as it was at a cursor; later rows are cut off.  Collective.
+
+        Args:
+            comm: of the run; rank 0 works on the file.
+            head: names of the columns that the table must have.
+            cursor: position that `cursor` returned: length `end` [bytes] and number of `rows`.
 
         Raises:
             InputError: the file is shorter, or has other columns or another number of rows.
@@ -208,6 +231,11 @@ class Table:
     def _cut(self, head: Sequence[str], end: int, rows: int) -> None:
         """Cut off the bytes after `end`, if the file is the one that the checkpoint knows; on one
         rank.
+
+        Args:
+            head: names of the columns that the table must have.
+            end: length of the file that is kept [bytes].
+            rows: number of rows that this part must have, without the line of names.
 
         Raises:
             InputError: the file is shorter, or has other columns or another number of rows.
@@ -238,8 +266,13 @@ class Table:
 
 
 def append_bytes(path: Path, end: int, content: bytes) -> None:
-    """Write `content` at byte `end` of a file; if the disk has no room for all of it, nothing is
+    """Write bytes at a position of a file; if the disk has no room for all of them, nothing is
     written.
+
+    Args:
+        path: of the file, which exists.
+        end: position [bytes] at which `content` begins, normally the end of the file.
+        content: the bytes.
 
     Raises:
         OSError: the disk is full, or the file does not exist.
@@ -256,8 +289,12 @@ def append_bytes(path: Path, end: int, content: bytes) -> None:
 
 
 def _csv_line(values: Iterable[Any]) -> bytes:
-    """A row of a CSV file; floating-point numbers are written so that they are read back to the
-    last bit."""
+    """A row of a CSV file, with its line break, in UTF-8.
+
+    Args:
+        values: numbers and words; floating-point numbers are written so that they are read back to
+            the last bit.
+    """
     entries = []
     for value in values:
         if isinstance(value, float):
@@ -285,7 +322,12 @@ def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> No
     """
 
     def task() -> None:
-        """Make the folder and write a page to it."""
+        """Make the folder and write a page of 4096 bytes to it, which is removed; on rank 0.
+
+        Raises:
+            InputError: the folder cannot be made or written, or `path` is a folder instead of a
+                file, or the other way.
+        """
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             probe = path.parent / f".{path.name}.try"
@@ -319,7 +361,7 @@ def evaluate_probe(run: Run, name: str, probe: Probe) -> float:
     Args:
         run: whose state is read.
         name: of the probe, for messages.
-        probe: a function of the run.
+        probe: a function of the run that returns one number, in any unit.
 
     Raises:
         InputError: the probe fails, or does not return the same finite number on every rank.
@@ -332,7 +374,7 @@ def replace_file(path: Path, text: str) -> None:
     rank.
 
     Args:
-        path: of the file, which need not exist.
+        path: of the file, which need not exist; a file with the ending `.new` is made next to it.
         text: its new contents.
 
     Raises:

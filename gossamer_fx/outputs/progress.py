@@ -63,7 +63,12 @@ class Progress:
             self._stream.flush()
 
     def record(self, run: Run, last: bool) -> None:
-        """Update the terminal if enough time has passed; `last`: in any case."""
+        """Update the terminal if enough wall time has passed since the last update.  Collective.
+
+        Args:
+            run: whose time, step and energy error are shown.
+            last: True for the last state of the run, which is always shown.
+        """
         now = time.monotonic()
         # The energy error is collective, and clocks differ: rank 0 decides for all ranks.
         is_early = now - self._shown < self._pause and not last
@@ -78,7 +83,12 @@ class Progress:
             self._print(run, f"t = {run.time:.6g} of {run.until:.6g} s   {counts}\n")
 
     def _draw(self, run: Run, balance: str) -> None:
-        """Update the bar, with the error of the energy balance in words."""
+        """Update the bar on the terminal; only rank 0 draws.
+
+        Args:
+            run: whose time and end time [s], step, length of the step [s] and iterations are shown.
+            balance: closing error of the energy balance, in words.
+        """
         if run.comm.rank > 0:
             return
         if self._bar is None:
@@ -97,7 +107,11 @@ class Progress:
         self._bar.refresh()
 
     def close(self, run: Run) -> None:
-        """End the bar, and print a summary."""
+        """End the bar, and print a summary: steps, iterations, wall times [s], and closing errors.
+
+        Args:
+            run: that has ended.
+        """
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
@@ -127,7 +141,12 @@ def energy_balance(run: Run) -> str:
 
 
 def _bar(stream: IO[str]) -> Bar:
-    """A bar on a terminal."""
+    """A progress bar of the library rich on a terminal; it is drawn only when it is told to
+    refresh.
+
+    Args:
+        stream: the terminal, e.g. the standard error.
+    """
     # Imported here, as runs without a terminal do not need it.
     from rich.console import Console
     from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn

@@ -110,7 +110,23 @@ class Recording:
         overwrite: bool = False,
         format: str = "vtx",
     ) -> None:
-        """Check the arguments, which the class describes; the folder is made when a run begins."""
+        """Check the arguments of the record of a run; the folder is made when a run begins.
+
+        Args:
+            folder: for the files of the run.
+            fields: names of fields by the names of films; None: default fields.
+            probes: functions of the run that return a number, by name.
+            every: number of steps between two records of the fields.
+            times: of records of the fields [s], in place of `every`.
+            title: a line for pictures.
+            states_every: number of steps between two rows of area fractions; None: as the fields.
+            overwrite: whether another run in the folder is replaced.
+            format: "vtx" or "vtu".
+
+        Raises:
+            InputError: the format is not "vtx" or "vtu", a number of steps is below 1, or a time is
+                negative or not finite.
+        """
         check(
             format in FORMATS,
             f'Recording \'{folder}\': format is {format!r}; give "vtx" or "vtu".',
@@ -143,10 +159,14 @@ class Recording:
     # ---- the protocol of outputs -----------------------------------------------------------------
 
     def open(self, run: Run) -> None:
-        """Check the request, and make all outputs.
+        """Check the request, and make all outputs.  Collective.
+
+        Args:
+            run: that begins, with its scene and initial state.
 
         Raises:
-            InputError: an unknown field or film, or a folder that cannot be written.
+            InputError: an unknown field or film, a probe that fails, or a folder that cannot be
+                written.
         """
         self._prepare(run)
         self._clears_folder = self.overwrite
@@ -164,7 +184,16 @@ class Recording:
         return {name: output.cursor() for name, output in self._outputs()}
 
     def record(self, run: Run, last: bool) -> None:
-        """Record the state wherever it is due; `last`: in all files."""
+        """Record the state of a run in all files where it is due.  Collective.
+
+        Args:
+            run: whose present state is written.
+            last: True for the last state of the run, which is written to all files.
+
+        Raises:
+            OutputFailure: a file cannot be written.
+            InputError: a probe fails, or `run.json` cannot be written.
+        """
         self.has_begun = True
         if self._clears_folder:
             # Also tables that this run does not write, e.g. of a gas that it does not have.
@@ -177,7 +206,12 @@ class Recording:
             self._write(run, "running")
 
     def _clear_folder(self) -> None:
-        """Remove the files of another run; the folder of the fields stays."""
+        """Remove the files of another run from the folder; the folder of the fields stays.  On one
+        rank.
+
+        Raises:
+            OSError: a file cannot be removed.
+        """
         for path in self.writes:
             if path.is_dir():
                 for inner in path.iterdir():
@@ -199,7 +233,18 @@ class Recording:
             lines.record(run, last=True)
 
     def close(self, run: Run) -> None:
-        """Close all files, and write how the run ended."""
+        """Close all files, and write to `run.json` how the run ended.  Collective.
+
+        The status is "finished", "stopped", or "stopped: " with the message of the error that is
+        being raised.
+
+        Args:
+            run: that ends at its time `run.time` [s]; it should have reached `run.until` [s].
+
+        Raises:
+            OutputFailure: a field file cannot be closed.
+            InputError: `run.json` cannot be written.
+        """
         for _, output in self._outputs():
             output.close(run)
         # `Simulation` closes its outputs while an error of a step passes.
@@ -220,7 +265,10 @@ class Recording:
         yield from self._tables.items()
 
     def _prepare(self, run: Run) -> None:
-        """Make the outputs, and the part of run.json that does not change.
+        """Make the outputs, and the part of run.json that does not change.  Collective.
+
+        Args:
+            run: that begins, with its scene and initial state.
 
         Raises:
             InputError: a film of `fields` is not in the scene, or the folder cannot be written.
@@ -252,7 +300,12 @@ class Recording:
             self._about["groups"] = groups_of(films)[0]
 
     def _make_fields(self, run: Run) -> dict[str, VTX | VTU]:
-        """The outputs of fields by the names of bodies."""
+        """The outputs of fields by the names of bodies: one for each body on a mesh.
+
+        Args:
+            run: with the bodies of the scene.  A body without an entry in `self.fields` gets
+                default fields.
+        """
         outputs: dict[str, VTX | VTU] = {}
         kind: type[VTX] | type[VTU] = VTX
         if self.format == "vtu":
@@ -274,7 +327,15 @@ class Recording:
         run: Run,
         films: Sequence[Membrane],
     ) -> Iterator[tuple[str, Probes | ConnectorLines | Ledger]]:
-        """The tables by their file names; those without columns are left out."""
+        """Yield the tables by their file names; those without columns are left out.
+
+        These are tables of gas states, area fractions of films, positions of points, frames of
+        solids, the user's probes, ends of connectors, and the energy balance.
+
+        Args:
+            run: with the scene.
+            films: the films of the scene.
+        """
         gas: dict[str, Probe] = {}
         for name, state in run.chambers.items():
             for quantity in GAS:
@@ -313,7 +374,11 @@ class Recording:
         yield "ledger.csv", Ledger(self.folder / "ledger.csv")
 
     def _frame_columns(self) -> dict[str, Probe]:
-        """Columns of solids.csv: origin and axes of each solid that moves."""
+        """Columns of solids.csv: probes of the origin [m] and axes [-] of each solid that moves.
+
+        A solid is a rigid shape in pictures, e.g. of a rigid body or an obstacle; each has twelve
+        columns.
+        """
         columns: dict[str, Probe] = {}
         moving = [solid for solid in self._solids if moves(solid)]
         for number, solid in enumerate(moving, start=1):
@@ -324,7 +389,15 @@ class Recording:
         return columns
 
     def _write(self, run: Run, status: str) -> None:
-        """Write run.json with how the run ended, or that it runs."""
+        """Write run.json with the scene and the statistics of the run so far.  Collective.
+
+        Args:
+            run: with time [s], steps, iterations, wall times [s] and closing errors.
+            status: how the run ended, or "running".
+
+        Raises:
+            InputError: the file cannot be written.
+        """
         statistics = {
             "time": run.time,
             "until": run.until,
@@ -363,7 +436,12 @@ class _Coordinate:
 
 
 def _default_fields(body: Body, run: Run) -> tuple[str, ...]:
-    """Fields of a body that are recorded if none were asked for."""
+    """Names of the fields of a body that are recorded if none were asked for.
+
+    Args:
+        body: a body on a mesh; films have stress, strain and state in addition to the displacement.
+        run: whose chambers show whether the film encloses gas, which has a pressure.
+    """
     if not isinstance(body, Membrane):
         return ("displacement",)
     enclosures = [state.chamber.enclosure for state in run.chambers.values()]

@@ -125,6 +125,9 @@ def read_run_file(folder: Path) -> dict[str, Any]:
     Args:
         folder: of the run.
 
+    Returns:
+        a dictionary with the keys and types that `_RUN` lists, quantities in SI units.
+
     Raises:
         InputError: the file does not exist, it is not JSON, of another format, or has other keys or
             types than a run writes.
@@ -161,8 +164,12 @@ def read_run_file(folder: Path) -> dict[str, Any]:
 
 
 def _rename_old_keys(about: Any) -> None:
-    """Give the statistics of an older version their present names; other contents are left as they
-    are."""
+    """Give the statistics of an older version their present names, in place.
+
+    Args:
+        about: contents of a run.json, not checked yet: contents of other structure are left as they
+            are.
+    """
     # Not yet checked: the file may hold anything.
     if not isinstance(about, dict) or not isinstance(about.get("statistics"), dict):
         return
@@ -186,6 +193,9 @@ def _check_kind(
         value: as read from JSON.
         kind: the expected structure: a type, a dict of keys (those that end in "?" may be missing),
             or `Each`, `Several` or `Row` of kinds.
+
+    Raises:
+        InputError: names the file, the key, the value and what it must be.
     """
     if isinstance(kind, dict):
         _refuse_unless(isinstance(value, dict), path, where, value, "an object")
@@ -231,7 +241,15 @@ def _refuse_unless(
     value: Any,
     expected: str,
 ) -> None:
-    """Raise `InputError` unless a value is right; names its key, the value, and what it must be."""
+    """Raise `InputError` unless a value of a run.json is right.
+
+    Args:
+        right: whether it is.
+        path: of the file, for the message.
+        where: key of the value, for the message.
+        value: as it was read; the message shows at most 60 characters of it.
+        expected: what it must be, in words.
+    """
     shown = repr(value)
     if len(shown) > _MAX_SHOWN:
         shown = f"{shown[:_MAX_SHOWN]}..."

@@ -28,7 +28,12 @@ class Schedule:
     times: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check the number of steps between two records, and the times of records.
+
+        Raises:
+            InputError: `every` is not an integer of at least 1, or a time [s] is negative or not
+                finite.
+        """
         check(
             isinstance(self.every, int) and self.every >= 1,
             f"every is {self.every!r}; give the number of steps between two outputs.",

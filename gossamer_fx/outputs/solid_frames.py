@@ -25,8 +25,17 @@ def solids_of(system: System) -> list[Solid]:
 
 
 def frame_of(solid: Solid, system: System) -> Array:
-    """Origin [m] and axes of a solid in the accepted state, (4, 3); the same on every rank.
-    Collective."""
+    """Origin [m] and axes [-] of a solid in the accepted state, (4, 3); the same on every rank.
+
+    A solid is a rigid shape in pictures: on a rigid body, with a prescribed motion, or at rest.
+    Its axes are the rows 1 to 3; those of a solid that is not on a body are the coordinate axes.
+
+    Args:
+        solid: of the scene.
+        system: the compiled scene, with the state and the time.
+
+    Collective: all ranks call it.
+    """
     if solid.on is not None:
         # One rank has the body's only node, and all others an empty array.
         own = system.state[solid.on].coordinates().copy()
@@ -49,7 +58,14 @@ def moves(solid: Solid) -> bool:
 
 
 def as_data(solid: Solid) -> dict[str, Any]:
-    """The shape of a solid as lists, for JSON."""
+    """The shape of a solid as lists, for JSON: points [m] to six digits, triangles, lines.
+
+    Args:
+        solid: a rigid shape that pictures show, with points X (n, 3) [m].
+
+    Returns:
+        a dictionary with the keys "X", "triangles", "lines" (indices of points), and "moves".
+    """
     points = []
     for point in solid.X:
         # Six digits are enough for pictures, and keep the file short.

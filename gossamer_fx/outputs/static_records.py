@@ -62,7 +62,12 @@ class StaticRun:
     mass_error = 0.0
 
     def __init__(self, equilibrium: Equilibrium) -> None:
-        """Take scene, system and totals of the equilibrium; the run has no steps."""
+        """Take scene, system and totals of the equilibrium; the run has no steps.
+
+        Args:
+            equilibrium: its state is that of this run, at the time `equilibrium.time` [s] of its
+                loads.
+        """
         self.equilibrium = equilibrium
         self.comm = equilibrium.comm
         self.scene = equilibrium.scene
@@ -83,7 +88,11 @@ class StaticRun:
         self.about: dict[str, Any] = {"kind": "equilibrium"}
 
     def note_result(self) -> None:
-        """Take the counters and the result of the search that was made last."""
+        """Take the counters and the result of the search that was made last.
+
+        The number of steps grows by one, and a caption and the result are stored for run.json.  A
+        search that was stopped has no result, and the caption says so.
+        """
         self.step += 1
         self.until = self.time
         result = self.equilibrium.result
@@ -147,7 +156,16 @@ class ModeRun(StaticRun):
     def __init__(
         self, equilibrium: Equilibrium, mode: Mode, number: int, amplitude: float, frames: int
     ) -> None:
-        """Scale the mode to the amplitude [m], and compute the energy [J] of its vibration."""
+        """Scale the mode to the amplitude [m], and compute the energy [J] of its vibration.
+
+        Args:
+            equilibrium: about which the mode vibrates; `show` changes its state, and `end` restores
+                it.
+            mode: complex shape of modal mass 1 kg, and frequency [Hz].
+            number: of the mode, from 1, for captions.
+            amplitude: largest displacement of a node [m].
+            frames: number of states in a period.
+        """
         super().__init__(equilibrium)
         self._frames = frames
         self._frequency = mode.frequency or 1.0
@@ -181,7 +199,11 @@ class ModeRun(StaticRun):
         compiled.append(_ModeAmplitude(self))
 
     def show(self, step: int) -> None:
-        """Put the state of a step into the system."""
+        """Put the state of a step into the system: coordinates [m], velocities [m/s] and time [s].
+
+        Args:
+            step: number of the frame, 0 to `frames - 1`; its phase is 2π step/frames.
+        """
         self.step = step
         self._phase = 2 * math.pi * step / self._frames
         turned = self._shape * complex(math.cos(self._phase), math.sin(self._phase))
@@ -214,7 +236,11 @@ class ModeRun(StaticRun):
 
     @property
     def totals(self) -> Totals:
-        """Energies [J] of the vibration at the present phase: ½ M |v|², and the rest as stored."""
+        """Energies [J] of the vibration at the present phase: ½ M |v|², and the remainder as
+        stored.
+
+        Momenta are zero, and nothing is supplied or dissipated.
+        """
         zero = np.zeros(3)
         kinetic = self._energy * math.sin(self._phase) ** 2
         return replace(
@@ -369,7 +395,19 @@ def _mode_recording(equilibrium: Equilibrium, path: Path, title: str, overwrite:
 
 
 def _open(run: StaticRun, outputs: Sequence[Output]) -> FileLocks:
-    """Lock the files of the outputs, and open them."""
+    """Lock the files of the outputs, and open them.  Collective.
+
+    Args:
+        run: an equilibrium or a mode, in the form of a run.
+        outputs: that will record it.
+
+    Returns:
+        the locks, to be released after the outputs are closed.
+
+    Raises:
+        InputError: a file cannot be written, holds another run, or is locked by one.  The locks are
+            released then.
+    """
     paths: list[Path] = []
     for output in outputs:
         if isinstance(output, Writing):
@@ -400,7 +438,11 @@ def _close(run: StaticRun, outputs: Sequence[Output], locks: FileLocks) -> None:
 
 
 def _scene_size(equilibrium: Equilibrium) -> float:
-    """Largest side of the box around all bodies [m]."""
+    """Largest side of the box around all bodies [m]; 1 m for a scene of one point.  Collective.
+
+    Args:
+        equilibrium: with the positions of the bodies.
+    """
     low: Array = np.full(3, np.inf)
     high: Array = np.full(3, -np.inf)
     for body in equilibrium.system.bodies:

@@ -65,6 +65,20 @@ class VTU(FieldOutput):
         every: int = 1,
         times: Sequence[float] = (),
     ) -> None:
+        """Check the arguments of an output of fields as VTU files; no file is made before the first
+        record.
+
+        Args:
+            path: of the list of the files, ending in `.pvd`.
+            body: a body on a mesh; None: the only one of the scene.
+            fields: names of fields, e.g. "stress1".
+            every: number of steps between two records.
+            times: of records [s], in place of `every`.
+
+        Raises:
+            InputError: the path does not end in `.pvd`, `fields` is a word, `every` is below 1, or
+                a time is negative.
+        """
         super().__init__(path, body, fields, every, times)
         self._times: list[float] = []
         self._ranks: list[int] = []  # number of files of each record
@@ -80,7 +94,10 @@ class VTU(FieldOutput):
         return [self.path, self.folder]
 
     def open(self, run: Run) -> None:
-        """Check the request, and number the points that this rank writes.
+        """Check the request, and number the points that this rank writes.  Collective.
+
+        Args:
+            run: that begins, with the bodies of its scene.
 
         Raises:
             InputError: an unknown field or body, or a folder that cannot be written.
@@ -100,7 +117,11 @@ class VTU(FieldOutput):
         self._X: Array = space.tabulate_dof_coordinates()[self._nodes]
 
     def record(self, run: Run, last: bool) -> None:
-        """Write the fields of the state if they are due; `last`: in any case.
+        """Write the fields of the state if they are due.  Collective.
+
+        Args:
+            run: whose present state is written.
+            last: True for the last state of the run, which is always written.
 
         Raises:
             OutputFailure: a file cannot be written; earlier records are whole.
@@ -133,7 +154,12 @@ class VTU(FieldOutput):
         self.folder.mkdir(parents=True)
 
     def _grid(self) -> Grid:
-        """The pieces of this rank with the values of all fields."""
+        """The cells of this rank, cut into straight pieces, with the values of all fields.
+
+        Returns:
+            a grid whose p points are at their present positions (p, 3) [m], with arrays (p,) or (p,
+            3) by names such as "stress1 [Pa]".
+        """
         arrays = {}
         for function in self._functions.functions:
             components = function.function_space.dofmap.bs
@@ -161,17 +187,27 @@ class VTU(FieldOutput):
         return {"records": len(self._times), "time": self.last_time}
 
     def resume(self, run: Run, cursor: dict[str, Any]) -> None:
-        """Continue after a restart: remove records after the cursor.
+        """Continue after a restart: remove records after the cursor.  Collective.
+
+        Args:
+            run: that continues.
+            cursor: position that `cursor` returned: number of records, and time of the last one
+                [s].
 
         Raises:
-            InputError: a file of a record before the cursor is gone.
+            InputError: a file of a record before the cursor is gone, or the list was replaced.
         """
         self.open(run)
         count = cursor["records"]
         entries: list[Entry] = []
 
         def cut() -> None:
-            """Remove the records after the cursor from the list and from the disk."""
+            """Remove the records after the cursor from the list and from the disk; on rank 0.
+
+            Raises:
+                InputError: the list is damaged or was replaced, or a file of a record that is kept
+                    is gone.
+            """
             if count:
                 entries.extend(read_pvd(self.path))
             number_of = {time: n for n, time in enumerate(sorted({e.time for e in entries}))}

@@ -66,7 +66,11 @@ class Entry:
 
 
 def write_vtu(path: Path, grid: Grid) -> None:
-    """Write a grid as VTU.
+    """Write a grid as VTU, an XML format of VTK.
+
+    Args:
+        path: of the file, which is replaced.
+        grid: points, cells and arrays.
 
     Raises:
         OSError: the file cannot be written.
@@ -93,7 +97,15 @@ def write_vtu(path: Path, grid: Grid) -> None:
 
 
 def _array(name: str, values: npt.NDArray) -> str:
-    """An array (n,) or (n, k) as an XML element."""
+    """An array as an XML element of a VTU file, compressed, in base 64.
+
+    Args:
+        name: of the array, e.g. "stress1 [Pa]".
+        values: (n,) or (n, k), floating-point numbers, 32-bit integers or bytes.
+
+    Raises:
+        KeyError: the numbers are of another type.
+    """
     if values.dtype.kind == "f":
         values = values.astype("<f8")
     content = np.ascontiguousarray(values).tobytes()
@@ -116,6 +128,12 @@ def _array(name: str, values: npt.NDArray) -> str:
 
 def read_vtu(path: Path) -> Grid:
     """Read a grid that `write_vtu` wrote.
+
+    Args:
+        path: of the file, which may come from a stranger.
+
+    Returns:
+        points (p, 3) [m], cells (n, k), and arrays (p,) or (p, 3) by name.
 
     Raises:
         InputError: the file is missing, damaged, or of another kind.
@@ -145,10 +163,15 @@ def read_vtu(path: Path) -> Grid:
 
 
 def _values(element: ElementTree.Element) -> npt.NDArray:
-    """The values (n,) or (n, 3) of an array in a file.
+    """The values (n,) or (n, k) of an array in a VTU file, of the type that is written in it.
+
+    Args:
+        element: `DataArray` of the file, with compressed values in base 64.
 
     Raises:
-        ValueError: its length or its kind is not what is written.
+        ValueError: its length is not that of its header, or it is not in base 64.
+        KeyError: it is of a type that this package does not write, or an attribute is missing.
+        zlib.error: the compressed block is damaged.
     """
     kind = np.dtype(_TYPES[element.attrib["type"]])
     components = int(element.attrib["NumberOfComponents"])
@@ -168,7 +191,13 @@ def _values(element: ElementTree.Element) -> npt.NDArray:
 
 
 def write_pvd(path: Path, entries: Sequence[Entry]) -> None:
-    """Write a PVD file; a reader finds the former or the new contents, never a part of them.
+    """Write a PVD file, which lists VTU files with their times.
+
+    A reader finds the former or the new contents, never a part of them.
+
+    Args:
+        path: of the file, which is replaced.
+        entries: time [s], part and file name of each VTU file.
 
     Raises:
         OSError: the file cannot be written.
@@ -190,7 +219,10 @@ def write_pvd(path: Path, entries: Sequence[Entry]) -> None:
 
 
 def read_pvd(path: Path) -> list[Entry]:
-    """The entries of a PVD file that `write_pvd` wrote.
+    """The entries of a PVD file that `write_pvd` wrote: time [s], part, and VTU file.
+
+    Args:
+        path: of the file, which may come from a stranger.
 
     Raises:
         InputError: the file is missing or damaged, or names a file outside its folder.

@@ -65,6 +65,20 @@ class VTX(FieldOutput):
         every: int = 1,
         times: Sequence[float] = (),
     ) -> None:
+        """Check the arguments of an output of fields by ADIOS2; the file is made at the first
+        record.
+
+        Args:
+            path: of the file, ending in `.bp`.
+            body: a body on a mesh; None: the only one of the scene.
+            fields: names of fields, e.g. "stress1".
+            every: number of steps between two records.
+            times: of records [s], in place of `every`.
+
+        Raises:
+            InputError: the path does not end in `.bp`, `fields` is a word, `every` is below 1, or a
+                time is negative.
+        """
         super().__init__(path, body, fields, every, times)
         self._writer: VTXWriter | None = None
         self._segment = 0  # number of the segment that is or was written last
@@ -77,7 +91,10 @@ class VTX(FieldOutput):
         return [self.path]
 
     def open(self, run: Run) -> None:
-        """Check the request and make functions of the fields.
+        """Check the request, and make functions of the fields.  Collective.
+
+        Args:
+            run: that begins, with the bodies of its scene.
 
         Raises:
             InputError: an unknown field or body, or a folder that cannot be written.
@@ -88,7 +105,11 @@ class VTX(FieldOutput):
         self._functions = FieldFunctions(run.system, body, self.fields)
 
     def record(self, run: Run, last: bool) -> None:
-        """Write the fields of the state if they are due; `last`: in any case.
+        """Write the fields of the state if they are due.  Collective.
+
+        Args:
+            run: whose present state is written.
+            last: True for the last state of the run, which is always written.
 
         Raises:
             OutputFailure: the file cannot be written; earlier records are whole.
@@ -126,7 +147,12 @@ class VTX(FieldOutput):
         self.last_time = run.time
 
     def _write(self, run: Run) -> None:
-        """Write the functions at the time of the run; the first call makes the file."""
+        """Write the functions at the time of the run [s]; the first call makes the file.
+        Collective.
+
+        Raises:
+            RuntimeError: ADIOS2 cannot write; the caller turns it into an `OutputFailure`.
+        """
         if self._writer is None:
             # Imported here: reading the options of a run must not load ADIOS2.
             from dolfinx.io import VTXWriter
@@ -142,7 +168,14 @@ class VTX(FieldOutput):
         self._writer.write(run.time)
 
     def close(self, run: Run) -> None:
-        """Close the file; a run that continues begins the next segment."""
+        """Close the file; a run that continues begins the next segment (another file).  Collective.
+
+        Args:
+            run: that ends, also after a failure.
+
+        Raises:
+            OutputFailure: the last data cannot be written.
+        """
         if self._writer is not None:
             writer = self._writer
             # Also if closing fails, the file must not be closed again.
@@ -179,8 +212,16 @@ class VTX(FieldOutput):
     def resume(self, run: Run, cursor: dict[str, Any]) -> None:
         """Continue after a restart: remove records after the cursor, and begin the next segment.
 
+        A segment is the file of one run, `film.bp`, and of each restart, `film_0001.bp`.
+        Collective.
+
+        Args:
+            run: that continues.
+            cursor: position that `cursor` returned: number of the segment, its records and lengths
+                [bytes], and time of the last record [s].
+
         Raises:
-            InputError: the file of the cursor is gone or was replaced.
+            InputError: the file of the cursor is gone or was replaced, or the request is wrong.
         """
         self.open(run)
         self._segment = cursor["segment"]
@@ -190,7 +231,14 @@ class VTX(FieldOutput):
         self._next_segment()
 
     def _cut(self, cursor: dict[str, Any]) -> None:
-        """Remove what came after the cursor: the end of its segment, and later segments."""
+        """Remove what came after a cursor: the end of its segment, and later segments.  On rank 0.
+
+        Args:
+            cursor: position in the output, as `cursor` returned it before the checkpoint.
+
+        Raises:
+            InputError: the segment is gone, shorter than it was, or was replaced.
+        """
         here = segment(self.path, self._segment)
         if self._steps:
             check(
@@ -241,10 +289,17 @@ class Probes:
         every: int = 1,
         times: Sequence[float] = (),
     ) -> None:
-        """Check the arguments, which the class describes.
+        """Check the arguments of a table of probes; the table is made when a run begins.
+
+        Args:
+            path: of the CSV file.
+            probes: functions of the run that return a number, by the names of their columns.
+            every: number of steps between two rows.
+            times: of rows [s], in place of `every`.
 
         Raises:
-            InputError: no probe is given.
+            InputError: no probe is given, one is not a function or is named "time" or "step",
+                `every` is below 1, or a time is negative.
         """
         self.path = Path(path)
         self.probes = dict(probes)

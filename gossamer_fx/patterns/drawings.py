@@ -24,6 +24,9 @@ MEETING = 1e-6
 # Largest distance of a sampled curve from the drawn one, over the size of the drawing.
 SAGITTA = 1e-5
 
+# Name of the group of all triangles.
+ALL_PANELS = "film"
+
 SMOOTH = ("ARC", "CIRCLE", "ELLIPSE", "SPLINE")
 POLYLINES = ("LWPOLYLINE", "POLYLINE")
 TEXTS = ("TEXT", "MTEXT")
@@ -75,7 +78,8 @@ def read_dxf(
 
     Raises:
         InputError: ezdxf is missing, the file does not exist, it is not a DXF drawing, it has no
-            unit, an outline is open, or two groups would have one name.
+            unit, an outline is open, two groups would have one name, or a panel or layer is named
+            "film".
 
     Example:
         >>> def balloon(comm):
@@ -91,6 +95,13 @@ def read_dxf(
 
 def panels_of(drawing: Drawing, path: str) -> list[Panel]:
     """The panels of a drawing, named, from left to right.
+
+    A panel is a closed outline with the holes in it; its name is a text within it, or "panel 1",
+    ...
+
+    Args:
+        drawing: curves and texts with their points [m].
+        path: of the file, for messages.
 
     Raises:
         InputError: there are no outlines, one is open, or names are not unique.
@@ -131,8 +142,13 @@ def panels_of(drawing: Drawing, path: str) -> list[Panel]:
 def _read(path: Path, scale: float | None) -> Drawing:
     """Read curves and texts of a DXF file, scaled to metres.
 
+    Args:
+        path: of the file.
+        scale: metres in a unit of the drawing; None: the drawing says its unit.
+
     Raises:
-        InputError: the file cannot be read, is not DXF, or has no unit.
+        InputError: the file does not exist, cannot be read, is not DXF, or has no unit; or the
+            package ezdxf is not installed.
     """
     check(path.is_file(), f"There is no drawing '{path}'; give the path of a DXF file.")
     try:
@@ -160,8 +176,15 @@ def _read(path: Path, scale: float | None) -> Drawing:
 
 
 def _take(entity: Any, scale: float, drawing: Drawing) -> None:
-    """Add an entity to a drawing, if it is a curve or a text; parts of polylines and blocks one by
-    one."""
+    """Add an entity of a DXF file to a drawing, if it is a curve or a text; others are left out.
+
+    Parts of polylines and blocks are added one by one.
+
+    Args:
+        entity: of ezdxf, with coordinates in units of the drawing.
+        scale: metres in a unit of the drawing.
+        drawing: to which it is added, in metres.
+    """
     kind = entity.dxftype()
     layer = str(entity.dxf.layer)
     if kind == "LINE":
@@ -197,7 +220,19 @@ def _halves(curve: DrawnCurve) -> list[DrawnCurve]:
 
 
 def _loops(curves: Sequence[DrawnCurve], tolerance: float, path: str) -> list[list[DrawnCurve]]:
-    """Closed loops of curves, each turned so that it begins where the one before ends."""
+    """Closed loops of curves, each turned so that it begins where the one before ends.
+
+    Args:
+        curves: of a drawing, with points (m, 2) [m].
+        tolerance: distance of the ends of two curves that meet [m].
+        path: of the file, for messages.
+
+    Returns:
+        the loops, counterclockwise.
+
+    Raises:
+        InputError: a curve has an end at which no other one ends, or several do.
+    """
     # Points at which curves end, and the curves that end at each of them.
     joints: list[Array] = []
     meeting: list[list[int]] = []
@@ -271,10 +306,28 @@ def _is_inside(point: Array, polygon: Array) -> bool:
 
 
 def _check_names(panels: Sequence[Panel], path: str) -> None:
-    """Raise `InputError` unless all groups have different names."""
+    """Raise `InputError` unless all groups of the mesh have different names.
+
+    Args:
+        panels: named, with curves on named layers; each panel and each layer becomes a group.
+        path: of the file, for messages.
+
+    Raises:
+        InputError: a panel has the name of another panel, of a layer, or "film".
+    """
     layers = {curve.layer for panel in panels for loop in panel.loops for curve in loop}
-    taken = {"film"} | layers
+    check(
+        ALL_PANELS not in layers,
+        f"The drawing '{path}' has a layer '{ALL_PANELS}', the name of the group of all panels; "
+        "rename the layer.",
+    )
+    taken = set(layers)
     for panel in panels:
+        check(
+            panel.name != ALL_PANELS,
+            f"The drawing '{path}' has a panel with the text '{ALL_PANELS}', the name of the group "
+            "of all panels; give the panel another text.",
+        )
         check(
             panel.name not in taken,
             f"The drawing '{path}' has two groups '{panel.name}'; give each panel its own text, "
@@ -284,7 +337,7 @@ def _check_names(panels: Sequence[Panel], path: str) -> None:
 
 
 def _build(model: Any, panels: Sequence[Panel], size: float) -> None:
-    """Put the panels into a gmsh model as plane surfaces, and mesh them.
+    """Put the panels into a gmsh model as plane surfaces, and mesh them; on one rank.
 
     Neighbouring panels share no edge: seams join them later.
 
@@ -312,7 +365,7 @@ def _build(model: Any, panels: Sequence[Panel], size: float) -> None:
             rings.append(geo.addCurveLoop(lines))
         surfaces[panel.name] = geo.addPlaneSurface(rings)
     geo.synchronize()
-    model.addPhysicalGroup(2, list(surfaces.values()), name="film")
+    model.addPhysicalGroup(2, list(surfaces.values()), name=ALL_PANELS)
     for name, surface in surfaces.items():
         model.addPhysicalGroup(2, [surface], name=name)
     for name, lines in on_layer.items():

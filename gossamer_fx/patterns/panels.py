@@ -110,13 +110,16 @@ class Gores:
         return gmsh_mesh(lambda model: self._build(model, along, across), comm)
 
     def placed(self, X: Array, apart: float = 0.0) -> Array:
-        """Displacement [m] (3, n) of mesh points (3, n) that moves each gore to its position,
-        without strain.
+        """Displacement (3, n) [m] of mesh points that moves each gore to its position without
+        strain.
 
-        It is the `displacement` of the film, equation (2) of the module.
+        A gore is a flat panel of a body of revolution with the meridian r(s), z(s).  The point (s,
+        y) of gore k, y from its middle line, goes to r(s) e_k + y t_k + z(s) e_z, with the radial
+        and the tangential unit vectors e_k and t_k.
 
         Args:
-            X: points of the mesh [m].
+            X: points (3, n) of the mesh [m]: arc length s, y plus k times the pitch of the panels,
+                and 0.
             apart: distance [m] by which each gore is farther from the axis, for a look at the
                 sewing.
         """
@@ -138,7 +141,12 @@ class Gores:
 
         Args:
             film: on a mesh of these gores.
-            closing: times [s] at which the sewing begins and ends.
+            closing: times [s] at which the sewing begins and ends; None: the edges coincide at the
+                start.
+
+        Raises:
+            InputError: the film's mesh has no edges of these names, or the times do not rise from 0
+                on.
         """
         found = []
         for k in range(self.count):
@@ -150,7 +158,13 @@ class Gores:
         return found
 
     def _build(self, model: Any, along: int, across: int) -> None:
-        """The panels as a gmsh model."""
+        """Put the panels into a gmsh model as triangles with named groups; on one rank.
+
+        Args:
+            model: of gmsh, empty.
+            along: cells from end to end.
+            across: cells from edge to edge.
+        """
         s = np.linspace(0.0, self.length, along + 1)
         half_width = self.width(s) / 2
         largest = float(half_width.max())
@@ -255,7 +269,14 @@ def _first(found: Any) -> int:
 
 
 def _triangles(rows: Sequence[Any]) -> list[tuple[int, int, int]]:
-    """Triangles between rows of nodes, with normals along z; a row of one node is a tip."""
+    """Triangles between rows of nodes, with normals along z; a row of one node is a tip.
+
+    Args:
+        rows: numbers of the nodes of each row, from one edge to the other.
+
+    Returns:
+        three numbers of nodes for each triangle.
+    """
     found = []
     for i, (a, b) in enumerate(pairwise(rows)):
         if len(a) == 1 or len(b) == 1:

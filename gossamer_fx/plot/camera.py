@@ -76,6 +76,10 @@ def aim(shapes: Sequence[Shape], view: View = View()) -> Camera:  # noqa: B008 (
     z is up.  The longest horizontal axis of the shapes runs to the right, turned by 25°; a flat
     shape is seen from higher above (38°) than a tall one (18°).  The camera stands still unless the
     shapes travel far.
+
+    Args:
+        shapes: the scene at one or more times, each with points (p, 3) [m]; at least one.
+        view: choices of the user; what is None there is chosen from the shapes.
     """
     axes = _axes(_spread(shapes), view)
     lows = np.full((len(shapes), 3), np.inf)
@@ -121,7 +125,12 @@ def _spread(shapes: Sequence[Shape]) -> Array:
 
 
 def _axes(spread: Array, view: View) -> Array:
-    """Unit vectors (3, 3) to the right, up and towards the eye."""
+    """Unit vectors (3, 3), one a row, to the right, up and towards the eye.
+
+    Args:
+        spread: second moment (3, 3) [m²] of the points of the shapes about their centres.
+        view: azimuth and elevation [rad] of the user; None: chosen from the spread.
+    """
     horizontal = spread[:2, :2] + np.diag([_PREFER_X, 0.0]) * np.trace(spread)
     squares, directions = np.linalg.eigh(horizontal)
     longest = directions[:, 1]
@@ -162,7 +171,7 @@ def render(
 
     Args:
         camera: for these shapes.
-        shapes: see `Shape`.
+        shapes: the scene at one or more times, as many as the camera has centres.
         scale: pixels of the image per metre.
         colours: (kinds, 3), red, green and blue in [0, 1] of triangles of each kind.
 
@@ -197,10 +206,19 @@ def _image(
     palette: Colours,
     opacity: float,
 ) -> Array:
-    """What is nearest and, through it, what is behind: the image (height, width, 3) of a canvas.
+    """What is nearest and, through it, what is behind: the image of a canvas.
 
     Layers are drawn from front to back (depth peeling), each with the light that those before it
     let through.
+
+    Args:
+        canvas: empty, of the size of the image [pixels].
+        parts: triangles, in pixels of the canvas.
+        palette: colours (kinds, 256, 3) by brightness, 0 to 255.
+        opacity: share of light that a layer absorbs, above 0, at most 1.
+
+    Returns:
+        red, green and blue (height, width, 3) in [0, 1] on white.
     """
     image = np.ones((canvas.height, canvas.width, 3))
     light = 1.0
@@ -231,8 +249,15 @@ class _Projection:
 
 
 def _bars(ends: Array, kind: int) -> _Triangles:
-    """Lines (m, 2, 3) [pixels] as round bars: on each side of the axis a strip that gets darker
-    outwards."""
+    """Lines as round bars: on each side of the axis a strip of triangles that gets darker outwards.
+
+    Args:
+        ends: (m, 2, 3) [pixels]: to the right, down and away from the eye.
+        kind: row of the palette for lines.
+
+    Returns:
+        4 m triangles with their brightness.
+    """
     half_width = _HALF_LINE * _SUPERSAMPLES
     # the axis stands out by the radius, so that a line is seen on the film on which it lies
     start = ends[:, 0] - np.array([0.0, 0.0, half_width])
@@ -253,8 +278,15 @@ def _bars(ends: Array, kind: int) -> _Triangles:
 
 
 def _balls(centres: Array, kind: int) -> _Triangles:
-    """Dots (k, 3) [pixels] as small balls: cones whose tips are bright and stand towards the
-    eye."""
+    """Dots as small balls: cones whose tips are bright and stand towards the eye.
+
+    Args:
+        centres: (k, 3) [pixels]: to the right, down and away from the eye.
+        kind: row of the palette for dots.
+
+    Returns:
+        24 k triangles with their brightness.
+    """
     radius = _DOT * _SUPERSAMPLES
     angles = np.linspace(0, 2 * np.pi, _DOT_SECTORS + 1)
     rim = radius * np.stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))], axis=1)
@@ -266,8 +298,15 @@ def _balls(centres: Array, kind: int) -> _Triangles:
 
 
 def _shades(corners: Array, normals: Array) -> Array:
-    """Brightness (n, 3) in [0, 1] at corners: Phong's reflection, with a distant light, on the side
-    that is seen."""
+    """Brightness (n, 3) in [0, 1] at corners: Phong's reflection with a distant light.
+
+    Each triangle is lit on the side that is seen.
+
+    Args:
+        corners: of n triangles, (n, 3, 3) [pixels]: to the right, down and away from the eye.
+        normals: unit vectors (n, 3, 3) at the corners, along the axes of the camera: to the right,
+            up and towards the eye.
+    """
     # pixels count downwards and depth away from the eye: in them, the normal of a front side points
     # away
     first_edge = corners[:, 1] - corners[:, 0]
@@ -283,10 +322,12 @@ def _shades(corners: Array, normals: Array) -> Array:
 
 
 def _palette(colours: Array) -> npt.NDArray[np.uint8]:
-    """Colours (kinds, 256, 3) by brightness: from black to the colour at 1 - gloss, then half-way
-    on to white.
+    """Colours (kinds + 2, 256, 3) by brightness, as bytes; the last two kinds are lines and solids.
 
-    The last two kinds are those of lines and of solids.
+    They go from black to the colour at 1 - gloss, then half-way on to white.
+
+    Args:
+        colours: red, green and blue in [0, 1], (kinds, 3), of the triangles of films.
     """
     brightness = np.linspace(0, 1, 256)[:, None]
     base = np.array([*colours, _INK, _SOLID_COLOUR])[:, None]

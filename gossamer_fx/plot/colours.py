@@ -76,8 +76,16 @@ class Scale:
 
 
 def scale(field: str, samples: Sequence[Array]) -> Scale:
-    """The scale on which samples of a field are seen best; symmetric about zero if both signs
-    matter."""
+    """The scale of colours on which samples of a field are seen best; symmetric if both signs
+    matter.
+
+    It runs from the 0.5 to the 99.5 percentile, and from zero where one sign is negligible.
+
+    Args:
+        field: name of the field, which gives the unit.
+        samples: arrays of values in the SI unit of the field; values that are not finite are left
+            out.  Without any the scale is from 0 to 0.
+    """
     values = np.concatenate([np.zeros(0), *samples])
     values = values[np.isfinite(values)]
     low = 0.0
@@ -121,8 +129,13 @@ class Colouring:
 def colouring(run: RunReader, field: str) -> Colouring:
     """The colours of a field, on one scale for the whole run.
 
+    Args:
+        run: reads the recorded run.
+        field: name of a recorded field, e.g. "stress1"; "state" and "group" have a colour for each
+            kind.
+
     Raises:
-        InputError: an unknown field.
+        InputError: an unknown field, or a file that cannot be read.
     """
     run.check_field(field)
     if field == "group":
@@ -157,7 +170,11 @@ def sampled(run: RunReader) -> list[int]:
 
 
 def default_field(run: RunReader) -> str:
-    """The field that shows most: the state of films, or else the first one.
+    """The field that shows most: the amplitude of a mode, the state of films, or else the first
+    one.
+
+    Args:
+        run: reads the recorded run.
 
     Raises:
         InputError: the run has no bodies on a mesh.

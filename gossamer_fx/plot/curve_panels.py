@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gossamer_fx.checks.errors import check
 from gossamer_fx.fields.fields import STATES
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.ledger import LOST
@@ -67,11 +68,18 @@ class Curves:
 
 
 def run_curves(run: RunReader, solver: bool = True) -> Curves:
-    """The panels of a run; none if it has fewer than two steps.
+    """The panels of a run over time: energies, gas, states, errors; none if it has fewer than two
+    steps.
 
     Args:
-        run: what was recorded.
+        run: reads the tables of a recorded run.
         solver: whether iterations and probes are shown, too.
+
+    Returns:
+        functions that draw the panels, and start, end and unit of the time axis.
+
+    Raises:
+        InputError: a table of the run cannot be read.
     """
     ledger = _thinned(run.table("ledger.csv"))
     if not ledger or len(ledger["time"]) < 2:
@@ -124,9 +132,20 @@ def overlay_curves(run: RunReader, series: Sequence[MeasuredSeries]) -> Curves:
     """A panel for each probe that was measured, with the measured series over it.
 
     Args:
-        run: with these probes.
-        series: measured, at least one, with times [s].
+        run: reads a recorded run with these probes.
+        series: measured, at least one, with times [s] and values in the units of the probes.
+
+    Returns:
+        functions that draw the panels, and start, end and unit of the time axis.
+
+    Raises:
+        InputError: there is no series.
     """
+    check(
+        len(series) > 0,
+        "overlay: there are no measured series; give files with columns named like the probes of "
+        "the run.",
+    )
     probes = _thinned(run.table("probes.csv"))
     end = max(float(probes["time"].max()), *(float(one.t.max()) for one in series))
     start = min(float(probes["time"].min()), *(float(one.t.min()) for one in series))
@@ -141,8 +160,14 @@ def overlay_curves(run: RunReader, series: Sequence[MeasuredSeries]) -> Curves:
 
 
 def grouped(probes: Tables) -> dict[str, Tables]:
-    """Curves of one panel by their last words, by title: "tip x [m]" and "tip y [m]" are x and y of
-    "tip [m]"."""
+    """Curves of one panel by their last words, by the title of the panel.
+
+    "tip x [m]" and "tip y [m]" are the curves x and y of "tip [m]".  A name without a unit, or of
+    one word, is a title by itself, whose curve has an empty name.
+
+    Args:
+        probes: columns (n,) of a table of probes by name; "time" and "step" are left out.
+    """
     panels: dict[str, Tables] = {}
     for name, values in probes.items():
         if name in ("time", "step"):
@@ -197,7 +222,16 @@ def _lines(
     unit: str,
     axes: Axes,
 ) -> None:
-    """Curves on one axis; if their sizes are far apart, their magnitudes on a logarithmic one."""
+    """Draw curves on one axis; if their sizes are far apart, their magnitudes on a logarithmic one.
+
+    Args:
+        t: times (n,), in the unit of the time axis.
+        curves: values (n,) by name, in `unit`; those below 1e-6 of the largest are left out.
+        colours: of matplotlib, by the names of the curves.
+        title: of the panel, without the unit.
+        unit: SI unit of the values, which gets a prefix.
+        axes: of matplotlib, on which the panel is drawn.
+    """
     peaks = {name: float(abs(values).max()) for name, values in curves.items()}
     largest = max(peaks.values())
     peaks = {name: peak for name, peak in peaks.items() if peak > _NEGLIGIBLE * largest}
@@ -224,7 +258,13 @@ def _lines(
 
 
 def _states(t: Array, shares: Tables, axes: Axes) -> None:
-    """Draw the shares of the area by state, stacked to 100 %."""
+    """Draw the shares of a film's area by state, stacked to 100 %.
+
+    Args:
+        t: times (n,), in the unit of the time axis.
+        shares: of "taut", "wrinkled" and "slack", (n,) each, from 0 to 1.
+        axes: of matplotlib, on which the panel is drawn.
+    """
     colours = [STATE_COLOURS[STATES[name]] for name in shares]
     percent = [100 * values for values in shares.values()]
     axes.stackplot(t, *percent, colors=colours, linewidth=0)
@@ -241,7 +281,13 @@ def _states(t: Array, shares: Tables, axes: Axes) -> None:
 
 
 def _errors(t: Array, errors: Tables, axes: Axes) -> None:
-    """Draw the relative errors of the balances: magnitudes over time, and their running maxima."""
+    """Draw the relative errors of the balances: magnitudes over time, and their running maxima.
+
+    Args:
+        t: times (n,), in the unit of the time axis.
+        errors: relative closing errors (n,) of energy and gas mass, by name.
+        axes: of matplotlib, on which the panel is drawn.
+    """
     ends: dict[str, tuple[float, str]] = {}
     axes.set_yscale("log")
     for name, colour in zip(errors, LINES, strict=False):
@@ -268,7 +314,14 @@ def _probes(
     curves: Tables,
     axes: Axes,
 ) -> None:
-    """Draw the curves of probes that share a title and a unit."""
+    """Draw the curves of probes that share a title and a unit.
+
+    Args:
+        t: times (n,), in the unit of the time axis.
+        title: of the panel, with the unit.
+        curves: values (n,) by the words at their ends, e.g. "x"; an empty name is not written.
+        axes: of matplotlib, on which the panel is drawn.
+    """
     ends: dict[str, tuple[float, str]] = {}
     for (name, values), colour in zip(curves.items(), cycle(LINES), strict=False):
         axes.plot(t, values, color=colour)
@@ -281,7 +334,15 @@ def _probes(
 def _overlay(
     probes: Tables, name: str, series: Sequence[MeasuredSeries], second: float, axes: Axes
 ) -> None:
-    """Draw a probe as a line and measured values as marks, with a legend."""
+    """Draw a probe as a line and measured values as marks, with a legend.
+
+    Args:
+        probes: columns of the table of probes, with "time" [s].
+        name: of the column, with its unit.
+        series: measured, with times [s] and values in the unit of the probe.
+        second: seconds in a unit of the time axis.
+        axes: of matplotlib, on which the panel is drawn.
+    """
     unit = _UNIT.search(name)
     words = "" if unit is None else f" {unit[1]}"
     axes.plot(probes["time"] / second, probes[name], color=LINES[0], label="computed")
@@ -314,9 +375,9 @@ def label_ends(axes: Axes, ends: Mapping[str, tuple[float, str]]) -> None:
     """Name curves at their right ends, moved apart where the names would overlap.
 
     Args:
-        axes: on which the curves are drawn.
-        ends: the last value and the colour of each curve, by name; curves whose value is not finite
-            are not named.
+        axes: of matplotlib, on which the curves are drawn.
+        ends: the last value (in the unit of the axis) and the colour of each curve, by name; curves
+            whose value is not finite are not named.
     """
     axes.autoscale_view()
     to_axes = axes.transData + axes.transAxes.inverted()
@@ -357,7 +418,12 @@ def label_ends(axes: Axes, ends: Mapping[str, tuple[float, str]]) -> None:
 def wrapped(name: str, width: int, most_lines: int) -> str:
     """A name in one or two lines of at most `width` letters; one that is too long loses its middle.
 
-    The ends of names tell them apart, e.g. "damping of the film (mass)" and "(stiffness)".
+    The ends of names distinguish them, e.g. "damping of the film (mass)" and "(stiffness)".
+
+    Args:
+        name: to be written in a picture.
+        width: letters of a line.
+        most_lines: 1 or 2.
     """
     # `textwrap` would join all white space, also line ends, so that no text has more lines than it
     # says.

@@ -81,7 +81,17 @@ class FlightPicture(DrawnRun):
         probes: Mapping[str, Probe],
         title: str = "",
     ) -> None:
-        """Check the ending of the path and that all probes can be called."""
+        """Check the ending of the path and that all probes can be called.
+
+        Args:
+            path: of the PNG.
+            orbit: the orbit of the scene.
+            probes: functions of the run that return a number, by the labels of their curves.
+            title: a line on top.
+
+        Raises:
+            InputError: the path does not end in `.png`, or a probe is not a function.
+        """
         super().__init__(path)
         self.orbit = orbit
         self.probes = dict(probes)
@@ -106,7 +116,15 @@ class FlightPicture(DrawnRun):
         return float(self.orbit.sunlit(position, self.orbit.sun(run.time)))
 
     def draw(self, run: RunReader) -> None:
-        """Draw orbit and shapes in the first row, and one row for each probe."""
+        """Draw orbit and shapes in the first row, and one row for each probe; write the PNG.
+
+        Args:
+            run: reads the recording of the run that has ended.
+
+        Raises:
+            OSError: the file cannot be written.
+            InputError: the recording cannot be read.
+        """
         from matplotlib.figure import Figure
 
         table = run.table("probes.csv")
@@ -130,8 +148,14 @@ class FlightPicture(DrawnRun):
         figure.savefig(self.path, dpi=_DPI)
 
     def _draw_orbit(self, axes: Axes, table: Tables) -> None:
-        """The orbit, seen along the normal of its plane at the start, in thousands of
-        kilometres."""
+        """Draw the orbit, seen along the normal of its plane at the start, in thousands of
+        kilometres.
+
+        Args:
+            axes: of matplotlib, on which it is drawn.
+            table: recorded columns (n,): position of the origin and of the Sun from the attracting
+                centre [m], and the part of the Sun that is seen.
+        """
         from matplotlib.patches import Circle
 
         outward, along, _ = local_axes(*self.orbit.state).T
@@ -176,8 +200,15 @@ def _vectors(table: Tables, names: Sequence[str]) -> Array:
 
 
 def _draw_scene(axes: Axes, run: RunReader, table: Tables) -> None:
-    """The scene at the end, and the directions to the Sun and of motion as they are seen from the
-    camera."""
+    """Draw the scene at the end, with arrows to the Sun and along the motion as the camera sees
+    them.
+
+    Args:
+        axes: of matplotlib, on which it is drawn.
+        run: reads the recording, with the shapes.
+        table: recorded columns (n,): positions of the origin and of the Sun from the attracting
+            centre [m], and the velocity of the origin [m/s].
+    """
     colours = by_state(bool(run.films))
     shapes = [run.shape(len(run.times) - 1, "state", colours.kinds)]
     camera = aim(shapes)
@@ -201,7 +232,17 @@ def _draw_direction(
     colour: Any,
     length: float,
 ) -> None:
-    """An arrow of a relative length from the middle of an image."""
+    """Draw an arrow along a direction in space, from the middle of an image.
+
+    Args:
+        axes: of matplotlib, with the image.
+        camera: by which the image was drawn.
+        image: (height, width, 3).
+        name: written at the tip; "towards us" or "away from us" is added where the arrow is short.
+        direction: (3,) in space, of any length and unit, not zero.
+        colour: of matplotlib.
+        length: of the arrow over the largest that fits into the image.
+    """
     height, width = image.shape[:2]
     middle = (width / 2, height / 2)
     reach = 0.42 * length * min(width, height)
@@ -222,7 +263,15 @@ def _draw_arrow(
     name: str,
     colour: Any,
 ) -> None:
-    """An arrow between two points of a picture, with a name beyond its tip."""
+    """Draw an arrow between two points of a picture, with a name beyond its tip.
+
+    Args:
+        axes: of matplotlib.
+        start: in the coordinates of the axes.
+        tip: in the coordinates of the axes.
+        name: next to the tip, on the side to which the arrow points.
+        colour: of matplotlib.
+    """
     style = {"arrowstyle": "-|>", "color": colour, "lw": 2}
     axes.annotate("", xy=tip, xytext=start, arrowprops=style)
     # Next to the tip: an arrow that points to the right has its name on the right.

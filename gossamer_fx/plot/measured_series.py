@@ -120,7 +120,18 @@ def _parts(heading: str) -> tuple[str, str | None]:
 
 
 def _rows(path: Path) -> tuple[list[str], list[list[float]]]:
-    """Headings and numbers of a file; empty cells are NaN."""
+    """Headings and numbers of a CSV file; empty cells are NaN.
+
+    Args:
+        path: of the file, separated by commas or semicolons.
+
+    Returns:
+        k headings, and rows of k numbers as they are in the file.
+
+    Raises:
+        InputError: the file cannot be read, has no rows or too many, a row has another number of
+            cells than the heading, or a cell is not a finite number.
+    """
     try:
         # Spreadsheets write a byte order mark.
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -152,7 +163,16 @@ def _rows(path: Path) -> tuple[list[str], list[list[float]]]:
 
 
 def _number(cell: str, path: Path, line: int) -> float:
-    """A finite number, or NaN for an empty cell."""
+    """A finite number, or NaN for an empty cell.
+
+    Args:
+        cell: text of a CSV file.
+        path: of the file, for the message.
+        line: number of the row in the file, for the message.
+
+    Raises:
+        InputError: the text is not a finite number.
+    """
     if not cell.strip():
         return math.nan
     try:

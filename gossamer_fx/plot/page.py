@@ -169,7 +169,15 @@ def write_page(
 
 
 def _arrange(views: Views | None, page_width: float) -> tuple[int, int]:
-    """Rows and columns in which images become largest; full rows and few are preferred."""
+    """Rows and columns in which images become largest; full rows and few are preferred.
+
+    Args:
+        views: images of one size; None: there are no images.
+        page_width: [inches].
+
+    Returns:
+        numbers of rows and of columns; zero and zero without images.
+    """
     if views is None:
         return 0, 0
     count = len(views.captions)
@@ -191,7 +199,14 @@ def _image_height(
     columns: int,
     page_width: float,
 ) -> float:
-    """Height of an image [inches] that is as wide as its column, or as high as the rows allow."""
+    """Height of an image [inches] that is as wide as its column, or as high as the rows allow.
+
+    Args:
+        views: images of one size; their ratio of width to height counts.
+        rows: of images on the page.
+        columns: of images on the page.
+        page_width: [inches].
+    """
     width = page_width / columns - _GAP
     # A narrow page is scrolled: its images may be higher together.
     highest = _MAX_IMAGES * max(WIDTH / page_width, 1.0)
@@ -204,7 +219,14 @@ def _frames(
     rows: int,
     columns: int,
 ) -> list[Axes]:
-    """Empty axes with captions, for the images."""
+    """Empty axes with captions, for the images, from the upper left.
+
+    Args:
+        part: part of the figure of matplotlib that the images fill.
+        views: images of one size, with captions.
+        rows: of images.
+        columns: of images; rows × columns is at least the number of images.
+    """
     grid = part.subplots(rows, columns, squeeze=False).ravel()
     for axes in grid:
         axes.set_axis_off()
@@ -216,7 +238,16 @@ def _frames(
 
 
 def _draw_images(figure: Figure, frames: Sequence[Axes], views: Views) -> Place:
-    """Draw images to whole pixels in the rectangles that the layout has found."""
+    """Draw images to whole pixels in the rectangles that the layout has found.
+
+    Args:
+        figure: of matplotlib, whose layout is made.
+        frames: axes, one for each image, whose rectangles count.
+        views: draws the images at a number of pixels per metre.
+
+    Returns:
+        where the first image is, and its scale [pixels/m].
+    """
     boxes = [axes.get_window_extent() for axes in frames]
     scale = boxes[0].width / views.size[0]
     first: Place | None = None
@@ -236,8 +267,12 @@ def _draw_images(figure: Figure, frames: Sequence[Axes], views: Views) -> Place:
 
 
 def _draw_key(header: Axes, key: dict[str, Any] | Scale) -> None:
-    """Names and colours at the left end of the line above the images, or a bar with the colours of
-    a scale."""
+    """Draw names and colours at the left end of the line above the images, or a bar of a scale.
+
+    Args:
+        header: axes of that line.
+        key: colours of matplotlib by name, or a scale of colours for numbers.
+    """
     from matplotlib.patches import Patch
 
     header.set_axis_off()
@@ -307,7 +342,13 @@ def _draw_scale_bar(header: Axes, scale: float, width: float) -> None:
 
 
 def _draw_panels(part: SubFigure, curves: Curves, rows: int) -> None:
-    """Draw all panels of curves in a grid with some number of rows."""
+    """Draw all panels of curves in a grid.
+
+    Args:
+        part: part of the figure of matplotlib that the panels fill.
+        curves: panels, at least one, and their time axis.
+        rows: of the grid.
+    """
     columns = math.ceil(len(curves.panels) / rows)
     grid = part.subplots(rows, columns, squeeze=False).ravel()
     for axes in grid[len(curves.panels) :]:

@@ -69,7 +69,10 @@ class DrawnRun:
         return [self.path, self.folder]
 
     def open(self, run: Run) -> None:
-        """Make the recording.
+        """Make the recording.  Collective.
+
+        Args:
+            run: that begins.
 
         Raises:
             InputError: the folder cannot be written, or this Python cannot read a recording.
@@ -94,7 +97,17 @@ class DrawnRun:
         self._recording.record(run, last)
 
     def close(self, run: Run) -> None:
-        """Close the recording, and draw the picture on rank 0."""
+        """Close the recording, and draw the picture on rank 0.  Collective.
+
+        Nothing is drawn if no state was recorded.
+
+        Args:
+            run: that ends; one that was stopped before its end time gets its last state recorded.
+
+        Raises:
+            OutputFailure: a file cannot be written.
+            InputError: the recording cannot be read.
+        """
         recording = self._recording
         if recording is None or not recording.has_begun:
             return
@@ -154,7 +167,21 @@ class Picture(DrawnRun):
         section: tuple[Vector, Vector] | None = None,
         colour: str = "state",
     ) -> None:
-        """Check the arguments, which the class describes."""
+        """Check the arguments of a picture that is drawn at the end of a run.
+
+        Args:
+            path: of the file, ending in `.png`.
+            times: at which the films are drawn [s]; empty: the start and the end.
+            title: a line on top.
+            view: camera and transparency; None: chosen from the shapes.
+            section: point [m] and normal of a plane that cuts the films; None: their surfaces are
+                drawn.
+            colour: "state" or "group".
+
+        Raises:
+            InputError: the path does not end in `.png`, more than 24 times, a negative time, an
+                unknown `colour`, or a section that is not a point and a normal.
+        """
         super().__init__(path)
         self.title = title
         self.view = view or View()
@@ -175,7 +202,11 @@ class Picture(DrawnRun):
 
     def recording(self, run: Run) -> Recording:
         """The recording that the picture needs: displacements, and the field that gives the
-        colours."""
+        colours.
+
+        Args:
+            run: with the films of the scene.
+        """
         field = "state"
         if self.section is not None or self.colour == "group":
             field = "group"
@@ -195,7 +226,14 @@ class Picture(DrawnRun):
         write_page(self.path, self.title, self._views(run), curves)
 
     def _views(self, run: RunReader) -> Views | None:
-        """The shapes or sections to draw; None for a run without recorded states."""
+        """The shapes or sections to draw; None for a run without recorded states.
+
+        Args:
+            run: reads the recording.
+
+        Raises:
+            InputError: the recording cannot be read.
+        """
         frames = self._frames(run)
         if not frames:
             return None
@@ -211,7 +249,11 @@ class Picture(DrawnRun):
 
     def _frames(self, run: RunReader) -> list[int]:
         """Indices of the states to draw: those that were asked for, and the last one of a stopped
-        run."""
+        run.
+
+        Args:
+            run: reads the recording; the list is empty if it has no states.
+        """
         count = len(run.times)
         if count == 0:
             return []

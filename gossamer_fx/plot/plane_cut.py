@@ -51,7 +51,13 @@ class PlaneCut:
     """
 
     def __init__(self, run: RunReader, point: Vector, normal: Vector) -> None:
-        """Choose axes (3, 3) of the picture: to the right, up, and towards the eye."""
+        """Choose axes (3, 3) of the picture, one a row: to the right, up, and towards the eye.
+
+        Args:
+            run: reads a recorded run whose films have the field "group".
+            point: of the plane, (3,) [m].
+            normal: of the plane, (3,), of any length but zero; it points towards the eye.
+        """
         self._run = run
         self._point = np.asarray(point, dtype=float)
         towards = unit(np.asarray(normal, dtype=float))
@@ -63,7 +69,14 @@ class PlaneCut:
         self._axes = np.array([np.cross(up, towards), up, towards])
 
     def cut(self, frame: int) -> Cut:
-        """The section of a recorded state, by its number."""
+        """The section of a recorded state: m lines in the plane [m], and their groups or layers.
+
+        Args:
+            frame: number of the state in the times of the run.
+
+        Raises:
+            InputError: the files of the run cannot be read.
+        """
         corners = self._run.film_corners(frame)
         groups = self._run.values("group", frame)
         ends: list[Array] = [np.zeros((0, 2, 2))]
@@ -126,11 +139,11 @@ def _crossings(x: Array) -> tuple[Array, Integers]:
     """Where triangles cross the plane of their first two coordinates.
 
     Args:
-        x: corners (n, 3, 3).
+        x: corners (n, 3, 3) [m], along two axes in the plane and its normal.
 
     Returns:
-        Lines (m, 2, 2), whose ends at neighbours are equal to the last bit, and the numbers (m,) of
-        their triangles.
+        Lines (m, 2, 2) [m], whose ends at neighbours are equal to the last bit, and the numbers
+        (m,) of their triangles.
     """
     above = x[..., 2] >= 0
     cut = np.flatnonzero(above.any(axis=1) & ~above.all(axis=1))
@@ -154,10 +167,13 @@ def _crossings(x: Array) -> tuple[Array, Integers]:
 
 
 def layers(lines: Array) -> Integers:
-    """Numbers (m,) of the layers that lines (m, 2, 2) belong to.
+    """Numbers (m,) of the layers that the lines of a section of a folded film belong to, from 0.
 
     One follows connected lines from one of their ends.  Where they turn back along the section's
     longer axis, the next layer begins.
+
+    Args:
+        lines: ends (m, 2, 2) [m]; lines are connected where ends are equal to the last bit.
     """
     kinds = np.zeros(len(lines), dtype=np.int64)
     if not len(lines):
@@ -177,12 +193,15 @@ def layers(lines: Array) -> Integers:
 
 
 def _chains(ends: npt.NDArray[np.integer], count: int) -> Iterator[tuple[list[int], list[int]]]:
-    """Chains of connected lines: the numbers of their lines, and the points on the way from one end
-    to the other.
+    """Yield chains of connected lines.
 
     Args:
         ends: numbers of points (m, 2) of each line.
         count: of the points.
+
+    Yields:
+        the numbers of k connected lines, and of the k + 1 points from one end of the chain to the
+        other.
     """
     lines_at: list[list[int]] = [[] for _ in range(count)]
     for line in range(len(ends)):
@@ -207,7 +226,15 @@ def _chains(ends: npt.NDArray[np.integer], count: int) -> Iterator[tuple[list[in
 
 
 def _turns(s: Array, back: float) -> list[int]:
-    """Positions in a sequence of numbers at which it turns back by more than a length."""
+    """Positions in a sequence of numbers at which it turns back by more than a length.
+
+    Args:
+        s: coordinates (n,) along a chain of points [m].
+        back: length [m] by which a coordinate must go back from its extreme to count as a turn.
+
+    Returns:
+        indices of the extremes in `s`, increasing.
+    """
     turns: list[int] = []
     direction = 0  # 1 upwards, -1 downwards, 0 while it is not known
     lowest = 0  # position of the least number of this layer
@@ -234,8 +261,15 @@ def _turns(s: Array, back: float) -> list[int]:
 
 
 def window(cuts: Sequence[Cut]) -> tuple[tuple[float, float], list[Array]]:
-    """Width and height [m] of a window that shows each of the cuts at one scale, and the middles of
-    the cuts (2,)."""
+    """Width and height [m] of a window that shows each cut at one scale, and the middles of the
+    cuts.
+
+    Args:
+        cuts: sections at one or more times.
+
+    Returns:
+        width and height, which are not zero, and a middle (2,) [m] for each cut.
+    """
     boxes = []
     for cut in cuts:
         points = cut.ends.reshape(-1, 2) if len(cut.ends) else np.zeros((1, 2))

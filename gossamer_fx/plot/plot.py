@@ -239,11 +239,18 @@ def field_views(
     """Pictures of the scene in recorded states, coloured by a field.
 
     Args:
-        run: a recorded run.
+        run: reads a recorded run.
         field: name of a recorded field.
         colours: its colours, the same in all pictures.
         frames: indices of the states in `run.times`.
         view: camera and transparency.
+
+    Returns:
+        captions, size [m], key, and a function that draws the pictures at a number of pixels per
+        metre.
+
+    Raises:
+        InputError: the files of the run cannot be read.
     """
     shapes = [run.shape(frame, field, colours.kinds) for frame in frames]
     camera = aim(shapes, view)
@@ -257,7 +264,13 @@ def field_views(
 
 def captions(run: RunReader, frames: Sequence[int], zooms: Sequence[float]) -> list[str]:
     """Captions: times of recorded states, and the enlargement of pictures relative to the scale
-    bar."""
+    bar.
+
+    Args:
+        run: reads a recorded run.
+        frames: indices of the states in `run.times` [s].
+        zooms: enlargement of each picture, dimensionless; below 1.05 it is not written.
+    """
     factor, prefix = scaled(float(run.times[-1]))
     found = []
     for frame, zoom in zip(frames, zooms, strict=True):
@@ -382,7 +395,14 @@ def _camera_for_all(
     colours: Colouring,
     view: View,
 ) -> Camera:
-    """A camera for one picture at a time, which sees the whole run, or follows each shape."""
+    """A camera for one picture at a time, which sees the whole run, or follows each shape.
+
+    Args:
+        run: reads a recorded run.
+        field: name of a recorded field, which gives the colours of the shapes.
+        colours: of the field.
+        view: choices of the user; with `follow` the size is that of the largest shape.
+    """
     shapes = [run.shape(frame, field, colours.kinds) for frame in sampled(run)]
     if not view.follow:
         # A camera that stands still sees all points of the run as those of one shape.
@@ -399,8 +419,20 @@ def _images(
     frames: Integers,
     follow: bool,
 ) -> Iterator[Image]:
-    """The frames of an animation; the page is laid out once, then pictures and times are put into
-    it."""
+    """Yield the frames of an animation: the page is laid out once, then pictures and times are put
+    in.
+
+    Args:
+        run: reads a recorded run.
+        field: name of a recorded field.
+        colours: of the field.
+        camera: which sees all frames, or is moved with each shape.
+        frames: indices of the states in `run.times`.
+        follow: whether the camera is moved so that each shape is in the middle.
+
+    Yields:
+        bytes (height, width, 3), with even numbers of rows and columns.
+    """
     # Imported here, as most plots need no images in memory.
     from matplotlib import get_data_path
     from PIL import Image, ImageDraw, ImageFont
@@ -446,7 +478,16 @@ def _images(
 
 
 def _write_gif(path: Path, images: Iterable[Image], pause: float) -> None:
-    """Write a GIF with a pause [s] between its frames."""
+    """Write a GIF.
+
+    Args:
+        path: of the file.
+        images: bytes (height, width, 3), all of one size, at least one.
+        pause: between two frames [s]; shorter ones than 0.02 s are not written.
+
+    Raises:
+        OutputFailure: the file cannot be written.
+    """
     from PIL import Image
 
     frames = [Image.fromarray(image) for image in images]
@@ -470,10 +511,14 @@ def _write_gif(path: Path, images: Iterable[Image], pause: float) -> None:
 
 
 def _palette_colours(frames: Sequence[Any]) -> list[int]:
-    """Red, green and blue of 255 colours of all frames, as one list.
+    """Red, green and blue of at most 255 colours of all frames, as one list of numbers from 0 to
+    255.
 
     Each colour counts once, however many pixels it has: a few slack cells in one frame of a hundred
     stay blue.  White is left out, which is a colour of the palette by itself.
+
+    Args:
+        frames: images of Pillow.  The list is empty if nothing is drawn on them.
     """
     from PIL import Image
 
@@ -498,8 +543,10 @@ def _palette_colours(frames: Sequence[Any]) -> list[int]:
 
 
 def find_ffmpeg() -> str | None:
-    """The program ffmpeg: that on PATH, else that of the package imageio-ffmpeg; None if there is
-    neither."""
+    """Path of the program ffmpeg, which writes MP4 files; None if there is none.
+
+    It is the program on PATH, else that of the package imageio-ffmpeg.
+    """
     program = shutil.which("ffmpeg")
     if program is not None:
         return program
@@ -516,7 +563,12 @@ def find_ffmpeg() -> str | None:
 
 
 def _write_mp4(path: Path, images: Iterator[Image], rate: float) -> None:
-    """Write an MP4 with `rate` frames a second, by ffmpeg.
+    """Write an MP4 by the program ffmpeg, which is installed.
+
+    Args:
+        path: of the file.
+        images: bytes (height, width, 3), all of one size with even numbers, at least one.
+        rate: frames a second.
 
     Raises:
         OutputFailure: ffmpeg failed; the text contains its last message.
@@ -549,7 +601,10 @@ def _write_mp4(path: Path, images: Iterator[Image], rate: float) -> None:
 
 
 def file_to_write(path: str | Path) -> Path:
-    """The path of a file, with its folder made.
+    """The path of a file to be written, with its folder made.
+
+    Args:
+        path: of the file, which need not exist.
 
     Raises:
         InputError: the folder cannot be made, or the path is a folder.

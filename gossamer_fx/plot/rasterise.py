@@ -62,7 +62,11 @@ class Canvas:
         near: float,
         far: float,
     ) -> None:
-        """Make an empty image of height × width pixels."""
+        """Make an empty image of height × width pixels, for triangles from `near` to `far`.
+
+        `near` and `far` are distances from the eye, in the unit of the third coordinate of the
+        triangles that will be drawn; `far` is the larger one.
+        """
         self.height = height
         self.width = width
         self._near = near
@@ -133,7 +137,17 @@ class Canvas:
         bottom: Integers,
         colours: npt.NDArray[np.uint64],
     ) -> None:
-        """Draw triangles row by row; `colours` (kinds, 256) are packed in the low bits."""
+        """Draw n triangles row by row into the image.
+
+        Args:
+            corners: (n, 3, 3): x to the right and y down [pixels], and the distance from the eye.
+            shades: brightness (n, 3) of the corners in [0, 1].
+            kinds: row (n,) of each triangle in `colours`.
+            top: first row (n,) of pixels that each triangle covers.
+            bottom: row (n,) after the last one.
+            colours: (kinds, 256), red, green and blue packed in the low 24 bits, from dark to
+                bright.
+        """
         # A row of pixels in a triangle is a span; its centres are at half-integers.
         triangle, row = _ranges(top, bottom)
         level = row + 0.5
@@ -170,8 +184,8 @@ class Canvas:
         """The image, darkened at silhouettes, where the distance jumps.
 
         Args:
-            jump: difference of distances from which on a jump is outlined.  It is the second
-                difference, which is zero on any plane, however oblique.
+            jump: difference of distances from the eye, in their unit, from which on a jump is
+                outlined.  It is the second difference, which is zero on any plane, however oblique.
             strength: share of the light that an outline absorbs.
 
         Returns:
@@ -214,14 +228,16 @@ def _span_ends(
     triangle: Integers,
     level: Array,
 ) -> tuple[Array, Array]:
-    """The x at which the lines y = level enter and leave their triangles; both are zero where they
-    miss.
+    """The x at which the lines y = level enter and leave their triangles.
 
     Args:
-        x: of the corners of n triangles, (n, 3).
-        y: of the corners, (n, 3).
+        x: of the corners of n triangles, (n, 3) [pixels].
+        y: of the corners, (n, 3) [pixels].
         triangle: index of the triangle of each line, (m,).
-        level: y of each line, (m,).
+        level: y of each line, (m,) [pixels].
+
+    Returns:
+        left and right x (m,) [pixels]; both are zero where a line misses its triangle.
     """
     left: Array = np.full(len(level), np.inf)
     right: Array = np.full(len(level), -np.inf)
@@ -255,14 +271,17 @@ def _along_spans(
     triangle: Integers,
     level: Array,
 ) -> tuple[Array, Array]:
-    """A linear function of each triangle on the lines y = level: its value at x = 0, and its slope
-    along x.
+    """A linear function of each triangle on the lines y = level.
 
     Args:
-        corners: (n, 3, 3) of the triangles.
-        values: (n, 3), of the function at the corners.
-        triangle: (m,), of each line.
-        level: (m,), of each line.
+        corners: (n, 3, 3) of the triangles, of which x and y [pixels] are used; none is seen on
+            edge.
+        values: (n, 3), of the function at the corners, in any unit.
+        triangle: index (m,) of the triangle of each line.
+        level: y (m,) of each line [pixels].
+
+    Returns:
+        the value (m,) at x = 0, and the slope (m,) along x per pixel.
     """
     x = corners[..., 0]
     y = corners[..., 1]

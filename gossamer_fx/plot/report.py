@@ -135,8 +135,11 @@ class InlineReport:
 def _check_recorded(run: RunReader) -> None:
     """Refuse a run that has made no step.
 
+    Args:
+        run: reads a recorded run.
+
     Raises:
-        InputError: the run has no ledger.
+        InputError: the run has no ledger, the table of energies with a row for each step.
     """
     check(
         bool(run.table("ledger.csv")),
@@ -145,7 +148,14 @@ def _check_recorded(run: RunReader) -> None:
 
 
 def _page(run: RunReader) -> Iterable[str]:
-    """Yield the lines of the HTML page of a report."""
+    """Yield the lines of the HTML page of a report.
+
+    Args:
+        run: reads a recorded run, which has a ledger; texts from it are escaped.
+
+    Raises:
+        InputError: the files of the run cannot be read.
+    """
     script = Path(__file__).with_name("viewer.js").read_text(encoding="utf-8")
     ledger = run.table("ledger.csv")
     shows_scene = bool(run.bodies) and len(run.times) > 0
@@ -192,7 +202,11 @@ def _json(data: Any) -> str:
 
 
 def _status(about: Mapping[str, Any]) -> str:
-    """The HTML paragraph that states how the run ended, from its run.json."""
+    """The HTML paragraph that states how the run ended.
+
+    Args:
+        about: contents of its run.json: times in s, energies in J, errors relative.
+    """
     status = about["status"]
     numbers = about["statistics"]
     if "result" in about:
@@ -226,7 +240,12 @@ def _draw_curves(run: RunReader, file: Path, width: float) -> None:
 
 
 def _image(draw: Callable[[Path, float], None], words: str) -> str:
-    """A picture as part of the page, in two layouts: for wide and for narrow screens."""
+    """A picture as part of the HTML page, in two layouts: for wide and for narrow screens.
+
+    Args:
+        draw: writes a PNG to a path, for a page of a width [inches].
+        words: alternative text.
+    """
     sources = []
     for width in (WIDTH, _NARROW_WIDTH):
         with tempfile.TemporaryDirectory() as folder:

@@ -72,7 +72,14 @@ class RunReader:
     """
 
     def __init__(self, folder: str | Path) -> None:
-        """Open all files of a run; its times are those at which every body was written."""
+        """Open all files of a run; its times are those at which every body was written.
+
+        Args:
+            folder: of the run, as `Recording` wrote it.
+
+        Raises:
+            InputError: it is not the folder of a run, or its files cannot be read.
+        """
         self.folder = Path(folder)
         self.about = read_run_file(self.folder)
         self.fields: dict[str, list[str]] = self.about["fields"]
@@ -128,9 +135,15 @@ class RunReader:
     # ---- numbers ---------------------------------------------------------------------------------
 
     def table(self, name: str) -> Tables:
-        """Columns of a table, e.g. "ledger.csv", by their names; none if the run did not write it.
+        """Columns of a table of the run's folder by their names; empty if the run did not write it.
 
         A last row that is not complete is left out.
+
+        Args:
+            name: of the file, e.g. "ledger.csv".
+
+        Returns:
+            arrays (n,) in SI units, as the names of the columns or the format of the file say.
 
         Raises:
             InputError: the file cannot be read, lacks a column, or holds something else than rows
@@ -159,7 +172,19 @@ class RunReader:
         return dict(zip(head, values.T, strict=True))
 
     def _vectors(self, name: str, size: int) -> tuple[Array, Array]:
-        """Times (t,) of a table, and its other columns in groups (t, k, size)."""
+        """Times of a table, and its other columns as vectors.
+
+        Args:
+            name: of the file in the folder of the run, e.g. "points.csv".
+            size: numbers in a vector.
+
+        Returns:
+            times (t,) [s] and vectors (t, k, size), in metres for positions; without a table empty
+            arrays.
+
+        Raises:
+            InputError: the file cannot be read, or its columns are not groups of `size`.
+        """
         table = self.table(name)
         columns = [column for key, column in table.items() if key not in ("time", "step")]
         check(
@@ -175,7 +200,10 @@ class RunReader:
     # ---- shapes ----------------------------------------------------------------------------------
 
     def frame(self, time: float) -> int:
-        """The number of the recorded state that is nearest to a time [s].
+        """The number of the recorded state that is nearest to a time, in `times`.
+
+        Args:
+            time: [s].
 
         Raises:
             InputError: nothing to draw was written, or the time is outside the run.
@@ -212,7 +240,14 @@ class RunReader:
         return list(dict.fromkeys(name for name in names if name != "direction"))
 
     def check_field(self, field: str) -> None:
-        """Raise `InputError` for a field that the run does not have."""
+        """Raise `InputError` for a field that the run does not have.
+
+        Args:
+            field: name of a field, e.g. "stress1".
+
+        Raises:
+            InputError: names the fields that were recorded.
+        """
         known = self.known_fields()
         names = list(self.films) or list(self.fields)
         example = {name: ["displacement", field] for name in names[:1]}
@@ -243,13 +278,17 @@ class RunReader:
         return found
 
     def shape(self, frame: int, field: str, kinds: Callable[[Array], Integers]) -> Shape:
-        """The scene in a recorded state.
+        """The scene in a recorded state, as triangles, lines and dots [m] with colours.
 
         Args:
             frame: number of the state, see `frame`.
             field: by which films are coloured; where a film does not have it, values are not
                 numbers.
-            kinds: rows of a table of colours for values (n,) of the field on triangles.
+            kinds: function that returns rows of a table of colours for values (n,) of the field on
+                triangles.
+
+        Raises:
+            InputError: the files of the run cannot be read.
         """
         corners: list[Array] = [np.zeros((0, 3, 3))]
         normals: list[Array] = [np.zeros((0, 3, 3))]
@@ -315,8 +354,18 @@ def _at_time(table: tuple[Array, Array], time: float) -> Array:
 
 
 def _refined(corners: Array, normals: Array, values: Array) -> tuple[Array, Array, Array]:
-    """Triangles so small that a colour for each shows how values vary; each is cut in four until
-    there are enough."""
+    """Triangles so small that a colour for each shows how values vary.
+
+    All triangles are cut in four until there are 12 000, or values are constant in each.
+
+    Args:
+        corners: (n, 3, 3) [m].
+        normals: unit vectors (n, 3, 3) at the corners.
+        values: (n, 3) at the corners, in the unit of a field; NaN where a film does not have it.
+
+    Returns:
+        the same three arrays for n × 4^k triangles.
+    """
     parts = [corners, normals, values]
     while 0 < len(parts[0]) < _FINE and np.ptp(parts[2], axis=1).max() > 0:
         for k, part in enumerate(parts):
@@ -352,7 +401,15 @@ class RecordedBody:
     """
 
     def __init__(self, folder: Path, name: str) -> None:
-        """Open the field files of a body, one for each part of a run that was restarted."""
+        """Open the field files of a body, one for each part of a run that was restarted.
+
+        Args:
+            folder: of the field files, which are BP files of ADIOS2, or VTU files with their list.
+            name: of the body.
+
+        Raises:
+            InputError: there is no file, or one cannot be read.
+        """
         path = folder / f"{file_name(name)}.bp"
         self.segments: list[FieldFile] = [AdiosFile(one) for one in segments(path)]
         listed = path.with_suffix(".pvd")
@@ -408,7 +465,13 @@ class FieldFile:
         return joined
 
     def _join(self, pieces: Integers) -> None:
-        """Set pieces and vertices; pieces that two ranks wrote are kept once."""
+        """Set pieces and vertices; pieces that two ranks wrote are kept once.
+
+        A vertex stands for all points that lie on each other in the mesh and in three states.
+
+        Args:
+            pieces: points of triangles (n, 3) or lines (n, 2), as they are in the file.
+        """
         # Points that lie on each other in the mesh and at the start, in the middle and at the end
         # of the run are one vertex.  Layers of a folded film may lie on each other for some time,
         # but not in the mesh.
@@ -437,7 +500,14 @@ class VtuFiles(FieldFile):
     """
 
     def __init__(self, path: Path) -> None:
-        """Read times and mesh; fields are read when they are asked for."""
+        """Read times [s] and mesh; fields are read when they are asked for.
+
+        Args:
+            path: of the PVD file, which lists the VTU files.
+
+        Raises:
+            InputError: a file is missing or damaged, or the list is empty.
+        """
         self._path = path
         entries = read_pvd(path)
         times = sorted({entry.time for entry in entries})
@@ -470,7 +540,11 @@ class VtuFiles(FieldFile):
         return self._array(field, step)
 
     def _array(self, name: str, step: int) -> Array:
-        """An array of a step, of all parts; "points" are the positions.
+        """An array of a step, with the values of all ranks: (p,) or (p, 3) for p points.
+
+        Args:
+            name: of a field, in its SI unit; "points" are the positions [m].
+            step: index of the time.
 
         Raises:
             InputError: a file lacks the array, or has another number of points than the first step.
@@ -508,7 +582,15 @@ class AdiosFile(FieldFile):
     """
 
     def __init__(self, path: Path) -> None:
-        """Read times and mesh of a file; fields are read when they are asked for."""
+        """Read times [s] and mesh of a file; fields are read when they are asked for.
+
+        Args:
+            path: of the BP file.
+
+        Raises:
+            InputError: the file cannot be read, is damaged or has fewer steps than were written, or
+                this Python has no ADIOS2.
+        """
         self._path = path
         adios2 = adios2_for(path)
         noted = noted_steps(path)
@@ -533,8 +615,18 @@ class AdiosFile(FieldFile):
         self._join(linear_pieces(from_vtk(cells), 2 if self.is_film else 1))
 
     def components(self, field: str, step: int) -> Array:
-        """Values (p,) or (p, 3) of a field at the points at a step, from the blocks of all
-        ranks."""
+        """Values of a field at the p points at a step, from the blocks of all ranks.
+
+        Args:
+            field: name of a recorded field, in its SI unit.
+            step: index of the time.
+
+        Returns:
+            (p,) for a scalar, (p, 3) for a vector.
+
+        Raises:
+            InputError: the field is not in the file, or the file is damaged.
+        """
         try:
             blocks = [
                 np.ravel(self._file.read(field, block_id=block, step_selection=[step, 1]))
@@ -549,7 +641,15 @@ class AdiosFile(FieldFile):
             ) from error
 
     def _read_mesh(self) -> tuple[Array, Integers]:
-        """Points (p, 3), and cells (m, nodes) by numbers of points, of all blocks."""
+        """Points (p, 3) [m] and cells of the mesh, joined from the blocks of all ranks.
+
+        Returns:
+            points, and cells (m, k) as numbers of their k nodes in the order of VTK.
+
+        Raises:
+            Exception: ADIOS2 or NumPy cannot read the file; the caller turns it into an
+                `InputError`.
+        """
         points = []
         cells = []
         count = 0

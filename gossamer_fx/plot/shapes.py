@@ -55,7 +55,7 @@ def smooth_normals(corners: Array, vertices: npt.NDArray[np.integer]) -> Array:
 
     At each corner it is the mean over the triangles that share the vertex, weighted by their areas.
     Where a triangle deviates much from that mean, i.e. at a sharp edge, the normal of the triangle
-    is returned.
+    is returned.  Triangles without area have the normal zero where no other shares the vertex.
 
     Args:
         corners: (n, 3, 3) [m].

@@ -77,7 +77,7 @@ _POWERS = {"²": 2, "³": 3}
 
 
 def unit_factor(unit: str, wanted: str, where: str) -> float:
-    """Factor from a unit to another one of the same dimension.
+    """Factor by which values in a unit are multiplied to get values in another one.
 
     Args:
         unit: of the values, e.g. "mm", "N mm" or "deg/s".
@@ -98,7 +98,15 @@ def unit_factor(unit: str, wanted: str, where: str) -> float:
 
 
 def _decomposed(unit: str) -> tuple[dict[str, int], float]:
-    """Powers of the units of SI in a product of units, and its size in them."""
+    """Powers of the units of SI in a product of units, and its size in them.
+
+    Args:
+        unit: products by blanks and quotients by "/", e.g. "N mm/s²".  An unknown name counts as a
+            unit by itself.
+
+    Returns:
+        powers by unit, e.g. {"N": 1, "m": 1, "s": -2}, and the factor 1e-3.
+    """
     powers: dict[str, int] = {}
     size = 1.0
     sign = 1

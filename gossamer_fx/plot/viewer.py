@@ -65,11 +65,17 @@ class _Box:
 
 
 def view_data(run: RunReader) -> dict[str, Any]:
-    """What `viewer.js` shows.
+    """The data that the script `viewer.js` shows in a report: positions, colours, labels; for JSON.
 
-    Positions are 16-bit fractions of the box around the whole run; colours are rows of a table for
-    each field. Surfaces of more than 20 000 vertices are thinned out.  Frames are left out where
-    there would be more than 80, or more than about six megabytes.
+    Positions are 16-bit fractions of the box [m] around the whole run; colours are rows of a table
+    for each field. Surfaces of more than 20 000 vertices are thinned out.  Frames are left out
+    where there would be more than 80, or more than about six megabytes.
+
+    Args:
+        run: reads a recorded run with at least one state and one body on a mesh.
+
+    Raises:
+        InputError: the files of the run cannot be read.
     """
     fields = _fields(run)
     files_of_frame = [
@@ -122,7 +128,14 @@ def _chosen_frames(
     colour_bytes: int,
 ) -> list[int]:
     """Numbers of recorded states that are evenly spread over the run and do not need too many
-    bytes."""
+    bytes.
+
+    Args:
+        run: reads a recorded run.
+        files_of_frame: files of all bodies in each recorded state; a restart begins others.
+        surfaces: the thinned mesh in each file.
+        colour_bytes: bytes of all colours of a triangle in one state.
+    """
     sizes = [
         sum(
             surfaces[file].frame_bytes + colour_bytes * len(surfaces[file].pieces) for file in files
@@ -136,7 +149,12 @@ def _chosen_frames(
 
 
 def _box_around(run: RunReader, frames: list[int]) -> _Box:
-    """The smallest box around bodies and solids in some frames."""
+    """The smallest box [m] around bodies, solids and connectors in some frames.
+
+    Args:
+        run: reads a recorded run.
+        frames: numbers of recorded states, at least one.
+    """
     lows = []
     highs = []
     for frame in frames:
@@ -160,7 +178,19 @@ def _part(
     fields: list[tuple[str, Colouring]],
     box: _Box,
 ) -> dict[str, Any]:
-    """Some recorded states with the same mesh."""
+    """Some recorded states with the same mesh, as data for `viewer.js`.
+
+    Args:
+        run: reads a recorded run.
+        surfaces: thinned meshes of its bodies, in the order of the bodies.
+        frames: numbers of the states.
+        fields: names and colours of the fields that can be chosen.
+        box: around the whole run [m], of which positions are fractions.
+
+    Returns:
+        numbers of frames and vertices, and arrays in base 64: triangles and lines as numbers of
+        vertices, positions (16 bits), and for each field the rows of its table of colours (8 bits).
+    """
     triangles: list[Integers] = [np.zeros((0, 3), dtype=np.int64)]
     lines: list[Integers] = [np.zeros((0, 2), dtype=np.int64)]
     vertices = 0
@@ -215,8 +245,14 @@ def _piece_values(
     step: int,
     has_field: bool,
 ) -> Array:
-    """Values (n, 3) of a field at the corners of the pieces; not numbers where the body does not
-    have it."""
+    """Values (n, 3) of a field at the corners of triangles; NaN where the body does not have it.
+
+    Args:
+        surface: thinned mesh of a film, with n triangles.
+        field: name of the field, in its SI unit.
+        step: index of the time in the file of the surface.
+        has_field: whether the field was recorded for this film.
+    """
     if not has_field:
         return np.full((len(surface.origin), 3), np.nan)
     corners = surface.file.pieces[surface.origin]
@@ -225,8 +261,15 @@ def _piece_values(
 
 
 def _thinned(file: FieldFile, most: int) -> _Surface:
-    """A surface with at most so many vertices: those that stay near to each other become one, until
-    few are left."""
+    """A surface with few vertices: those that stay near to each other in the run become one.
+
+    Nearness is that of the first, the middle and the last state, so that layers that touch for some
+    time are not joined.
+
+    Args:
+        file: mesh and positions [m] of a body.
+        most: number of vertices at which no more are joined.
+    """
     vertices, first_corner = np.unique(file.vertices.ravel(), return_index=True)
     points = file.pieces.ravel()[first_corner]
     last = len(file.times) - 1
@@ -252,8 +295,16 @@ def _thinned(file: FieldFile, most: int) -> _Surface:
 
 
 def _legend(name: str, colours: Colouring) -> dict[str, Any]:
-    """A field in the list of those that can be shown: its name, table of colours, and their
-    meaning."""
+    """A field in the list of those that can be shown, as data for `viewer.js`.
+
+    Args:
+        name: of the field.
+        colours: its table (kinds, 3), and its key: a scale or names of kinds.
+
+    Returns:
+        the name, the table in bytes, whether it varies within triangles, and either the ends and
+        the unit of the scale or the names of kinds with their rows.
+    """
     legend: dict[str, Any] = {
         "name": NAMES.get(name, name),
         "smooth": _is_smooth(colours),

@@ -46,7 +46,11 @@ class View:
     opacity: float = 1.0
 
     def __post_init__(self) -> None:
-        """Refuse angles [rad] and an opacity out of their range."""
+        """Refuse angles and an opacity out of their range.
+
+        Raises:
+            InputError: azimuth is not finite, |elevation| > π/2 [rad], or opacity is not in (0, 1].
+        """
         check(
             self.azimuth is None or math.isfinite(self.azimuth),
             f"View: azimuth is {self.azimuth!r} rad; give a number, or None.",

@@ -65,7 +65,14 @@ def _fibre(
     grams_per_cm3: float,
     source: str,
 ) -> Fibre:
-    """A fibre whose modulus is given in cN/dtex."""
+    """A fibre whose modulus is given in the makers' unit cN/dtex; the result is in SI units.
+
+    Args:
+        name: as it is sold.
+        cn_per_dtex: tensile modulus [cN/dtex].
+        grams_per_cm3: density [g/cm³].
+        source: where the figures are from.
+    """
     return Fibre(
         name,
         E=cn_per_dtex * grams_per_cm3 * _PA_PER_CN_DTEX,

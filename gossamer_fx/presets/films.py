@@ -38,15 +38,16 @@ class FilmMaterial:
     def law(
         self, thickness: float, kind: type[IsotropicFilm] = Miyazaki, **numbers: Any
     ) -> IsotropicFilm:
-        """The law of a film of this material.
+        """The law of a film of this material: its stress from its strain.
 
         Args:
             thickness: t [m].
-            kind: `Miyazaki`, `TensionField`, `Linear` or `Elastica`.
+            kind: class of the law: `Miyazaki`, `TensionField`, `Linear` or `Elastica`.
             numbers: further arguments of the law, e.g. `residual_stiffness=1e-4`.
 
         Raises:
-            InputError: a thickness that is not positive, or what the law refuses.
+            InputError: a thickness that is not positive, `kind` is not such a class, or what the
+                law refuses.
         """
         check(
             isinstance(kind, type) and issubclass(kind, IsotropicFilm),

@@ -46,7 +46,7 @@ class Lamina:
         direction: Any,
         kind: type[LinearOrthotropic | Orthotropic] = LinearOrthotropic,
     ) -> LinearOrthotropic | Orthotropic:
-        """The law of a layer.
+        """The law of a layer of this material: its stress from its strain.
 
         Args:
             thickness: t [m].
@@ -54,7 +54,7 @@ class Lamina:
             kind: `LinearOrthotropic`, or `Orthotropic`, which wrinkles.
 
         Raises:
-            InputError: a thickness that is not positive, or what the law refuses.
+            InputError: a thickness that is not positive, another `kind`, or what the law refuses.
         """
         check(
             kind in (LinearOrthotropic, Orthotropic),

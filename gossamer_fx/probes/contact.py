@@ -22,7 +22,11 @@ AXES = {"x": 0, "y": 1, "z": 2}
 
 # Two contacts of a scene are compiled together; a probe needs one of them.
 def contact_set_of(contact: Contact, run: Any) -> ContactSet:
-    """Return the pairs of a contact in a run.
+    """The compiled pairs of a contact in a run.
+
+    Args:
+        contact: an item of the scene.
+        run: of the scene; on every rank the object holds the pairs of this rank.
 
     Raises:
         InputError: the contact is not in the run's scene.
@@ -81,7 +85,16 @@ class ContactForce:
     """
 
     def __init__(self, contact: Contact, body: MeshBody | Obstacle, *, axis: str) -> None:
-        """Check axis and body, and find the number of the body among those of the contact."""
+        """Check axis and body, and find the number of the body among those of the contact.
+
+        Args:
+            contact: of the scene.
+            body: a film, cable, beam or obstacle of this contact.
+            axis: "x", "y" or "z".
+
+        Raises:
+            InputError: another axis, or a body that is not in the contact.
+        """
         check(
             axis in AXES,
             f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}.",

@@ -47,6 +47,9 @@ class FoldAngle:
     def of(self, system: System) -> float:
         """The angle [rad] in the state of a system, e.g. that of an `Equilibrium`.  Collective.
 
+        Args:
+            system: a compiled scene with the crease.
+
         Raises:
             InputError: the crease is not in the scene.
         """

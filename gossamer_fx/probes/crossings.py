@@ -35,7 +35,14 @@ class Crossings:
     """
 
     def __init__(self, *bodies: Membrane) -> None:
-        """Check the films; surfaces are built when the probe is first called."""
+        """Check the films; surfaces are built when the probe is first called.
+
+        Args:
+            bodies: films whose intersections are counted, one or more.
+
+        Raises:
+            InputError: no film is given, one is given twice, or something else is given.
+        """
         check(bool(bodies), "Crossings: there is no film; give one or several.")
         for k, film in enumerate(bodies):
             check(
@@ -50,7 +57,14 @@ class Crossings:
         self._mesh: CollisionMesh | None = None
 
     def __call__(self, run: Run) -> float:
-        """The number of edges that intersect a triangle in the state of a run.  Collective."""
+        """The number of edges that intersect a triangle in the state of a run.  Collective.
+
+        Args:
+            run: whose present state is looked at.
+
+        Raises:
+            InputError: a film is not in the scene of the run.
+        """
         system = run.system
         for film in self.bodies:
             check(

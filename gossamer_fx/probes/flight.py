@@ -60,7 +60,15 @@ class OrbitState:
         self.quantity = quantity
 
     def __call__(self, run: Run) -> float:
-        """Evaluate the quantity in the present state of a run; angles in rad, lengths in m."""
+        """The quantity in the present state of a run: angles in rad, lengths in m.  Collective.
+
+        Args:
+            run: of a scene with the orbit.
+
+        Raises:
+            InputError: the orbit is not in the scene, the motion has no orbital elements (a fall
+                straight down or a parabola), or the direction to the Sun is not known.
+        """
         position, velocity = self.orbit.flight(run.system).state()
         if self.quantity in ELEMENTS:
             elements = elements_of(position, velocity, self.orbit.mu)
@@ -125,7 +133,16 @@ class Attitude:
     NAMES = ("outward", "along", "across")
 
     def __init__(self, orbit: Orbit, of: Membrane | Port, *, axis: str) -> None:
-        """Check the direction and the name of the axis."""
+        """Check the arguments of the probe of an angle [rad] to an axis of the orbit.
+
+        Args:
+            orbit: the orbit of the scene.
+            of: a film, whose mean normal counts, or a director of a body.
+            axis: "outward", "along" or "across" the orbit.
+
+        Raises:
+            InputError: `of` is neither a film nor a port, or `axis` is another word.
+        """
         check(
             isinstance(of, Membrane | Port),
             f"Attitude of {of!r}; give a film, or a director such as body.frame().directors[2].",
@@ -173,7 +190,17 @@ class LoadResultant:
         action: str,
         axis: str,
     ) -> None:
-        """Check action and axis; the load is looked up by name when the probe is called."""
+        """Check the arguments of the probe of a load's force [N] or torque [N m].
+
+        Args:
+            orbit: the orbit of the scene.
+            load: name of a load; it is looked up when the probe is called.
+            action: "force" or "torque".
+            axis: "x", "y" or "z".
+
+        Raises:
+            InputError: `action` or `axis` is another word.
+        """
         check(action in ACTIONS, f"A load has no {action!r}; it has: {', '.join(ACTIONS)}.")
         check(
             axis in AXES,
@@ -185,7 +212,14 @@ class LoadResultant:
         self.axis = axis
 
     def __call__(self, run: Run) -> float:
-        """The component in the last step of a run."""
+        """The component of the force [N] or torque [N m] in the last step of a run.  Collective.
+
+        Args:
+            run: of a scene with the load; before the first step the component is zero.
+
+        Raises:
+            InputError: the scene has no load of this name, or the orbit is not in it.
+        """
         force, torque = resultant(run, self.load)
         component = AXES[self.axis]
         if self.action == "force":
@@ -199,8 +233,12 @@ class LoadResultant:
 def resultant(run: Run, load: str) -> Array:
     """Force [N] and torque about the origin [N m] of a load in the last step, (2, 3).  Collective.
 
+    Args:
+        run: of a scene with the load; before the first step both are zero.
+        load: name of the load.
+
     Raises:
-        InputError: the scene has no load of this name.
+        InputError: the scene has no load of this name, which is asked after the first step only.
     """
     total = np.zeros((2, 3))
     found = 0
@@ -220,6 +258,13 @@ def direction_of(run: Run, of: Membrane | Port) -> Array:
     """The mean normal of a film, or the vector of a port, (3,); not of unit length.  Collective.
 
     The mean normal is the sum of the triangles' area vectors, here times two [m²].
+
+    Args:
+        run: in whose state it is evaluated.
+        of: the film, or a vector attached to a body, such as a director [-].
+
+    Raises:
+        InputError: the body is not in the scene of the run.
     """
     if isinstance(of, Port):
         return run.system.state.vector(of)

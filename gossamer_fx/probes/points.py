@@ -156,7 +156,12 @@ class GasState:
         self.quantity = quantity
 
     def __call__(self, run: Run) -> float:
-        """The quantity in the state of a run."""
+        """The quantity in the state of a run: pressure [Pa], temperature [K], volume [m³] or mass
+        [kg].
+
+        Raises:
+            InputError: the chamber is not in the scene of the run.
+        """
         state = run.chamber(self.chamber.name)
         values = {
             "pressure": state.pressure,
@@ -281,7 +286,14 @@ class RingArea:
         self._loops: dict[int, Any] = {}
 
     def __call__(self, run: Run) -> float:
-        """The area [m²] in the state of a run."""
+        """The area [m²] of the ring in the state of a run.  Collective.
+
+        Args:
+            run: of a scene with the film of the ring.
+
+        Raises:
+            InputError: the film is not in the scene, or the edges of the ring form no closed line.
+        """
         from gossamer_fx.gas.ring import Loop
 
         check(

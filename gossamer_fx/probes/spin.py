@@ -41,7 +41,15 @@ class MeanSpin:
     """
 
     def __init__(self, body: Body, axis: str = "z") -> None:
-        """Check the arguments, which the class describes."""
+        """Check the arguments of the probe of a body's mean spin [rad/s].
+
+        Args:
+            body: a film, plate, cable, beam or mass.
+            axis: of the rotation, "x", "y" or "z".
+
+        Raises:
+            InputError: `body` is not a body, or `axis` is not "x", "y" or "z".
+        """
         check(
             is_body(body), f"MeanSpin: {body!r} is not a body; give a film, plate, cable or beam."
         )
@@ -52,7 +60,14 @@ class MeanSpin:
         self.axis = axis
 
     def __call__(self, run: Run) -> float:
-        """The mean spin [rad/s] in the state of a run; 0 for a body without moment of inertia."""
+        """The mean spin [rad/s] in the state of a run; 0 for a body without moment of inertia.
+
+        Args:
+            run: of a scene with the body.
+
+        Raises:
+            InputError: the body is not in the scene.  Collective: all ranks call it.
+        """
         system = run.system
         state = system.state[self.body]
         # The two components across the axis, in the order of a positive rotation
@@ -90,9 +105,17 @@ class MeanSpin:
         return float(angular_momentum / inertia)
 
     def _mass_times(self, system: System, values: Array, plane: list[int]) -> Array:
-        """The product of the mass matrix with vectors (n, 2) of the body in a plane, (n, 2).
+        """The product of the mass matrix with vectors of the body in a plane.  Collective.
 
         All other bodies have zero: what the mass matrix couples to the body does not count.
+
+        Args:
+            system: the compiled scene.
+            values: (n, 2) of this rank's n vectors (positions and directors), e.g. in m or m/s.
+            plane: the two axes, of 0, 1 and 2.
+
+        Returns:
+            products (n, 2), in the unit of the values times kg.
         """
         owned = system.state[self.body].part
         alone = system.q0.duplicate()
@@ -127,7 +150,16 @@ class PolarPosition:
     """
 
     def __init__(self, port: Port, frame: Frame, *, quantity: str = "radius") -> None:
-        """Check the arguments, which the class describes."""
+        """Check the arguments of the probe of a point's radius [m] or angle [rad] about an axis.
+
+        Args:
+            port: the point.
+            frame: with three directors; the axis is the third one.
+            quantity: "radius" or "angle".
+
+        Raises:
+            InputError: `quantity` is not "radius" or "angle", or the frame has two directors only.
+        """
         check(
             quantity in POLAR,
             f"PolarPosition: there is no {quantity!r}; choose from {', '.join(POLAR)}.",
@@ -141,7 +173,14 @@ class PolarPosition:
         self.quantity = quantity
 
     def __call__(self, run: Run) -> float:
-        """The coordinate in the state of a run."""
+        """The radius [m], or the angle [rad] in -π to π, in the state of a run.
+
+        Args:
+            run: of a scene with the bodies of point and frame.
+
+        Raises:
+            InputError: a body is not in the scene.  Collective: all ranks call it.
+        """
         ports = [self.port, self.frame.origin, *self.frame.directors]
         point, origin, first_axis, second_axis, _ = run.system.state.vectors(ports)
         arm = point - origin

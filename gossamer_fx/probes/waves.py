@@ -61,7 +61,20 @@ class Waves:
         part: str = "cosine",
         quantity: str = "height",
     ) -> None:
-        """Check the arguments, which the class describes."""
+        """Check the arguments of the probe of waves around an axis, and compute the Fourier
+        weights.
+
+        Args:
+            ports: N points at even angles around the axis.
+            frame: with three directors; the axis is the third one.
+            number: of waves around the axis, 0 to N/2.
+            part: "cosine" or "sine".
+            quantity: "height" along the axis, or "radius" from it [m].
+
+        Raises:
+            InputError: fewer than 3 points, `number` is not from 0 to N/2, an unknown `part` or
+                `quantity`, or a frame with two directors only.
+        """
         count = len(ports)
         check(count >= 3, f"Waves: {count} points do not show waves; give at least 3.")
         check(

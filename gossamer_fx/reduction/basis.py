@@ -107,10 +107,11 @@ class Basis:
         """Nearest coefficients of a vector field in the norm of the mass.  Collective.
 
         Args:
-            x: values (n, 3) at the owned nodes, e.g. positions [m].
+            x: values (n, 3) at the n nodes that this rank owns, e.g. positions [m].
 
         Returns:
-            The coefficients (r, 3), and the share of ∫ρt |x|² dA that is outside of the basis.
+            The coefficients (r, 3) of the r modes, in the unit of x, and the share of ∫ρt |x|² dA
+            that is outside of the basis, from 0 to 1.
         """
         product = mass_times(self.film, x[:, :, None])[:, :, 0]
         own_modes = self.values[: len(x)]
@@ -137,7 +138,7 @@ def mass_times(film: Membrane, x: Array) -> Array:
         x: values (n, 3, k) at the owned nodes.
 
     Returns:
-        M x (n, 3, k) at the owned nodes.
+        M x (n, 3, k) at the owned nodes: for x in m in kg m.
     """
     field = fem.Function(film.space)
     test = ufl.TestFunction(film.space)
@@ -156,8 +157,12 @@ def mass_times(film: Membrane, x: Array) -> Array:
 
 
 def scalar_mass_times(film: Membrane, fields: Array) -> Array:
-    """The product of the mass matrix with k scalar fields (n, k) at the owned nodes.
-    Collective."""
+    """The product M f (n, k) [kg] of the mass matrix with k scalar fields.  Collective.
+
+    Args:
+        film: the film, with the mass ρt [kg/m²] of its reference area.
+        fields: dimensionless values (n, k) at the n nodes that this rank owns.
+    """
     n, k = fields.shape
     # Three scalars at once, as the components of one vector field
     triples = -(-k // 3)
@@ -174,10 +179,16 @@ def scalar_mass_times(film: Membrane, fields: Array) -> Array:
 def make_basis(film: Membrane, snapshots: Sequence[Array], count: int) -> Basis:
     """Compute the fixed modes and the `count` strongest modes of snapshots.  Collective.
 
+    Fixed modes are 1 and the coordinates of the stress-free mesh; they represent homogeneous
+    motions.
+
     Args:
         film: the film.
         snapshots: positions (n, 3) [m] of its owned nodes, one array for each shape.
         count: number of modes in addition to the fixed ones, ≥ 1.
+
+    Returns:
+        the basis: modes φ (nodes, r), dimensionless, orthogonal with respect to the mass.
 
     Raises:
         InputError: there are no snapshots, one is of another mesh, or they hold fewer modes.
@@ -221,7 +232,12 @@ def make_basis(film: Membrane, snapshots: Sequence[Array], count: int) -> Basis:
 
 
 def _check_snapshots(film: Membrane, snapshots: Sequence[Array], count: int) -> None:
-    """Check the arguments of `make_basis`.
+    """Check the arguments of `make_basis`.  Collective.
+
+    Args:
+        film: the film, which has n nodes on this rank.
+        snapshots: recorded positions, which should be (n, 3) [m] each.
+        count: number of modes that the user asks for.
 
     Raises:
         InputError: fewer than one mode is asked for, there are no snapshots, or one is of another
@@ -271,6 +287,10 @@ def _scaled(
         snapshots: positions (n, 3) [m] each.
         fixed: modes (n, k), orthogonal with respect to the mass, of modal mass `mass`.
         mass: of the film [kg].
+
+    Returns:
+        columns [1/√kg]; those across the plane together have the norm 1 with respect to the mass,
+        and so have those in it.  Zeros where no snapshot has such a part.
     """
     times = len(snapshots)
     product = scalar_mass_times(film, fixed)
@@ -294,7 +314,10 @@ def _mean_plane_axes(coefficients: Array) -> Array:
     """Axes (times, 3 axes, 3) of the mean plane of shapes: its normal, and two directions in it.
 
     Args:
-        coefficients: (times, fixed, 3) of the modes made of 1, X, Y (and Z).
+        coefficients: (times, k, 3) [m] of the k fixed modes, which are made of 1, X, Y (and Z).
+
+    Returns:
+        unit vectors, one a row; zero vectors where a shape is shrunk to a line or a point.
     """
     along_X = coefficients[:, 1]
     along_Y = np.zeros_like(along_X)
@@ -317,9 +340,12 @@ def _orthonormal(film: Membrane, columns: Array, smallest: float) -> Array:
     """Gram-Schmidt in the norm of the mass; columns that depend on earlier ones are left out.
 
     Args:
-        film: the film.
+        film: the film, with the mass matrix M [kg].
         columns: scalar fields (n, k) at the owned nodes.
         smallest: share of the squared norm of a column that has to be independent of earlier ones.
+
+    Returns:
+        columns φ (n, j ≤ k) with φ_iᵀMφ_j = δ_ij.  Collective.
     """
     kept: list[Array] = []
     for column in columns.T:
@@ -339,7 +365,19 @@ def _orthonormalised(
     fixed: Array,
     mass: float,
 ) -> Array:
-    """Modes (n, k) made orthogonal to the fixed ones and orthonormal to each other."""
+    """Modes (n, k) made orthogonal to the fixed ones and orthonormal to each other.  Collective.
+
+    Orthonormal means φ_iᵀMφ_j = δ_ij with the mass matrix M [kg] of the film.
+
+    Args:
+        film: with n nodes on this rank.
+        modes: scalar fields (n, k) at these nodes.
+        fixed: modes (n, j) with φ_iᵀMφ_j = m δ_ij.
+        mass: m of the film [kg].
+
+    Raises:
+        numpy.linalg.LinAlgError: the modes depend on each other, which `make_basis` excludes.
+    """
     for _ in range(ORTHOGONALISATION_PASSES):
         of_fixed = film.comm.allreduce(scalar_mass_times(film, fixed).T @ modes) / mass
         modes = modes - fixed @ of_fixed
@@ -356,7 +394,14 @@ def _examples(
     values: Array,
     mass: float,
 ) -> Array:
-    """Coefficients (k, r, 3) of at most MAX_EXAMPLES snapshots, evenly spread over all."""
+    """Coefficients (k, r, 3) [m] of at most 8 snapshots, evenly spread over all.  Collective.
+
+    Args:
+        film: with n nodes on this rank.
+        snapshots: positions (n, 3) [m] each.
+        values: modes φ (n, r) at these nodes, orthogonal, of modal mass `mass`.
+        mass: of the film [kg].
+    """
     positions = np.linspace(0, len(snapshots) - 1, MAX_EXAMPLES)
     chosen = np.unique(positions.astype(int))
     shapes = np.stack([snapshots[i] for i in chosen])

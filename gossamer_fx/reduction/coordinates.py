@@ -44,7 +44,13 @@ class ReducedCoordinates(Coordinates):
         self.change: Array = self.end
 
     def take(self, function: fem.Function, unknowns: Array) -> None:
-        """Set a function from the unknowns.  Collective."""
+        """Set a function on the mesh from the unknowns of the reduced film.  Collective.
+
+        Args:
+            function: nodal values (n, 3) of the end, the middle or the increment of a step [m]; of
+                the increment δ only the coefficients are stored, since no form uses it.
+            unknowns: coefficients of the r modes, 3r numbers [m] on rank 0 and none on others.
+        """
         c = coefficients(self._comm, unknowns)
         if function is self.δ:
             self.change = c
@@ -55,11 +61,12 @@ class ReducedCoordinates(Coordinates):
         function.x.array[:] = (self._modes @ c).ravel()
 
     def add_forces(self, b: Array, forces: Array) -> None:
-        """Add Φᵀb to the forces on the unknowns, on rank 0.  Collective.
+        """Add the generalised forces Φᵀb [N] to the forces on the unknowns, on rank 0.  Collective.
 
         Args:
             b: assembled forces [N] at owned and ghost nodes, flattened.
-            forces: on this rank's unknowns.
+            forces: on this rank's unknowns (3r,) [N], changed in place; empty on other ranks than
+                0.
         """
         nodal = b.reshape(-1, 3)[: self._owned]
         total = self._comm.reduce(self._modes[: self._owned].T @ nodal)
@@ -67,7 +74,13 @@ class ReducedCoordinates(Coordinates):
             forces += total.ravel()
 
     def assemble(self, A: PETSc.Mat, forms: Iterable[fem.Form], block: NumberedBlock) -> None:
-        """Add ΦᵀKΦ of bilinear forms to the body's diagonal block of A, on rank 0.  Collective."""
+        """Add the projected matrix ΦᵀKΦ of bilinear forms to a block of A, on rank 0.  Collective.
+
+        Args:
+            A: matrix of the system.
+            forms: whose sum K is e.g. a stiffness [N/m] of the film; without forms nothing is done.
+            block: rows of the reduced film in A.
+        """
         n, r = self._modes.shape
         K: Array = np.zeros((r, 3, r, 3))
         found = False

@@ -44,8 +44,15 @@ def own_cells(film: Membrane) -> Indices:
 
 
 def points_and_areas(film: Membrane) -> tuple[Array, Array]:
-    """Quadrature points of the reference triangle (p, 2), and reference areas dA (cells, p)
-    [m²]."""
+    """Quadrature points of the reference triangle, and the areas that they stand for.
+
+    Args:
+        film: whose strains are integrated, at p points in each cell.
+
+    Returns:
+        points (p, 2), dimensionless, and reference areas dA (cells, p) [m²] of this rank's own
+        cells.
+    """
     degree = film.dx.metadata()["quadrature_degree"]
     points, weights = basix.make_quadrature(basix.CellType.triangle, degree)
     points = np.asarray(points, dtype=np.float64)
@@ -63,8 +70,8 @@ def mode_gradients(film: Membrane, φ: Array, points: Array) -> Array:
     """Gradients ∂φ_i/∂X_a (q, 2, r) [1/m] of modes in the film's frame, at points of own cells.
 
     Args:
-        film: the film.
-        φ: modes (n, r) at the owned and ghost nodes.
+        film: the film, whose frame are two unit vectors in the plane of each cell.
+        φ: modes (n, r) at the owned and ghost nodes, dimensionless.
         points: points (p, 2) of the reference triangle; q = cells · p.
     """
     cells = own_cells(film)
@@ -91,10 +98,10 @@ def mode_gradients(film: Membrane, φ: Array, points: Array) -> Array:
 def strain_operator(F: Array) -> Array:
     """Derivative B (3, 6, q) of the strains (E11, E22, 2 E12) by the gradients of a motion.
 
-    Args:
-        F: images of the frame vectors (2, 3, q).
+    The second index of B is 3 a + i for the gradient ∂x_i/∂X_a.  All is dimensionless.
 
-    The second index of B is 3 a + i for the gradient ∂x_i/∂X_a.
+    Args:
+        F: images of the frame vectors (2, 3, q), F_a = ∂x/∂X_a, at q quadrature points.
     """
     B = np.zeros((3, 2, 3, F.shape[2]))
     # δE11 = F_1·δF_1 and δE22 = F_2·δF_2
@@ -112,13 +119,20 @@ def stress_derivatives(
     B: Array,
     S: Array,
 ) -> Array:
-    """T (q, 2, 3, 2, 3) of (2), for stresses that act at the mean of two gradients.
+    """Stiffness T (q, 2, 3, 2, 3) [N m] at q points, for stresses that act at the mean of two
+    gradients.
+
+        T_ac = (Σ_bd D_abcd F_mean_b ⊗ F_d + S_ac 1) dA
+
+    It is the derivative of the forces S_ab F_mean_b dA by the gradients F_c of the iterate: a
+    material part with D = ∂S/∂E, and the geometric part S_ac 1.
 
     Args:
-        B_mean: strain operator (3, 6, q) at the mean gradients.
-        D: derivatives of the stress (3, 3, q) times dA.
-        B: strain operator (3, 6, q) at the gradients of the iterate.
-        S: stress (3, q) times dA.
+        B_mean: derivative (3, 6, q) of the strains by the gradients, at the mean gradients F_mean.
+        D: derivatives of the stress by the strain (3, 3, q) times dA [N/m · m²].
+        B: derivative (3, 6, q) of the strains, at the gradients F of the iterate.
+        S: stress S11, S22, S12 (3, q) times dA [N/m · m²], and times the weight of the iterate in
+            F_mean.
     """
     DB = np.einsum("klq,ljq->kjq", D, B)
     T = np.einsum("kiq,kjq->qij", B_mean, DB)
@@ -131,7 +145,15 @@ def stress_derivatives(
 
 
 def project(T: Array, G: Array) -> Array:
-    """The stiffness K (3r, 3r) of (2) of T (q, 2, 3, 2, 3) and gradients G (q, 2, r)."""
+    """The stiffness K (3r, 3r) of modes, Σ G_aᵀ T_ac G_c over the quadrature points.
+
+    Args:
+        T: stiffness at q points (q, 2, 3, 2, 3) [N m], as `stress_derivatives` returns it.
+        G: gradients of r modes (q, 2, r) [1/m].
+
+    Returns:
+        K [N/m], with the row 3 i + k for component k of the coefficient of mode i.
+    """
     q, _, r = G.shape
     K: Array = np.zeros((r, 9 * r))
     for a in range(2):

@@ -100,7 +100,12 @@ class _Estimate:
     """
 
     def __init__(self, film: ReducedMembrane) -> None:
-        """Compile energy and force of the full film, and the weights of its nodes.  Collective."""
+        """Compile energy and force of the full film, and the weights of its nodes.  Collective.
+
+        Args:
+            film: the reduced film, with the examples (shapes) from which the nodal stiffness is
+                taken.
+        """
         full = film.full
         index_map = full.space.dofmap.index_map
         self._comm = film.comm
@@ -132,7 +137,13 @@ class _Estimate:
         return free
 
     def __call__(self, c: Array) -> float:
-        """ε over the stored energy in the shape of the coefficients (r, 3) [m].  Collective."""
+        """Energy that the full film would release outside of the basis, over its stored energy.
+
+        Collective; dimensionless, the same on every rank.
+
+        Args:
+            c: coefficients (r, 3) [m] of the modes, which give the shape.
+        """
         f = self._forces(c)
         normal = _normal(c)
         across = (f @ normal)[:, None]
@@ -162,10 +173,18 @@ class _Estimate:
         return forces.copy()
 
     def _compliances(self, stiffness: fem.Form, examples: Array) -> tuple[Array, Array]:
-        """1/k_n (n,) [m/N] across the film and in it; zero at ports.  Collective.
+        """Compliances 1/k_n (n,) [m/N] of nodes across the film and in it; zero at ports.
+        Collective.
 
-        k_n is the largest stiffness in all examples (snapshots, r, 3), as a film that starts
-        without tension has none across.
+        k_n is the largest stiffness of the node in all examples, as a film that starts without
+        tension has none across; it is at least 0.001 of the mean over the nodes.
+
+        Args:
+            stiffness: bilinear form of the stiffness of the full film.
+            examples: coefficients (snapshots, r, 3) [m] of shapes.
+
+        Returns:
+            compliances across the mean plane, and in it.
         """
         across = np.zeros(self._n)
         in_plane = np.zeros(self._n)
@@ -195,8 +214,14 @@ class _Estimate:
         return float(self._sum(np.array(values.sum()))) / nodes
 
     def _blocks(self, stiffness: fem.Form, c: Array) -> Array:
-        """Stiffness (n, 3, 3) [N/m] of each owned node for itself in the shape of the
-        coefficients."""
+        """Stiffness (n, 3, 3) [N/m] of each owned node for itself: diagonal blocks of the matrix.
+
+        Args:
+            stiffness: bilinear form of the stiffness of the full film.
+            c: coefficients (r, 3) [m] of the shape in which it is evaluated.
+
+        Collective: all ranks call it.
+        """
         self._x.x.array[:] = (self._modes @ c).ravel()
         K = fem.assemble_matrix(stiffness)
         K.scatter_reverse()

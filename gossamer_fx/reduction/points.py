@@ -45,14 +45,15 @@ class Points:
     def __init__(
         self, functions: LawFunctions, cells: Indices, dA: Array, G: Array, *, may_choose: bool
     ) -> None:
-        """Make the arrays of strains and stresses at the n quadrature points of the sampled cells.
+        """Make the arrays of strains and stresses at the q quadrature points of the sampled cells.
 
         Args:
             functions: of the law, compiled.
             cells: local numbers of the sampled cells.
             dA: weights times areas (cells, points a cell) [m²].
-            G: gradients of the r modes in the frame of the film (n, 2, r) [1/m].
-            may_choose: whether strains are chosen, see `terms.element_energies`.
+            G: gradients of the r modes in the frame of the film (q, 2, r) [1/m].
+            may_choose: whether a point may choose, in Newton's iteration, between the linearised
+                strain and the strain of the linearised stress.
         """
         self._c = library(functions.strain.function_space.mesh.comm)
         q, _, self._r = G.shape
@@ -101,14 +102,15 @@ class Points:
         self.law.respond()
 
     def linearise(self, change: Array) -> None:
-        """Set the next strains from those that are linearised about the last iterate, and respond.
+        """Set the strains of the next Newton iterate linearly from the last one, and evaluate the
+        law there.
 
         The first strains of a step continue those of the last step, 2 e0 - e_past.  A small basis
         has no modes that alternate from step to step, unlike a full film, and a sail takes half an
         iteration less.
 
         Args:
-            change: coefficients (r, 3) [m] of the change since the last iterate.
+            change: coefficients (r, 3) [m] of the change of the modes since the last iterate.
         """
 
         def linear_strain() -> Array:
@@ -139,11 +141,12 @@ class Points:
         return f
 
     def stiffness(self, α: float, share: float) -> Array:
-        """Derivatives (3r, 3r) [N/m] of the forces by the coefficients.
+        """Derivatives (3r, 3r) [N/m] of the forces by the coefficients c of the modes at the end of
+        a step.
 
         Args:
-            α: weight of the rule.
-            share: of the stress in them, 0 to α.
+            α: weight of the end of the step in the time stepping rule, e.g. 0.5.
+            share: weight of the geometric stiffness (the stress itself), from 0 to α.
         """
         r = self._r
         self._c.lib.stiffness_times(

@@ -62,7 +62,18 @@ class RecordedShapes:
     """
 
     def __init__(self, body: Membrane, folder: str | Path) -> None:
-        """Read all shapes [m], and give each node of the film its own.  Collective."""
+        """Read all shapes [m] from the field files, and give each node of the film its positions.
+
+        Collective.
+
+        Args:
+            body: a film with the mesh and the name of the recorded one.
+            folder: of the run.
+
+        Raises:
+            InputError: the folder has no fields of the film, the mesh has other nodes, two nodes
+                coincide, or a file is damaged.
+        """
         self.body = body
         self.folder = Path(folder)
         self.times: list[float] = []
@@ -87,7 +98,12 @@ class RecordedShapes:
             self.positions += list(X + by_time)
 
     def _files(self) -> list[Path]:
-        """The field files of the film, one for each part of a run that was restarted."""
+        """The field files of the film, one for each part of a run that was restarted.  Collective.
+
+        Raises:
+            InputError: the folder is not that of a run, or has no ADIOS2 fields of a film of this
+                name.
+        """
         comm = self.body.comm
         name = self.body.name
         path = self.folder / "fields" / f"{file_name(name)}.bp"
@@ -112,7 +128,14 @@ class RecordedShapes:
         return hash_rows(cubes.astype(np.int64))
 
     def _check_distinct(self, names: Names) -> None:
-        """Check that no two nodes have the same name.  Collective."""
+        """Check that no two nodes have the same name.  Collective.
+
+        Args:
+            names: hashes (n,) of the positions of this rank's nodes in the mesh.
+
+        Raises:
+            InputError: two nodes lie on each other, so that files cannot distinguish them.
+        """
         coincide = (
             f"RecordedShapes: nodes of '{self.body.name}' lie on each other, so that they cannot "
             "be told apart in "
@@ -133,7 +156,16 @@ class _Part:
     """
 
     def __init__(self, comm: MPI.Intracomm, path: Path) -> None:
-        """Read this rank's share of a file; refuse one that cannot be read.  Collective."""
+        """Read this rank's share of a field file.  Collective.
+
+        Args:
+            comm: ranks, which take equal shares of the points.
+            path: of the ADIOS2 file.
+
+        Raises:
+            InputError: on all ranks, if the file is damaged, has no displacement, or this Python
+                has no ADIOS2.
+        """
         adios2 = adios2_for(path)
         on_rank_zero(comm, lambda: noted_steps(path))
         readable = True
@@ -149,7 +181,16 @@ class _Part:
         )
 
     def _read(self, file: Any, comm: MPI.Intracomm) -> None:
-        """Read this rank's share of an open file."""
+        """Read this rank's share of an open file into `times` [s], `X` and `displacements` [m].
+
+        Args:
+            file: reader of ADIOS2.
+            comm: ranks, which take equal shares of the points.
+
+        Raises:
+            Exception: whatever ADIOS2 raises for a damaged file; the caller turns it into
+                `InputError`.
+        """
         steps = file.num_steps()
         times = file.read("step", step_selection=[0, steps])
         self.times = [float(t) for t in np.ravel(times)]
@@ -176,6 +217,13 @@ class _Part:
 
         Each rank that wrote the file wrote one block; ranks that read it take equal shares of all
         rows.
+
+        Args:
+            file: reader of ADIOS2.
+            comm: ranks that read.
+
+        Returns:
+            (block, first row, number of rows) for each block in which this rank has rows.
         """
         blocks = file.all_blocks_info("geometry")[0]
         counts = [int(block["Count"].split(",")[0]) for block in blocks]

@@ -81,7 +81,12 @@ class ReducedEnergies(
                 values[owned] += self._on_rank_zero(force.forces()).ravel()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the dense blocks (3r, 3r) [N/m] of the reduced films to A.  Collective."""
+        """Add the dense blocks (3r, 3r) [N/m] of the reduced films to the system's matrix.
+        Collective.
+
+        Args:
+            A: the tangent, sparse or dense; rank 0 has the rows of reduced films.
+        """
         for body, force in self._forces:
             block = self._system.block(body)
             K = self._on_rank_zero(force.tangents(self._system.geometric))
@@ -93,7 +98,13 @@ class ReducedEnergies(
 
     def _on_rank_zero(self, values: Array) -> Array:
         """The sum over all ranks on rank 0, which owns the coefficients; an empty array on the
-        others."""
+        others.
+
+        Args:
+            values: this rank's share, of the same shape on every rank.
+
+        Collective: all ranks call it.
+        """
         comm = self._system.comm
         if comm.size == 1:
             return values
@@ -144,7 +155,14 @@ class ModeForces:
     """
 
     def __init__(self, term: ReducedEnergy, at: ReducedCoordinates, rule: StressRule) -> None:
-        """Compute the gradients of the modes at the quadrature points of this rank's cells."""
+        """Compute the gradients of the modes at the quadrature points of this rank's cells.
+
+        Args:
+            term: stored energy of a reduced film, with modes (n, r) and weights (cells,) of its
+                cells.
+            at: coordinates of the film in the system.
+            rule: weight α of the end of a step, and how stresses are averaged over a step.
+        """
         assert term.modes is not None and term.weights is not None
         film: Any = term.body
         reference_points, dA = points_and_areas(film)
@@ -165,10 +183,11 @@ class ModeForces:
         self.points.law.begin_step()
 
     def move(self, linearly: bool) -> None:
-        """Set the strains after q1 was set, as `terms.element_energies` does for a whole film.
+        """Set the strains at the quadrature points after the end q1 of the step was set.
 
         Args:
-            linearly: whether strains may follow linearly from the last iterate.
+            linearly: True: strains are linearised about the last iterate of Newton's method, as
+                `terms.element_energies` describes; False: the true strains of q1.
         """
         self.points.move(self._at.end)
         if linearly:

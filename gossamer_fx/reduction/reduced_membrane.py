@@ -54,7 +54,10 @@ class SampledMesh(Mesh):
     """The mesh of the sampled cells, without named groups: the groups' cells may not be in it."""
 
     def group(self, name: str) -> Any:
-        """Refuse a group by name.
+        """Refuse a group of cells or nodes by name: its cells may not be among the sampled ones.
+
+        Args:
+            name: of the group, for any name.
 
         Raises:
             InputError: always.
@@ -88,8 +91,12 @@ class ReducedMembrane(Membrane):
 
     def __init__(self, made_from: Basis, over: Sample, name: str) -> None:
         """Make a film over the sampled cells whose unknowns are the coefficients of modes.
-
         Collective.
+
+        Args:
+            made_from: modes of the full film.
+            over: sampled cells of the full film on this rank, with weights.
+            name: of the body in messages and outputs.
         """
         film = made_from.film
         part, parents = backend.part_of(film.space.mesh, over.cells)
@@ -107,10 +114,13 @@ class ReducedMembrane(Membrane):
         self.port_nodes: set[int] = set()
 
     def _restrict(self, parents: Any) -> None:
-        """Weight the measures, and take the film's properties on the sampled cells.
+        """Weight the measures by the sampled cells' weights, and take the film's properties on
+        these cells.
 
         Args:
             parents: the film's cells, for each owned and ghost cell of the sample.
+
+        Collective: all ranks call it.
         """
         film = self._full
         cells = film.space.mesh.topology.index_map(2)
@@ -157,14 +167,25 @@ class ReducedMembrane(Membrane):
         Collective.
 
         Args:
-            values: at the owned nodes of the film that was reduced, flattened.
+            values: at the owned nodes of the film that was reduced, flattened, in m or m/s.
+
+        Returns:
+            coefficients (3r,) of the r modes on rank 0, an empty array on other ranks.
         """
         c, _ = self.basis.project(values.reshape(-1, 3))
         owned = self.block.size * self.block.index_map.size_local
         return c.ravel()[:owned].copy()
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Kinetic and stored energy; the mass matrix is m times the identity, by (2) of `basis`."""
+        """Yield kinetic and stored energy of the reduced film, as functions of the coefficients of
+        its modes.
+
+        The modes φ are orthogonal, φ_iᵀMφ_j = m δ_ij with the mass m [kg] of the film, so that the
+        mass matrix is m times the identity.
+
+        Args:
+            start: initial state of the scene; not used.
+        """
         mass = self.basis.mass * np.eye(self.basis.size)
         nodes = self.block.index_map.size_local
         yield NodeKineticEnergy(self, np.repeat(mass[None], nodes, axis=0))
@@ -197,7 +218,15 @@ class ReducedMembrane(Membrane):
         return self._combined(on_film.nodes, on_film.weights)
 
     def _combined(self, nodes: Sequence[int], weights: Sequence[float]) -> Port:
-        """The port Σ_k weights[k] x(nodes[k]) as a combination of the coefficients.  Collective."""
+        """The port Σ_k weights[k] x(nodes[k]) as a combination of the coefficients.  Collective.
+
+        Args:
+            nodes: global nodes of the full film.
+            weights: one for each node, dimensionless.
+
+        Returns:
+            the vector as a linear function of the coefficients of all modes.
+        """
         self.port_nodes.update(nodes)
         start, end = self.full.block.index_map.local_range
         own = np.zeros(self.basis.size)
@@ -220,10 +249,13 @@ class ReducedMembrane(Membrane):
 
 
 def check_reducible(film: Membrane) -> None:
-    """Check that a film has strains and mass only.
+    """Check that a film has strains and mass only, which is what a reduced film can have.
+
+    Args:
+        film: that a user wants to reduce.
 
     Raises:
-        InputError: it has other terms, for which the reduced film has no form.
+        InputError: it has thermal expansion, bending stiffness, creases or contact.
     """
     check(
         film.thermal is None,
@@ -245,7 +277,7 @@ def _in_cells(mesh: dmesh.Mesh, values: Array, shape: tuple[int, ...] = ()) -> f
 
     Args:
         mesh: the mesh.
-        values: (cells,), or (cells, k) of vectors.
+        values: (cells,), or (cells, k) of vectors, of owned and ghost cells, in any unit.
         shape: () or (k,).
     """
     function = fem.Function(fem.functionspace(mesh, ("Discontinuous Lagrange", 0, shape)))
@@ -257,11 +289,11 @@ def _in_cells(mesh: dmesh.Mesh, values: Array, shape: tuple[int, ...] = ()) -> f
 
 
 def _modes_at_nodes(space: fem.FunctionSpace, basis: Basis, parents: Any) -> Array:
-    """Φ (n, r) at the owned and ghost nodes of the sampled cells.
+    """Φ (n, r) at the owned and ghost nodes of the sampled cells; dimensionless.
 
     Args:
-        space: on the sampled cells.
-        basis: modes on the film.
+        space: on the mesh of the sampled cells.
+        basis: modes on the full film.
         parents: the film's cell of each sampled cell.
     """
     film_space = basis.film.space

@@ -107,10 +107,17 @@ def every_cell(film: Membrane) -> Sample:
 def sample_cells(basis: Basis, most: int, seed: int = 0) -> Sample:
     """Sample at most `most` cells of each rank, for the examples of a basis.  Collective.
 
+    The sample integrates the energy of a reduced film over few cells with positive weights.
+
     Args:
-        basis: modes, with the coefficients of examples.
+        basis: modes, with the coefficients of examples, the shapes for which the weights are
+            fitted.
         most: largest number of cells of a rank.
         seed: of the random motions; the same on every rank.
+
+    Returns:
+        cells and weights of this rank, and the error of the stiffness; all cells if there are no
+        more than `most`.
     """
     film = basis.film
     comm = film.comm
@@ -134,7 +141,16 @@ def sample_cells(basis: Basis, most: int, seed: int = 0) -> Sample:
 
 
 def _error(cells: CellEnergies, basis: Basis, weights: Array) -> float:
-    """Root mean square over the examples of ‖L⁻¹ (K_sampled - K) L⁻ᵀ‖/√(3r), K = LLᵀ."""
+    """Error of the sampled stiffness: the root mean square of ‖L⁻¹ (K_sampled - K) L⁻ᵀ‖/√(3r).
+
+    K = LLᵀ is the stiffness of the r modes over all cells, K_sampled that with weights; the mean is
+    over the examples of the basis.  Collective; dimensionless, the same on every rank.
+
+    Args:
+        cells: energies of this rank's cells.
+        basis: modes, with the coefficients of examples.
+        weights: of this rank's cells (n,); zero for a cell that is not sampled.
+    """
     comm = basis.film.comm
     squares = []
     for c in basis.examples:
@@ -156,12 +172,16 @@ def _equations(
     random: np.random.Generator,
     count: int,
 ) -> Iterator[Array]:
-    """Energies and work (2k, cells) of `count` random motions (2), k at a time.
+    """Yield energies and work (2k, cells) of `count` random motions, k at a time.  Collective.
+
+    Motions are z = L⁻ᵀ ζ, with the stiffness Σ k_e = LLᵀ and random ζ.  The rows z·k_e z and z·f_e,
+    stiffness and forces of cell e, are those of the equations that the weights of cells have to
+    fulfil; they are dimensionless by the scaling.
 
     Args:
-        cells: what each cell adds.
+        cells: energies of this rank's cells.
         basis: modes.
-        c: coefficients (r, 3) of the shape about which the film moves.
+        c: coefficients (r, 3) [m] of the shape about which the film moves.
         random: generator of ζ, in the same state on every rank.
         count: number of motions.
     """
@@ -210,8 +230,8 @@ def fewest_weights(Y: Array, wanted: Array, most: int) -> Array:
     4. Repeat from step 1 until enough columns are taken or none reduces the residual.
 
     Args:
-        Y: (equations, n).
-        wanted: right-hand side (equations,).
+        Y: matrix (equations, n), in any unit.
+        wanted: right-hand side (equations,), in the same unit.
         most: largest number of positive weights.
 
     Returns:
@@ -259,7 +279,7 @@ def _solve(
         wanted: right-hand side (equations,).
 
     Returns:
-        the columns that remain, and their weights.
+        the columns that remain, and their weights; both may be empty.
     """
     taken = list(taken)
     while taken:
@@ -305,6 +325,10 @@ class CellEnergies:
     def __init__(self, basis: Basis) -> None:
         """Compile the one expression for deformation, stress and stiffness at all quadrature
         points.
+
+        Args:
+            basis: modes (n, r) of a film; their gradients are computed at the points of this rank's
+                cells.
         """
         film = basis.film
         self._film = film
@@ -346,7 +370,17 @@ class CellEnergies:
         return project(stress_derivatives(B, D, B, S), self._G[on])
 
     def motions(self, z: Array) -> tuple[Array, Array]:
-        """Energies z·k_e z and work z·f_e (k, count) of motions z (k, r, 3)."""
+        """Energies z·k_e z [J] and work z·f_e [J] of motions in each cell, to second and first
+        order.
+
+        `take` has set the shape about which the film moves.
+
+        Args:
+            z: coefficients (k, r, 3) [m] of k motions.
+
+        Returns:
+            energies (k, count) and work (k, count) in the cells of this rank.
+        """
         F1, F2 = self._F
         S11, S22, S12 = self._S[:, None]
         H1 = self._gradients(z, 0)

@@ -124,8 +124,20 @@ class Checkpoints:
         keep: int = 2,
         overwrite: bool = False,
     ) -> None:
-        """Check the arguments, which the class describes; nothing is written before the run
-        begins."""
+        """Check the arguments of the writer of checkpoints; nothing is written before the run
+        begins.
+
+        Args:
+            folder: for the checkpoints.
+            every: number of steps between two checkpoints; None: `minutes` only.
+            minutes: wall time between two checkpoints [min]; None: `every` only.
+            keep: number of checkpoints that are kept.
+            overwrite: whether checkpoints of another run in the folder may be removed.
+
+        Raises:
+            InputError: `every` or `keep` is not an integer of at least 1, or `minutes` is not
+                positive.
+        """
         self.folder = Path(folder)
         self.every = every
         self.minutes = minutes
@@ -147,7 +159,7 @@ class Checkpoints:
         self._written: int | None = None  # step of the last checkpoint
 
     def open(self, run: SavedRun, scene: dict[str, Any], restart: str | Path | None) -> None:
-        """Make the folder; before anything is computed.
+        """Make the folder; before anything is computed.  Collective.
 
         Args:
             run: at its start, or as it was restarted.
@@ -171,10 +183,14 @@ class Checkpoints:
             self._written = run.step
 
     def _check_free(self, restart: str | Path | None) -> None:
-        """Check that no checkpoints would be lost from which the run does not continue.
+        """Check that no checkpoints would be lost from which the run does not continue; on rank 0.
+
+        Args:
+            restart: checkpoint, or folder of checkpoints, from which the run continues; None if it
+                starts from the beginning.
 
         Raises:
-            InputError: the folder contains such checkpoints.
+            InputError: the folder contains checkpoints of another run beyond its start.
         """
         newest = latest_checkpoint(self.folder)
         # The checkpoint of a start has no results that could be lost.
@@ -200,6 +216,7 @@ class Checkpoints:
 
     def record(self, run: SavedRun, last: bool) -> None:
         """Write a checkpoint if it is due; called after the outputs have recorded the step.
+        Collective.
 
         Args:
             run: after a step.
@@ -230,7 +247,14 @@ class Checkpoints:
         return bool(run.comm.bcast(elapsed >= 60 * self.minutes))
 
     def _write(self, run: SavedRun) -> None:
-        """Write a checkpoint of the present state, by the algorithm of the module.
+        """Write a checkpoint of the present state.  Collective.
+
+        Each rank writes its share into a hidden folder, which is renamed when all files are
+        complete and on the disk; then the oldest checkpoints are removed.
+
+        Args:
+            run: with the state, the history variables and the positions of the outputs in their
+                files.
 
         Raises:
             OutputFailure: on all ranks; the incomplete folder is removed.
@@ -258,6 +282,9 @@ class Checkpoints:
         def complete_folder() -> None:
             """Write run.json with the checksums of all ranks, and rename the folder to its final
             name.
+
+            Raises:
+                OSError: on rank 0, if the disk is full or the folder is gone.
             """
             gathered = comm.gather(checksums[0])
             if comm.rank == 0:
@@ -282,7 +309,12 @@ class Checkpoints:
             raise
 
     def _remove_old(self, newest: Path) -> None:
-        """Remove all checkpoints except the newest and those that are kept before it."""
+        """Remove all checkpoints except the newest and those that are kept before it; on rank 0.
+
+        Args:
+            newest: folder of the checkpoint that was just written.  Checkpoints of later steps
+                belong to an earlier run and are removed.
+        """
         others = [path for path in complete(self.folder) if path != newest]
         # Later steps belong to a run that this one has replaced.
         earlier = [path for path in others if _step(path) < _step(newest)]
@@ -294,8 +326,16 @@ class Checkpoints:
                 shutil.rmtree(path, ignore_errors=True)
 
     def _arrays(self, run: SavedRun) -> dict[str, Any]:
-        """This rank's share: names (n,) of its n nodes with (n, size) of every vector, by block;
-        also cells."""
+        """This rank's share of a checkpoint: arrays by name, for a file of NumPy.
+
+        Args:
+            run: with its vectors, e.g. coordinates [m] and velocities [m/s].
+
+        Returns:
+            for each block of unknowns the names (n,) of its n nodes on this rank and values (n,
+            size) of every vector; also names (m,) and values (m, 1) of cells with history
+            variables.
+        """
         numbering = run.system.numbering
         arrays: dict[str, Any] = {}
         for k, names in enumerate(self._names):
@@ -310,7 +350,14 @@ class Checkpoints:
         return arrays
 
     def _state(self, run: SavedRun) -> dict[str, Any]:
-        """The contents of run.json, except checksums; the same on every rank."""
+        """The contents of run.json, except checksums; the same on every rank.  Collective.
+
+        Args:
+            run: with its time [s], energies [J], history variables, counters, and outputs.
+
+        Returns:
+            numbers, words, lists and dictionaries of them.
+        """
         system = run.system
         cursors = run.cursors
         if run.recorded:
@@ -344,10 +391,13 @@ def complete(folder: Path) -> list[Path]:
 
 @check_arguments
 def latest_checkpoint(folder: str | Path) -> Path | None:
-    """The newest complete checkpoint in a folder, or None.
+    """The newest complete checkpoint in a folder; None if there is none.
 
     Args:
         folder: of checkpoints; it need not exist.
+
+    Returns:
+        the folder of the checkpoint, such as `step-00000100`.
 
     Example:
         >>> print(gx.run.latest_checkpoint("no such folder"))
@@ -365,7 +415,7 @@ def read(
     scene: dict[str, Any],
     changes: Sequence[str],
 ) -> tuple[Cursors, str]:
-    """Restore the state of a checkpoint.
+    """Restore the state of a checkpoint.  Collective.
 
     Args:
         run: at its start.
@@ -406,7 +456,12 @@ def read(
 
 
 def _load_on_all(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
-    """The arrays that this rank reads, see `_load`.
+    """The arrays that this rank reads of a checkpoint, see `_load`.  Collective.
+
+    Args:
+        run: at its start, with the blocks of unknowns.
+        path: folder of the checkpoint.
+        state: contents of its run.json.
 
     Raises:
         InputError: a file is damaged; on all ranks, although one only has read it.
@@ -425,10 +480,16 @@ def _load_on_all(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, 
 
 
 def _restore_vectors(run: SavedRun, arrays: dict[str, Any]) -> None:
-    """Set coordinates, velocities and other vectors from what all ranks have loaded.
+    """Set coordinates, velocities and other vectors from what all ranks have loaded.  Collective.
+
+    Args:
+        run: whose vectors are written to.
+        arrays: names of nodes and values of vectors (SI units) that this rank has read, for any
+            nodes.
 
     Raises:
-        InputError: the checkpoint has no values for a node of this scene.
+        InputError: the checkpoint has no values for a node of this scene, or two nodes of it have
+            the same name.
     """
     numbering = run.system.numbering
     names_here = all_names(run.system)
@@ -448,7 +509,12 @@ def _restore_vectors(run: SavedRun, arrays: dict[str, Any]) -> None:
 
 
 def _restore_cells(run: SavedRun, arrays: dict[str, Any]) -> None:
-    """Set the values in cells from what all ranks have loaded.
+    """Set the history variables in cells from what all ranks have loaded.  Collective.
+
+    Args:
+        run: whose arrays are written to.
+        arrays: names of cells and their values that this rank has read, e.g. temperatures [K], for
+            any cells.
 
     Raises:
         InputError: the checkpoint has no values for a cell of this scene.
@@ -468,6 +534,9 @@ def _restore_cells(run: SavedRun, arrays: dict[str, Any]) -> None:
 
 def _open(path: Path) -> tuple[Path, dict[str, Any]]:
     """The folder of a checkpoint, and the contents of its run.json; on one rank.
+
+    Args:
+        path: a checkpoint, or a folder of checkpoints, of which the newest is taken.
 
     Raises:
         InputError: the checkpoint does not exist, it is damaged, or of another version.
@@ -513,13 +582,20 @@ def _damaged(path: Path, reason: str) -> str:
 
 
 def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
-    """The shares that this rank reads, one after the other; no rank reads all.
+    """The shares of a checkpoint that this rank reads; no rank reads all.
+
+    Args:
+        run: at its start, with the blocks of unknowns.
+        path: folder of the checkpoint, which may have been written by more or fewer ranks.
+        state: contents of its run.json, with the checksums of the files.
 
     Returns:
-        Names (n,) and vectors (n, size) of the n nodes in these shares, by the keys of `_arrays`.
+        Names (n,) and vectors (n, size) of the n nodes in these shares, by the keys of `_arrays`;
+        empty arrays on a rank without a file.
 
     Raises:
         ValueError: a file was changed.
+        OSError: a file is missing.
     """
     blocks = run.system.numbering.blocks
     shares = []
@@ -596,8 +672,14 @@ def _checksum_of(state: dict[str, Any]) -> str:
 
 
 def _checksum(path: Path) -> list[int]:
-    """Length in bytes and CRC-32 of a file; that is enough against damage, and faster than
-    SHA-256."""
+    """Length in bytes and CRC-32 of a file, which find damage and are faster than SHA-256.
+
+    Args:
+        path: of the file.
+
+    Raises:
+        OSError: it cannot be read.
+    """
     crc = 0
     size = 0
     with path.open("rb") as file:

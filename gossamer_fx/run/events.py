@@ -120,7 +120,11 @@ class When:
     name: str = "event"
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check the arguments of an event at which a probe passes a value.
+
+        Raises:
+            InputError: the probe or `then` is not a function, or the tolerance is not positive [s].
+        """
         check(
             callable(self.probe),
             f"When '{self.name}': {self.probe!r} is not a function of the run; give one.",
@@ -175,7 +179,16 @@ class EventMonitor:
     """
 
     def __init__(self, run: Run, events: Sequence[Event], history: History) -> None:
-        """Sort the events by kind, and evaluate the probes of `When` at the start."""
+        """Sort the events by kind, and evaluate the probes of `When` at the start.  Collective.
+
+        Args:
+            run: at its start.
+            events: `At` and `When` of the user.
+            history: saves and restores the state of the run, for steps that are undone.
+
+        Raises:
+            InputError: something else is among the events, or a probe fails.
+        """
         self._run = run
         self._history = history
         for event in events:
@@ -201,14 +214,19 @@ class EventMonitor:
         return self._let_act([event for event in self._at if event.time == self._run.time])
 
     def advance(self, stepping: Stepping, h: float) -> bool:
-        """Advance the run by h [s], or to the first event.
+        """Advance the run by a length of time, or to the first event, and let it act.  Collective.
+
+        Args:
+            stepping: makes steps, which may be divided.
+            h: length of the step [s].
 
         Returns:
             Whether the run ends there.
 
         Raises:
             StepFailure: the step failed.
-            InputError: a probe or an action failed; the run is then at the start of the step.
+            InputError: a probe failed, and the run is at the start of the step; or an action
+                failed.
         """
         run = self._run
         step = _StepWithEvents(run.time)
@@ -261,10 +279,20 @@ class EventMonitor:
         step: _StepWithEvents,
         passed: list[When],
     ) -> list[When]:
-        """Make the step again until it ends at its first event.
+        """Make a step again, with other lengths, until it ends at its first event.  Collective.
+
+        Args:
+            stepping: makes steps.
+            step: time [s] and values of the probes at the start of the step.
+            passed: events that the step passes in its full length, at least one.
 
         Returns:
-            The events that happen there.
+            The events that happen at the end that was found; its error is the smallest of their
+            tolerances [s].
+
+        Raises:
+            StepFailure: a repeated step failed.
+            InputError: a probe failed.
         """
         run = self._run
         # No event has happened after the length `shorter`, and some have after `longer`.
@@ -313,8 +341,18 @@ class EventMonitor:
         step: _StepWithEvents,
         length: float,
     ) -> list[When]:
-        """Undo the step and make it again with another length [s]; returns the events that it
-        passes."""
+        """Undo the step and make it again with another length; returns the events that it passes.
+
+        Args:
+            stepping: makes steps; several, where a step control advances by less than it is asked
+                to.
+            step: time [s] and values of the probes at the start of the step.
+            length: of the step [s].
+
+        Raises:
+            StepFailure: the step failed.
+            InputError: a probe failed.
+        """
         run = self._run
         self._history.rollback()
         self._last |= step.before
@@ -325,7 +363,11 @@ class EventMonitor:
         return self._passed(step.waiting)
 
     def _act(self, event: Event, words: str) -> None:
-        """Log an event and call its action.
+        """Log an event and call its action.  Collective.
+
+        Args:
+            event: that happens now; without an action it is only logged.
+            words: for the log.
 
         Raises:
             InputError: the action failed.
@@ -338,10 +380,11 @@ class EventMonitor:
             ask(run.comm, what, lambda: then(run))
 
     def describe(self) -> list[dict[str, Any]]:
-        """Descriptions of the events, for the comparison of scenes at a restart; see
-        `run.same_scene`.
+        """Data about the events, which a restart compares with those in a checkpoint.
 
-        `key` is the same for events of the same kind, name and value.
+        Returns:
+            a dictionary for each event: its name and its arguments; `key` is the same for events of
+            the same kind, name and value.  Collective.
         """
         items = self._run.scene.items
         descriptions = []
@@ -360,10 +403,17 @@ class EventMonitor:
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned.
+        """Restore what `get_state` returned: which events have happened, and the last values of
+        probes.
 
         Events are found by their keys, as they may come in another order; a new event has not
-        happened.
+        happened, and its probe is evaluated.  Collective.
+
+        Args:
+            state: the lists "done" (keys) and "last" (keys with values).
+
+        Raises:
+            InputError: the probe of a new event fails.
         """
         # Of events with equal keys, each is found once.
         remaining = list(enumerate(self._events))

@@ -27,7 +27,13 @@ MAX_VERTICES = 3
 
 
 def node_names(body: Body) -> Names:
-    """Names (n,) of the n nodes of a body that this rank owns.
+    """Names (n,) of the n nodes of a body that this rank owns: integers of 64 bits.
+
+    A name is the same on any number of ranks: it is a hash of the vertices of the vertex, edge or
+    cell on which the node is.
+
+    Args:
+        body: a body, e.g. a film on a mesh, or one without a mesh.
 
     Raises:
         InputError: the space has several nodes on one edge or cell.
@@ -93,8 +99,17 @@ def mesh_name(body: MeshBody) -> int:
 
 
 def all_names(system: System) -> list[Names]:
-    """Names of this rank's nodes of every block: bodies, then the multipliers of each
-    constraint."""
+    """Names of this rank's nodes of every block: bodies, then the multipliers of each constraint.
+
+    Args:
+        system: the compiled scene, with the numbering of its blocks.
+
+    Returns:
+        an array (n,) of integers of 64 bits for each block, the same on any number of ranks.
+
+    Raises:
+        InputError: a body has several nodes on one edge or cell.
+    """
     names = [node_names(body) for body in system.bodies]
     tied_ports: list[list[tuple[Attached, ...]]] = []
     if system.constraints:
@@ -114,12 +129,15 @@ def _names_of_multipliers(
     names: list[Names],
     constraints: list[tuple[Attached, ...]],
 ) -> Names:
-    """Names of multipliers (m,), each after the first node that its constraint ties.
+    """Names of Lagrange multipliers (m,), each after the first node that its constraint ties.
 
     Args:
         system: compiled scene.
-        names: of the nodes of all bodies.
-        constraints: ports that each constraint of this rank ties.
+        names: of this rank's nodes of all bodies, integers of 64 bits.
+        constraints: ports that each constraint of this rank ties; one at least is on a body.
+
+    Returns:
+        integers of 64 bits, the same on any number of ranks.
     """
     rows = []
     counts: dict[tuple[int, int], int] = {}  # constraints so far by their first node

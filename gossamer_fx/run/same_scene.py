@@ -175,6 +175,11 @@ def compare(
 def _compare_meshes(refusal: str, there: Description, here: Description) -> None:
     """Check that all meshes have the same cells, and points at the same positions.
 
+    Args:
+        refusal: beginning of the message.
+        there: description of the scene in the checkpoint.
+        here: description of this scene, with hashes of the cells and moments of the points [m, m²].
+
     Raises:
         InputError: names the body; the text begins with `refusal`.
     """
@@ -197,6 +202,12 @@ def _compare_events(
     changes: Sequence[str],
 ) -> None:
     """Check that the events are the same, which may come in another order.
+
+    Args:
+        refusal: beginning of the message.
+        there: descriptions of the events in the checkpoint.
+        here: descriptions of the events of this run.
+        changes: names of events that are meant to be others, or additional, or missing.
 
     Raises:
         InputError: names the event; the text begins with `refusal`.
@@ -228,7 +239,17 @@ def _refuse_difference(
     there: Known,
     here: Known,
 ) -> None:
-    """Raise `InputError` for the first difference between the arguments of an item or event."""
+    """Raise `InputError` for the first difference between the arguments of an item or event.
+
+    Args:
+        refusal: beginning of the message.
+        owner: the item or event, in words.
+        there: its description in the checkpoint.
+        here: its description in this scene.
+
+    Raises:
+        InputError: names the argument and both values; nothing is raised if there is no difference.
+    """
     found = next(differences(there, here), None)
     if found is None:
         return
@@ -246,10 +267,12 @@ def _refuse_difference(
 
 
 def differences(there: Known, here: Known, words: tuple[str, ...] = ()) -> Iterator[Difference]:
-    """All differences of two descriptions, except values that are unknown in both.
+    """Yield all differences of two descriptions, except values that are unknown in both.
+
+    Numbers count as equal if they differ by less than 1e-9 of their size.
 
     Args:
-        there: description in the checkpoint.
+        there: description in the checkpoint: numbers, words, lists and dictionaries of them.
         here: description of this scene.
         words: keys that lead to both.
     """
@@ -269,8 +292,13 @@ def _differences_of_lists(
     here: Sequence[Known],
     words: tuple[str, ...],
 ) -> Iterator[Difference]:
-    """All differences of two lists of the same length; a list of numbers is compared as a
-    vector."""
+    """Yield all differences of two lists; a list of numbers is compared as a vector.
+
+    Args:
+        there: list in the checkpoint.
+        here: list of this scene, of the same length.
+        words: keys that lead to both.
+    """
     if all(map(_is_number, [*there, *here])):
         if not _same_numbers(there, here):
             yield Difference(words, list(there), list(here))
@@ -288,8 +316,13 @@ def _differences_of_dicts(
     here: Description,
     words: tuple[str, ...],
 ) -> Iterator[Difference]:
-    """All differences of two dictionaries: of arguments, of a measured position, or of an
-    unknown."""
+    """Yield all differences of two dictionaries: of arguments, a measured position, or an unknown.
+
+    Args:
+        there: dictionary in the checkpoint.
+        here: dictionary of this scene.
+        words: keys that lead to both.
+    """
     if UNKNOWN in there and UNKNOWN in here:
         return
     # A position that was computed has a known error, which its description states.
@@ -335,8 +368,16 @@ def _shown(value: Known) -> str:
 
 
 def _not_compared(here: Description, changes: Sequence[str]) -> str:
-    """In words: what functions take from outside, what is unknown otherwise, and what is meant to
-    change."""
+    """In words: what could not be compared with a checkpoint, and what is meant to change.
+
+    Args:
+        here: description of this scene; its unknown values are listed, e.g. those that functions of
+            the user read from outside.
+        changes: names of items and events that are meant to be others.
+
+    Returns:
+        a list in one line; empty if all was compared.
+    """
     found: list[str] = []
     for name, arguments in here["arguments"].items():
         if name not in changes:

@@ -113,8 +113,23 @@ class Simulation:
         restart: str | Path | None = None,
         changes: Sequence[str] = (),
     ) -> None:
-        """Compile the scene and open the outputs; with `restart`, read the checkpoint.
-        Collective."""
+        """Compile the scene and open the outputs; with `restart`, read the checkpoint.  Collective.
+
+        Args:
+            scene: bodies, loads and all other items.
+            stepper: time stepping rule, with its step dt [s].
+            outputs: records of the run.
+            halvings: how often a step that does not converge may be halved.
+            control: adapts the length of steps; None: steps of dt.
+            events: actions at a time, or when a probe passes a value.
+            checkpoints: where and how often the run is saved; None: it is not.
+            restart: a checkpoint, or a folder of them, from which the run continues.
+            changes: names of items and events that may differ from those of the checkpoint.
+
+        Raises:
+            InputError: names what is wrong with the scene, the outputs, the events or the
+                checkpoint; nothing has been computed then.
+        """
         self.outputs = _list_of("outputs", outputs, Output)
         events = _list_of("events", events, object)
         self.scene = scene
@@ -187,10 +202,10 @@ class Simulation:
         self.history.rollback()
 
     def _lock_files(self) -> FileLocks | None:
-        """Lock all files and folders that this run writes; None if there are none.
+        """Lock all files and folders that this run writes; None if there are none.  Collective.
 
         Raises:
-            InputError: another run writes one of them.
+            InputError: another run writes one of them, or two outputs have the same file.
         """
         paths: list[Path] = []
         for output in self.outputs:
@@ -379,8 +394,20 @@ class Simulation:
             self._leave(signal)
 
     def _start_and_go(self, until: float, signals: Listener) -> int:
-        """Record the start, and step to a time [s]; returns the number of the signal that ended it,
-        or 0."""
+        """Record the start, and step to a time.  Collective.
+
+        Args:
+            until: end time [s].
+            signals: listens to signals of the operating system, such as SIGTERM.
+
+        Returns:
+            the number of the signal that ended the run, or 0.
+
+        Raises:
+            StepFailure: a step failed.
+            InputError: a probe or another function of the user failed.
+            OutputFailure: a file could not be written.
+        """
         ended = False
         if self._monitor is not None and not self._started:
             ended = self._monitor.start()
@@ -398,8 +425,20 @@ class Simulation:
         return self._go([*milestones, until], signals)
 
     def _go(self, milestones: Sequence[float], signals: Listener) -> int:
-        """Step to each milestone [s] in turn; returns the number of the signal that ended the run,
-        or 0."""
+        """Step to each milestone in turn, a time that must be met.  Collective.
+
+        Args:
+            milestones: times [s] in increasing order; the last one is the end of the run.
+            signals: listens to signals of the operating system, such as SIGTERM.
+
+        Returns:
+            the number of the signal that ended the run, or 0; 0 too if an event ended it.
+
+        Raises:
+            StepFailure: a step failed; the last good state has been recorded.
+            InputError: a probe or another function of the user failed.
+            OutputFailure: a file could not be written.
+        """
         for milestone in milestones:
             while True:
                 remaining = milestone - self.time
@@ -423,10 +462,14 @@ class Simulation:
         return 0
 
     def _record(self, last: bool) -> None:
-        """Let the outputs record the state, and write a checkpoint if it is due.
+        """Let the outputs record the state, and write a checkpoint if it is due.  Collective.
 
         Args:
             last: whether the run ends here.
+
+        Raises:
+            OutputFailure: a file could not be written.
+            InputError: a probe failed.
         """
         started = time.perf_counter()
         # If an output fails, a checkpoint must contain the positions before this record.
@@ -444,7 +487,7 @@ class Simulation:
         """After an error: let the outputs record the last good state, and write a checkpoint of it.
 
         If an output had failed, the checkpoint contains the positions of the outputs before, and a
-        restart begins with recording the state.
+        restart begins with recording the state.  Collective; failures to write are suppressed.
         """
         # Failures to write are suppressed: they would hide the error that ended the run.
         if not self._offered:
@@ -455,8 +498,19 @@ class Simulation:
                 self.checkpoints.record(self, last=True)
 
     def _advance(self, h: float, milestone: float = math.inf) -> bool:
-        """Make a step of h [s] or less, up to a milestone [s]; returns whether an event ends the
-        run there."""
+        """Make a step and count it.  Collective.
+
+        Args:
+            h: length of the step [s]; a step control may make it shorter.
+            milestone: time [s] that is set exactly if the step ends there but for round-off.
+
+        Returns:
+            whether an event ends the run there.
+
+        Raises:
+            StepFailure: the step failed, also in sub-steps; those that were made count.
+            InputError: a probe or an action of an event failed.
+        """
         started = time.perf_counter()
         time_before = self.time
         stepping = self.stepping
@@ -492,6 +546,9 @@ class Simulation:
     def _leave(self, number: int) -> None:
         """Log where the run ended, and end the program.
 
+        Args:
+            number: of the signal, e.g. 15 for SIGTERM.
+
         Raises:
             Interrupted: always.
         """
@@ -515,8 +572,10 @@ class Simulation:
     # ---- checkpoints -----------------------------------------------------------------------------
 
     def get_state(self) -> dict[str, Any]:
-        """Counters, first totals and events, for a checkpoint: numbers, words, lists,
-        dictionaries."""
+        """Counters, first totals and events, for a checkpoint: numbers, words, lists, dictionaries.
+
+        Energies are in J, times in s; the same on every rank.
+        """
         first = {}
         for name, value in asdict(self.first).items():
             if isinstance(value, np.ndarray):
@@ -536,7 +595,14 @@ class Simulation:
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned."""
+        """Restore the counters, energies and events of a checkpoint.  Collective.
+
+        Args:
+            state: what `get_state` returned, maybe of an earlier version.
+
+        Raises:
+            InputError: the probe of an event fails.
+        """
         for name in _COUNTS:
             setattr(self, name, state[name])
         first: dict[str, Any] = {}
@@ -557,6 +623,11 @@ class Simulation:
 
 def _list_of[T](what: str, given: Sequence[T], kind: type) -> list[T]:
     """Copy a sequence of objects of a kind into a list.
+
+    Args:
+        what: name of the argument, for the message.
+        given: what the user gave.
+        kind: class, or protocol, of each object.
 
     Raises:
         InputError: it is a single object, or contains something else.

@@ -97,8 +97,18 @@ class StartFrom:
             start.place(body.body, self._coordinates(body))
 
     def _coordinates(self, here: BodyState) -> Array:
-        """Coordinates for one body, flattened, from the body of the same name in the other
-        scene."""
+        """Coordinates for one body from the body of the same name in the other scene, flattened.
+
+        Args:
+            here: the state of a body in this scene.
+
+        Returns:
+            positions [m] and directors [-] of this rank's nodes; of a reduced film the coefficients
+            [m] of its modes, which are projected from a full film.
+
+        Raises:
+            InputError: the other scene has no such body, or with another mesh.
+        """
         body = here.body
         there = self.system.state.named(body.name)
         full = body.full if is_on_mesh(body) else body

@@ -65,7 +65,14 @@ class Scene:
     """
 
     def __init__(self, *items: Item) -> None:
-        """Collect the items and all that they refer to, and check their names."""
+        """Collect the items and all that they refer to, and check their names.
+
+        Args:
+            items: bodies, gas parts, loads, constraints, connectors, contacts, initial conditions.
+
+        Raises:
+            InputError: no items, something that is not an item, or two items of one name.
+        """
         self.items: list[Item] = []
         for item in items:
             self._add(item)
@@ -80,7 +87,14 @@ class Scene:
         )
 
     def _add(self, item: object) -> None:
-        """Add an item and all that it refers to, each once."""
+        """Add an item and all that it refers to, each once.
+
+        Args:
+            item: body, load, constraint, ...; what it refers to comes before it.
+
+        Raises:
+            InputError: it has no name, or brings nothing that a scene uses.
+        """
         if not isinstance(item, Item):
             raise InputError(
                 f"{item!r} is not an item of a scene; give bodies, gas parts, loads, constraints "
@@ -105,7 +119,8 @@ class Scene:
         return f"<Scene of {', '.join(names)}>"
 
     def _repr_html_(self) -> str:
-        """The items as a table, for notebooks."""
+        """The items as an HTML table, for notebooks: kind, name, and size of the mesh where there
+        is one."""
         rows = []
         for item in self.items:
             size = ""
@@ -126,7 +141,13 @@ class Scene:
         return self.bodies[0].comm if self.bodies else MPI.COMM_WORLD
 
     def compile(self, rule: StressRule | None = None) -> System:
-        """Number the unknowns, compile the forms, take the initial state.
+        """Number the unknowns, compile the forms, take the initial state.  Collective.
+
+        Args:
+            rule: which stress acts in a time step; None: the path average, which conserves energy.
+
+        Returns:
+            the system of equations with the initial state.
 
         Raises:
             InputError: cells without size, initial data that are not finite, or what a part finds

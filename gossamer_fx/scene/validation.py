@@ -90,9 +90,15 @@ def validate(items: Iterable[Any], comm: MPI.Intracomm) -> None:
 
 
 def warnings(items: list[Any]) -> Iterator[str]:
-    """Warnings about input that is possible but probably wrong, the same on all ranks.
+    """Yield warnings about input that is possible but probably wrong, the same on all ranks.
 
-    Collective.
+    Collective: all ranks take all of them.
+
+    Args:
+        items: of the scene: meshes of bodies, and numbers of items and their laws, are looked at.
+
+    Raises:
+        InputError: a mesh has cells without area or length, or curved cells whose normal reverses.
     """
     for item in items:
         if is_body(item) and is_on_mesh(item):
@@ -102,7 +108,17 @@ def warnings(items: list[Any]) -> Iterator[str]:
 
 
 def _of_mesh(body: MeshBody) -> Iterator[str]:
-    """Warnings about the mesh of one body; raises `InputError` as `validate` says."""
+    """Yield warnings about the mesh of one body; the same on all ranks.  Collective.
+
+    They concern its size [m], open seams, slivers, normals that change sides, triangles upside
+    down, and the thickness of plates.
+
+    Args:
+        body: on a mesh of triangles or lines.
+
+    Raises:
+        InputError: a mesh has cells without area or length, or curved cells whose normal reverses.
+    """
     domain = body.space.mesh
     comm = body.comm
     corners = corner_points(domain)
@@ -211,9 +227,12 @@ def _of_numbers(name: str, holder: Any) -> Iterator[str]:
 
 
 def self_intersections(bodies: list[Body]) -> Iterator[str]:
-    """Warnings about films that intersect themselves at the start.  Collective.
+    """Yield warnings about films that intersect themselves at the start.  Collective.
 
     This check takes more time than all others, so it is made on request only.
+
+    Args:
+        bodies: of the scene; those that are not on a mesh of triangles are left out.
     """
     for body in bodies:
         if not is_on_mesh(body) or body.space.mesh.topology.dim != 2:
@@ -232,7 +251,11 @@ def self_intersections(bodies: list[Body]) -> Iterator[str]:
 
 
 def _positions(body: MeshBody) -> Array:
-    """Initial positions of all local nodes (n, 3)."""
+    """Initial positions (n, 3) [m] of all nodes of a body on this rank, ghosts included.
+
+    Args:
+        body: on a mesh, with three unknowns a node.  Collective: all ranks call it.
+    """
     from dolfinx import fem
 
     x = fem.Function(body.space)

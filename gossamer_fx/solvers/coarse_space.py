@@ -101,9 +101,13 @@ class CoarseSpace:
 
 
 def prolongation(system: System) -> PETSc.Mat:
-    """P (unknowns, coarse unknowns) with orthonormal columns, distributed as the unknowns are.
+    """The prolongation P (unknowns, coarse unknowns) with orthonormal columns.  Collective.
 
-    Rows of fixed coordinates, and of bodies without nodes such as rigid bodies, are zero.
+    Its columns are affine functions on patches of nodes.  Rows of fixed coordinates, and of bodies
+    without nodes such as rigid bodies, are zero.  Rows are distributed as the unknowns are.
+
+    Args:
+        system: compiled scene with bodies on meshes.
     """
     numbering = system.numbering
     is_free = np.ones(numbering.size_local)
@@ -146,15 +150,16 @@ def prolongation(system: System) -> PETSc.Mat:
 
 
 def basis(body: MeshBody, is_free: Array) -> tuple[Indices, Indices, Array, int]:
-    """The functions (2) of one body.
+    """The part of one body in the prolongation: orthonormal affine functions on patches of its
+    nodes.
 
     Args:
         body: with n nodes of this rank and s unknowns a node.
         is_free: 1 at free coordinates and 0 at fixed ones, (n s,).
 
     Returns:
-        Rows, columns and values of the body's part of P, and the number of its columns; rows and
-        columns are counted from the start of the body.
+        Rows, columns and values (k,) of the body's part of P, and the number of its columns; rows
+        and columns are counted from the start of the body.  All is dimensionless.
     """
     n = body.block.index_map.size_local
     s = body.block.size
@@ -180,8 +185,14 @@ def basis(body: MeshBody, is_free: Array) -> tuple[Indices, Indices, Array, int]
 
 
 def affine_functions(X: Array, patch: Indices) -> Array:
-    """The functions f (n, 4) of (1) at all nodes, of positions X (n, 3) [m] and their patches
-    (n,)."""
+    """The functions f = (1, (X - mean X)/radius) at all nodes, (n, 4), dimensionless.
+
+    Mean and radius (root mean square distance) are those of the patch of a node.
+
+    Args:
+        X: undeformed positions (n, 3) [m].
+        patch: number of the patch of each node (n,), from 0 without gaps.
+    """
     nodes_in_patch = np.bincount(patch)
     f = np.ones((len(X), 4))
     for i in range(3):
@@ -196,12 +207,15 @@ def affine_functions(X: Array, patch: Indices) -> Array:
 
 
 def orthonormalise(f: Array, g: Array, patch: Indices) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Coefficients of the functions (2), and which of these are kept.
+    """Coefficients by which affine functions on patches of nodes become orthonormal.
+
+    With the eigenvectors V and eigenvalues λ of the Gram matrix of each patch and component, the
+    functions are f V λ^(-1/2); those of negligible λ are dropped.  All is dimensionless.
 
     Args:
-        f: the functions (1) without regard to fixed coordinates, (n, 4).
-        g: the functions (1), zero at fixed coordinates, (n, s, 4).
-        patch: of each node, (n,).
+        f: four affine functions at each of n nodes, without regard to fixed coordinates, (n, 4).
+        g: the same for s components of a node, zero at fixed coordinates, (n, s, 4).
+        patch: number of the patch of each node, (n,).
 
     Returns:
         V λ^(-1/2) (patches, s, 4, 4), zero where a function is dropped, and whether the functions
@@ -225,14 +239,14 @@ def orthonormalise(f: Array, g: Array, patch: Indices) -> tuple[Array, npt.NDArr
 
 
 def patches(body: MeshBody, X: Array) -> Indices:
-    """The patch of each node of this rank.
+    """Divide the nodes of this rank into connected patches of at most 100 nodes.
 
     Nodes are halved across their longest extent until a box has few enough.  Nodes of a box that
     are not connected by cells within it are then separated, such as the two films of a flat pillow.
 
     Args:
         body: on a mesh.
-        X: positions [m] of the n nodes of this rank, (n, 3).
+        X: undeformed positions [m] of the n nodes of this rank, (n, 3).
 
     Returns:
         Numbers of patches (n,), from 0 without gaps.

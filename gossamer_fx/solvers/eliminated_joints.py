@@ -69,8 +69,18 @@ FACTORISED_STEPS = 10
 
 
 def eliminated_unknowns(system: System) -> Indices | None:
-    """Positions (k,) of the unknowns g of a scene; None if this preconditioner does not serve
-    it."""
+    """Indices (k,) of the few unknowns that are not films, which the preconditioner eliminates
+    exactly.
+
+    They are those of rigid bodies, point masses, beams and Lagrange multipliers.
+
+    Args:
+        system: compiled scene.
+
+    Returns:
+        local indices, or None if this preconditioner does not serve the scene: on several ranks, if
+        there are none or more than 60 of them, or if matrices do not have blocks of three rows.
+    """
     numbering = system.numbering
     if system.comm.size > 1 or numbering.block_size != 3:
         return None
@@ -99,7 +109,12 @@ class EliminatedJoints:
     needs_couplings = True
 
     def __init__(self, system: System, eliminated: Indices) -> None:
-        """Find the unknowns of films; `setUp` takes the first matrix."""
+        """Find the unknowns of films; `setUp` takes the first matrix.
+
+        Args:
+            system: compiled scene on one rank.
+            eliminated: indices (k,) of the unknowns that are eliminated.
+        """
         self._system = system
         self._rest = eliminated
         films = np.setdiff1d(np.arange(system.numbering.size_local), eliminated)
@@ -121,7 +136,10 @@ class EliminatedJoints:
         return f"ilu of {ILU_LEVELS} levels and {len(self._rest)} unknowns eliminated"
 
     def keep_factors(self) -> bool:
-        """Keep the factors of an earlier matrix of the same step, if they serve for the next one.
+        """Keep the factors of an earlier matrix for the next one, if they serve.
+
+        They serve within the same time step, if the last solve with them took at most 7 Krylov
+        iterations and no factorisation failed.
 
         Returns:
             Whether they are kept; then their applications are counted from zero.
@@ -135,7 +153,13 @@ class EliminatedJoints:
         return True
 
     def setUp(self, pc: PETSc.PC) -> None:
-        """Set up for the present matrix, unless earlier factors serve; called by PETSc."""
+        """Set up for the present matrix, unless earlier factors serve; called by PETSc.
+
+        Nothing is raised: a factorisation that fails sets `problem`, and `apply` returns NaN then.
+
+        Args:
+            pc: PETSc's preconditioner, whose first operator is the matrix.
+        """
         if self.keep_factors():
             return
         matrix = pc.getOperators()[0]
@@ -158,7 +182,14 @@ class EliminatedJoints:
             self._set_up_incomplete(matrix, is_new_step)
 
     def _set_up_incomplete(self, matrix: PETSc.Mat, is_new_step: bool) -> None:
-        """Factorise F incompletely, and eliminate g."""
+        """Factorise the block F of the films incompletely, and eliminate the other unknowns g.
+
+        It sets Z = F̃⁻¹ B and the Schur complement, or `problem` if the factorisation fails.
+
+        Args:
+            matrix: of all unknowns.
+            is_new_step: whether Z, which costs most, has to be computed again.
+        """
         F = matrix.createSubMatrix(self._film_set, self._film_set)
         # A new object: the pattern of contact differs from that of the matrix before.
         self._incomplete.destroy()
@@ -191,7 +222,11 @@ class EliminatedJoints:
         self._D = rows[:, self._rest]
 
     def _columns(self, matrix: PETSc.Mat) -> Array:
-        """B (films, k), as k rows."""
+        """The block B (films, k) that couples films to the k eliminated unknowns, as k rows.
+
+        Args:
+            matrix: of all unknowns.
+        """
         unit, product = matrix.createVecs()
         columns = np.zeros((len(self._rest), len(self._films)))
         for k, column in enumerate(self._rest):
@@ -211,7 +246,18 @@ class EliminatedJoints:
         return solution
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
-        """Compute z from r by (2) and (3); called by PETSc."""
+        """Compute the correction z from a residual r by block elimination; called by PETSc.
+
+            z_g = Σ⁻¹ (r_g - C F̃⁻¹ r_f),    z_f = F̃⁻¹ r_f - Z z_g
+
+        f are the unknowns of films, g the few others; F̃ is the incomplete factorisation of the
+        block of the films, C couples g to f, Z = F̃⁻¹ B, and Σ is the Schur complement.
+
+        Args:
+            pc: PETSc's preconditioner; not used.
+            r: residual of all unknowns.
+            z: result; NaN if the factorisation failed, so that the Krylov iteration ends.
+        """
         self._applications += 1
         if self.problem:
             # The caller's iteration ends, and the step is repeated.

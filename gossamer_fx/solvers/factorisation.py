@@ -112,7 +112,8 @@ class BlockFactors:
     is_exact = True
 
     def __init__(self) -> None:
-        """Make both solvers; none has a matrix yet."""
+        """Make two solvers without a matrix: PETSc's for blocks without pivots, and MUMPS with
+        pivots."""
         self._without_pivots = PETSc.PC().create(PETSc.COMM_SELF)
         self._without_pivots.setType("lu")
         self._without_pivots.setFactorSolverType("petsc")
@@ -123,7 +124,14 @@ class BlockFactors:
         self._right: PETSc.Vec = None
 
     def setUp(self, pc: PETSc.PC) -> None:
-        """Factorise the matrix of the preconditioner; called by PETSc."""
+        """Factorise the matrix of the preconditioner; called by PETSc.
+
+        Blocks without pivots are tried first, then MUMPS.  Nothing is raised: a failure sets
+        `problem`.
+
+        Args:
+            pc: PETSc's preconditioner, whose second operator is the matrix.
+        """
         matrix = pc.getOperators()[1]
         if self._right is None:
             self._solution, self._right = matrix.createVecs()
@@ -141,7 +149,11 @@ class BlockFactors:
         self.problem = set_up(self._with_pivots)
 
     def _is_accurate(self, matrix: PETSc.Mat) -> bool:
-        """Whether the factors without pivots solve a system of equations."""
+        """Whether the factors without pivots solve A x = 1 to a relative residual of 1e-10.
+
+        Args:
+            matrix: A, which has been factorised; False too if the factorisation failed.
+        """
         if self._without_pivots.getFailedReason() != PETSc.PC.FailedReason.NOERROR:
             return False
         assert self._right is not None, "setUp makes it"
@@ -189,6 +201,10 @@ def choose_for_steps(pc: PETSc.PC, A: PETSc.Mat) -> None:
     singular.
 
     PETSc's option `-gx_pc_type` keeps the one by MUMPS.
+
+    Args:
+        pc: PETSc's preconditioner.
+        A: matrix; small ones of 3 x 3 blocks on one rank are factorised by PETSc, others by MUMPS.
     """
     is_small = A.getSize()[0] <= MAX_UNKNOWNS_BLOCKS
     has_blocks = A.getType() == PETSc.Mat.Type.SEQBAIJ and A.getBlockSize() == 3
@@ -210,8 +226,11 @@ def is_exact(pc: PETSc.PC) -> bool:
 def set_up(pc: PETSc.PC) -> str:
     """Factorise the matrix of a preconditioner, with more workspace if necessary.
 
+    Args:
+        pc: a factorisation, made by `choose`.
+
     Returns:
-        Why it failed; empty if it did not.
+        Why it failed, in words, e.g. that the matrix is singular; empty if it did not.
     """
     # The attribute is asked first: PETSc 3.25 fails if there are no factors yet.
     if pc.getAttr("factorised") and failure(pc) < 0:
@@ -226,8 +245,12 @@ def set_up(pc: PETSc.PC) -> str:
 def enlarge(pc: PETSc.PC) -> bool:
     """Double the workspace if a factorisation failed for lack of it.
 
+    Args:
+        pc: a factorisation whose set-up has failed.
+
     Returns:
-        Whether another attempt may succeed.
+        Whether another attempt may succeed; False if it failed for another reason, or if the
+        workspace is large enough.
     """
     if failure(pc) not in WORKSPACE_ERRORS:
         return False
@@ -238,11 +261,11 @@ def enlarge(pc: PETSc.PC) -> bool:
 
 
 def renew(pc: PETSc.PC, margin: int = 0) -> None:
-    """Discard the factors, as after a failure PETSc would not try the next matrix.
+    """Discard the factors of MUMPS: after a failure PETSc would not try the next matrix.
 
     Args:
-        pc: a factorisation by MUMPS.
-        margin: of the workspace [%]; 0 leaves it as it is.
+        pc: a factorisation by MUMPS; its matrices are retained.
+        margin: of the workspace over MUMPS's estimate [%]; 0 leaves it as it is.
     """
     operators = pc.getOperators()
     margin = margin or pc.getFactorMatrix().getMumpsIcntl(ICNTL_WORKSPACE_MARGIN)
@@ -259,6 +282,10 @@ def replace(pc: PETSc.PC, A: PETSc.Mat) -> None:
     A new pattern is ordered by approximate minimum fill.  For a folded film with 32 thousand
     unknowns the ordering takes 20 ms instead of 70 ms with the default of MUMPS, and the numerical
     factorisation 87 ms instead of 86 ms.
+
+    Args:
+        pc: a factorisation, whose former matrix is destroyed.
+        A: the new matrix; it is factorised by `set_up`.
     """
     before = pc.getOperators()[0]
     pc.setOperators(A)
@@ -278,7 +305,11 @@ def failure(pc: PETSc.PC) -> int:
 
 
 def reason(pc: PETSc.PC) -> str:
-    """Why the last factorisation failed, in words; empty if it did not."""
+    """Why the last factorisation failed, in words; empty if it did not.
+
+    Args:
+        pc: PETSc's preconditioner, by MUMPS or by the classes of this module.
+    """
     if pc.getType() == "python":
         return str(getattr(pc.getPythonContext(), "problem", ""))
     code = failure(pc)
@@ -302,9 +333,13 @@ def solve(A: PETSc.Mat, b: PETSc.Vec, x: PETSc.Vec) -> str:
 
 
 def is_singular(A: PETSc.Mat) -> bool:
-    """Whether A is singular to round-off: |A| |A⁻¹| > 1/(4 ε).
+    """Whether A is singular to round-off: |A| |A⁻¹| > 1/(4 ε).  Collective.
 
-    |A⁻¹| is estimated by two steps of inverse iteration from a random vector.
+    |A⁻¹| is estimated by two steps of inverse iteration from a random vector.  A matrix whose
+    factorisation fails counts as singular.
+
+    Args:
+        A: square matrix.
     """
     x, b = A.createVecs()
     b.setRandom()

@@ -107,7 +107,13 @@ class Composite:
         return PETSc.Vec().createMPI((size, None), comm=self.comm)
 
     def join(self, z: PETSc.Vec | None, y: Array, x: PETSc.Vec) -> None:
-        """Set x = (z, y); with z = None the coordinates of x stay."""
+        """Set x = (z, y) from coordinates and scalar unknowns.
+
+        Args:
+            z: coordinates, distributed; None: the coordinates of x stay.
+            y: scalar unknowns (m,), the same on every rank; those of rank 0 count.
+            x: vector of both.
+        """
         if not self.scalars:
             if z is not None:
                 z.copy(x)
@@ -119,7 +125,14 @@ class Composite:
                 values[self.n :] = y
 
     def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
-        """z and y (m,) of x, y on all ranks; the next call overwrites z."""
+        """Coordinates z and scalar unknowns y (m,) of x.  Collective.
+
+        Args:
+            x: vector of both.
+
+        Returns:
+            z, in a vector that the next call overwrites, and y on all ranks.
+        """
         if not self.scalars:
             x.copy(self.fields)
             return self.fields, np.zeros(0)
@@ -202,7 +215,16 @@ class BorderedPreconditioner:
     """
 
     def __init__(self, operator: Bordered, sparse: PETSc.PC, system: System) -> None:
-        """Take operator and sparse preconditioner; `setUp` computes Z."""
+        """Take operator and sparse preconditioner; `setUp` computes the remainder.
+
+        The operator is the matrix [[A, G], [Hᵀ, C]] of coordinates and a few scalar unknowns, such
+        as gas pressures.
+
+        Args:
+            operator: this matrix.
+            sparse: preconditioner P ≈ A of the coordinates.
+            system: compiled scene, whose time and step length [s] show when a new step begins.
+        """
         self._operator = operator
         self._sparse = sparse
         self._system = system
@@ -214,11 +236,15 @@ class BorderedPreconditioner:
         self._needs_couplings = False  # whether P includes strong couplings in this step
 
     def setUp(self, pc: PETSc.PC) -> None:
-        """Prepare the preconditioner for the present tangent; called by PETSc.
+        """Prepare the preconditioner for the present tangent [[A, G], [Hᵀ, C]]; called by PETSc.
 
-        The sparse part P is set up, the columns Z = P⁻¹ G of the scalar unknowns are solved for,
-        and the Schur complement Σ is computed.  With the two-level preconditioner Z of an earlier
+        A belongs to the coordinates, the m rows and columns of C to scalar unknowns such as gas
+        pressures.  The preconditioner P ≈ A is set up, Z = P⁻¹ G is solved for, and the Schur
+        complement Σ = C - Hᵀ Z is computed.  With the two-level preconditioner Z of an earlier
         iteration of the same step is used until solves take more applications.
+
+        Args:
+            pc: PETSc's preconditioner; not used, since the operator was given at the start.
         """
         operator = self._operator
         step = self._system.time, self._system.h
@@ -239,7 +265,13 @@ class BorderedPreconditioner:
             self._schur[:, columns] -= operator.rows(self._Z.values)
 
     def _set_up_sparse(self, is_new_step: bool) -> None:
-        """Set up P of the tangent, with or without the couplings of contact."""
+        """Set up the preconditioner of the coordinates' tangent, with or without the couplings of
+        contact.
+
+        Args:
+            is_new_step: whether this is the first tangent of a time step, for which couplings are
+                left out again; they return after a solve with many iterations.
+        """
         tangent = self._operator.A
         was_slow = self._applications > MAX_APPLICATIONS_WITHOUT_COUPLINGS
         self._needs_couplings = not is_new_step and (self._needs_couplings or was_slow)
@@ -260,7 +292,11 @@ class BorderedPreconditioner:
         return self._applications > self._fresh_applications + ALLOWED_EXTRA_APPLICATIONS
 
     def _solve_columns(self) -> None:
-        """Compute Z = P⁻¹ G."""
+        """Compute Z = P⁻¹ G for the dense columns G (n, m) of the scalar unknowns, such as gas
+        pressures.
+
+        P is the preconditioner of the coordinates; columns that are zero are left out.  Collective.
+        """
         operator = self._operator
         column = operator.composite.fields
         solved: list[Array | None] = [None] * operator.G.count
@@ -272,7 +308,18 @@ class BorderedPreconditioner:
         self._Z = Columns(solved)
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, out: PETSc.Vec) -> None:
-        """Set out = (δz, δy) of (2) and (3) for x = (r, s); called by PETSc."""
+        """Set out = (δz, δy) for residuals x = (r, s) by block elimination; called by PETSc.
+
+            δy = Σ⁻¹ (s - Hᵀ P⁻¹ r),    δz = P⁻¹ r - Z δy
+
+        for the matrix [[A, G], [Hᵀ, C]] of coordinates z and m scalar unknowns y, with P ≈ A, Z =
+        P⁻¹ G and the Schur complement Σ = C - Hᵀ Z (m, m).
+
+        Args:
+            pc: PETSc's preconditioner; not used.
+            x: residuals of coordinates and scalar unknowns.
+            out: updates; NaN if Σ is singular, so that the step is repeated.
+        """
         operator = self._operator
         self._applications += 1
         r, s = operator.composite.split(x)
@@ -293,7 +340,7 @@ def configure(
     system: System,
     direct: bool,
 ) -> None:
-    """Choose the Krylov method and the preconditioner of the sparse part; PETSc's options may
+    """Choose the Krylov method and the preconditioner of the coordinates; PETSc's options may
     override.
 
     A matrix is factorised if `direct` or if it is small.  Lagrange multipliers have zeros on the
@@ -308,9 +355,9 @@ def configure(
       films switch, the additional Krylov iterations take longer than another factorisation.
 
     Args:
-        ksp: linear solver of Newton's method.
-        pc: preconditioner of the sparse part.
-        system: compiled scene.
+        ksp: linear solver of Newton's method, which is set up.
+        pc: preconditioner of the coordinates, without scalar unknowns such as gas pressures.
+        system: compiled scene, whose size, contact and constraints decide.
         direct: factorise whatever the size.
     """
     largest_direct = MAX_UNKNOWNS_DIRECT
@@ -362,6 +409,9 @@ def _needs_all_couplings(pc: PETSc.PC) -> bool:
 
 def _keep_factors(pc: PETSc.PC) -> bool:
     """Let a preconditioner use the factors of an earlier matrix for the next one, if it can.
+
+    Args:
+        pc: PETSc's preconditioner; only those of this package in Python may do so.
 
     Returns:
         Whether it does, so that the next matrix need not be summed.

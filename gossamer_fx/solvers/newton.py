@@ -121,6 +121,12 @@ def _weak_method[**P, T](method: Callable[P, T]) -> Callable[P, T]:
 
     The garbage collector does not see references held by a solver of PETSc, so an ordinary bound
     method would make a reference cycle that is never freed.
+
+    Args:
+        method: bound method of an object that must outlive the calls.
+
+    Returns:
+        a function with the same arguments and result.
     """
     reference = weakref.WeakMethod(method)
 
@@ -171,9 +177,15 @@ class Newton:
         tolerances: Tolerances,
         direct: bool = False,
     ) -> None:
-        """Make vectors and PETSc's solvers for the system; no equation is solved yet.
+        """Make vectors and PETSc's solvers for the system; no equation is solved yet.  Collective.
 
-        Collective.
+        Args:
+            system: compiled scene.
+            tolerances: when a step counts as solved.
+            direct: whether matrices of any size are factorised.
+
+        Raises:
+            InputError: PETSc's options ask for a line search.
         """
         self.system = system
         self.tolerances = tolerances
@@ -200,7 +212,11 @@ class Newton:
     # ---- PETSc's solvers -------------------------------------------------------------------------
 
     def _set_up(self) -> None:
-        """Make PETSc's solvers for the matrices of the system."""
+        """Make PETSc's solvers for the matrices of the system.  Collective.
+
+        Raises:
+            InputError: PETSc's options ask for a line search.
+        """
         system = self.system
         self._snes = PETSc.SNES().create(system.comm)
         self._snes.setOptionsPrefix(PREFIX)
@@ -224,7 +240,11 @@ class Newton:
             self._snes.setLineSearchPreCheck(_weak_method(self._limit_update))
 
     def _refuse_line_search(self) -> None:
-        """Check that the options ask for full Newton steps."""
+        """Check that PETSc's options ask for full Newton steps.
+
+        Raises:
+            InputError: the option `-gx_snes_linesearch_type` is not "basic".
+        """
         options = PETSc.Options(PREFIX)
         kind = options.getString("snes_linesearch_type", "basic")
         check(
@@ -236,7 +256,12 @@ class Newton:
         options["snes_linesearch_type"] = "basic"
 
     def _set_up_bordered(self) -> PETSc.Mat:
-        """Solve with scalar unknowns or couplings of contact; returns the matrix of both."""
+        """Set up linear solvers with scalar unknowns (gas pressures) or couplings of contact.
+
+        Returns:
+            the matrix of coordinates and scalar unknowns, whose product is computed without storing
+            it. Collective.
+        """
         system = self.system
         self._bordered = linear.Bordered(self._composite, system.coupled_tangent)
         sizes = self._x.getSizes()
@@ -262,19 +287,19 @@ class Newton:
     # ---- a solve ---------------------------------------------------------------------------------
 
     def solve(self, increment: PETSc.Vec, y: Array) -> tuple[PETSc.Vec, Array, int]:
-        """Solve the equations of a step; q1 is then in the system.
+        """Solve the equations of a step; q1 is then in the system.  Collective.
 
         Args:
             increment: predicted p = q1 - q0 [m], one entry for each unknown.
             y: first guess of the scalar unknowns, (number of scalar unknowns,).
 
         Returns:
-            w = q1 - q0 - p, in a vector that the next call overwrites; y; and the number of
-            Newton iterations.
+            w = q1 - q0 - p, in a vector that the next call overwrites; y; and the number of Newton
+            iterations.
 
         Raises:
             NotConverged: with PETSc's reason and where the residual is largest.
-            Inadmissible: with what is wrong with the solution.
+            Inadmissible: with what is wrong with the solution, e.g. that films intersect.
         """
         self._reset_convergence()
         # With w = 0 at the predictor, w = -p is the start of the step: strains are linear from
@@ -299,7 +324,7 @@ class Newton:
         return w, y, self.iterations
 
     def _reset_convergence(self) -> None:
-        """Forget what is known of the residuals of the last step."""
+        """Forget the norms of the residuals of the last step, before a new one is solved."""
         self._reference = 0.0  # R in (4) [N]
         self._round_off_floor = 0.0  # third number of (4) [N]; zero: not known yet
         self._contact_floor = 0.0  # fourth number of (4) [N]
@@ -310,10 +335,10 @@ class Newton:
         self._violation = 0.0  # of constraints, at the residual evaluated last [m or 1]
 
     def _iterate(self) -> None:
-        """Newton's iteration from the present x.
+        """Newton's iteration from the present x = (w, y), which is changed in place.  Collective.
 
         Raises:
-            NotConverged: see `solve`.
+            NotConverged: too many iterations, divergence, or a linear system that was not solved.
         """
         # stol = 0: PETSc must not take a small update for a solution.
         self._snes.setTolerances(stol=0.0, max_it=self.tolerances.max_iterations)
@@ -377,10 +402,17 @@ class Newton:
         J: PETSc.Mat,
         P: PETSc.Mat,
     ) -> None:
-        """Assemble the tangent at the iterate; called by PETSc.
+        """Assemble the tangent at the iterate; called by PETSc.  Collective.
 
-        Near the solution the last factors of a dense matrix are used again.  Far from it the
-        tangent may be without geometric stiffness, see the module.
+        Near the solution the last factors of a dense matrix are used again.  In the first
+        iterations of a step, far from the solution, the tangent may be without geometric stiffness,
+        which would make it indefinite.
+
+        Args:
+            snes: PETSc's nonlinear solver, which has the number of the iteration.
+            x: iterate; not used, since the system has the state that the residual has set.
+            J: matrix of the linear system, which is the tangent itself or contains it.
+            P: not used.
         """
         iteration = snes.getIterationNumber()
         is_near = self._norm < min(
@@ -418,10 +450,13 @@ class Newton:
             field.γ.value = share
 
     def _update_round_off_floor(self, A: PETSc.Mat) -> None:
-        """Estimate the round-off of the residual [N] from the diagonal of the tangent.
+        """Estimate the round-off of the residual [N] from the diagonal of the tangent.  Collective.
 
         Once a step, but at each tangent with contact: bodies that penetrate each other in the
         predictor have stiffnesses there that are far too large, so the smallest estimate counts.
+
+        Args:
+            A: tangent [N/m] of the coordinates.
         """
         is_first = self._round_off_floor == 0
         if not is_first and not self.system.active_sets:
@@ -435,7 +470,8 @@ class Newton:
             self.round_off_energy = max(self.round_off_energy, energy)
 
     def _choose_linear_tolerance(self) -> None:
-        """Solve tightly if this is likely to be the last linear system of the step."""
+        """Set the relative tolerance of the next linear solve: tight if it is likely the last of
+        the step."""
         if self._default_linear_rtol is None:
             self._default_linear_rtol = self.ksp.getTolerances()[0]
         rtol = self._default_linear_rtol
@@ -463,7 +499,16 @@ class Newton:
         )
 
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
-        """Whether to go on (0), or why not; `norms` are those of x, the update and the residual."""
+        """The test of convergence; called by PETSc after each iteration.  Collective.
+
+        Args:
+            snes: PETSc's nonlinear solver.
+            iteration: number of the iterate, 0 for the first guess.
+            norms: of x, the update and the residual; only whether the last is finite counts.
+
+        Returns:
+            0 to go on, or PETSc's code of convergence (> 0) or divergence (< 0).
+        """
         reasons = PETSc.SNES.ConvergedReason
         if not np.isfinite(norms[2]):
             return int(reasons.DIVERGED_FNORM_NAN)
@@ -491,10 +536,13 @@ class Newton:
         return 0
 
     def _set_reference(self) -> None:
-        """Choose the reference force R of (4) from the first residual.
+        """Choose the reference force [N] of the relative tolerance from the first residual of a
+        step.
 
         With contact the predictor may have passed through an obstacle.  Its forces are then
-        thousands of times larger than those of the solution, and are not a scale for the residual.
+        thousands of times larger than those of the solution, and are not a scale for the residual;
+        the force that stops all motion within the step, or that of all loads, is taken instead.
+        Collective.
         """
         self._reference = self._norm
         self._contact_floor = 0.0
@@ -521,8 +569,13 @@ class Newton:
         return external
 
     def _is_solved(self) -> bool:
-        """Whether the residual evaluated last passes (4) and (5), and constraints and scalars
-        theirs."""
+        """Whether the residual evaluated last passes the test of convergence.  Collective.
+
+        The norm of the forces [N] must be below the tolerance, or no longer fall and be round-off;
+        while it falls, the work of the residual must be small compared with the largest energy.
+        Violations of constraints [m or 1] and relative residuals of scalar unknowns must be below
+        their tolerances, too.
+        """
         residual = self._force_imbalance
         stagnates = self._norm > STAGNATION_RATIO * self._previous_norm
         is_small = residual <= self._tolerance and (
@@ -537,7 +590,11 @@ class Newton:
         return is_balanced and satisfies_constraints and satisfies_scalars
 
     def _energy_error_is_small(self) -> bool:
-        """Criterion (5): the work of the residual in the step is the error of the total energy."""
+        """Whether the work of the residual in the step, |r·(q1 - q0)| [J], is small.
+
+        It is the error of the total energy.  The limit is the energy tolerance times the largest
+        energy so far; True if no energy is known.  Collective.
+        """
         if not self.energy:
             return True
         system = self.system
@@ -553,7 +610,8 @@ class Newton:
     # ---- reports ---------------------------------------------------------------------------------
 
     def summary(self) -> str:
-        """The linear solver, its iterations, and the shares of the wall time of all solves."""
+        """The linear solver, its iterations, and the shares of the wall time of all solves, in one
+        line."""
         ksp = self.ksp.getType()
         preconditioner = linear.name(self._preconditioner)
         total = sum(self.seconds.values()) or 1.0
@@ -573,7 +631,14 @@ class Newton:
             self.seconds[part] += time.perf_counter() - started
 
     def _failure_message(self, reason: int, iterations: int) -> str:
-        """Why the iteration failed, how far it came, and where the residual is largest."""
+        """Why the iteration failed, how far it came, and where the residual is largest, in words.
+
+        Args:
+            reason: PETSc's negative code.
+            iterations: number of iterations that were made.
+
+        Collective: all ranks call it.
+        """
         names = {v: k for k, v in vars(PETSc.SNES.ConvergedReason).items() if isinstance(v, int)}
         why = names.get(reason, str(reason)).lower().replace("_", " ")
         if self.ksp.getConvergedReason() < 0:

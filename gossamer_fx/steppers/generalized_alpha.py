@@ -67,7 +67,12 @@ class GeneralizedAlpha:
     tolerances: Tolerances = field(default_factory=Tolerances)
 
     def __post_init__(self) -> None:
-        """Refuse a step [s] that is not positive, and a spectral radius outside 0 to 1."""
+        """Refuse a step that is not positive, and a spectral radius outside 0 to 1.
+
+        Raises:
+            InputError: dt is not a positive, finite number [s], or the spectral radius is not in 0
+                to 1.
+        """
         check(
             math.isfinite(self.dt) and self.dt > SMALLEST_STEP,
             f"GeneralizedAlpha: dt is {self.dt!r}; give a positive step in seconds.",
@@ -84,7 +89,10 @@ class GeneralizedAlpha:
         return EndPoint()
 
     def start(self, system: System) -> GeneralizedAlphaSolver:
-        """The method at work on a compiled system, whose state is the initial one.
+        """The method at work on a compiled system, whose state is the initial one.  Collective.
+
+        Args:
+            system: compiled scene.
 
         Raises:
             InputError: the scene has contact.
@@ -109,8 +117,13 @@ class GeneralizedAlphaSolver:
     """
 
     def __init__(self, system: System, ρ: float, tolerances: Tolerances) -> None:
-        """Compute the coefficients of the method for the spectral radius ρ, and make its
-        vectors."""
+        """Compute the coefficients of the method, and make its vectors.  Collective.
+
+        Args:
+            system: compiled scene.
+            ρ: spectral radius of high frequencies, 0 to 1.
+            tolerances: when a step counts as solved.
+        """
         self._system = system
         self._α_m = (2 * ρ - 1) / (ρ + 1)
         self._α_f = ρ / (ρ + 1)
@@ -136,7 +149,10 @@ class GeneralizedAlphaSolver:
         self._has_acceleration = state["started"]
 
     def step(self, h: float) -> int:
-        """Advance the system by h [s]; returns the number of Newton iterations.
+        """Advance the system by one step; returns the number of Newton iterations.  Collective.
+
+        Args:
+            h: length of the step [s].
 
         Raises:
             NotConverged: the step failed; the state of the system is unchanged.
@@ -165,9 +181,17 @@ class GeneralizedAlphaSolver:
         return (1 - self._α_m) / ((1 - self._α_f) * self._β * h**2)
 
     def _predict(self, h: float) -> None:
-        """Express (2) and (3) in w, so that (1) has the inertia c M (w + offset).
+        """Express the update of the generalised-α method in w, the correction of the predicted
+        increment.
 
-        q1 - q0 = h v0 + h² a0/2 + w,    a1 = a0 + w/(β h²),    (dv/dt)_1 = c (w + offset)
+            q1 - q0 = h v0 + h² a0/2 + w,    a1 = a0 + w/(β h²),    (dv/dt)_1 = c (w + offset)
+
+        a is the acceleration-like variable of the method, β and c [1/s²] its coefficients.  It sets
+        the increment h v0 + h² a0/2 [m] and the offset [m], and gives the system the inertia c M (w
+        + offset).
+
+        Args:
+            h: length of the step [s].
         """
         system = self._system
         c = self._inertia(h)
@@ -184,12 +208,16 @@ class GeneralizedAlphaSolver:
     # ---- the first acceleration ------------------------------------------------------------------
 
     def _compute_first_acceleration(self, h: float) -> None:
-        """Solve for the acceleration dv/dt of the initial state, and set a0 to it.
+        """Solve for the acceleration dv/dt [m/s²] of the initial state, and set a0 to it.
+        Collective.
 
             M dv/dt + De(q0)ᵀ λ = F - f(q0, v0)
             De(q0) dv/dt = -D²e[v0, v0]      (constraints differentiated twice)
 
         Forces that depend on rates are evaluated in a trial step with the velocity v0.
+
+        Args:
+            h: length of the first step [s]; the trial step has a thousandth of it.
 
         Raises:
             NotConverged: the matrix of these equations is singular.
@@ -215,7 +243,12 @@ class GeneralizedAlphaSolver:
         self._has_acceleration = True
 
     def _evaluate_trial_step(self, h: float, r: PETSc.Vec) -> None:
-        """Set r to the residual without inertia [N] at q0 + h v0."""
+        """Set r to the residual without inertia [N] at q0 + h v0.  Collective.
+
+        Args:
+            h: length of the trial step [s].
+            r: vector of the system, which is overwritten.
+        """
         system = self._system
         system.set_inertia(0.0)
         y = system.begin_step(h)

@@ -40,7 +40,15 @@ class History:
     """
 
     def __init__(self, system: System, carriers: Iterable[object]) -> None:
-        """Collect the vectors and history variables of system, terms and carriers by name."""
+        """Collect the vectors and history variables of system, terms and carriers by name.
+
+        History variables are the state that does not follow from coordinates, e.g. rest angles of
+        creases.
+
+        Args:
+            system: compiled scene.
+            carriers: stepper and step control; those without history variables are left out.
+        """
         self._system = system
         # The names are part of the format of checkpoint files.
         self.vectors = {
@@ -68,7 +76,11 @@ class History:
                     self.vectors[f"{name} {what}"] = vector
 
     def _find_terms(self) -> None:
-        """Add the history variables of the scene: of scalar unknowns, kinds of terms, and terms."""
+        """Collect the objects with history variables: scalar unknowns, kinds of terms, and fields
+        of terms.
+
+        They are stored by names that are the same in each run of a scene.
+        """
         system = self._system
         for k, scalars in enumerate(system.scalar_unknowns):
             self._variables[f"scalar unknowns {k}"] = scalars
@@ -94,7 +106,11 @@ class History:
             variables.set_state(state[name])
 
     def commit(self) -> None:
-        """Save the present state, in place of the one saved before."""
+        """Save the present state, which replaces the one saved before.
+
+        Saved are vectors, cell values, time [s], supplied and dissipated energies [J], and all
+        history variables.
+        """
         system = self._system
         # Made at the first call only: a run without rejected steps needs no copies.
         if not self._committed:
@@ -111,7 +127,12 @@ class History:
         self._state = self.get_state()
 
     def rollback(self) -> None:
-        """Restore the state of the last `commit`, which may be restored more than once."""
+        """Restore the state of the last `commit`, which may be restored more than once.
+        Collective.
+
+        Raises:
+            KeyError: there was no `commit`.
+        """
         system = self._system
         for name, vector in self.vectors.items():
             self._committed[name].copy(vector)

@@ -81,7 +81,12 @@ class MidpointSolver:
     """
 
     def __init__(self, system: System, tolerances: Tolerances) -> None:
-        """Make the Newton solver of a step, without delay of the geometric stiffness at first."""
+        """Make the Newton solver of a step, without delay of the geometric stiffness at first.
+
+        Args:
+            system: compiled scene.
+            tolerances: when a step counts as solved.
+        """
         self._system = system
         self.newton = Newton(system, tolerances)
         self._increment = system.numbering.vector()
@@ -106,10 +111,13 @@ class MidpointSolver:
         self._steps_without_delay = state["useless"]
 
     def step(self, h: float) -> int:
-        """Advance the system by h [s].
+        """Advance the system by one step.  Collective.
 
         An iteration that fails is repeated with more tangents without geometric stiffness, before
         the step is given up.  An inadmissible solution is not retried: the same one would be found.
+
+        Args:
+            h: length of the step [s].
 
         Returns:
             The number of Newton iterations of the attempt that converged.
@@ -134,8 +142,11 @@ class MidpointSolver:
                 return iterations
 
     def _raise_delay(self) -> bool:
-        """Go to the next delay level; returns False if there is none, or if delays are not
-        tried."""
+        """Let more tangents at the start of a step be without geometric stiffness, after a failure.
+
+        Returns:
+            False if the number is the largest one already, or if such delays did not help recently.
+        """
         is_highest = self._delay_level + 1 == len(GEOMETRIC_STIFFNESS_DELAYS)
         if self._steps_without_delay or is_highest:
             self._delay_level = 0
@@ -153,7 +164,15 @@ class MidpointSolver:
             self._successes = 0
 
     def _attempt(self, h: float) -> int:
-        """One Newton solve and, if it converges, the commit of the step; returns the iterations."""
+        """One Newton solve and, if it converges, the commit of the step; returns the iterations.
+
+        Args:
+            h: length of the step [s].
+
+        Raises:
+            NotConverged: the iteration failed.
+            Inadmissible: the solution cannot be accepted.
+        """
         system = self._system
         y = system.begin_step(h)
         # Predictor of constant velocity, p = h v0; its inertia is M (v1 - v0)/h = (2/h²) M w.

@@ -99,7 +99,12 @@ class StepControl:
     max_step: float = math.inf
 
     def __post_init__(self) -> None:
-        """Refuse values out of their range, each in one sentence."""
+        """Refuse values out of their range, each in one sentence.
+
+        Raises:
+            InputError: `target_iterations` < 1, `error` [m], `min_step` or `max_step` [s] is not
+                positive, `max_factor` < 1, or `min_factor` is not between 0 and 1.
+        """
         check(
             self.target_iterations >= 1,
             f"StepControl: target_iterations is {self.target_iterations!r}; aim at one or more.",
@@ -119,7 +124,12 @@ class StepControl:
         )
 
     def start(self, system: System, solver: StepSolver, dt: float) -> ControlledSteps:
-        """The steps of a run, the first of which has the length dt [s].
+        """The steps of a run, whose lengths this control chooses.  Collective.
+
+        Args:
+            system: compiled scene.
+            solver: stepper at work on it.
+            dt: length of the first step [s].
 
         Raises:
             InputError: dt is longer than the longest step, or errors cannot be measured for lack of
@@ -143,7 +153,17 @@ class ControlledSteps:
         solver: StepSolver,
         dt: float,
     ) -> None:
-        """Start with the step dt [s]; local errors are measured only if a tolerance is given."""
+        """Start with the step dt; local errors are measured only if a tolerance is given.
+
+        Args:
+            control: choices of the user.
+            system: compiled scene.
+            solver: stepper at work on it.
+            dt: length of the first step [s].
+
+        Raises:
+            InputError: local errors are to be measured, but nothing in the scene has mass.
+        """
         self._control = control
         self._system = system
         self._solver = solver
@@ -161,7 +181,12 @@ class ControlledSteps:
             self.vectors = {"acceleration": self._local_error.acceleration}
 
     def advance(self, h: float) -> None:
-        """Advance the run by one step of length h [s], or by a shorter one if that is rejected.
+        """Advance the run by one step, or by a shorter one if that is rejected.  Collective.
+
+        A step is rejected if Newton's iteration fails or the local error is above its tolerance.
+
+        Args:
+            h: length of the step [s].
 
         Raises:
             StepFailure: the next attempt would be shorter than the shortest step.
@@ -254,7 +279,14 @@ class LocalError:
     """
 
     def __init__(self, system: System) -> None:
-        """Make what the estimate of the local error [m] needs, see the class."""
+        """Make the vectors for the estimate of the local error, and compute the mass of the scene.
+
+        Args:
+            system: compiled scene.
+
+        Raises:
+            InputError: nothing in the scene has mass.
+        """
         self._system = system
         self.acceleration = system.numbering.vector()
         self.length_before = 0.0
@@ -270,8 +302,11 @@ class LocalError:
         )
 
     def _total_mass(self) -> float:
-        """Mass [kg] that moves in the x direction: of all bodies, without multipliers and
-        directors."""
+        """Mass [kg] that moves in the x direction: e·M e, with e the unit translation of all
+        bodies.
+
+        Directors and multipliers do not move in e.  Collective.
+        """
         system = self._system
         along_x = self._mean_acceleration
         with along_x as values:
@@ -286,8 +321,17 @@ class LocalError:
         self._system.v0.copy(self._start_velocity)
 
     def measure(self, h: float) -> float:
-        """Local error ε [m] of the step of length h [s] just made; zero for the first step of a
-        run."""
+        """Local error ε [m] of the step just made by the midpoint rule, as root mean square over
+        the mass.
+
+            ε = √(eᵀ M e/m),    e = h³ q'''/12,    q''' ≈ 2 (a - a_)/(h + h_)
+
+        from the mean accelerations a of this step and a_ of the one before, of the length h_; m is
+        the total mass [kg].  It is zero for the first step of a run.  Collective.
+
+        Args:
+            h: length of the step [s].
+        """
         mean = self._mean_acceleration
         mean.waxpy(-1.0, self._start_velocity, self._system.v0)
         mean.scale(1 / h)

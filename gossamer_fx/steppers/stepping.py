@@ -104,7 +104,17 @@ class EqualSteps:
         dt: float,
         halvings: int,
     ) -> None:
-        """Take the step dt [s] and how often it may be halved."""
+        """Take the step and how often it may be halved.
+
+        Args:
+            system: compiled scene.
+            solver: stepper at work on it.
+            dt: length of a step [s].
+            halvings: number of times that a step which fails may be halved.
+
+        Raises:
+            InputError: `halvings` is negative.
+        """
         check(
             halvings >= 0,
             f"halvings is {halvings!r}; give the number of times that a step may be halved, or "
@@ -126,7 +136,15 @@ class EqualSteps:
         self._attempt(h, self._halvings)
 
     def _attempt(self, h: float, halvings: int) -> None:
-        """Make a step of length h [s], or its halves, which may be halved `halvings - 1` times."""
+        """Make a step, or its halves if it fails, which may be halved again.  Collective.
+
+        Args:
+            h: length of the step [s].
+            halvings: how often it may be halved.
+
+        Raises:
+            StepFailure: a shortest sub-step failed; sub-steps that converged before it remain.
+        """
         failure = None
         try:
             self.iterations += self._solver.step(h)
@@ -148,6 +166,10 @@ def even_step(remaining: float, wanted: float) -> float:
 
     It is exactly `wanted` if it differs from that by round-off, so that the steps of a run do not
     depend on the times at which it is stopped and restarted.
+
+    Args:
+        remaining: time to the next instant that must be met [s], positive.
+        wanted: length of a step [s], positive.
 
     Example:
         even_step(1.0, 0.3) == 0.25

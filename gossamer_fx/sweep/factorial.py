@@ -69,7 +69,13 @@ class Factorial:
     listed: bool = False
 
     def __post_init__(self) -> None:
-        """Check the factors and their values."""
+        """Check the factors and their values.
+
+        Raises:
+            InputError: `outcome` is not a function, there is no factor, a value is neither a number
+                nor a word, lists have different lengths, two runs are equal, or there are more than
+                10 000 runs.
+        """
         check(callable(self.outcome), f"Factorial: outcome is {self.outcome!r}; give a function.")
         check(
             len(self.over) > 0, "Factorial: there is nothing to vary; name a factor and its values."
@@ -140,7 +146,7 @@ def table(sweep: Factorial, results: Sequence[Result], folders: Sequence[str]) -
 
     Args:
         sweep: that was run.
-        results: of its `cases()`.
+        results: of its `cases()`, with wall times [s].
         folders: names of the folders of the runs.
     """
     numbers = _numbers(results)
@@ -181,7 +187,18 @@ def _numbers(results: Sequence[Result]) -> list[str]:
 
 
 def draw(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
-    """Draw each number over the first factor, with a curve for each combination of the others."""
+    """Draw each number over the first factor, with a curve for each combination of the others.
+
+    At most 12 numbers are drawn; nothing is written if all runs failed.
+
+    Args:
+        sweep: that was run.
+        results: of its runs.
+        path: of the PNG.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -211,7 +228,14 @@ def _draw_panel(
     results: Sequence[Result],
     number: str,
 ) -> None:
-    """Draw one number over the first factor that varies."""
+    """Draw one number over the first factor that varies.
+
+    Args:
+        axes: of matplotlib.
+        sweep: that was run.
+        results: of its runs; those that failed leave a gap.
+        number: name of a number of the outcome, in the user's unit.
+    """
     from gossamer_fx.plot.curve_panels import LINES, label_ends, wrapped
     from gossamer_fx.plot.units import plain_text
 

@@ -43,11 +43,21 @@ GOALS = ("smaller", "larger", "nominal")
 
 
 def signal_to_noise(goal: str, y: Array) -> float:
-    """Signal-to-noise ratio (1) [dB].
+    """Signal-to-noise ratio [dB] of Taguchi, larger for a better design.
+
+    It is -10 lg mean(y²) for "smaller", -10 lg mean(y⁻²) for "larger", and 10 lg (mean(y)²/var(y))
+    for "nominal".
 
     Args:
-        goal: one of `GOALS`; "nominal" for numbers that should not vary.
+        goal: what the numbers should be: "smaller", "larger", or "nominal", which should not vary.
         y: numbers of the runs that differ by noise only, (n,); n >= 2 for "nominal".
+
+    Returns:
+        the ratio; infinite for "nominal" numbers that are all equal.
+
+    Raises:
+        ValueError: the logarithm of zero: all numbers are zero for "smaller", or their mean is zero
+            for "nominal".
     """
     if goal == "smaller":
         return -10 * math.log10(float((y**2).mean()))
@@ -98,7 +108,13 @@ class RobustDesign:
     usual: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check the factors, their levels and the goals of the design.
+
+        Raises:
+            InputError: `outcome` is not a function, levels are equal or cannot be written, a factor
+                has no column in the array, a goal is unknown or needs noise, or a usual level does
+                not exist.
+        """
         check(
             callable(self.outcome), f"RobustDesign: outcome is {self.outcome!r}; give a function."
         )
@@ -114,8 +130,13 @@ class RobustDesign:
         self._columns()
 
     def _check_factors(self) -> None:
-        """Refuse factors whose levels cannot be told apart or written, and names that occur
-        twice."""
+        """Refuse factors whose levels cannot be distinguished or written, and names that occur
+        twice.
+
+        Raises:
+            InputError: a factor has fewer than two different levels, levels that are neither
+                numbers nor words, or is both control and noise.
+        """
         for name, levels in [*self.control.items(), *self.noise.items()]:
             # Other values could not be written to the files of results, and found in them again.
             is_plain = all(isinstance(level, str | int | float) for level in levels)
@@ -128,7 +149,12 @@ class RobustDesign:
         check(not both, f"RobustDesign: {', '.join(both)} is control and noise; give it once.")
 
     def _check_goals(self) -> None:
-        """Refuse goals that are unknown or cannot be computed."""
+        """Refuse goals that are unknown or cannot be computed.
+
+        Raises:
+            InputError: there is no goal, one is not in `GOALS`, or "nominal" is asked for without
+                noise factors.
+        """
         check(
             len(self.goals) > 0,
             "RobustDesign has no goal; name a number of the outcome, and what it should be.",
@@ -145,11 +171,12 @@ class RobustDesign:
             )
 
     def _columns(self) -> Levels:
-        """The array (runs, control factors): each factor has the first free column with as many
-        levels.
+        """The array of level numbers (runs, control factors), from 0.
+
+        Each factor has the first free column with as many levels.
 
         Raises:
-            InputError: no column is left for a factor.
+            InputError: the array is unknown, or no column is left for a factor.
         """
         table = orthogonal_array(self.array)
         levels_of_column = table.max(axis=0) + 1
@@ -189,6 +216,12 @@ class RobustDesign:
 
         Args:
             results: of `cases()`, in order.
+
+        Returns:
+            values by name for each run, with all combinations of the noise factors.
+
+        Raises:
+            InputError: all runs of a factor failed.
         """
         first_goal = next(iter(self.goals))
         best = self.best(results, first_goal)
@@ -210,7 +243,9 @@ class RobustDesign:
         return middle | dict(self.usual)
 
     def ratios(self, results: Sequence[Result], goal: str) -> Array:
-        """Ratios (1) [dB] of the groups of runs that differ by noise only; NaN where a run failed.
+        """Signal-to-noise ratios [dB] of the groups of runs that differ by noise only, (groups,).
+
+        A group with a run that failed, or did not return the number, has NaN.
 
         Args:
             results: of all runs, those of a group one after another.
@@ -231,7 +266,15 @@ class RobustDesign:
 
     def effects(self, results: Sequence[Result], goal: str) -> dict[str, Array]:
         """Effect [dB] of each level of each control factor: the mean ratio of the rows with that
-        level."""
+        level.
+
+        Args:
+            results: of `cases()`, in order.
+            goal: name of a number of the outcome.
+
+        Returns:
+            an array (levels,) by factor; NaN for a level of which all rows failed.
+        """
         ratios = self.ratios(results, goal)
         columns = self._columns()
         effects = {}
@@ -241,8 +284,16 @@ class RobustDesign:
         return effects
 
     def shares(self, results: Sequence[Result], goal: str) -> dict[str, float]:
-        """Share of each control factor in the variance of the ratio; the remainder is
-        interactions."""
+        """Share of each control factor in the variance of the ratio; the remainder is interactions.
+
+        Args:
+            results: of `cases()`, in order.
+            goal: name of a number of the outcome.
+
+        Returns:
+            a dimensionless number by factor; zero if the ratio does not vary.  Where runs failed,
+            the sum may exceed one.
+        """
         ratios = self.ratios(results, goal)
         columns = self._columns()
         is_known = np.isfinite(ratios)
@@ -260,7 +311,11 @@ class RobustDesign:
         return shares
 
     def best(self, results: Sequence[Result], goal: str) -> dict[str, Any]:
-        """The level of each control factor with the largest effect.
+        """The level of each control factor with the largest effect, by name.
+
+        Args:
+            results: of `cases()`, in order.
+            goal: name of a number of the outcome.
 
         Raises:
             InputError: all runs of a factor failed.

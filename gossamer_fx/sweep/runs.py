@@ -74,7 +74,7 @@ class SharedRuns:
         make_parent(comm, folder / "any.json")
 
     def results(self, cases: Sequence[Values]) -> list[Result]:
-        """The results of all cases, in order.
+        """The results of all cases, in order.  Collective.
 
         Makes the runs that nobody has made or is making, and waits for the others.
 
@@ -108,10 +108,22 @@ class SharedRuns:
         return self._folder / f"{key}.json"
 
     def _read(self, values: Values) -> Result | None:
-        """The result of a run, or None if it has not been made; the same on every rank."""
+        """The result of a run, or None if it has not been made; the same on every rank.
+        Collective.
+
+        Args:
+            values: of the factors of the run, by name.
+
+        Raises:
+            InputError: the file of the result is damaged.
+        """
 
         def read() -> Result | None:
-            """Read the file of the result, None if it does not exist."""
+            """Read the file of the result on rank 0; None if it does not exist.
+
+            Raises:
+                InputError: the file is not the result of a run.
+            """
             path = self.result_file(values)
             try:
                 return Result(**json.loads(path.read_text()))
@@ -126,7 +138,14 @@ class SharedRuns:
         return result
 
     def _make(self, values: Values) -> Result | None:
-        """Make a run and return its result; None if another process has claimed it."""
+        """Make a run and return its result; None if another process has claimed it.  Collective.
+
+        Args:
+            values: of the factors of the run, by name.
+
+        Raises:
+            InputError: the outcome refuses its values, or returns something other than numbers.
+        """
         path = self.result_file(values)
         try:
             lock = FileLocks(self._comm, [path])
@@ -139,7 +158,13 @@ class SharedRuns:
             lock.release()
 
     def _compute(self, values: Values, path: Path) -> Result:
-        """Make a run and write its result.
+        """Make a run and write its result.  Collective.
+
+        A step or an equilibrium that fails is a result too, with the reason.
+
+        Args:
+            values: of the factors of the run, by name.
+            path: of the file of the result; other files are written to the folder of the same name.
 
         Raises:
             InputError: the outcome refuses its values, or returns something other than numbers.

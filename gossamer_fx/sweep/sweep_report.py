@@ -58,12 +58,15 @@ def run_design(design: RobustDesign, comm: MPI.Intracomm, folder: Path) -> str:
 
 
 def tables(design: RobustDesign, results: Sequence[Result], confirmed: Sequence[Result]) -> str:
-    """Runs, effects and confirmation in Markdown.
+    """Runs, effects and confirmation of a robust design in Markdown.
 
     Args:
         design: that was run.
         results: of its `cases()`.
         confirmed: of its `confirmations(results)`.
+
+    Raises:
+        InputError: all runs of a factor failed.
     """
     failed = [result for result in results if result.failed]
     seconds = sum(result.seconds for result in (*results, *confirmed))
@@ -80,7 +83,17 @@ def tables(design: RobustDesign, results: Sequence[Result], confirmed: Sequence[
 
 
 def _effects_table(design: RobustDesign, results: Sequence[Result], goal: str) -> list[str]:
-    """Effects and shares of the control factors, and the best levels, for one goal."""
+    """Effects [dB] and shares of the control factors, and the best levels, for one goal: Markdown
+    lines.
+
+    Args:
+        design: that was run.
+        results: of its `cases()`, in order.
+        goal: name of a number of the outcome.
+
+    Raises:
+        InputError: all runs of a factor failed.
+    """
     shares = design.shares(results, goal)
     lines = [
         "",
@@ -104,7 +117,19 @@ def _effects_table(design: RobustDesign, results: Sequence[Result], goal: str) -
 def _confirmation_table(
     design: RobustDesign, results: Sequence[Result], confirmed: Sequence[Result]
 ) -> list[str]:
-    """Predicted and found ratios at the usual and at the best levels, for the first goal."""
+    """Predicted and found ratios [dB] at the usual and at the best levels, for the first goal.
+
+    Args:
+        design: that was run.
+        results: of its `cases()`, in order.
+        confirmed: of its `confirmations(results)`, in order.
+
+    Returns:
+        lines of Markdown.
+
+    Raises:
+        InputError: all runs of a factor failed.
+    """
     goal = next(iter(design.goals))
     lines = [
         "",
@@ -130,7 +155,16 @@ def _confirmation_table(
 
 
 def draw(design: RobustDesign, results: Sequence[Result], path: Path) -> None:
-    """Draw the main effects: a row of panels for each goal, a panel for each control factor."""
+    """Draw the main effects: a row of panels for each goal, a panel for each control factor.
+
+    Args:
+        design: that was run.
+        results: of its `cases()`, in order.
+        path: of the PNG.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
     # Imported here, as only rank 0 of a sweep needs it.
     import matplotlib
 
@@ -164,7 +198,15 @@ def _draw_panel(
     effect: Any,
     mean: Any,
 ) -> None:
-    """Draw the effects [dB] of the levels of one factor, and the mean of all runs."""
+    """Draw the effects of the levels of one factor, and the mean of all runs.
+
+    Args:
+        panel: axes of matplotlib.
+        name: of the factor.
+        levels: its k values.
+        effect: (k,) [dB]; NaN leaves a gap.
+        mean: of all runs [dB].
+    """
     panel.axhline(mean, color="#b8bec4", linewidth=1)
     panel.plot(range(len(effect)), effect, "o-", color="#0072B2", markersize=4)
     panel.set_xticks(range(len(effect)), [value_text(level) for level in levels], fontsize=8)
@@ -175,7 +217,15 @@ def _draw_panel(
 
 
 def results_as_csv(results: Sequence[Result]) -> str:
-    """All results as comma-separated values, with a header."""
+    """All results as comma-separated values, with a header.
+
+    Args:
+        results: of runs; those that failed have empty cells in place of numbers.
+
+    Returns:
+        a text with a row for each run: factors, numbers of the outcome, wall time [s], and reason
+        of failure.
+    """
     # A dictionary keeps the order in which names occur first; failed runs lack numbers.
     names: dict[str, None] = {}
     for result in results:

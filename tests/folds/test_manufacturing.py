@@ -19,7 +19,7 @@ from demos.common.manufacturing import (
     move_rows,
     stations,
 )
-from demos.common.tube_bending import bending_stiffness, straight_stiffness
+from demos.common.tube_bending import bent_tube, straight_stiffness
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.films import KAPTON_HN
 
@@ -223,14 +223,7 @@ def test_errors_that_cannot_be_are_refused() -> None:
 def test_a_tube_bends_as_a_straight_one(comm, pressure: float, tolerance: float) -> None:
     """The flat ends leave a tube of low pressure slightly oval; at ten times the pressure the
     closed form is met."""
-    measured = bending_stiffness(
-        comm,
-        LAW,
-        LENGTH,
-        DIAMETER,
-        pressure,
-        PERFECT,
-    )
+    measured = bent_tube(comm, LAW, LENGTH, DIAMETER, pressure, PERFECT).bending_stiffness
     expected = straight_stiffness(
         LAW,
         DIAMETER,
@@ -243,14 +236,7 @@ def test_a_tube_bends_as_a_straight_one(comm, pressure: float, tolerance: float)
 def test_stiffness_follows_thickness_and_the_third_power_of_the_diameter(comm) -> None:
     """Thickness of the middle panel counts, where the deflection is fitted; relative to one on the
     same mesh."""
-    plain = bending_stiffness(
-        comm,
-        LAW,
-        LENGTH,
-        DIAMETER,
-        7e4,
-        PERFECT,
-    )
+    plain = bent_tube(comm, LAW, LENGTH, DIAMETER, 7e4, PERFECT).bending_stiffness
     wide = Specimen(
         (0.0, 0.0),
         (0.0, 0.0),
@@ -263,21 +249,18 @@ def test_stiffness_follows_thickness_and_the_third_power_of_the_diameter(comm) -
         1.0,
         (1.1, 1.1, 1.1),
     )
-    of_wide = bending_stiffness(
-        comm,
-        LAW,
-        LENGTH,
-        DIAMETER,
-        7e4,
-        wide,
-    )
-    of_thick = bending_stiffness(
-        comm,
-        LAW,
-        LENGTH,
-        DIAMETER,
-        7e4,
-        thick,
-    )
+    of_wide = bent_tube(comm, LAW, LENGTH, DIAMETER, 7e4, wide).bending_stiffness
+    of_thick = bent_tube(comm, LAW, LENGTH, DIAMETER, 7e4, thick).bending_stiffness
     assert of_wide / plain == pytest.approx(1.05**3, rel=0.02)
     assert of_thick / plain == pytest.approx(1.1, rel=0.02)
+
+
+@pytest.mark.mpi
+def test_the_tip_of_a_short_tube_is_as_stiff_as_the_pressure(comm) -> None:
+    """The flat end is a hinge whose moment comes from the pressure: softer than a cantilever."""
+    short = 0.16
+    low = bent_tube(comm, LAW, short, DIAMETER, 8e3, PERFECT).tip_stiffness
+    high = bent_tube(comm, LAW, short, DIAMETER, 16e3, PERFECT).tip_stiffness
+    assert 1.5 < high / low <= 2.0
+    cantilever = 3 * straight_stiffness(LAW, DIAMETER, 8e3) / short**3
+    assert low < 0.05 * cantilever

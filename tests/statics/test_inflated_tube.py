@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
 
 import gossamer_fx as gx
 from demos.studies import bent_tube, inflated_tube
+from gossamer_fx.fields.fields import STATES
 from gossamer_fx.forms.kinematics import area_vector
-from gossamer_fx.meshes.tube_section import capped_cylinder
+from gossamer_fx.meshes.tube_section import capped_cylinder, cylinder
 
 
 @pytest.mark.mpi
@@ -65,3 +69,35 @@ def test_normals_of_the_cylinder_point_outwards(comm, order, error):
     )
     # 2π of a cylinder of radius 1 and length 2; a polygon misses 3 %.
     assert comm.allreduce(volume) == pytest.approx(6.283185, rel=error)
+
+
+def taut_share(comm, hoop_strain, mesh_order):
+    """Share of the nodes of cells that are taut, in an inflated tube of constant length with eight
+    cells around."""
+    radius = 0.1
+    law = gx.TensionField(E=1e9, nu=0.3, density=1000.0, thickness=1e-4)
+    film = gx.Membrane(cylinder(comm, radius, 0.2, 8, 2, mesh_order), law, order=2)
+    pressure = hoop_strain * law.E * law.thickness / (1 - law.nu**2) / radius
+    supports = [
+        gx.Fixed(film, "wall", components=(0,)),
+        gx.Fixed(film, "top", components=(1,)),
+        gx.Fixed(film, "bottom", components=(1,)),
+        gx.Fixed(film, "left", components=(2,)),
+        gx.Fixed(film, "right", components=(2,)),
+    ]
+    inflated = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, pressure), *supports))
+    inflated.find()
+    _, states = gx.fields.field_values(inflated, film, field="state")
+    taut = np.array([(states > STATES["taut"] - 0.5).sum(), len(states)])
+    found, points = comm.allreduce(taut)
+    return found / points
+
+
+@pytest.mark.mpi
+def test_a_flat_side_that_becomes_a_parabola_loses_tension_in_its_middle(comm):
+    """Along a parabola over a side of the angle θ the hoop strain varies from θ²/24 below its mean
+    to θ²/12 above it, so that tubes with smaller strains are not taut.  Curved cells are arcs."""
+    threshold = (math.pi / 4) ** 2 / 24
+    assert taut_share(comm, 1.5 * threshold, mesh_order=1) == 1
+    assert taut_share(comm, 0.7 * threshold, mesh_order=1) < 0.9
+    assert taut_share(comm, 0.1 * threshold, mesh_order=2) == 1

@@ -469,3 +469,40 @@ def test_an_unstable_equilibrium_is_reported(caplog):
     assert "not stable: 2 of 3 modes grow, the fastest by 6.32/s" in caplog.text
     assert "grows by 6.325/s" in repr(found[0])
     assert "grows" not in repr(found[2])
+
+
+@pytest.mark.mpi
+def test_a_buckled_boom_is_named_with_its_compression(comm, caplog):
+    """Between hinges under 1.5 times Euler's load: growth √(N/N_cr - 1) (π/L)² √(EI/μ)."""
+    length = 2.0
+    section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
+    euler = np.pi**2 * section.EI2 / length**2
+    boom = gx.Beam(
+        line(comm, [(0, 0, 0), (length, 0, 0)], 12),
+        section,
+        initial_tension=-1.5 * euler,
+        name="boom",
+    )
+    ends = [gx.Fixed(boom, "start"), gx.Fixed(boom, "end")]
+    equilibrium = Equilibrium(gx.Scene(boom, *ends))
+    equilibrium.find()
+    caplog.clear()
+    found = modes(equilibrium, 3)
+    growth = (np.pi / length) ** 2 * np.sqrt(0.5 * section.EI2 / section.line_density)
+    assert max(mode.growth for mode in found) == pytest.approx(growth, rel=0.02)
+    if comm.rank == 0:
+        assert f"'boom' bears a compression of {1.5 * euler:.3g} N" in caplog.text
+        assert f"buckles at {euler:.3g} N between hinges" in caplog.text
+        assert "a larger length" in caplog.text
+        assert "residual_stiffness" not in caplog.text
+
+
+def test_a_film_that_buckles_is_advised_to_resist_less(comm, caplog):
+    law = gx.Linear(E, NU, density=0.028 / THICKNESS, thickness=THICKNESS)
+    film = gx.Membrane(sheet(comm, 8, 8), law, initial_stress=-1e5)
+    equilibrium = Equilibrium(gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES)))
+    equilibrium.find()
+    caplog.clear()
+    modes(equilibrium, 2)
+    assert "Film 'film' resists compression with its full stiffness" in caplog.text
+    assert "finer mesh" not in caplog.text

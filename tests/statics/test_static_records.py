@@ -297,6 +297,68 @@ def test_a_pressure_on_normals_that_point_inwards(comm):
         equilibrium.find()
 
 
+def ellipsoid_with_rings(comm, turn, orient):
+    """An ellipsoid with open polar rings, with its normals outwards or, if turned, inwards."""
+
+    def build(model):
+        occ = model.occ
+        angles = np.radians(range(-80, 81, 20))
+        points = [occ.addPoint(np.cos(a), 0, 0.6 * np.sin(a)) for a in angles]
+        occ.revolve([(1, occ.addSpline(points))], 0, 0, 0, 0, 0, 1, 2 * np.pi)
+        occ.synchronize()
+        rings = []
+        for _, curve in model.getEntities(1):
+            _, _, low, _, _, high = model.getBoundingBox(1, curve)
+            if high - low < 0.1:
+                rings.append(curve)
+        model.addPhysicalGroup(1, rings, name="rings")
+        model.addPhysicalGroup(2, [tag for _, tag in model.getEntities(2)], name="film")
+        model.mesh.setSize(model.getEntities(0), 0.3)
+        model.mesh.generate(2)
+        if turn:
+            model.mesh.reverse()
+
+    return gx.gmsh_mesh(build, comm, orient=orient)
+
+
+@pytest.mark.mpi
+def test_open_rims_do_not_hide_normals_that_point_inwards(comm, caplog):
+    """Rings of equal size cancel in the sum of the area vectors: the film was called closed."""
+    mesh = ellipsoid_with_rings(comm, turn=True, orient=False)
+    film = gx.Membrane(mesh, LAW)
+    scene = gx.Scene(film, gx.Pressure(film, lambda t: 100.0), gx.Fixed(film, "rings"))
+    search = gx.analysis.Continuation(total_iterations=2)
+    words = r"film with small open rims 'film' together, as the normals .* point inwards"
+    with pytest.raises(gx.NoEquilibrium, match=words):
+        gx.Equilibrium(scene, search).find()
+    if comm.rank == 0:
+        # Before the search, which may take minutes.
+        assert "point inwards" in caplog.records[0].message
+    assert mesh.enclosed_volume() < 0
+
+
+@pytest.mark.mpi
+def test_orientation_gives_a_film_with_small_rims_its_outer_side(comm, caplog):
+    volumes = []
+    for turn in (False, True):
+        mesh = ellipsoid_with_rings(comm, turn=turn, orient=True)
+        volumes.append(mesh.enclosed_volume())
+    # An ellipsoid without its caps, meshed coarsely.
+    exact = 4 / 3 * np.pi * 0.6
+    assert volumes[0] == pytest.approx(exact, rel=0.1)
+    assert volumes[1] == pytest.approx(volumes[0], rel=1e-12)
+    film = gx.Membrane(mesh, LAW)
+    suction = gx.Scene(film, gx.Pressure(film, -100.0), gx.Fixed(film, "rings"))
+    search = gx.analysis.Continuation(total_iterations=2)
+    with pytest.raises(gx.NoEquilibrium) as failure:
+        gx.Equilibrium(suction, search).find()
+    assert "change the sign of the pressure" in str(failure.value)
+    # The mesh is oriented already.
+    assert "orient=True" not in str(failure.value)
+    # Suction may be meant.
+    assert "presses" not in caplog.text
+
+
 def _pillow(X):
     x, y, _ = X
     height = 0.1 * (1 - 4 * x**2) * (1 - 4 * y**2)

@@ -4,6 +4,7 @@ number of ranks."""
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Callable
 from operator import attrgetter
 from pathlib import Path
@@ -751,6 +752,29 @@ def test_looking_at_what_is_not_there_is_one_sentence(
         and err.endswith(".\n")
         and culprit in err
     )
+
+
+SPHERE = """
+import gossamer_fx as gx
+from gossamer_fx.meshes.sphere import sphere
+
+def build(comm):
+    law = gx.Miyazaki(1e9, 0.3, density=1000.0, thickness=1e-4)
+    film = gx.Membrane(sphere(comm, 1.0, 10), law)
+    return gx.Case(gx.Scene(film, gx.Pressure(film, 1.0)), gx.Midpoint(dt=1e-3), until=2e-3)
+"""
+
+
+def test_a_dry_run_shows_the_side_of_the_normals(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("sphere.py").write_text(SPHERE)
+    assert main(["run", "sphere.py", "--dry-run"]) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"'film' encloses [34]\.\d+ m³, and its normals point outwards\n", said)
+    Path("scene.py").write_text(GOOD)
+    assert main(["run", "scene.py", "--dry-run"]) == 0
+    # A sheet has no inside.
+    assert "normals" not in capsys.readouterr().out
 
 
 def test_a_run_is_kept_and_can_go_on(tmp_path: Path, monkeypatch, capsys) -> None:

@@ -136,6 +136,13 @@ def test_bad_drawings_are_refused(tmp_path: Path) -> None:
             model.add_circle((x, 0), 1)
             model.add_text("gore", dxfattribs={"insert": (x, 0)})
 
+    def named_film(model: Any) -> None:
+        model.add_circle((0, 0), 1)
+        model.add_text("film", dxfattribs={"insert": (0, 0)})
+
+    def layer_film(model: Any) -> None:
+        model.add_circle((0, 0), 1, dxfattribs={"layer": "film"})
+
     def refused(path: Path, words: str, **options: Any) -> None:
         with pytest.raises(gx.InputError, match=words):
             gx.patterns.read_dxf(
@@ -149,6 +156,10 @@ def test_bad_drawings_are_refused(tmp_path: Path) -> None:
     )
     refused(drawing(tmp_path / "branch.dxf", branch), r"open, or branches, at \(0, 0\) m")
     refused(drawing(tmp_path / "names.dxf", same_names), "two groups 'gore'")
+    refused(
+        drawing(tmp_path / "panel.dxf", named_film), "panel with the text 'film', the name of the"
+    )
+    refused(drawing(tmp_path / "layer.dxf", layer_film), "layer 'film'.*rename the layer")
     refused(drawing(tmp_path / "empty.dxf", lambda model: None), "has no lines, arcs or splines")
     refused(tmp_path / "none.dxf", "There is no drawing")
     no_unit = drawing(tmp_path / "unit.dxf", gap, unit=0)

@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.cli.command import main
+from gossamer_fx.plot.curve_panels import overlay_curves
 from gossamer_fx.plot.measured_series import read_measured, rms_difference
 from gossamer_fx.plot.units import unit_factor
 
@@ -162,3 +163,11 @@ def test_units_are_converted_or_refused(unit: str, wanted: str, factor: float | 
             unit_factor(unit, wanted, "column")
     else:
         assert unit_factor(unit, wanted, "column") == pytest.approx(factor)
+
+
+def test_no_series_is_refused_in_words(fall: Path, tmp_path: Path) -> None:
+    run = gx.plot.RunReader(fall)
+    with pytest.raises(gx.InputError, match="there are no measured series"):
+        overlay_curves(run, [])
+    with pytest.raises(gx.InputError, match="no file of measured values"):
+        gx.plot.overlay(run, [], tmp_path / "overlay.png")

@@ -38,11 +38,45 @@ def test_an_exact_value_and_several_quantities():
     assert lines[-1].startswith("| 0.125 | 1.125 | 1.2e-01 | 1.0 | 0.015625 | 1.6e-02 | 2.0 |")
 
 
-def test_values_without_a_limit_have_no_errors():
-    found = convergence(lambda n: (-1) ** round(math.log2(n)), meshes=[2, 4, 8])
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ([1.0, -1.0, 1.0], "its values oscillate"),
+        ([0.0, 0.0, 0.0], "all equal"),
+        ([2.0, 2.0 + 1e-10, 2.0 - 1e-10], "all equal"),
+        ([3.0, 2.0, 1.0], "order below 0.5"),
+        ([1.0, 2.0, 4.0], "order below 0.5"),
+        ([0.0, 1.0, 1.0 + 1e-4], "order above 10"),
+        ([0.0, 1.0, 1.0], "two of its values are equal"),
+        # A frequency: the three finest values alone fit the order 0.68 and the limit -0.17.
+        ([0.9, 0.5, 0.25], "all its values have one sign"),
+        # As measured for a sail whose coarsest mesh has a mode without stiffness.
+        ([0.0, 0.21556, 0.21575, 0.21582], "leave out the coarsest"),
+        ([1.4, 1.2, 1.1, 1.0875], "its order changes from 1.0 to 3.0"),
+        ([1.0, 2.0], "two meshes show no limit"),
+    ],
+)
+def test_values_outside_the_asymptotic_range_have_no_limit(values, reason, caplog):
+    cells = [4 * 2**k for k in range(len(values))]
+    found = convergence(lambda n: values[cells.index(n)], meshes=cells)
     assert found.exact == {}
     assert np.isnan(found.errors["value"]).all()
-    assert "has no errors" in found.table()
+    assert reason in found.remarks["value"]
+    assert f"value has no errors: {found.remarks['value']}." in found.table()
+    assert reason in caplog.text
+
+
+def test_meshes_of_any_ratio_are_compared_by_their_order():
+    """The last change is larger than the one before, as the last mesh is much finer."""
+    found = convergence(lambda n: 1.0 + 1.0 / n, meshes=[8, 10, 20])
+    assert found.exact["value"] == pytest.approx(1.0, rel=1e-9)
+    assert found.remarks == {}
+
+
+def test_a_small_limit_of_the_other_sign_is_the_estimate_of_a_zero():
+    values = {4: 1e-3, 8: 2.4e-4, 16: 5.6e-5}
+    found = convergence(values.__getitem__, meshes=[4, 8, 16])
+    assert -1e-5 < found.exact["value"] < 0
 
 
 @pytest.mark.mpi

@@ -92,6 +92,40 @@ def test_an_open_surface_keeps_the_side_of_most_triangles(comm, share, side):
     assert upwards == pytest.approx(2.0 * side, rel=1e-12)
 
 
+@pytest.mark.parametrize("share", [0.2, 0.8])
+def test_the_enclosed_volume_of_a_tube_with_open_ends(comm, share):
+    """A prism of n sides: its flat ends are spanned, and its normals point outwards."""
+    n = 12
+    radius = 0.2
+    length = 5.0
+
+    def tube(model):
+        corners = []
+        for angle in np.linspace(0, 2 * math.pi, n, endpoint=False):
+            corners.append(
+                model.geo.addPoint(3 + radius * math.cos(angle), radius * math.sin(angle), -7)
+            )
+        for i in range(n):
+            side = model.geo.addLine(corners[i], corners[(i + 1) % n])
+            model.geo.extrude([(1, side)], 0, 0, length)
+        model.geo.synchronize()
+        model.mesh.setSize(model.getEntities(0), 0.4)
+        model.mesh.generate(2)
+        model.mesh.removeDuplicateNodes()
+        turn_some(model, share)
+
+    mesh = gx.gmsh_mesh(tube, comm, orient=True)
+    section = n / 2 * radius**2 * math.sin(2 * math.pi / n)
+    assert mesh.enclosed_volume() == pytest.approx(section * length, rel=1e-12)
+
+
+def test_a_line_mesh_encloses_nothing(comm):
+    from gossamer_fx.meshes.line import line
+
+    with pytest.raises(gx.InputError, match="line elements; give one of triangles"):
+        line(comm, [(0, 0, 0), (1, 0, 0)], 3).enclosed_volume()
+
+
 def test_a_file_is_oriented_and_keeps_its_groups(comm, folder):
     path = folder / "balls.msh"
 

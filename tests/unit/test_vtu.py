@@ -219,5 +219,57 @@ def test_an_export_has_all_parts_of_the_scene(tmp_path: Path, format: str) -> No
     assert pytest.approx(dots.points[:, 2].max()) == 1.0 + SPEED * 4 * DT
     # A second export replaces the first one, but nothing else is replaced.
     gx.plot.export(run, tmp_path / "out")
-    with pytest.raises(gx.InputError, match="holds other files than those of an export"):
+    with pytest.raises(gx.InputError, match="which is not part of an export; give another"):
         gx.plot.export(run, tmp_path / "run")
+
+
+def names_of(folder: Path) -> list[str]:
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+
+
+def test_an_export_leaves_nothing_of_an_earlier_one(tmp_path: Path) -> None:
+    if WORLD.size > 1:
+        pytest.skip("one rank is enough")
+    recorded(tmp_path / "two bodies").run(until=4 * DT)
+    ball = gx.PointMass(1.0, (0.0, 0.0, 1.0), comm=WORLD)
+    film = gx.Membrane(sheet(WORLD, 3, 2), LAW, name="the film")
+    recording = gx.Recording(tmp_path / "one film", every=1)
+    short = gx.Simulation(gx.Scene(film, ball), gx.Midpoint(dt=DT), outputs=[recording])
+    short.run(until=DT)
+    later = gx.plot.RunReader(tmp_path / "one film")
+    gx.plot.export(gx.plot.RunReader(tmp_path / "two bodies"), tmp_path / "out")
+    gx.plot.export(later, tmp_path / "out")
+    gx.plot.export(later, tmp_path / "fresh")
+    assert names_of(tmp_path / "out") == names_of(tmp_path / "fresh")
+
+
+def test_a_body_named_run_has_its_own_list(tmp_path: Path) -> None:
+    if WORLD.size > 1:
+        pytest.skip("one rank is enough")
+    bodies = [
+        gx.Membrane(sheet(WORLD, 3, 2), LAW, name="run"),
+        gx.Membrane(sheet(WORLD, 2, 2), LAW, name="other"),
+    ]
+    # A recording of a body with this name has a run.pvd, which is not that of an export.
+    recording = gx.Recording(tmp_path / "run", every=1, format="vtu")
+    gx.Simulation(gx.Scene(*bodies), gx.Midpoint(dt=DT), outputs=[recording]).run(until=DT)
+    run = gx.plot.RunReader(tmp_path / "run")
+    lists = gx.plot.export(run, tmp_path / "out")
+    assert [path.name for path in lists] == ["run.pvd", "%72un.pvd", "other.pvd"]
+    assert len(read_pvd(lists[0])) == 2 * len(run.times)
+    assert len(read_pvd(lists[1])) == len(run.times)
+    with pytest.raises(gx.InputError, match="which is not part of an export"):
+        gx.plot.export(run, tmp_path / "run" / "fields")
+
+
+def test_a_folder_with_a_file_of_the_user_is_kept(tmp_path: Path) -> None:
+    if WORLD.size > 1:
+        pytest.skip("one rank is enough")
+    recorded(tmp_path / "run").run(until=2 * DT)
+    run = gx.plot.RunReader(tmp_path / "run")
+    gx.plot.export(run, tmp_path / "out")
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    before = names_of(tmp_path / "out")
+    with pytest.raises(gx.InputError, match=r"holds 'notes\.txt'"):
+        gx.plot.export(run, tmp_path / "out")
+    assert names_of(tmp_path / "out") == before

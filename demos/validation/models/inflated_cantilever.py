@@ -204,7 +204,9 @@ def first_wrinkle(bending: Bending, deflections: Array) -> float:
     # The inflated tube first: a search for the bent one from the stress-free shape would leave
     # wrinkles.
     taut_load = bending.load(float(deflections[0]))
-    # Some coarse meshes have points that are not taut in the straight tube: those are of the mesh.
+    # A flat side of the mesh that covers the angle θ of the section becomes a parabola, along which
+    # the hoop strain falls to θ²/24 below its mean.  Where θ²/24 exceeds the mean strain, points in
+    # the middle of the sides are never taut: coarse meshes of stiff tubes have such points.
     in_straight_tube = bending.wrinkled_points()
     for before, after in pairwise(deflections):
         for deflection in np.linspace(before, after, PARTS_OF_A_STEP + 1)[1:]:
