@@ -25,7 +25,7 @@ from __future__ import annotations
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.contact.arrays import Array, ByteArray, Int64Array
+from gossamer_fx.contact.arrays import Array, ByteArray, Int32Array, Int64Array
 from gossamer_fx.contact.friction.tangent_directions import TINY, gap_weights, lengths_of
 from gossamer_fx.contact.narrow_phase.closest_points import closest_points
 from gossamer_fx.contact.pair_stiffness import SHORT_TIME, SPEED_RESERVE
@@ -62,7 +62,8 @@ class StiffnessAdjoint:
         identifiers = np.concatenate([self._identifier, *(part for part, _ in of_ranks)])
         contributions = np.concatenate([self._sum, *(part for _, part in of_ranks)])
         self._identifier, row = np.unique(identifiers, return_inverse=True)
-        self._sum = np.bincount(row, weights=contributions, minlength=len(self._identifier))
+        self._sum = np.zeros(len(self._identifier))
+        np.add.at(self._sum, row, contributions)
 
     def take(self, identifier: Int64Array) -> Array:
         """Return the sums (n,) of this rank's pairs that chose their stiffness in the present step,
@@ -78,7 +79,9 @@ class StiffnessAdjoint:
         self._sum = self._sum[remains]
         return found
 
-    def add_densities(self, bodies: Int64Array, by_stiffness: Array, stiffness: Array) -> None:
+    def add_densities(
+        self, bodies: Int32Array | Int64Array, by_stiffness: Array, stiffness: Array
+    ) -> None:
         """Add what the stiffness of pairs gives for the densities.
 
         Args:

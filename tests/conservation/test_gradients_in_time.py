@@ -612,7 +612,7 @@ def test_products_of_adjoint_and_tangent_linear_step(comm, make):
     k = len(tape.nodes) // 3
     first, last = tape.nodes[k - 1 : k + 1]
     a, b, δq0, δv0 = (_random(system.numbering.vector(), seed) for seed in range(4))
-    # Fixed coordinates and multipliers are no part of the start.
+    # The start does not contain fixed coordinates and multipliers.
     for vector in (a, b, δq0, δv0):
         steps.clear(vector)
     # 2/h² is the weight of the mass matrix in the step of the midpoint rule.

@@ -147,8 +147,8 @@ class Friction:
         from gossamer_fx.contact.friction.start_derivative import work_by_coefficient
 
         step = self._step(x0, x1)
-        identifiers = [np.zeros(0, dtype=np.int64)]
-        works = [np.zeros(0)]
+        identifiers: list[Int64Array] = [np.zeros(0, dtype=np.int64)]
+        works: list[Array] = [np.zeros(0)]
         for group in self._groups:
             identifiers.append(group.pairs.identifier)
             works.append(group.coefficient * work_by_coefficient(group, step, μ))
@@ -156,11 +156,11 @@ class Friction:
 
     @property
     def coefficient(self) -> float:
-        """Coefficient of bodies with each other, and with obstacles that have none of their own."""
+        """Coefficient of bodies with each other, and with obstacles that do not have one."""
         return float(self._coefficient[0])
 
     def set_coefficient(self, coefficient: float) -> None:
-        """Give bodies, and obstacles without a coefficient of their own, another coefficient."""
+        """Give bodies, and obstacles without an own coefficient, another coefficient."""
         self._coefficient[self._has_shared_coefficient] = coefficient
 
     def _step(self, x0: Array, x1: Array) -> FrictionStep:

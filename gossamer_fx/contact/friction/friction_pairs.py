@@ -155,8 +155,10 @@ class FrictionPairs:
         return r, t
 
     def sliding(self, step: FrictionStep) -> Sliding:
-        """Return w of (2) and the vectors r, t; the change of a product from its factors in the middle, without
-        cancellation."""
+        """Return w of (2), and the vectors r and t.
+
+        The change of a product is computed from its factors in the middle, without cancellation.
+        """
         r_start, t_start = self.vectors_at(step.x0)
         r_end, t_end = self.vectors_at(step.x1)
         r_mid = (r_start + r_end) / 2

@@ -1,4 +1,4 @@
-"""The frame in which a pair slides: the vector across the gap, and the directions along the surfaces.
+"""How a pair slides: the vector across the gap, and two directions along the surfaces.
 
 All of it is computed from the points at the start of a step.  The functions accept complex points,
 so that a complex step differentiates them: lengths are square roots of sums of squares, and nothing

@@ -84,8 +84,8 @@ def orthonormal_combinations(vectors: Array, lengths: Array) -> Array:
     rows = np.arange(count)
     length = lengths_of(vectors)
     kept = length / np.maximum(lengths, TINY)
-    # Edges that are equally good, as both sides of a triangle below its point, are no choice of
-    # round-off: a complex step must find the directions that it differentiates.
+    # Round-off must not choose between edges that are equally good, as both sides of a triangle
+    # below its point are: a complex step has to find the directions that it differentiates.
     first = np.where(kept[:, 1].real > (1 + TIE) * kept[:, 0].real, 1, 0)
     second = 1 - first
     first_length = length[rows, first]

@@ -117,7 +117,7 @@ def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_states(kind: in
 
 
 def forces_from(kind: int, pairs, x0: np.ndarray, x1: np.ndarray) -> np.ndarray:
-    """Friction forces (4n, 3) of pairs in a step that starts at x0, with the geometry found there."""
+    """Friction forces (4n, 3) of pairs in a step from x0, with the geometry found there."""
     pairs = replace(pairs, start=pair_starts(pairs, x0, *closest_points(pairs, x0)))
     found = np.zeros((len(x0), 3))
     sliding_pairs(kind, pairs, x0).add_forces(FrictionStep(x0, x1, CREEP, alpha=0.5), found)
