@@ -419,13 +419,15 @@ PARAMETERS = {
     rubbing_on_a_ball: ["contact.friction", "a.velocity", "a.spin", "film.initial_velocity"],
 }
 CASES = [(make, name) for make, names in PARAMETERS.items() for name in names]
-# On several ranks, one of each kind: a field, the shape, a number of points, a start, with contact
-# and joints.
+# On several ranks, one of each kind: a field, the shape, a number of points, a start, with contact,
+# friction and joints.
 CASES_ON_RANKS = [
     (damped, "film.shape"),
     (roped, "rope.length"),
     (hinged, "torsion spring.stiffness"),
     (colliding, "film.thickness"),
+    (rubbing, "contact.friction"),
+    (stopping, "lower.thickness"),
 ]
 CASES = [
     pytest.param(
