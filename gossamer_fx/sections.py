@@ -80,20 +80,19 @@ def _of_shape(
     J: float,
     k: float,
 ) -> Section:
-    """The section of a homogeneous beam of a shape.
+    """Stiffness and inertia of a beam's section of a given shape and isotropic material.
 
     Args:
         E: Young's modulus [Pa].
         nu: Poisson's ratio.
         density: [kg/m³].
         A: area [m²].
-        I2: second moment ∫X2² dA [m⁴].
-        I3: second moment ∫X3² dA [m⁴].
+        I2, I3: second moments ∫X2² dA and ∫X3² dA [m⁴] along the principal axes d2 and d3.
         J: torsion constant [m⁴].
-        k: shear coefficient, dimensionless.
+        k: shear coefficient, effective over true shear area.
 
     Raises:
-        InputError: nu is not in (-1, 0.5].
+        InputError: nu is not in (-1, 0.5], or a stiffness is not positive.
     """
     check(-1 < nu <= 0.5, f"Section: nu is {nu!r}; Poisson's ratio lies in (-1, 0.5].")
     G = E / (2 * (1 + nu))
@@ -125,6 +124,9 @@ def solid_circle(
         E: Young's modulus [Pa].
         nu: Poisson's ratio.
         density: [kg/m³].
+
+    Returns:
+        Stiffnesses, mass per length and rotary inertia of a beam.
 
     Raises:
         InputError: a value is not positive, or nu is not in (-1, 0.5].
@@ -160,6 +162,9 @@ def tube(
         E: Young's modulus [Pa].
         nu: Poisson's ratio.
         density: [kg/m³].
+
+    Returns:
+        Stiffnesses, mass per length and rotary inertia of a beam.
 
     Raises:
         InputError: the wall is thicker than the radius, a value is not positive, or nu is not in
@@ -206,6 +211,9 @@ def rectangle(
         E: Young's modulus [Pa].
         nu: Poisson's ratio.
         density: [kg/m³].
+
+    Returns:
+        Stiffnesses, mass per length and rotary inertia of a beam.
 
     Raises:
         InputError: a value is not positive, or nu is not in (-1, 0.5].

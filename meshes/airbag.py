@@ -12,18 +12,33 @@ CORNERS = ("corner", "right corner", "far corner", "left corner")
 
 
 def airbag(comm: MPI.Intracomm, edge: float, cells: int) -> Mesh:
-    """Two squares [-edge/2, edge/2]² in z = 0 joined along their edges, with an even number of
-    `cells` on each.
+    """Make two squares [-edge/2, edge/2]² in z = 0, joined along their edges: a flat airbag.
 
     Nodes inside the sheets coincide in space and differ in topology; normals point outwards.  The
     triangles alternate, so that no triangle has all its nodes on the seam, where it could not open.
+    Groups: "top", "bottom", "seam", and the points `CORNERS`.  Collective.
 
-    Groups: "top", "bottom", "seam", and the points `CORNERS`.
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        edge: length of the sides [m].
+        cells: edges of triangles along a side, rounded to an even number of at least 2.
+
+    Raises:
+        InputError: the mesh cannot be used, e.g. for an edge of zero.
     """
     # The pattern is symmetric for even numbers only.
     cells = 2 * max(round(cells / 2), 1)
 
     def build(model: Any) -> None:
+        """Draw both sheets with sides of `edge` [m], name their groups and mesh them; on rank 0.
+
+        Args:
+            model: `gmsh.model` of an open session.
+
+        Raises:
+            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
+                ranks.
+        """
         geo = model.geo
         a = edge / 2
         corners = [

@@ -25,17 +25,28 @@ CORNERS = (
 
 
 def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
-    """`cells` × `cells` squares on [-side/2, side/2]² in z = 0, each of four triangles around its
+    """Make the square film [-side/2, side/2]² in z = 0 of squares of four triangles around a
     centre.
 
     So the mesh has the film's symmetries, and its edges lie along both diagonals, where it folds.
     From 3 cells on it has nodes at E to H: two outer thirds of a side hold the same number of
-    cells, the middle third the others.
+    cells, the middle third the others.  Group: "film".  Collective.
 
-    Group: "film".
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        cells: squares along a side.
+        side: length of the sides [m].
+
+    Raises:
+        InputError: no mesh can be made, e.g. of 0 cells.
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
+        """Return a square grid of `cells` × `cells` with a centre node in each cell, in z = 0.
+
+        Returns:
+            points (n, 3) [m], triangles (m, 3) as numbers of points, and no further groups.
+        """
         ticks = _ticks(cells, side)
         centres = (ticks[1:] + ticks[:-1]) / 2
         grid_nodes = _square_grid(ticks)
@@ -65,8 +76,12 @@ def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
 
 
 def _ticks(cells: int, side: float) -> np.ndarray:
-    """Coordinates (cells + 1,) [m] of the grid lines about 0, two of them at the thirds of the
-    side."""
+    """Return coordinates (cells + 1,) [m] of the grid lines about 0, ascending.
+
+    Args:
+        cells: along a side; from 3 on two of the lines are at the thirds of the side.
+        side: length of the side [m].
+    """
     even = np.arange(cells + 1) / cells
     # With one or two cells no line is near a third, and the grid stays even.
     if cells > 2:
@@ -91,8 +106,16 @@ def boom(
     side: float,
     diagonal: tuple[float, float],
 ) -> Mesh:
-    """A straight boom of `elements` from corner to corner of the film; groups: those of
-    `meshes.line`."""
+    """Make a straight boom of line elements from corner to corner of the film.
+
+    Groups: "line", the points "start" and "end", and both as "point 0" and "point 1".  Collective.
+
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        elements: their number, at least 1.
+        side: length of the sides of the film [m].
+        diagonal: x and y of the end, over half of the side: one of `DIAGONALS`.
+    """
     x = side / 2 * diagonal[0]
     y = side / 2 * diagonal[1]
     return line(

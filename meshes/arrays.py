@@ -24,13 +24,29 @@ GMSH_POINT = 15
 def mesh_of_arrays(
     comm: MPI.Intracomm, arrays: Callable[[], tuple[Points, Numbers, Groups]]
 ) -> Mesh:
-    """A mesh of points (n, 3) [m] and triangles (m, 3) between them, which `arrays` makes on rank
-    0.
+    """Make a mesh of given points and triangles, and distribute it; collective.
 
-    Groups: "film", and those that it names.
+    Groups: "film", and those that `arrays` names.
+
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        arrays: called on rank 0; returns points (n, 3) [m], triangles (m, 3) as numbers of points
+            from 0, and nodes of further groups by name: (1,) of a point, (k, 2) of the edges of a
+            curve.
+
+    Raises:
+        InputError: `arrays` raises an error, or the mesh cannot be used, e.g. without triangles.
     """
 
     def build(model: Any) -> None:
+        """Enter points, triangles and groups of `arrays` into gmsh, on rank 0.
+
+        Args:
+            model: `gmsh.model` of an open session.
+
+        Raises:
+            Exception: of `arrays` or gmsh; `gmsh_mesh` reports it as `InputError` on all ranks.
+        """
         points, triangles, groups = arrays()
         film = model.addDiscreteEntity(2)
         model.mesh.addNodes(
@@ -84,10 +100,16 @@ def polyline(nodes: Numbers) -> Numbers:
 def joined(
     points: Points, triangles: Numbers, tolerance: float = 1e-9
 ) -> tuple[Points, Numbers, Numbers]:
-    """Merge points that are the same up to `tolerance` [m].
+    """Merge points that are the same up to a tolerance.
+
+    Args:
+        points: (n, 3) [m].
+        triangles: numbers (m, 3) of their points.
+        tolerance: [m] to which coordinates are rounded; two points are one if these agree.
 
     Returns:
-        the different points, the triangles between them, and the new number of each given point.
+        the different points (k, 3), the triangles between them (m, 3), and the new number of each
+        given point (n,).
     """
     rounded = np.rint(points / tolerance)
     _, first, inverse = np.unique(

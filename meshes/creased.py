@@ -24,18 +24,31 @@ def creased_film(
     lines: Segments,
     size: Sequence[float],
 ) -> Mesh:
-    """A convex polygon in z = 0 with edges of triangles along `lines`, as of `Miura.segments`.
-
-    Args:
-        corners: (x, y) of its corners [m], counterclockwise.
-        lines: ends of straight lines [m], which may pass over its rim.
-        size: of the cells at each corner [m].
+    """Make a convex polygon in z = 0 of triangles with edges along given lines.
 
     Groups: "film"; its sides "side 1" and so on, from the first corner to the second and so on, and
-    the points "corner 1" and so on.
+    the points "corner 1" and so on.  Collective.
+
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        corners: (x, y) of its corners [m], counterclockwise.
+        lines: both ends (x, y) of straight lines [m], which may pass over its rim, as
+            `Miura.segments` returns them.
+        size: of the cells at each corner [m].
+
+    Raises:
+        InputError: gmsh cannot mesh the polygon.
     """
 
     def build(model: Any) -> None:
+        """Mesh the polygon with edges along `lines` and name its groups; in gmsh, on rank 0.
+
+        Args:
+            model: `gmsh.model` of an open session.
+
+        Raises:
+            Exception: gmsh cannot mesh it; `gmsh_mesh` reports it as `InputError` on all ranks.
+        """
         # Triangles first: gmsh's own geometry would not know which nodes are on the lines.
         points, triangles = _triangulated(model, corners, lines, size)
         film = model.addDiscreteEntity(2)
@@ -54,18 +67,37 @@ def creased_tube(
     rows: Callable[[Points], Points],
     walls: Sequence[float],
 ) -> Mesh:
-    """A closed tube pressed flat to a convex polygon in z = 0, with edges along `lines` in both
+    """Make a closed tube pressed flat to a convex polygon in z = 0, with edges along lines in both
     sheets.
 
-    Compartments end where `rows`, a function of points (n, 3), has the values `walls`; lines of
-    edges are there.  No triangle has all its nodes on the rim, where the sheets are joined: it
-    could not open.
+    Compartments end where `rows` has the values `walls`; lines of edges are there.  No triangle has
+    all its nodes on the rim, where the sheets are joined: it could not open.  Groups: "top",
+    "bottom"; "compartment 1" and so on, "ring 1" and so on between them; "side 1" and so on,
+    "corner 1" and so on, as of `creased_film`.  Collective.
 
-    Groups: "top", "bottom"; "compartment 1" and so on, "ring 1" and so on between them; "side 1"
-    and so on, "corner 1" and so on, as of `creased_film`.
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        corners: (x, y) of the polygon's corners [m], counterclockwise.
+        lines: both ends (x, y) of straight lines [m], which may pass over its rim.
+        size: of the cells [m].
+        rows: function of points (n, 3) [m] that returns (n,), monotonic along the tube.
+        walls: its values between compartments, ascending; empty for one compartment.
+
+    Raises:
+        InputError: gmsh cannot mesh the polygon, or cells are so coarse that a triangle has all its
+            nodes on the rim.
     """
 
     def build(model: Any) -> None:
+        """Mesh one sheet, double it, and name compartments, rings and rim; in gmsh, on rank 0.
+
+        Args:
+            model: `gmsh.model` of an open session.
+
+        Raises:
+            ValueError: a triangle has all its nodes on the rim; `gmsh_mesh` reports it on all
+                ranks.
+        """
         points, triangles = _triangulated(model, corners, lines, [size] * len(corners))
         edges = rim(triangles)
         on_rim = np.zeros(len(points), dtype=bool)
@@ -115,7 +147,19 @@ def _triangulated(
     lines: Segments,
     size: Sequence[float],
 ) -> tuple[Points, Numbers]:
-    """Points (n, 3) and triangles (m, 3) of the polygon, with edges along the lines."""
+    """Return points (n, 3) [m] and triangles (m, 3) of a polygon, with edges along lines.
+
+    Normals point along z.
+
+    Args:
+        model: `gmsh.model` of an open session, in which the present model stays.
+        corners: (x, y) of the polygon's corners [m], counterclockwise.
+        lines: both ends (x, y) of straight lines [m].
+        size: of the cells at each corner [m].
+
+    Raises:
+        Exception: of gmsh, if it cannot mesh the polygon.
+    """
     # A separate model, as the caller's may already have entities.
     current = model.getCurrent()
     model.add("outline")
@@ -170,7 +214,15 @@ def _size_at(
     corners: Corners,
     size: Sequence[float],
 ) -> float:
-    """Mean of the corners' sizes, weighted by the inverse of the squared distance."""
+    """Return the size of cells [m] at a point: a mean of the corners' sizes.
+
+    They are weighted by the inverse of the squared distance from each corner.
+
+    Args:
+        x, y: the point [m].
+        corners: (x, y) of the corners [m].
+        size: of the cells at each corner [m].
+    """
     away = np.asarray(corners) - np.array([x, y])
     distance_squared = (away**2).sum(axis=1)
     # At a corner the distance is zero, and the weight of this corner hides all others.
@@ -184,8 +236,19 @@ def _opened(
     on_rim: Any,
     lines: Segments,
 ) -> Numbers:
-    """The triangles, none with all its nodes on the rim: such a one gives its inner edge to the
-    node beyond it."""
+    """Return triangles of which none has all its nodes on the rim, where it could not open.
+
+    Such a triangle gives its inner edge to the node beyond it: the edge is flipped.
+
+    Args:
+        points: (n, 3) [m].
+        triangles: numbers (m, 3) of their points.
+        on_rim: mask (n,) of the points on the rim.
+        lines: both ends (x, y) [m] of fold lines, whose edges are not flipped.
+
+    Raises:
+        ValueError: a triangle has no edge that can be flipped; the message has its centre.
+    """
     triangles = triangles.copy()
     for t in np.flatnonzero(on_rim[triangles].all(axis=1)):
         for k in range(3):
@@ -212,7 +275,12 @@ def _opened(
 
 
 def _on_a_line(ends: Points, lines: Segments) -> bool:
-    """Whether all points (n, 3) [m] are on the straight line through one of the segments."""
+    """Return whether all points are on the straight line through one of the segments.
+
+    Args:
+        ends: points (n, 3) [m], of which x and y count.
+        lines: both ends (x, y) [m] of each segment; points within `ON` of a line are on it.
+    """
     for start, end in lines:
         along = np.asarray(end) - np.asarray(start)
         # Distance from the line by the cross product.
@@ -230,7 +298,14 @@ def _add(
     points: Points,
     triangles: Numbers,
 ) -> None:
-    """Add points, if any, and triangles, whose numbers count from 0, to an entity of gmsh."""
+    """Add points, if any, and triangles to a surface of gmsh.
+
+    Args:
+        model: `gmsh.model` of an open session.
+        entity: number of the surface.
+        points: (n, 3) [m], which get the numbers 1 to n of gmsh; n may be 0.
+        triangles: numbers (m, 3) of points from 0.
+    """
     if len(points):
         model.mesh.addNodes(
             2,
@@ -247,7 +322,13 @@ def _add(
 
 
 def _add_lines(model: Any, name: str, edges: Numbers) -> None:
-    """Add edges (n, 2) of existing nodes as a group of lines."""
+    """Add edges between existing nodes as a named group of curves in gmsh.
+
+    Args:
+        model: `gmsh.model` of an open session.
+        name: of the group.
+        edges: numbers (n, 2) of nodes from 0.
+    """
     entity = model.addDiscreteEntity(1)
     model.mesh.addElementsByType(
         entity,
@@ -264,8 +345,14 @@ def _name_rim(
     edges: Numbers,
     corners: Corners,
 ) -> None:
-    """Add the groups "side 1", "corner 1" and so on of a polygon, from its edges (n, 2) at the
-    rim."""
+    """Add the groups "side 1", "corner 1" and so on of a polygon in gmsh.
+
+    Args:
+        model: `gmsh.model` of an open session.
+        points: (n, 3) [m] of the mesh.
+        edges: numbers (k, 2) of the points of each edge on the rim, from 0.
+        corners: (x, y) of the polygon's corners [m], counterclockwise.
+    """
     for k, a in enumerate(corners):
         b = corners[(k + 1) % len(corners)]
         # Edges of the rim that lie on this side of the polygon.

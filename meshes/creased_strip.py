@@ -25,13 +25,29 @@ def creased_strip(
     length: float,
     width: float,
 ) -> Mesh:
-    """Two panels [-length, 0] and [0, length] by [0, width], each of nx × ny cells of two
-    triangles.
+    """Make a flat strip of two panels, [-length, 0] and [0, length] by [0, width], with a crease
+    between.
 
-    Groups: "film"; the edges "left", "right"; "crease", at x = 0.
+    Groups: "film"; the edges "left", "right"; "crease", at x = 0.  Collective.
+
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        nx, ny: cells of two triangles along and across each panel.
+        length: of each panel [m].
+        width: of the strip [m].
+
+    Raises:
+        InputError: no mesh can be made, e.g. of 0 cells.
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
+        """Return a regular grid on [-length, length] × [0, width] in z = 0 with a line of nodes at
+        x = 0.
+
+        Returns:
+            points (n, 3) [m], triangles (m, 3) as numbers of points, and the edges (k, 2) of
+            groups.
+        """
         # 2 nx cells, so that the crease is a line of nodes.
         along = np.linspace(-length, length, 2 * nx + 1)
         across = np.linspace(0, width, ny + 1)

@@ -16,15 +16,33 @@ def quarter_disc(
     radius: float = 1.0,
     order: int = 1,
 ) -> Mesh:
-    """The part x, y ≥ 0 of a disc of `radius` [m] about the origin, with `cells` edges along a
-    radius.
-
-    `order` 2 gives curved triangles, for films of order 2.
+    """Make the part x, y ≥ 0 of a disc about the origin, of four-sided patches without a bad
+    triangle.
 
     Groups: "film", "rim", "x axis" (y = 0), "y axis" (x = 0), the points "centre", "rim on x axis".
+    Collective.
+
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        cells: edges of triangles along a radius, rounded to an even number of at least 2.
+        radius: [m].
+        order: 1 for plane triangles, 2 for curved ones, for films of order 2.
+
+    Raises:
+        InputError: gmsh refuses the geometry, e.g. for a radius of zero.
     """
 
     def build(model: Any) -> None:
+        """Draw the three patches of a quarter disc of `radius` [m], name its groups and mesh it; on
+        rank 0.
+
+        Args:
+            model: `gmsh.model` of an open session.
+
+        Raises:
+            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
+                ranks.
+        """
         geo = model.geo
         a = radius
         # Three four-sided patches meet at a point inside; a radius passes through two of them.
@@ -82,18 +100,46 @@ def ring(
     around: int,
     order: int = 1,
 ) -> Mesh:
-    """A flat ring about the origin between two radii [m], `radial` cells across and
-    4·round(around/4) around.
+    """Make a flat ring about the origin between two radii.
 
-    Groups: "film", "hub" (the inner circle), "rim".
+    Groups: "film", "hub" (the inner circle), "rim".  Collective.
+
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        inner, outer: radii [m].
+        radial: cells of two triangles from hub to rim, at least 1.
+        around: cells around, rounded to a multiple of four of at least 4.
+        order: 1 for plane triangles, 2 for curved ones.
+
+    Raises:
+        InputError: gmsh refuses the geometry, e.g. for a radius of zero.
     """
 
     def build(model: Any) -> None:
+        """Draw four quarters of a ring with radii `inner` and `outer` [m], name its groups and mesh
+        it.
+
+        On rank 0.
+
+        Args:
+            model: `gmsh.model` of an open session.
+
+        Raises:
+            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
+                ranks.
+        """
         geo = model.geo
         centre = geo.addPoint(0, 0, 0)
 
         def circle(radius: float) -> tuple[list[int], list[int]]:
-            """Its points on the axes, and the four arcs between them: gmsh draws no longer ones."""
+            """Return the numbers in gmsh of a circle's four points on the axes, and of the arcs
+            between them.
+
+            gmsh draws no longer arcs.
+
+            Args:
+                radius: [m].
+            """
             axes = (
                 (1, 0),
                 (0, 1),

@@ -16,16 +16,36 @@ def line(
     elements: int | Sequence[int],
     closed: bool = False,
 ) -> Mesh:
-    """Straight segments through `points` [m], each divided into `elements` (one number, or one for
-    each segment).
+    """Make straight segments through points, each divided into line elements.
 
-    Groups: "line"; the points "start" and "end", and all of them as "point 0", "point 1", ...
+    Groups: "line"; the points "start" and "end" of an open line, and all of them as "point 0",
+    "point 1", ...  Collective.
+
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        points: (x, y, z) [m] of each.
+        elements: of each segment: one number, or one for each segment.
+        closed: whether a further segment leads from the last point to the first.
+
+    Raises:
+        InputError: a point does not have three coordinates, there are not as many numbers of
+            elements as segments, or gmsh refuses the geometry.
     """
     # A polygon has a further segment, from its last point to its first.
     segments = len(points) if closed else len(points) - 1
     counts = [elements] * segments if isinstance(elements, int) else list(elements)
 
     def build(model: Any) -> None:
+        """Draw the segments between `points` [m], name their groups and mesh them; in gmsh, on rank
+        0.
+
+        Args:
+            model: `gmsh.model` of an open session.
+
+        Raises:
+            ValueError: a point has not three coordinates, or there is another number of segments
+                than of numbers of elements; `gmsh_mesh` reports it as `InputError` on all ranks.
+        """
         geo = model.geo
         tags = []
         for point in points:

@@ -25,11 +25,19 @@ def irregular_sheet(
     height: float,
     seed: int = 1,
 ) -> Mesh:
-    """[0, width] × [0, height] in about nx × ny cells of two triangles, with displaced nodes and
-    random diagonals.
+    """Make [0, width] × [0, height] of triangles with displaced nodes and random diagonals.
 
     Groups: "film"; the edges "bottom", "right", "top", "left"; "middle", a line of interior edges
-    if nx is even.
+    if nx is even.  Collective.
+
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        nx, ny: cells of two triangles along x and y.
+        width, height: [m].
+        seed: of the random numbers, the same mesh for the same seed.
+
+    Raises:
+        ValueError: less than one cell along x or y.
     """
     random = np.random.default_rng(seed)
     u, v = _displaced(nx, ny, random)
@@ -55,11 +63,20 @@ def leaning_sheet(
     height: float,
     ramp: float,
 ) -> Mesh:
-    """[0, width] × [0, height] in nx × ny cells whose long sides lie at 45°, along the wrinkles of
-    a sheared film.
+    """Make [0, width] × [0, height] in cells whose long sides lie at 45°, along wrinkles of a
+    sheared film.
 
-    Towards both ends, within `ramp` [m] (more than half of the height), they turn upright.
-    Groups: "film"; the edges "bottom", "right", "top", "left".
+    Towards both ends they turn upright.  Groups: "film"; the edges "bottom", "right", "top",
+    "left". Collective.
+
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        nx, ny: cells of two triangles along x and y.
+        width, height: [m].
+        ramp: length within which cells turn upright [m], more than half of the height.
+
+    Raises:
+        InputError: there are no cells.
     """
     u, v = _displaced(nx, ny, None)
     x = width * u
@@ -80,10 +97,17 @@ def slit_ring(
     inner: float,
     outer: float,
 ) -> Mesh:
-    """A flat ring about the origin, cut along the positive x axis, in radial × around cells of two
-    triangles.
+    """Make a flat ring about the origin, cut along the positive x axis, in cells of two triangles.
 
-    Groups: "film"; "start" and "end", the two sides of the slit, at 0 and 2π.
+    Groups: "film"; "start" and "end", the two sides of the slit, at 0 and 2π.  Collective.
+
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        radial, around: numbers of cells along a radius and around.
+        inner, outer: radii [m].
+
+    Raises:
+        InputError: there are no cells.
     """
     u, v = _displaced(radial, around, None)
     # Diagonals alternate, so that the mesh has no sense of rotation.
@@ -102,9 +126,32 @@ def free_slit_ring(
     inner: float,
     outer: float,
 ) -> Mesh:
-    """The same ring in triangles of edges about `size` [m] that follow no direction."""
+    """Make the ring of `slit_ring`, cut along the positive x axis, in triangles that follow no
+    direction.
+
+    Groups: "film"; "start" and "end", the two sides of the slit.  Collective.
+
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        size: of the edges of triangles, about [m].
+        inner, outer: radii [m].
+
+    Raises:
+        InputError: gmsh refuses the geometry, e.g. equal radii.
+    """
 
     def build(model: Any) -> None:
+        """Draw a ring with a slit and radii `inner` and `outer` [m], name its groups and mesh it.
+
+        Edges of triangles are about `size` [m] long.  In gmsh, on rank 0.
+
+        Args:
+            model: `gmsh.model` of an open session.
+
+        Raises:
+            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
+                ranks.
+        """
         import gmsh
 
         geo = model.geo
@@ -140,9 +187,18 @@ def free_slit_ring(
 
 
 def whole_disc(comm: MPI.Intracomm, cells: int, radius: float = 1.0) -> Mesh:
-    """A disc about the origin: `cells` rings of triangles, the k-th with 6k nodes.
+    """Make a disc about the origin of rings of triangles, the k-th ring with 6k nodes on its
+    circle.
 
-    Groups: "film", "rim".
+    Groups: "film", "rim".  Collective.
+
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        cells: number of rings, at least 1.
+        radius: [m].
+
+    Raises:
+        InputError: there are no rings.
     """
     points = [np.zeros(2)]
     rings = [np.array([1])]
@@ -176,8 +232,16 @@ def _displaced(
     m: int,
     random: np.random.Generator | None,
 ) -> tuple[Floats, Floats]:
-    """Nodes (n + 1, m + 1) of the unit square, moved by up to a quarter of a cell; those of its
-    edges along them."""
+    """Return the nodes of a grid on the unit square, moved at random if a generator is given.
+
+    Args:
+        n, m: cells along both sides.
+        random: nodes move by up to a quarter of a cell, those on the edges along them; None: they
+            do not move.
+
+    Returns:
+        coordinates u and v (n + 1, m + 1) each, from 0 to 1.
+    """
     along_u = np.linspace(0, 1, n + 1)
     along_v = np.linspace(0, 1, m + 1)
     u, v = np.meshgrid(along_u, along_v, indexing="ij")
@@ -205,7 +269,12 @@ def _ids(n: int, m: int) -> Integers:
 
 
 def _triangles(ids: Integers, other: npt.NDArray[np.bool_]) -> Integers:
-    """Two triangles of each cell, its diagonal the other one where asked for."""
+    """Return two triangles (2 n m, 3) of each cell of a grid, counterclockwise.
+
+    Args:
+        ids: numbers (n + 1, m + 1) of the nodes; the first index runs along x.
+        other: mask (n, m) of the cells with the other diagonal.
+    """
     # The first index runs along x here: the other way round is counterclockwise.
     a, d, c, b = cell_corners(ids)
     usual = ~other
@@ -225,7 +294,17 @@ def _mesh(
     triangles: Integers,
     lines: dict[str, Integers],
 ) -> Mesh:
-    """The mesh of points (..., 3), triangles and lines of nodes; numbers count from 1."""
+    """Make the mesh of points, triangles and lines of nodes, and distribute it; collective.
+
+    Args:
+        comm: the ranks.
+        points: (..., 3) [m].
+        triangles: numbers (m, 3) of points, from 1.
+        lines: numbers (k,) of the nodes along each named group of edges, from 1.
+
+    Raises:
+        InputError: the mesh cannot be used.
+    """
     flat = points.reshape(-1, 3)
     edges = {}
     for name, nodes in lines.items():

@@ -31,15 +31,31 @@ def parallelograms(
     rows: int,
     cells: int,
 ) -> Mesh:
-    """The flat sheet of Miura's fold: columns × rows parallelograms with sides a and b [m], each of
-    cells × cells.
+    """Make the flat sheet of Miura's fold: columns × rows parallelograms, each of cells × cells.
 
     Parallelogram (i, j) begins at x = i b sin γ; y of its corners rises by b cos γ in even columns
     and falls in odd ones.  Groups: "film"; the edges "left" and "right"; the corner points "bottom
-    left" and "top right".
+    left" and "top right".  Collective.
+
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        a, b: sides of a parallelogram [m], a along y.
+        gamma: angle γ between them [rad], between 0 and π/2.
+        columns, rows: numbers of parallelograms along x and y.
+        cells: of two triangles along each side.
+
+    Raises:
+        InputError: the mesh cannot be used, e.g. of 0 cells.
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
+        """Return a sheet of parallelograms with sides a and b [m] that rise and fall in turn, in z
+        = 0.
+
+        Returns:
+            points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups by
+            name.
+        """
         # Nodes by columns u and rows v; each parallelogram has unit sides in u and v.
         across = np.arange(columns * cells + 1) / cells
         up = np.arange(rows * cells + 1) / cells
@@ -80,16 +96,32 @@ def trapezoids(
     pitch: float,
     refine: int = 1,
 ) -> Mesh:
-    """n trapezoids between rows `inner` and `outer`, `pitch` [m] apart, joined along their seams; n
-    = 4: a square.
+    """Make n flat trapezoids round a centre, joined along their seams, for the fold `Ikaros`.
 
-    Row j is j pitch from the centre, its nodes at i tan(π/n) pitch, |i| ≤ j: rows, columns and
-    seams are edges; cells are `refine` times finer.  The middle of trapezoid 0 is at (0, -y).
-    Groups: "film"; the edges "inner" and "outer"; the corner points "tip 0" and so on, tip k
-    between trapezoids k and k + 1.
+    n = 4 is a square.  Row j is j pitch from the centre, its nodes at i tan(π/n) pitch, |i| ≤ j:
+    rows, columns and seams are edges.  The middle of trapezoid 0 is at (0, -y).  Groups: "film";
+    the edges "inner" and "outer"; the corner points "tip 0" and so on, tip k between trapezoids k
+    and k + 1.  Collective.
+
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        n: number of trapezoids, at least 3.
+        inner, outer: rows of the inner and outer edges, 0 < inner < outer.
+        pitch: distance of rows [m].
+        refine: edges of triangles between two rows.
+
+    Raises:
+        InputError: the mesh cannot be used, e.g. without rows.
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
+        """Return n trapezoids in z = 0 between rows that are `pitch` [m] apart, joined along their
+        seams.
+
+        Returns:
+            points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups by
+            name.
+        """
         slope = math.tan(math.pi / n)
         h = pitch / refine
         cells = []
@@ -132,15 +164,32 @@ def pinwheel(
     columns: int,
     reach: int,
 ) -> Mesh:
-    """The ring of `gx.fold.Star` outside a polygon of n sides [m]: `reach` columns of side/columns
-    from each corner.
+    """Make the flat ring of the fold `Star`, outside a regular polygon of n sides.
 
     Sectors begin at the corners of the polygon and have their columns at right angles to their
     bounds.  Triangles at the rim end at columns, so that it has a step of one side at each corner.
     Groups: "film"; the edges "hub" and "rim"; the points "tip 0" and so on, where bisectors end.
+    Collective.
+
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        n: sides of the polygon, at least 3.
+        side: their length [m].
+        columns: in a side, at least 1.
+        reach: columns in a sector, each of side/columns.
+
+    Raises:
+        InputError: the mesh cannot be used, e.g. without columns.
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
+        """Return n sectors in z = 0, which begin at the corners of a polygon with sides of `side`
+        [m].
+
+        Returns:
+            points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups by
+            name.
+        """
         h = side / columns
         step = 2 * math.pi / n
         slope = math.tan(step / 2)
@@ -187,13 +236,16 @@ def _around(
     angles: list[float],
     cell: float,
 ) -> tuple[Points, Numbers]:
-    """Points and triangles of a sector turned about the origin, once for each angle, and joined
-    where they meet.
+    """Return points and triangles of a sector turned about the origin, and joined where copies
+    meet.
 
     Args:
         sector: corners (3m, 2) [m] of m triangles, three after each other.
-        angles: [rad].
+        angles: [rad], one for each copy.
         cell: size of a cell [m]; corners that are nearer than 1e-6 of it are one point.
+
+    Returns:
+        points (k, 3) [m] in z = 0, and triangles as numbers of points, m for each angle, (., 3).
     """
     copies = [_turned(sector, angle) for angle in angles]
     # Each corner of each triangle is a point at first.

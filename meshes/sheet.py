@@ -31,15 +31,25 @@ def sheet(
     height: float = 1.0,
     crossed: bool = False,
 ) -> Mesh:
-    """nx × ny cells, each of two triangles, on [0, width] × [0, height] in z = 0.
+    """Make a rectangular sheet [0, width] × [0, height] in z = 0 of nx × ny cells of two triangles.
 
-    The diagonals are parallel or, `crossed`, alternate; then a triangle fills every corner of the
-    sheet.
+    Groups: "film"; the edges `EDGES`; the corner points `CORNERS`.  Collective.
 
-    Groups: "film"; the edges `EDGES`; the corner points `CORNERS`.
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        nx, ny: cells along x and y, at least 1.
+        width, height: [m].
+        crossed: whether diagonals alternate instead of being parallel; then a triangle fills every
+            corner of the sheet if nx and ny are even.
     """
 
     def build(model: Any) -> None:
+        """Draw a rectangle of `width` by `height` [m], name its groups and mesh it; in gmsh, on
+        rank 0.
+
+        Args:
+            model: `gmsh.model` of an open session.
+        """
         geo = model.geo
         points = [
             geo.addPoint(0, 0, 0),
@@ -78,13 +88,28 @@ def crossed_sheet(
     width: float = 1.0,
     height: float = 1.0,
 ) -> Mesh:
-    """nx × ny cells, each of the four triangles between its corners and its centre; domain and
-    groups as of `sheet`.
+    """Make a rectangular sheet [0, width] × [0, height] of cells of four triangles around a centre.
 
     The pattern has the symmetries of the cells, and no triangle has all its nodes on the edges.
+    Groups: "film"; the edges `EDGES`; the corner points `CORNERS`.  Collective.
+
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        nx, ny: cells along x and y.
+        width, height: [m].
+
+    Raises:
+        InputError: the mesh cannot be used, e.g. of 0 cells.
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
+        """Return a grid of nx × ny cells on [0, width] × [0, height] in z = 0, with a centre in
+        each cell.
+
+        Returns:
+            points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups by
+            name.
+        """
         x, y = np.meshgrid(np.linspace(0, width, nx + 1), np.linspace(0, height, ny + 1))
         # gmsh has no such pattern: the centres of the cells are further nodes, after those of the
         # grid.

@@ -18,19 +18,25 @@ def flat_tube(
     cells: int,
     compartments: int = 1,
 ) -> Mesh:
-    """A closed tube of `length` and `diameter` [m], pressed flat into z = 0, with `cells` edges of
-    triangles across.
+    """Make a closed tube pressed flat into z = 0: two strips that share their edges.
 
     The film of a cylinder is flat when it is unrolled, so the two strips of width π d/2 are
     stress-free; the ends are closed by joining the strips.  Interior nodes of the strips coincide
-    in space and differ in topology; normals point outwards.  With even numbers of cells the
-    alternating pattern is symmetric, and no triangle has all its nodes on the edges, where it could
-    not open.
+    in space and differ in topology; normals point outwards.  The alternating pattern is symmetric,
+    and no triangle has all its nodes on the edges, where it could not open.  Groups: "top",
+    "bottom", the seams "inlet" (x = 0), "tip", "left", "right", and the points "tip left", "tip
+    right".  With several `compartments` also the surface of each, "compartment 1" and so on from
+    the inlet, and the closed line between one and the next, "ring 1" and so on.  Collective.
 
-    Groups: "top", "bottom", the seams "inlet" (x = 0), "tip", "left", "right", and the points "tip
-    left", "tip right".  With several `compartments` of equal length also the surface of each,
-    "compartment 1" and so on from the inlet, and the closed line between one and the next, "ring 1"
-    and so on.
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        length: of the tube [m], along x.
+        diameter: d of the tube when it is round [m].
+        cells: edges of triangles across, rounded to an even number of at least 2.
+        compartments: of equal length, along the tube.
+
+    Raises:
+        InputError: the mesh cannot be used, e.g. for a length of zero.
     """
     width = math.pi * diameter / 2
     # Even numbers, for the symmetry of the pattern; cells along the tube are about as long as wide.
@@ -38,6 +44,15 @@ def flat_tube(
     along = 2 * max(round(across * length / compartments / width / 2), 1)
 
     def build(model: Any) -> None:
+        """Draw both strips of `length` [m], name their groups and mesh them; in gmsh, on rank 0.
+
+        Args:
+            model: `gmsh.model` of an open session.
+
+        Raises:
+            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
+                ranks.
+        """
         geo = model.geo
         size = width / across
         stations = range(compartments + 1)

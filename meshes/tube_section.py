@@ -18,7 +18,17 @@ def capped_cylinder(
     along: int,
     order: int = 1,
 ) -> Mesh:
-    """`cylinder` with its caps, group "caps"."""
+    """Make a `cylinder` about the x axis that flat caps close, group "caps".  Collective.
+
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        radius, length: [m].
+        around, along: edges of triangles around, a multiple of four, and along the wall.
+        order: 1 for plane triangles, 2 for curved ones.
+
+    Raises:
+        InputError: gmsh refuses the geometry, e.g. for a radius of zero.
+    """
     return cylinder(comm, radius, length, around, along, order, capped=True)
 
 
@@ -31,21 +41,43 @@ def cylinder(
     order: int = 1,
     capped: bool = False,
 ) -> Mesh:
-    """A cylinder about the x axis from x = 0 to `length` [m], with 4·round(around/4) edges around,
-    `along` along it.
+    """Make a cylinder about the x axis from x = 0 to `length`.
 
-    Its section is a regular polygon, or, with curved triangles of `order` 2, close to a circle.
-    Normals point outwards.  The diagonals of the wall are parallel: where they alternate, nodes of
-    four and of eight triangles bear unequal shares of the pressure, and a film of order 1 takes a
-    chequered shape whose strains, about (edge/radius)², hide small ones.
+    Its section is a regular polygon, or, with curved triangles, close to a circle. Normals point
+    outwards.  The diagonals of the wall are parallel: where they alternate, nodes of four and of
+    eight triangles bear unequal shares of the pressure, and a film of order 1 takes a chequered
+    shape whose strains, about (edge/radius)², hide small ones.
 
     Groups: "wall", "first rim" (x = 0), "last rim", and the four lines "top", "bottom" (z =
     ±radius), "left", "right" (y = ±radius) along the wall; the points "first top" and so on, where
-    these lines begin.
+    these lines begin.  Collective.
+
+    Args:
+        comm: the ranks to which the mesh is distributed.
+        radius, length: [m].
+        around: edges of triangles around, rounded to a multiple of four of at least 4.
+        along: edges along the wall, at least 1.
+        order: 1 for plane triangles, 2 for curved ones.
+        capped: whether flat caps close both ends, group "caps".
+
+    Raises:
+        InputError: gmsh refuses the geometry, e.g. for a radius of zero.
     """
     quarter = max(round(around / 4), 1)
 
     def build(model: Any) -> None:
+        """Draw walls and caps of a cylinder of `radius` and `length` [m], name its groups and mesh
+        it.
+
+        In gmsh, on rank 0.
+
+        Args:
+            model: `gmsh.model` of an open session.
+
+        Raises:
+            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
+                ranks.
+        """
         geo = model.geo
         axes = ((0, 1), (1, 0), (0, -1), (-1, 0))
         arcs = []

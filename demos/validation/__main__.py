@@ -73,7 +73,12 @@ def main(words: list[str] | None = None) -> int:
     if comm.rank == 0 and not wanted.sensitivity:
         if wanted.store:
             on_rank_zero(MPI.COMM_SELF, write_page)
-        print("\n".join(missed) or "All errors are within what the cases ask.")
+        if wanted.quick:
+            # A coarse mesh need not predict well, so only failures count.
+            all_well = "All tests ran; errors are judged in the full form."
+        else:
+            all_well = "All errors are within what the cases ask."
+        print("\n".join(missed) or all_well)
     return 1 if missed else 0
 
 

@@ -63,7 +63,17 @@ SMALL_HALF_ANGLE = 1e-3
 
 
 def angle(X: Array) -> Array:
-    """Angle θ (...) of folds X (..., 3, 3), in [-π, π] rad.
+    """Signed dihedral angle θ (...) [rad] of folds, in [-π, π].
+
+    θ = atan2(S, C) with C = (t·p)(t·m) - (t·t)(p·m) and S = |t| t·(p × m).  It is zero where the
+    two panels continue each other.
+
+    Args:
+        X: folds (..., 3, 3), with three vectors of any unit as rows: t along the fold, p and m into
+            the panels on its left and on its right.
+
+    Returns:
+        Angles (...) [rad]; without meaning, but without an error, where p or m is parallel to t.
 
     >>> import numpy as np
     >>> t, p, m = [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]
@@ -76,7 +86,14 @@ def angle(X: Array) -> Array:
 
 
 def gradient(X: Numbers) -> Numbers:
-    """Gradient ∂θ/∂X (..., 3, 3) [rad/m] of the angle of folds X (..., 3, 3) [m]."""
+    """Gradient ∂θ/∂X (..., 3, 3) of the dihedral angle θ of folds X (..., 3, 3), in the inverse of
+    its unit.
+
+    The rows of X are three vectors of any unit: t along the fold, p and m into its two panels.  θ =
+    atan2(S, C) with C = (t·p)(t·m) - (t·t)(p·m) and S = |t| J, J = t·(p × m), so that ∂θ/∂X = (C
+    ∂S/∂X - S ∂C/∂X)/(C² + S²).  X may be complex, for derivatives by complex steps.  A panel
+    without area, p or m parallel to t, gives NaN.
+    """
     tt, tp, tm, pm, J, length = _products(X)
     C = tp * tm - tt * pm
     S = length * J
@@ -93,15 +110,21 @@ def discrete_gradient(
     θ0: Array,
     θ1: Numbers,
 ) -> Numbers:
-    """Discrete gradient G (..., 3, 3) of the angle over a step, equation (4) of the module.
+    """Discrete gradient G (..., 3, 3) of the dihedral angle of folds over a time step.
 
-    It satisfies G·(X1 - X0) = θ1 - θ0 and Σ X_mid × G = 0; at X1 = X0 it is the gradient.
+    It satisfies G·(X1 - X0) = θ1 - θ0 and Σ X_mid × G = 0, so that the moment of a crease conserves
+    energy and angular momentum; at X1 = X0 it is the gradient.  Its unit is the inverse of that of
+    X.  Equations (3) and (4) of the module.
 
     Args:
-        X0: folds (..., 3, 3) [m] at the beginning of the step.
-        X1: folds (..., 3, 3) [m] at its end.
-        θ0: angles (...) of X0, on any branch.
-        θ1: angles (...) of X1, less than a whole turn from θ0.
+        X0: folds (..., 3, 3) at the beginning of the step, with three vectors of any unit as rows:
+            t along the fold, p and m into its two panels.
+        X1: folds (..., 3, 3) at its end; may be complex, for derivatives by complex steps.
+        θ0: angles (...) [rad] of X0, on any branch.
+        θ1: angles (...) [rad] of X1, less than a whole turn from θ0.
+
+    Raises:
+        LinAlgError: the three vectors of a fold are parallel at the middle of the step.
 
     >>> import numpy as np
     >>> X0 = np.eye(3)
@@ -157,10 +180,15 @@ def discrete_gradient_derivative(
     θ0: Array,
     θ1: Array,
 ) -> Array:
-    """Derivative ∂G/∂X1 (n, 3, 3, 3, 3) of the discrete gradient of n folds, exact to round-off.
+    """Derivative ∂G/∂X1 (n, 3, 3, 3, 3) of the discrete gradient of the angles of n folds.
 
-    The arguments are those of `discrete_gradient`, with the shapes (n, 3, 3) and (n,).  The
-    derivative is taken by complex steps.
+    The last two axes are those of X1; the unit is the inverse square of that of X1.  It is taken by
+    complex steps, exact to round-off.
+
+    Args:
+        X0, X1: folds (n, 3, 3), of any unit, at the beginning and end of a time step; rows are the
+            vector along the fold and those into its two panels.
+        θ0, θ1: their angles (n,) [rad], less than a whole turn apart.
     """
     # The angle at the end depends on X1 too.
     change_of_angle = gradient(X1).reshape(-1, 9).T
@@ -209,10 +237,16 @@ def _cosine_and_sine(X: Numbers) -> tuple[Numbers, Numbers]:
 
 
 def _gradient_of_cosine(X: Numbers, products: tuple[Numbers, ...]) -> Numbers:
-    """Gradient (..., 3, 3) of C by the product rule, from the products t·t, t·p, t·m and p·m.
+    """Gradient (..., 3, 3) of C = (t·p)(t·m) - (t·t)(p·m), the cosine of a fold's angle times a
+    factor.
 
     With the products of X it is the derivative; with means over a step, and X at its middle, the
     discrete gradient.
+
+    Args:
+        X: folds (..., 3, 3) with the rows t along the fold, p and m into its two panels, of any
+            unit.
+        products: t·t, t·p, t·m and p·m, (...) each, in the square of that unit.
     """
     t, p, m = _rows(X)
     tt, tp, tm, pm = (_v(product) for product in products)
@@ -238,7 +272,13 @@ def _without_rotation(X: Numbers, Y: Numbers) -> Numbers:
 
 
 def _cross_pairs(X: Numbers, Y: Numbers) -> Numbers:
-    """Rows X₂×Y₃, X₃×Y₁, X₁×Y₂; with Y = X the gradient of the triple product J."""
+    """Rows X₂×Y₃, X₃×Y₁, X₁×Y₂ (..., 3, 3) of the rows of two arrays, in the square of their unit.
+
+    With Y = X it is the gradient of the triple product J = X₁·(X₂ × X₃).
+
+    Args:
+        X, Y: three vectors each as rows (..., 3, 3), real or complex.
+    """
     t, p, m = _rows(X)
     u, q, n = _rows(Y)
     return np.stack(
@@ -268,7 +308,12 @@ def _dot(a: Numbers, b: Numbers) -> Numbers:
 
 
 def _cross(a: Numbers, b: Numbers) -> Numbers:
-    """Cross products of arrays (..., 3) that broadcast; several times faster than NumPy's."""
+    """Cross products a × b (..., 3), several times faster than those of NumPy.
+
+    Args:
+        a, b: real or complex vectors (..., 3) that broadcast, in any units; the result has the
+            product of both.
+    """
     x, y, z = (a[..., i] for i in range(3))
     u, v, w = (b[..., i] for i in range(3))
     return np.stack(

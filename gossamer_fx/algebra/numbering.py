@@ -86,11 +86,14 @@ class Numbering:
     """
 
     def __init__(self, comm: MPI.Intracomm, blocks: list[Block]) -> None:
-        """Number the unknowns of all blocks.  Collective.
+        """Number the unknowns of all blocks, rank by rank and block by block.  Collective.
+
+        A block is the unknowns of one body: nodes with the same number of unknowns each.
 
         Args:
             comm: the ranks.
-            blocks: index map and unknowns a node of each block, in the same order on all ranks.
+            blocks: index map (which rank owns which node) and unknowns a node (`size`) of each
+                block, in the same order on all ranks.
         """
         self.comm = comm
         self.blocks = blocks
@@ -158,11 +161,14 @@ class Numbering:
         return PETSc.Vec().createMPI((self.size_local, self.size), comm=self.comm)
 
     def matrix(self) -> PETSc.Mat:
-        """A new matrix; the first assembly determines its sparsity pattern.
+        """Make an empty square PETSc matrix of all unknowns, distributed like `vector`.
+        Collective.
 
-        If nodes consist of blocks of one size it stores blocks (BAIJ), which takes half the time of
-        single numbers to assemble, factorise and multiply.  The option
-        `-gx_mat_type` chooses another type.
+        The first assembly determines its sparsity pattern.  It is dense where one node has most of
+        the unknowns (`full`).  If nodes consist of blocks of one size it stores blocks (BAIJ),
+        which takes half the time of single numbers to assemble, factorise and multiply.  Otherwise
+        it is AIJ.  The PETSc option `-gx_mat_type` chooses another type; PETSc raises its own error
+        for an unknown one.
         """
         kind = "aij"
         if self.full:
@@ -193,8 +199,13 @@ class Numbering:
 def _common_block_size(sizes: set[int]) -> int:
     """Size of the blocks of a matrix whose nodes have these numbers of unknowns.
 
-    A hub has four vectors and its multipliers two, so that one of them in a scene of films leaves
-    the blocks of three.
+    Args:
+        sizes: the different numbers of unknowns a node.
+
+    Returns:
+        The size itself if there is only one; 3 if all are multiples of 3, as of nodes that consist
+        of vectors; otherwise 1.  A rigid body has four vectors and its multipliers two, so that one
+        of them in a scene of films leaves the blocks of three.
     """
     if len(sizes) == 1:
         return next(iter(sizes))

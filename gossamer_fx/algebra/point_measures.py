@@ -52,8 +52,15 @@ def evaluated_here(tuples: Sequence[Ports]) -> list[int]:
 
 
 def translation_weight(port: Attached) -> float:
-    """How far a port moves when all bodies move by one: 1 for a point, 0 for a director or a
-    difference."""
+    """Displacement of a port, over that of all bodies, in a common translation (dimensionless).
+
+    Args:
+        port: a vector attached to a body: a sum of positions and directors (vectors that turn with
+            the body) of its nodes, with weights; or `Ground`, a constant vector.
+
+    Returns:
+        1 for a point and 0 for a director or a difference of points.  Ground counts as a point.
+    """
     if isinstance(port, Ground):
         return 1.0
     # A port without vectors means the positions of its nodes.
@@ -68,11 +75,20 @@ def translation_weight(port: Attached) -> float:
 def attach(
     numbering: Numbering, bodies: list[Body], ports: Ports
 ) -> tuple[GlobalIndices, Array, Array]:
-    """How the stacked vectors of a tuple of ports follow from the unknowns: X = P q + offset.
+    """How the stacked vectors of a tuple of k ports follow from the unknowns: X = P q + offset.
+
+    A port is a vector attached to a body, linear in the unknowns of the body; `Ground` is a
+    constant.
+
+    Args:
+        numbering: global indices of the unknowns of all bodies.
+        bodies: the bodies of the system, in the order of the numbering.
+        ports: the ports whose vectors are stacked, not all of them `Ground`.
 
     Returns:
-        Global indices (D,) of the unknowns, P (3k, D), and the offset (3k,) [m] that ports of the
-        ground have.
+        Global indices (D,) of the unknowns; P (3k, D), with lengths [m] where a point depends on a
+        director, else dimensionless; and the offset (3k,), nonzero for ports of the ground: [m] for
+        points, [-] for directions.
 
     Raises:
         InputError: a port whose nodes, weights and vectors do not belong together.
@@ -111,15 +127,26 @@ def attach_all(
     tuples: Sequence[Ports],
     rows: int,
 ) -> tuple[GlobalIndices, Array, Array]:
-    """The same for n tuples of ports, as arrays.
+    """Maps X = P q + offset from the unknowns to the stacked vectors of n tuples of ports, as
+    arrays.
 
-    Tuples with fewer unknowns than others take their first one several times, with weight zero.
+    A port is a vector attached to a body: a point, or a director (a vector that turns with the
+    body).  Tuples with fewer unknowns than others take their first one several times, with weight
+    zero.
 
     Args:
+        numbering: global indices of the unknowns of all bodies.
+        bodies: the bodies of the system, in the order of the numbering.
+        tuples: n tuples of k ports each, those of this rank; may be empty.
         rows: 3k, needed where a rank has no tuple.
 
     Returns:
-        Global indices (n, D), maps P (n, rows, D) and offsets (n, rows).
+        Global indices (n, D), maps P (n, rows, D), with lengths [m] where a point depends on a
+        director, else dimensionless, and offsets (n, rows), [m] for points.  D is the largest
+        number of unknowns of a tuple on this rank.
+
+    Raises:
+        InputError: a port whose nodes, weights and vectors do not belong together.
     """
     attached = [attach(numbering, bodies, ports) for ports in tuples]
     n = len(attached)
@@ -202,6 +229,20 @@ class PointMeasures:
     def __init__(
         self, numbering: Numbering, bodies: list[Body], measures: Sequence[PointMeasure]
     ) -> None:
+        """Convert the measures that this rank evaluates to arrays.
+
+        A measure is a strain ½ X·H X + L·X + c of the stacked vectors X = P q + offset of some
+        ports: points [m] and directions [-] of bodies, linear in the unknowns q.
+
+        Args:
+            numbering: global indices of the unknowns of all bodies.
+            bodies: the bodies of the system, in the order of the numbering.
+            measures: of one kind, at least one: all with H (m, 3k, 3k) and L (m, 3k) of the same
+                shapes.
+
+        Raises:
+            InputError: a port whose nodes, weights and vectors do not belong together.
+        """
         self.m = measures[0].H.shape[0]
         rows = measures[0].H.shape[1]
         tuples: list[Ports] = []
@@ -252,8 +293,19 @@ class PointMeasures:
         L: Array,
         offset: Array,
     ) -> Array:
-        """z (n, D): zero without ground; with it, the least-squares stationary point of the
-        measures."""
+        """Points z (n, D) in the space of the unknowns q, about which n sets of strains are
+        expanded.
+
+        The m strains ½ X·H X + L·X + c of a set are quadratic in k vectors X = P q + offset: ports,
+        i.e.  points [m] and directions [-] of bodies or of the ground.  z is zero where no vector
+        belongs to the ground; with ground it is their least-squares stationary point, so that no
+        large numbers cancel.
+
+        Args:
+            P: maps (n, 3k, D) from the unknowns to the vectors.
+            H, L: quadratic part (n, m, 3k, 3k) and linear part (n, m, 3k) of the strains.
+            offset: (n, 3k), nonzero for vectors of the ground: [m] for points, [-] for directions.
+        """
         z = np.zeros((self.n, self.D))
         slope_of_vectors = np.einsum("nmab,nb->nma", H, offset) + L
         slope = np.einsum("nax,nma->nmx", P, slope_of_vectors)
@@ -343,7 +395,13 @@ class Gather:
     """
 
     def __init__(self, numbering: Numbering, indices: Sequence[GlobalIndices]) -> None:
-        """Make the scatter to this rank from the owners of the unknowns.  Collective."""
+        """Make the scatter to this rank from the owners of the unknowns.  Collective.
+
+        Args:
+            numbering: layout of the distributed vector of all unknowns.
+            indices: arrays of global indices, of any shape, that this rank needs; may differ
+                between ranks and be empty.
+        """
         self._shapes = [some.shape for some in indices]
         # The empty array gives the result a type if there are no others.
         nothing = np.zeros(0, dtype=PETSc.IntType)
@@ -364,8 +422,15 @@ class Gather:
         return found
 
     def add(self, values: Array, r: PETSc.Vec) -> None:
-        """Add values of all arrays, one after the other, to a vector at their indices.
-        Collective."""
+        """Add values of all arrays to a distributed vector at their global indices.  Collective.
+
+        Args:
+            values: (n,), as many numbers as all index arrays of the `Gather` have together, one
+                array after the other.  Values with the same index add up, also those of different
+                ranks.
+            r: vector of all unknowns in the layout of the numbering, of the same unit; changed in
+                place.
+        """
         self._values.array[:] = values.ravel()
         self._scatter.scatter(
             self._values,
@@ -381,7 +446,14 @@ def add_blocks(
     columns: GlobalIndices,
     values: Array,
 ) -> None:
-    """Add dense blocks values (n, r, c) at global rows (n, r) and columns (n, c) of A."""
+    """Add n dense blocks to a PETSc matrix; collective assembly is left to the caller.
+
+    Args:
+        A: the matrix.
+        rows: global rows (n, r) of each block.
+        columns: global columns (n, c) of each block.
+        values: (n, r, c); n may be zero.  Entries that coincide add up.
+    """
     n, r, c = values.shape
     # This rank has nothing to add.
     if n == 0:

@@ -26,7 +26,14 @@ class RankExchange:
     """
 
     def __init__(self, comm: MPI.Intracomm, ranks: npt.NDArray[np.integer]) -> None:
-        """Tell every rank how many rows it gets; collective."""
+        """Prepare the exchange: tell each rank how many rows it receives from each other.
+        Collective.
+
+        Args:
+            comm: the ranks.
+            ranks: destination (n,) of each of the n rows of this rank, 0 <= rank < comm.size; n may
+                be zero and differ between ranks.
+        """
         self._comm = comm
         self._order = np.argsort(ranks, kind="stable")
         sent = np.bincount(ranks, minlength=comm.size).astype(np.int64)
@@ -44,10 +51,13 @@ class RankExchange:
         return self._transfer(ordered, self._sent_parts, self._received_parts, len(self.source))
 
     def answer(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Send values (r, ...) of the received rows back; return those (n, ...) of this rank's
-        rows.
+        """Send one row back for each received row, to the rank from which it came.  Collective.
 
-        Collective.
+        Args:
+            values: rows (r, ...), in the order in which `send` returned the received rows.
+
+        Returns:
+            Rows (n, ...): the answers to the n rows of this rank, in their order.
         """
         ordered = np.ascontiguousarray(values)
         count = len(self._order)
@@ -63,7 +73,18 @@ class RankExchange:
         received_parts: list[tuple[int, slice]],
         count: int,
     ) -> npt.NDArray[Any]:
-        """Send the parts of an array, and return the `count` rows that arrive."""
+        """Exchange rows of an array between the ranks.  Collective.
+
+        Args:
+            values: rows (s, ...) to be sent, in any unit, ordered by destination, contiguous.
+            sent_parts: destination rank and range of rows for each message that leaves.
+            received_parts: source rank and range of rows in the result for each message that
+                arrives.
+            count: number of rows that arrive.
+
+        Returns:
+            Rows (count, ...) of the other ranks, ordered by source.
+        """
         received = np.empty((count, *values.shape[1:]), dtype=values.dtype)
         # Receives first, so that MPI can put messages where they belong.
         requests = [

@@ -26,10 +26,13 @@ STAFFORD_LAST_SHIFT = 31
 
 
 def hash_rows(words: npt.NDArray[Any]) -> Names:
-    """Hashes (n,) with 64 bits of rows of integers (n, k).
+    """Hashes (n,) with 64 bits of n rows of k integers.
 
-    Each word of a row is mixed into the hash by Stafford's variant 13 of the 64-bit finaliser of
+    Each integer of a row is mixed into the hash by Stafford's variant 13 of the 64-bit finaliser of
     MurmurHash3.  Equal rows have equal hashes on all ranks and machines.
+
+    Args:
+        words: integers (n, k) that fit into 64 bits.
 
     >>> import numpy as np
     >>> hashes = hash_rows(np.array([[1, 2], [2, 1], [1, 2]]))
@@ -57,17 +60,20 @@ def fetch(
 ) -> npt.NDArray[Any]:
     """Return the values of wanted names, whichever ranks have them.  Collective.
 
+    A name is a number that identifies a value on all ranks, e.g. a hash.  Each name is assigned to
+    one rank by its remainder modulo the number of ranks; values and questions meet there.
+
     Args:
         comm: the ranks.
         names: names (n,) whose values this rank has, unsigned integers.
-        values: their values (n, k).
+        values: their values (n, k), in any unit.
         wanted: names (m,) whose values this rank needs.
         lacks: error message for a wanted name that no rank has.
         twice: error message for a name that occurs twice; None if a name may occur several times
             with the same values.
 
     Returns:
-        values (m, k) of the wanted names.
+        Values (m, k) of the wanted names, as floats.
 
     Raises:
         InputError: with the message `lacks` or `twice`, on all ranks.

@@ -9,7 +9,10 @@ from gossamer_fx.model.ports import unit
 
 
 def cross_matrices(a: Array) -> Array:
-    """Skew matrices [a]× (..., 3, 3) of vectors a (..., 3), such that [a]× b = a × b.
+    """Skew matrices [a]× (..., 3, 3) of vectors, such that [a]× b = a × b.
+
+    Args:
+        a: vectors (..., 3), in any unit, which the matrices have, too.
 
     >>> import numpy as np
     >>> cross_matrices(np.array([1.0, 0.0, 0.0])) @ np.array([0.0, 1.0, 0.0])
@@ -28,10 +31,10 @@ def cross_matrices(a: Array) -> Array:
 
 
 def rotations(axes: Array, angle: float) -> Array:
-    """Rotation matrices (..., 3, 3) about unit vectors (..., 3), by Rodrigues' formula.
+    """Rotation matrices (..., 3, 3) about axes (..., 3), by Rodrigues' formula.
 
     Args:
-        axes: unit vectors (..., 3).
+        axes: unit vectors (..., 3), dimensionless; that they have unit length is not checked.
         angle: angle [rad], counterclockwise about each axis.
 
     >>> import numpy as np
@@ -47,8 +50,10 @@ def rotations(axes: Array, angle: float) -> Array:
 
 
 def perpendicular_pair(n: Array) -> tuple[Array, Array]:
-    """Two unit vectors p and q (3,) that form a right-handed triad (p, q, n) with a unit vector n
-    (3,).
+    """Two unit vectors p and q (3,) that form a right-handed triad (p, q, n) with n.
+
+    Args:
+        n: unit vector (3,), dimensionless; that its length is one is not checked.
 
     >>> import numpy as np
     >>> p, q = perpendicular_pair(np.array([0.0, 0.0, 1.0]))

@@ -120,7 +120,36 @@ class InflatableTube:
         obstacles: tuple[Obstacle, ...] = (),
         name: str = "tube",
     ) -> None:
-        """Check the arguments, which the class describes, and make the parts.  Collective."""
+        """Check the arguments, and make the film, chambers, passages and supports of a tube.
+        Collective.
+
+        Args:
+            mesh: closed flat tube [m] with the groups of `gossamer_fx.meshes.tube.flat_tube`.
+            law: stored energy of the film.
+            gas: in the tube.
+            properties: numbers of the law that differ from cell to cell.
+            pressure, temperature: of the gas at the start [Pa] and [K].
+            dead_volume: of each compartment [m³].
+            discharge_coefficient, laminar: of the passages (dimensionless), see `Orifice`.
+            outside: gas outside; None: vacuum.
+            clamp: group of the mesh that is fixed; None: the tube is free.
+            caps: by the group of an end: a rigid body, or the mass [kg] of a bar.
+            rod_width: side of such bars [m].
+            folds: map from the flat to a folded shape; None: the tube starts flat.
+            origin, turn: position (3,) [m] and rotation vector (3,) [rad] of the folded shape.
+            crease_stiffness: [N m/m/rad]; zero: no creases.
+            set_angle_ratio: rest angle of creases over the angle of their folds.
+            yield_angle: of creases [rad]; None: elastic.
+            contact_distance: activation distance [m] of contact with itself; zero: no contact.
+            contact_stiffness: [N/m³]; None: from closing speeds.
+            obstacles: solids that the film touches, too.
+            name: for messages and outputs.
+
+        Raises:
+            InputError: a mesh, map or dictionary of another type, a negative stiffness or distance,
+                creases without folds, obstacles or contact stiffness without contact, a cap that is
+                neither a rigid body nor a positive mass, or what the parts refuse.
+        """
         who = f"InflatableTube '{name}'"
         check(
             isinstance(mesh, Mesh),
@@ -218,8 +247,17 @@ class InflatableTube:
             self.contact = self._contact(contact_distance, contact_stiffness, obstacles)
 
     def _cap(self, end: str, what: float | RigidBody, bar: float) -> RigidRegion:
-        """The rigid region of one end, on a given body or on a bar of a mass [kg]; `bar` is its
-        side [m].
+        """Make the rigid region that fixes the nodes of one end of the tube to a rigid body.
+        Collective.
+
+        Args:
+            end: name of the group of nodes of the mesh.
+            what: a rigid body that exists, or the mass [kg] of a bar that is made along the end.
+            bar: side [m] of the square section of such a bar.
+
+        Raises:
+            InputError: `what` is neither a rigid body nor a positive number, or `bar` is not
+                positive.
         """
         # Imported here: a tube without caps does not load it.
         from gossamer_fx.constraints.rigid_region import RigidRegion
@@ -240,7 +278,17 @@ class InflatableTube:
         return RigidRegion(self.film, end, rigid_body=body, name=f"{self.name} {end} cap")
 
     def _bar(self, end: str, mass: float, side: float) -> RigidBody:
-        """A bar along the nodes of an end, where the tube starts."""
+        """Make a rigid bar along the nodes of an end, at the position where the tube starts.
+        Collective.
+
+        Args:
+            end: name of the group of nodes of the mesh; they lie about a line.
+            mass: [kg], positive.
+            side: side [m] of the bar's square section; its length is the extent of the nodes.
+
+        Returns:
+            The body, with its first axis along the line and its centre at the mean of the nodes.
+        """
         index_map = self.film.block.index_map
         comm = self.film.comm
         nodes = self.film.nodes(end)
@@ -273,6 +321,13 @@ class InflatableTube:
     def _contact(
         self, distance: float, stiffness: float | None, obstacles: tuple[Obstacle, ...]
     ) -> Contact:
+        """Make the contact of the film with itself and with obstacles.
+
+        Args:
+            distance: activation distance [m], the gap below which pairs repel each other; positive.
+            stiffness: [N/m³]; None: from closing speeds.
+            obstacles: solids that the film touches, too; may be empty.
+        """
         # Imported here: a tube without contact does not load it.
         from gossamer_fx.contact.contact import Contact
 
@@ -285,8 +340,15 @@ class InflatableTube:
         )
 
     def inlet(self, source: Tank | Reservoir, area: float | Callable[[float], float]) -> Orifice:
-        """The valve from a tank or reservoir into the first compartment, of an area [m²] or a
-        function of time [s]."""
+        """The valve from a tank or reservoir into the first compartment.
+
+        Args:
+            source: volume of gas from which the valve is fed.
+            area: opening [m²], a number or a function of time [s].
+
+        Raises:
+            InputError: the area is negative or infinite, or the source is of another type.
+        """
         return Orifice(
             source,
             self.chambers[0],
@@ -296,8 +358,15 @@ class InflatableTube:
         )
 
     def vent(self, outside: Ambient, area: float | Callable[[float], float]) -> Orifice:
-        """The hole from the last compartment to the surroundings, of an area [m²] or a function of
-        time [s]."""
+        """The hole from the last compartment to the surroundings.
+
+        Args:
+            outside: the surroundings, with their pressure.
+            area: opening [m²], a number or a function of time [s].
+
+        Raises:
+            InputError: the area is negative or infinite, or `outside` is of another type.
+        """
         return Orifice(
             self.chambers[-1],
             outside,

@@ -89,8 +89,30 @@ class LiddedBox:
         turn: Vector = (0.0, 0.0, 0.0),
         name: str = "box",
     ) -> None:
-        """Check the arguments, which the class describes, and make lid, hinge, spring, latch and
-        stop.
+        """Check the arguments, and make lid, hinge, spring, latch and stop.
+
+        The box is open at the top, +z, with a lid on a hinge, which a latch holds shut until it is
+        released.
+
+        Args:
+            sizes: inner lengths (3,) [m] along x, y, z.
+            centre: of the inner space (3,) [m].
+            wall_thickness: of walls and lid [m].
+            mass: of the lid [kg].
+            stiffness: of the spring about the hinge [N m/rad].
+            rest_angle: of the lid at which the spring is relaxed [rad], between 0 and π.
+            release_time: of the latch [s].
+            damping: of the hinge [N m s/rad].
+            max_angle: at the stop [rad], between 0 and π; None: no stop.
+            stop_stiffness: of the rope that stops the lid [N/m].
+            body: rigid body that carries the box; None: the box is fixed in space.
+            turn: rotation vector (3,) [rad] of the box about its centre.
+            name: for messages and outputs.
+
+        Raises:
+            InputError: a size, mass or stiffness is not positive, an angle is not between 0 and π,
+                a vector has not three finite numbers, or the release time or the damping is
+                negative.
         """
         self.name = name
         self._wall = wall_thickness
@@ -188,8 +210,16 @@ class LiddedBox:
         return float(x), float(y), float(z)
 
     def _lid(self, mass: float, inertia: Array, local: Vector) -> RigidBody:
-        """The lid about a point of the box [m], which moves as the carrying body does at the
-        start."""
+        """Make the lid as a rigid body that moves as the carrying body does at the start.
+
+        With a carrying body it is collective, and the lid has its velocity and spin; otherwise it
+        is at rest.
+
+        Args:
+            mass: [kg].
+            inertia: principal moments of inertia (3,) [kg m²] about the axes of the box.
+            local: centre of the lid (3,) [m], in axes of the box from its centre.
+        """
         position = self._at(local)
         given: dict[str, Any] = {}
         if self._body is not None:
@@ -215,7 +245,13 @@ class LiddedBox:
         )
 
     def _cord(self, half_height: float, length: float, stiffness: float) -> Rope:
-        """From the rim opposite of the hinge to the end of the lid."""
+        """Make the stop: a rope from the rim opposite of the hinge to the end of the lid.
+
+        Args:
+            half_height: height [m] of the lid's middle plane above the centre of the box.
+            length: length [m] of the rope, at which it becomes tight.
+            stiffness: [N/m].
+        """
         end = self._at((float(self._half[0]), 0.0, half_height))
         rim: Attached = Ground(end)
         if self._body is not None:
@@ -230,8 +266,13 @@ class LiddedBox:
 
     @property
     def obstacles(self) -> tuple[Box, ...]:
-        """Four walls and the floor, which stand still or move with the carrying body, and the
-        lid."""
+        """The box as obstacles for a `Contact`: five slabs (four walls and the floor), then the
+        lid.
+
+        The slabs stand still or move with the body that carries the box; the sixth `Box` moves with
+        the lid.  Each call makes new objects; their centres and sizes are in m, in the initial
+        state.
+        """
         # Imported here: a box that nothing touches does not load contact.
         from gossamer_fx.contact.obstacles import Box
 

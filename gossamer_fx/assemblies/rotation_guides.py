@@ -85,7 +85,27 @@ class RotationGuides:
         reel_depth: float = 1.2,
         name: str = "guides",
     ) -> None:
-        """Check the arguments, which the class describes, and make ring, joint, brake and reel."""
+        """Check the arguments, and make ring, joint, brake and reel.
+
+        The assembly is a ring with upright rods that turns about the z axis of a hub against a
+        brake, and lets wound arms of a sail unwind; a reel can draw it down.
+
+        Args:
+            hub: rigid body whose axes are those of space at the start.
+            count: number of rods, evenly spaced.
+            radius: [m] of the circle of their axes.
+            rod_radius, height: radius and height [m] of a rod.
+            mass: [kg] of the ring with its rods, on that circle.
+            brake_damping: moment over angular velocity [N m s/rad].
+            first_angle: of the first rod from the x axis [rad].
+            drawn: displacement of the ring by the reel [m], a function of time [s]; None: no reel.
+            reel_depth: of the reel below the ring [m].
+            name: for messages and outputs.
+
+        Raises:
+            InputError: a number is not positive, `count` is not between 1 and `MAX_RODS`, the rods
+                are thicker than their circle, or `drawn` is not a function.
+        """
         self.name = name
         check(
             1 <= count <= MAX_RODS,
@@ -150,7 +170,12 @@ class RotationGuides:
 
     @property
     def rods(self) -> tuple[Cylinder, ...]:
-        """The rods, as obstacles on the ring."""
+        """The upright rods as cylinders, obstacles for a `Contact`, one for each of the `count`
+        rods.
+
+        They move with the ring.  Each call makes new objects.  Their radius, ends and positions are
+        in m, in the axes of the ring at the start.
+        """
         # Imported here: guides without contact do not load it.
         from gossamer_fx.contact.obstacles import Cylinder
 

@@ -86,8 +86,24 @@ class Beam(Curve):
         velocity: PointFunction | None = None,
         name: str = "beam",
     ) -> None:
-        """Check the arguments, which the class describes, and make space, section and initial
-        state.  Collective.
+        """Check the arguments, and make function space, section constants and initial state.
+        Collective.
+
+        Args:
+            mesh: line elements in space [m], the stress-free shape.
+            section: stiffness and inertia, e.g. of `gx.sections.tube`.
+            normal: direction (3,) of the first section axis d2; only its direction counts.
+            thermal: thermal expansion; None: none.
+            initial_tension: axial force [N] in the shape of the mesh: a number, {group: number} or
+                a function of points (3, n) [m] that returns (n,); None: none.
+            initial_strain: axial strain (dimensionless) in place of a force, given in the same way.
+            velocity: function of points (3, n) [m] that returns velocities (3, n) [m/s]; None: at
+                rest.
+            name: name in messages and output.
+
+        Raises:
+            InputError: the mesh does not consist of lines in space, the normal is along the beam
+                somewhere, tension and strain are both given, or a function returns something else.
         """
         super().__init__("Beam", name, mesh, 2, 9)
         self.section = section
@@ -101,7 +117,20 @@ class Beam(Curve):
         self._reference = self._stress_free(np.asarray(normal, dtype=float))
 
     def _stress_free(self, normal: Array) -> fem.Function:
-        """Positions of the mesh, and directors normal to its mean tangent at each node."""
+        """Positions of the mesh, and section directors normal to its mean tangent at each node.
+        Collective.
+
+        Args:
+            normal: direction (3,) of the director d2, of any length; its part normal to the beam
+                counts.
+
+        Returns:
+            Function with 9 numbers a node: position [m] and the unit vectors d2 and d3, ghosts
+            included.
+
+        Raises:
+            InputError: on all ranks, if the normal is along the beam at some node.
+        """
         J = ufl.Jacobian(self.mesh.domain)[:, 0]
         w = ufl.TestFunction(self.space)
         tangent = J / ufl.sqrt(ufl.dot(J, J))
@@ -157,8 +186,15 @@ class Beam(Curve):
         return sum(m * v[i] * w[i] for i, m in enumerate(inertia)) * self.mass_dx
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Kinetic and stored energy, and the constraint that the directors of each node stay
-        orthonormal.
+        """Kinetic and stored energy of the beam, and the constraint of orthonormal directors at
+        each node.
+
+        Args:
+            start: initial state of the scene; the terms do not depend on it.
+
+        Yields:
+            The terms, i.e. what the beam adds to the equations: a mass, a stored energy and a
+            constraint between the two directors of each node that this rank owns.
         """
         yield KineticEnergy(self, self.mass)
         thermal = self._thermal_strain("Beam", components=6)
@@ -199,10 +235,16 @@ class Beam(Curve):
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:
-        """Initial coordinates and velocities (9 n,) of the n owned nodes.
+        """Initial coordinates and velocities (9 n,) of the n nodes that this rank owns, node by
+        node.
 
-        The velocity of a director is the difference of the given velocities at its tip and its
-        root: a rigid velocity field gives exactly the rates of a rigid rotation.
+        A node has a position [m] and two directors (unit vectors); their rates are in m/s and 1/s.
+        The rate of a director is the difference of the given velocities at its tip and its root: a
+        rigid velocity field gives exactly the rates of a rigid rotation.  Collective at the first
+        use.
+
+        Raises:
+            InputError: the user's function of velocity raises or returns something else.
         """
         q = self._reference.x.array.reshape(-1, 3, 3)[: self.block.index_map.size_local]
         v = np.zeros_like(q)

@@ -60,7 +60,12 @@ class FrameJoint(Between):
     b: Frame
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check the two frames `a` and `b`, oriented points of bodies or of the ground, that the
+        joint connects.
+
+        Raises:
+            InputError: both frames are of the ground, or both are of the same body.
+        """
         super().__post_init__()
         a = self.a.origin
         b = self.b.origin

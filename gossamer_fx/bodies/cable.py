@@ -173,8 +173,26 @@ class Cable(Curve):
         velocity: PointFunction | None = None,
         name: str = "cable",
     ) -> None:
-        """Check the arguments, which the class describes, and make space, law and initial state.
+        """Check the arguments, and make function space, law constants and initial state.
         Collective.
+
+        Args:
+            mesh: line elements in space [m].
+            law: stored energy per natural length as a function of the strain.
+            order: of the Lagrange elements, 1 or 2.
+            thermal: thermal expansion; None: none.
+            length_factor: natural length over that of the mesh (dimensionless), positive.
+            initial_tension: tension [N] at the natural length: a number, {group: number} or a
+                function of points (3, n) [m] that returns (n,); None: none.
+            initial_strain: strain (dimensionless) in place of a tension, given in the same way.
+            displacement: function of points (3, n) [m] that returns (3, n) [m]; None: none.
+            velocity: function of points (3, n) [m] that returns (3, n) [m/s]; None: at rest.
+            name: name in messages and output.
+
+        Raises:
+            InputError: the mesh does not consist of lines in space, an order or length factor is
+                not possible, tension and strain are both given, or the law has no strain for a
+                tension.
         """
         check(order in (1, 2), f"Cable '{name}': order is {order!r}; use 1 or 2.")
         super().__init__("Cable", name, mesh, order, 3)
@@ -200,8 +218,14 @@ class Cable(Curve):
         self._velocity = checked(velocity, f"Cable '{name}': its velocity", mesh.comm)
 
     def measure(self, x: Expr) -> Expr:
-        """Strain (ε,) of the law at the positions x: from the natural length, and the initial
-        one."""
+        """Green-Lagrange strain (ε,), a UFL vector, which the law of the cable takes.
+
+        It is measured from the natural length, which may differ from that of the mesh by a factor,
+        and contains the initial strain.
+
+        Args:
+            x: positions (3,) [m] on the mesh, a UFL expression.
+        """
         strain = bar_strain(x)[0]
         if self._length_ratio is not None:
             # x' with respect to the natural length is that of the mesh over the ratio of both.
@@ -218,7 +242,15 @@ class Cable(Curve):
         return value * self._length_ratio
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Kinetic and stored energy of the cable."""
+        """Kinetic and stored energy of the cable.
+
+        Args:
+            start: initial state of the scene; the terms do not depend on it.
+
+        Yields:
+            The terms, i.e. what the cable adds to the equations: one of its mass, one of its stored
+            energy with prestress and thermal strain.
+        """
         numbers = parameters(self.law, self.constants)
         yield KineticEnergy(
             self,

@@ -36,12 +36,14 @@ class Curve(Meshed):
         size: int,
     ) -> None:
         """Check that the mesh consists of lines, and make the space of the coordinates.
+        Collective.
 
         Args:
             kind, name: class and name of the body, for messages.
-            mesh: of line elements in three dimensions.
+            mesh: of line elements in three dimensions [m].
             order: of the Lagrange elements, 1 or 2.
-            size: numbers a node, 3 of positions and 3 of each director.
+            size: numbers a node: 3 of the position [m], and 3 of each director (an axis of the
+                section).
 
         Raises:
             InputError: the mesh has other cells, or the order is not possible.
@@ -62,8 +64,16 @@ class Curve(Meshed):
         self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})
 
     def _take_prestress(self, tension: Numbers | None, strain: Numbers | None) -> None:
-        """Add an initial axial strain to the constants, from the force [N] or the strain that was
-        given."""
+        """Add an initial axial strain or force to the constants of the body.
+
+        Args:
+            tension: force [N]: a number, {group of the mesh: number}, or a function of points (3,
+                n) that returns (n,); None: none.
+            strain: Green-Lagrange strain (dimensionless), given in the same way.
+
+        Raises:
+            InputError: both are given, or something that is not finite or has another form.
+        """
         # A restart compares these arguments, see `outputs.arguments`.
         self._initial_tension = tension
         self._initial_strain = strain
@@ -77,7 +87,10 @@ class Curve(Meshed):
 
     @property
     def initial_strain(self) -> Expr | None:
-        """Initial axial strain ε0 as a UFL expression; None without prestress."""
+        """Initial axial strain ε0 (dimensionless) as a UFL expression; None without prestress.
+
+        It was given itself, or follows from the initial tension N0 [N] by ε0 = N0/EA.
+        """
         strain = getattr(self.constants, "initial_strain", None)
         if strain is not None:
             return strain
@@ -98,8 +111,18 @@ class Curve(Meshed):
             check_no_gradient(thermal, f"{kind} '{self.name}'")
 
     def _thermal_strain(self, kind: str, components: int) -> ThermalStrain | None:
-        """The thermal strain, the first of `components`, for one compiled scene; None without
-        expansion."""
+        """The thermal strain of the line for one compiled scene; None without thermal expansion.
+
+        Collective.
+
+        Args:
+            kind: class of the body, for messages.
+            components: number of strains of the body.  The first is the axial one (dimensionless)
+                and expands with the temperature [K]; the others are not affected.
+
+        Raises:
+            InputError: a temperature is given for a group that does not consist of line elements.
+        """
         if self.thermal is None:
             return None
         from gossamer_fx.bodies.thermal_expansion import metric_strain, thermal_strain

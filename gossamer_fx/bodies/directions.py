@@ -24,12 +24,17 @@ SMALLEST_PROJECTION = 1e-6
 
 
 def direction_field(mesh: Mesh, given: Any, name: str) -> fem.Function:
-    """The first axis as a vector (3,) in each cell, as it was given.  Collective.
+    """The first axis of an orthotropic film as a vector (3,) in each cell, as it was given.
+    Collective.
 
     Args:
         mesh: of the film.
         given: a vector (3,), {group: vector}, or a function of points (3, n) that returns (3, n).
+            Lengths do not count.
         name: of the film, for messages.
+
+    Returns:
+        Function that is constant in each cell, with the vectors not yet projected on the film.
 
     Raises:
         InputError: the direction is normal to the film, zero or not given in some cell.
@@ -55,7 +60,16 @@ def direction_field(mesh: Mesh, given: Any, name: str) -> fem.Function:
 
 
 def _check_in_film(mesh: Mesh, function: fem.Function, what: str) -> None:
-    """Check that directions have a part in the film in all cells; collective."""
+    """Check that directions have a part in the film in all cells.  Collective.
+
+    Args:
+        mesh: triangles of the film.
+        function: a vector (3,) in each cell, of any length.
+        what: subject of the message.
+
+    Raises:
+        InputError: on all ranks, if a direction is zero or normal to the film in some cell.
+    """
     owned = mesh.domain.topology.index_map(2).size_local
     nodes = cell_nodes(function.function_space)[:owned].ravel()
     # Zero first: a vector without length would also fail the next check, with the wrong advice.
@@ -80,8 +94,13 @@ def _check_in_film(mesh: Mesh, function: fem.Function, what: str) -> None:
 
 
 def set_axes(constants: SimpleNamespace, direction: fem.Function, frame: Expr) -> None:
-    """Add direction, cosine and sine of the first axis in the frame (3, 2) of a film to its
-    constants."""
+    """Add direction, cosine and sine of the first axis of a film to the constants of its law.
+
+    Args:
+        constants: coefficients of the law for UFL forms; `direction`, `cosine` and `sine` are set.
+        direction: vector (3,) in each cell, whose part in the film is the axis.
+        frame: local orthonormal frame (3, 2) of the triangles, to which the angle refers.
+    """
     # Projected in the form, not here: a sensitivity to the shape of the mesh turns the axes with
     # it.
     projected = ufl.dot(frame.T, direction)

@@ -93,7 +93,12 @@ class EdgeLine:
         )
 
     def all_nodes(self) -> tuple[Numbers, Array]:
-        """Global nodes (m,) of the line without repetition, and σ (m,) of each."""
+        """Nodes of the line without repetition, and their fractions of its arc length.
+
+        Returns:
+            Global numbers (m,) of the nodes in the order of the line, and the fraction σ (m,) of
+            each, dimensionless, from 0 to 1.  A closed line does not repeat its first node.
+        """
         # The last node of an edge is the first one of the next.
         nodes = self.nodes[:, :-1].ravel()
         starts = self.fractions[:-1, None]
@@ -116,8 +121,16 @@ class EdgeLine:
         return k, float(np.clip((fraction - start) / width, 0.0, 1.0))
 
     def port(self, fraction: float) -> Port:
-        """The point at σ as a combination of the nodes of its edge; a node, if it is next to
-        one."""
+        """The point of the film at a fraction of the arc length of the line.
+
+        Args:
+            fraction: σ (dimensionless), from 0 at the start of the line to 1 at its end; others
+                count as the nearest.
+
+        Returns:
+            A port: the weighted sum of the nodes of the edge at σ, with Lagrange functions as
+            weights; or of one node, if that is closer than `NODE_FRACTION` of the edge.
+        """
         k, ξ = self.locate(fraction)
         # A port at a node depends on one node instead of two or three: fewer entries of the matrix.
         nearest = round(ξ * self.order)
@@ -129,7 +142,15 @@ class EdgeLine:
         return Port(self.body, nodes, weights=weights)
 
     def positions(self, state: State) -> Array:
-        """Positions (n + 1, 3) [m] of the ends of its edges in a state.  Collective."""
+        """Positions (n + 1, 3) [m] of the ends of the line's n edges in a state, on every rank.
+        Collective.
+
+        Args:
+            state: coordinates of the bodies of a scene.
+
+        Raises:
+            InputError: the film of the line is not in the scene.
+        """
         ends = np.append(self.nodes[:, 0], self.nodes[-1, -1])
         first, last = self.body.block.index_map.local_range
         mine = np.flatnonzero((ends >= first) & (ends < last))
@@ -157,11 +178,14 @@ class SewnEdges(Protocol):
 
 
 def shape_functions(order: int, ξ: Array) -> tuple[Array, Array]:
-    """Lagrange functions (k, order + 1) on [0, 1] at ξ (k,), nodes from start to end, and their
-    slopes.
+    """Lagrange functions on [0, 1] and their slopes, nodes from start to end.
 
     Args:
-        order: 1 or 2; bodies have no others.
+        order: of the functions, 1 or 2; bodies have no others.
+        ξ: points (k,) at which they are evaluated, dimensionless.
+
+    Returns:
+        Values and derivatives by ξ, (k, order + 1) each.
     """
     if order == 1:
         one = np.ones_like(ξ)
@@ -181,8 +205,12 @@ def edge_line(body: Meshed, group: str, user: str) -> EdgeLine:
         group: name of the group in the mesh.
         user: the item that needs the line, the first words of messages.
 
+    Returns:
+        The edges with their nodes, in the order of a walk along the line; the same on every rank.
+
     Raises:
-        InputError: the group has no edges, branches, or consists of several lines.
+        InputError: the mesh has no such group of curves, or the group has no edges, branches, or
+            consists of several lines.
     """
     table = body.mesh.edges
     curve = body.mesh.curve(group, user)
@@ -212,11 +240,22 @@ def edge_line(body: Meshed, group: str, user: str) -> EdgeLine:
 
 
 def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[np.bool_], bool]:
-    """The edges (n,) in the order of a walk, whether each is passed forwards, and whether it is
-    closed.
+    """Order the edges of a line as they follow each other in a walk along it.
 
     The walk begins at the end with the lowest coordinates, or at the lowest vertex of a closed
     line, there along the edge to the lower neighbour: that is the same for any numbering.
+
+    Args:
+        vertices: global vertices (n, 2) at the ends of the n edges, at least one.
+        X: coordinates (n, p + 1, 3) [m] of the nodes along each edge, from its first vertex.
+        what: subject of the messages.
+
+    Returns:
+        The edges (n,) in the order of the walk; whether each edge, in the order of the walk, is
+        passed from its first vertex to the second (n,); and whether the line is closed.
+
+    Raises:
+        InputError: the line branches or consists of several parts.
     """
     edges_at: dict[int, list[int]] = {}
     point: dict[int, Array] = {}
@@ -269,11 +308,19 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
 
 
 def aligned(a: EdgeLine, b: EdgeLine, start: State) -> EdgeLine:
-    """The line b, turned so that points of like σ are near those of a in the initial state.
+    """The line b, reversed if need be, so that points of like fraction σ are close to those of a.
     Collective.
 
     Of a closed line the beginning is chosen, too: the vertex for which the mean squared distance is
-    least.
+    smallest.
+
+    Args:
+        a: line of edges of a film, which stays.
+        b: the line that is reversed or begun elsewhere.
+        start: initial state of the scene, in which distances are measured.
+
+    Raises:
+        InputError: the film of a line is not in the scene.
     """
     x_a = a.positions(start)
     x_b = b.positions(start)

@@ -95,8 +95,15 @@ def ground_frame(point: Vector = (0.0, 0.0, 0.0)) -> Frame:
 
 
 def along(direction: Array, frame: Frame, where: Callable[[Attached], Array] = INITIAL) -> Attached:
-    """The vector fixed in a frame that is `direction` (3,) at the start, or where a function says
-    the vectors are.
+    """The vector, fixed in a frame, that has a given direction at the start of the scene.
+
+    Args:
+        direction: (3,) in space; a unit vector for joints and springs.
+        frame: an oriented point of a body, with two or three directors (orthonormal vectors).
+        where: returns the vector (3,) of a director; default: as the body has it by itself.
+
+    Returns:
+        A combination of the directors of the frame: a port of its body, or `Ground`.
 
     Raises:
         InputError: the frame has two directors and the direction is not in their plane.
@@ -167,7 +174,16 @@ class SectionFrame:
         yield self._origin.body
 
     def initial_state(self) -> tuple[Array, Array]:
-        """This rank's coordinates and velocities, (12,) each on rank 0."""
+        """Initial coordinates and rates of the frame of a beam's section, from those of the beam.
+        Collective.
+
+        They are the section's point, its normal n = s2 × s3 and its two directors s2 and s3
+        (orthonormal vectors in the section), one vector after the other.
+
+        Returns:
+            Coordinates (12,) [m for the point, else -] and rates (12,) [m/s, else 1/s] on rank 0;
+            empty arrays on the others.
+        """
         x, s2, s3 = (port.initial() for port in self._section)
         x_rate, s2_rate, s3_rate = (port.initial_rate() for port in self._section)
         normal = np.cross(s2, s3)
@@ -178,7 +194,16 @@ class SectionFrame:
         return q[:own_size], v[:own_size]
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The constraints (1)."""
+        """The constraints by which the frame follows the section of a beam, with its normal as
+        third axis.
+
+        Twelve functions of the point x and the directors n, d2, d3 (unit vectors) of the frame, and
+        of the point x_s and the directors s2, s3 of the section are zero: x - x_s, d2 - s2, d3 -
+        s3, ½(n·n - 1), n·s2 and n·s3.
+
+        Args:
+            start: initial state of the scene; the constraints do not depend on it.
+        """
         # Indices in the stacked vectors (x, n, d2, d3, x_s, s2, s3).
         followers = [0, 2, 3]
         followed = [4, 5, 6]

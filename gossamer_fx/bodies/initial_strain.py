@@ -67,10 +67,21 @@ def check_one_given(name: str, strain: Any, stress: Any, stress_name: str) -> No
 
 
 def film_tensors(mesh: Mesh, given: Tensors, what: str) -> fem.Function:
-    """A function of symmetric tensors (3, 3), constant in each cell, from what a user gave.
-    Collective.
+    """A function of symmetric tensors, constant in each cell, from what a user gave.  Collective.
 
-    `what` begins messages about it.
+    Args:
+        mesh: triangles of the film.
+        given: a number or tensor (3, 3); {group of surfaces: number or tensor}, elsewhere zero; or
+            a function of the cells' midpoints (3, n) [m] that returns (n,) or (3, 3, n).  A number
+            stands for that multiple of the unit tensor.
+        what: subject of the messages.
+
+    Returns:
+        Function with values (3, 3) in the unit of what was given: strains, or stresses [Pa].
+
+    Raises:
+        InputError: a value of another form, not finite or not symmetric, or a group that is not one
+            of triangles.
     """
     if isinstance(given, Mapping):
         by_group = {}
@@ -81,7 +92,13 @@ def film_tensors(mesh: Mesh, given: Tensors, what: str) -> fem.Function:
 
 
 def check_stress(mesh: Mesh, stresses: fem.Function, law: FilmLaw, what: str) -> None:
-    """Refuse a stress that film of a law cannot have at a small strain.  Collective.
+    """Refuse an initial stress that film of a law cannot have at a small strain.  Collective.
+
+    Args:
+        mesh: triangles of the film.
+        stresses: a tensor (3, 3) [Pa] in each cell.
+        law: energy of the film; `taut_strain` is its strain under a given stress.
+        what: subject of the messages.
 
     Raises:
         InputError: the law cannot be inverted, or the film would wrinkle under the stress.
@@ -121,8 +138,11 @@ class _GivenTensors:
             self._tensor = _tensor(given, what)
 
     def __call__(self, points: Array) -> Any:
-        """Tensors (3, 3, n) at points (3, n); numbers (n,) of a user's function become multiples of
-        the unit tensor."""
+        """Tensors (3, 3, n) at points (3, n) [m], in the unit of what the user gave.
+
+        Numbers (n,) of a user's function become multiples of the unit tensor; other results are
+        returned as they are, for the caller to check.
+        """
         count = points.shape[1]
         if self._function is None:
             return np.repeat(self._tensor[:, :, None], count, axis=2)
@@ -133,7 +153,11 @@ class _GivenTensors:
 
 
 def _tensor(value: Any, what: str) -> Array:
-    """A number or a tensor (3, 3) as a tensor.
+    """A number or a symmetric tensor (3, 3) as a tensor (3, 3) in the same unit.
+
+    Args:
+        value: what a user gave; a number stands for that multiple of the unit tensor.
+        what: subject of the messages.
 
     Raises:
         InputError: it is something else, not finite or not symmetric.
@@ -160,7 +184,16 @@ def _in_frame(tensors: fem.Function, frame: Expr) -> Expr:
 
 def _check_tensile(mesh: Mesh, stresses: fem.Function, what: str) -> None:
     """Check that film which bears no compression is not compressed by its initial stress.
-    Collective."""
+    Collective.
+
+    Args:
+        mesh: triangles of the film.
+        stresses: a tensor (3, 3) [Pa] in each cell, of which the part in the film counts.
+        what: subject of the message.
+
+    Raises:
+        InputError: on all ranks, if a principal stress in the film is negative beyond round-off.
+    """
     owned = mesh.domain.topology.index_map(2).size_local
     nodes = cell_nodes(stresses.function_space)[:owned].ravel()
     tensors = stresses.x.array.reshape(-1, 3, 3)[nodes]
@@ -184,7 +217,18 @@ def _check_tensile(mesh: Mesh, stresses: fem.Function, what: str) -> None:
 
 
 def line_numbers(mesh: Mesh, given: Numbers, what: str) -> fem.Function:
-    """A number for each cell of a mesh of lines, from what the user gave.  Collective."""
+    """A function that is constant in each cell of a mesh of lines, from what a user gave.
+    Collective.
+
+    Args:
+        mesh: line elements.
+        given: a number; {group of curves: number}, elsewhere zero; or a function of the cells'
+            midpoints (3, n) [m] that returns (n,).  In any unit, e.g. N for a tension.
+        what: subject of the messages.
+
+    Raises:
+        InputError: something else is given, or a number that is not finite.
+    """
     if callable(given) or isinstance(given, Mapping):
         return cellwise(mesh, given, 0.0, (), what)
     numbers = real_numbers(given)

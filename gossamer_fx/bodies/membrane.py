@@ -98,8 +98,28 @@ class Membrane(Meshed):
         velocity: PointFunction | None = None,
         name: str = "film",
     ) -> None:
-        """Check the arguments, which the class describes, and make space, law and initial state.
+        """Check the arguments, and make function space, law constants and initial state.
         Collective.
+
+        The class describes the arguments in detail.
+
+        Args:
+            mesh: triangles in space [m], the stress-free shape.
+            law: stored energy per unit area, with its moduli [Pa], density [kg/m³] and thickness
+                [m].
+            order: of the Lagrange elements, 1 or 2.
+            properties: numbers of the law that differ from cell to cell.
+            thermal: thermal expansion; None: none.
+            initial_stress: stress [Pa] in the shape of the mesh; None: none.
+            initial_strain: strain (dimensionless) in its stead; None: none.
+            displacement: function of points (3, n) [m] that returns (3, n) [m], or {group:
+                function}.
+            velocity: function of points (3, n) [m] that returns (3, n) [m/s]; None: at rest.
+            name: name in messages and output.
+
+        Raises:
+            InputError: the mesh does not consist of triangles in space, an order that does not fit
+                the mesh, both initial stress and strain, or values that the law cannot have.
         """
         self.mesh = mesh if isinstance(mesh, Mesh) else Mesh(mesh)
         domain = self.mesh.domain
@@ -169,7 +189,14 @@ class Membrane(Meshed):
             check_no_gradient(thermal, what)
 
     def _thermal_strain(self) -> ThermalStrain | None:
-        """The thermal strain for one compiled scene; None without thermal expansion."""
+        """The thermal strain of the film for one compiled scene; None without thermal expansion.
+
+        It has the components (E11, E22, 2 E12), dimensionless, in the frame of the mesh, and
+        changes with the temperature [K].  Collective.
+
+        Raises:
+            InputError: a temperature is given for a group that does not consist of triangles.
+        """
         if self.thermal is None:
             return None
         from gossamer_fx.bodies.thermal_expansion import film_strain, thermal_strain
@@ -181,7 +208,16 @@ class Membrane(Meshed):
         )
 
     def _prestress(self) -> None:
-        """Add the initial stress or strain to the constants, as tensors (3, 3) in each cell."""
+        """Add the initial stress [Pa] or strain that was given to the constants of the film.
+        Collective.
+
+        Each becomes a function with a tensor (3, 3) in each cell; without prestress nothing is
+        added.
+
+        Raises:
+            InputError: stress and strain are both given, a value has another form, or the law
+                cannot have the stress.
+        """
         check_one_given(self.name, self._initial_strain, self._initial_stress, "initial_stress")
         if self._initial_strain is not None:
             what = f"'{self.name}': its initial_strain"
@@ -206,8 +242,14 @@ class Membrane(Meshed):
     def measure(self, x: Expr) -> Expr:
         """Strain (E11, E22, 2 E12) at the positions x: from the mesh, and the initial one.
 
-        Thermal strain is part of it: that depends on the time of a scene.  The fields
-        `elastic_strain1` and `elastic_strain2` of a run have it subtracted.
+        The thermal strain is not subtracted from it, since that depends on the time of a scene; the
+        fields `elastic_strain1` and `elastic_strain2` of a run have it subtracted.
+
+        Args:
+            x: positions (3,) [m] on the mesh, a UFL expression.
+
+        Returns:
+            UFL vector (3,), Green-Lagrange strain in the local frame of the triangles.
         """
         strain = self.strain_from_mesh(x)
         initial = self.initial_strain
@@ -237,7 +279,15 @@ class Membrane(Meshed):
         return self.constants.density * self.constants.thickness
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Kinetic and stored energy of the film."""
+        """Kinetic and stored energy of the film.
+
+        Args:
+            start: initial state of the scene; the terms do not depend on it.
+
+        Yields:
+            The terms, i.e. what the film adds to the equations: one of its mass, one of its stored
+            energy with prestress and thermal strain.
+        """
         numbers = parameters(self.law, self.constants)
         yield KineticEnergy(
             self,
@@ -267,6 +317,14 @@ class Membrane(Meshed):
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:
+        """Owned positions (3 n,) [m] and velocities (3 n,) [m/s] at the start, node by node.
+
+        The user's functions of displacement and velocity are called once; collective at the first
+        use.
+
+        Raises:
+            InputError: a function raises or returns something else, or the mesh has no such group.
+        """
         if not isinstance(self._displacement, Mapping):
             return positions(self.space, self._displacement, self._velocity)
         x, v = positions(self.space, None, self._velocity)

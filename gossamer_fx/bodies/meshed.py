@@ -98,7 +98,16 @@ def checked_function(function: PointFunction, what: str, comm: MPI.Intracomm) ->
 def positions(
     space: fem.FunctionSpace, displacement: PointFunction | None, velocity: PointFunction | None
 ) -> tuple[Array, Array]:
-    """Owned positions [m] and velocities [m/s] at the start, flattened, node by node."""
+    """Owned positions and velocities of a body on a mesh at the start.  Collective.
+
+    Args:
+        space: Lagrange space (3,) of the coordinates on the mesh.
+        displacement: function of points (3, n) [m] that returns (3, n) [m]; None: the mesh itself.
+        velocity: function of points (3, n) [m] that returns (3, n) [m/s]; None: at rest.
+
+    Returns:
+        Positions (3 n,) [m] and velocities (3 n,) [m/s], flattened, node by node.
+    """
     x = fem.Function(space)
     v = fem.Function(space)
     # The mesh itself, at the nodes of the space: between its vertices where the order is 2.

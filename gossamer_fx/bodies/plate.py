@@ -117,7 +117,30 @@ class Plate(Membrane):
         velocity: PointFunction | None = None,
         name: str = "plate",
     ) -> None:
-        """Check the arguments, which the class describes, and make the constants of bending."""
+        """Check the arguments, and make the film and the constants of bending.  Collective.
+
+        The class describes the arguments in detail.
+
+        Args:
+            mesh: plane triangles with straight edges [m].
+            law: stored energy per unit area, with its moduli [Pa], density [kg/m³] and thickness
+                [m].
+            order: of the Lagrange elements, 2.
+            hinges: names of groups of interior edges that transmit no bending moment.
+            bending: D11, D12, D22, D66 [N m] of a law with axes; None: those of the law.
+            rest_curvature: curvature [1/m] without moments, tensors (3, 3); None: flat.
+            properties: numbers of the law that differ from cell to cell.
+            thermal: thermal expansion; None: none.
+            initial_stress: stress [Pa] in the shape of the mesh; None: none.
+            initial_strain: strain (dimensionless) in its stead; None: none.
+            displacement, velocity: functions of points (3, n) [m] that return (3, n) [m] or [m/s].
+            name: name in messages and output.
+
+        Raises:
+            InputError: another order, a curved mesh, a hinge that is given twice or has edges on
+                the rim, stiffnesses that are not positive definite, a rest curvature out of the
+                plane.
+        """
         check(
             order == 2,
             f"Plate '{name}': order is {order!r}; use 2 (of order 1 the curvature is zero in every "
@@ -168,7 +191,14 @@ class Plate(Membrane):
         self.bending = self._bending_about(rest)
 
     def _given_bending(self, bending: tuple[float, float, float, float]) -> OrthotropicBending:
-        """The bending stiffness that was given, in the axes of the law."""
+        """The bending stiffness that a user gave, in the axes of the orthotropic law.
+
+        Args:
+            bending: D11, D12, D22, D66 [N m].
+
+        Raises:
+            InputError: the law has no axes, or the stiffnesses are not positive definite.
+        """
         c = self.constants
         check(
             hasattr(c, "cosine"),
@@ -208,7 +238,17 @@ class Plate(Membrane):
         return self.bending_stiffness.moment(κ)
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The energies of the film, the bending energy, and that of a curvature at rest."""
+        """The energies of the film, the bending energy, and what a curvature without moments adds
+        to it.
+
+        Args:
+            start: initial state of the scene; the terms do not depend on it.
+
+        Yields:
+            The terms, i.e. what the plate adds to the equations: its mass, its membrane energy, a
+            quadratic bending energy, and a `TripleProductEnergy` if it has a rest or thermal
+            curvature.
+        """
         yield from super().terms(start)
         bending = self.bending
         name = f"{self.name} bending"
@@ -228,8 +268,17 @@ class Plate(Membrane):
         return self.thermal is not None and self.thermal.gradient is not None
 
     def _rest_energy(self, name: str, dx: ufl.Measure, dS: ufl.Measure) -> TripleProductEnergy:
-        """What the curvature without moments adds to the energy: that at rest, and the thermal
-        one."""
+        """The part of the bending energy that a rest curvature and a thermal curvature add.
+
+        With the curvature H0 without moments, its moment M0 and the curvature κ = n·D²x of the
+        moved surface it is ½∫ M0:H0 dA - ∫ M0:κ dA and a sum over interior edges.  These are
+        integrals of triple products of three vectors that are linear in the positions.
+
+        Args:
+            name: of the energy in the ledger.
+            dx: measure of the cells.
+            dS: measure of the interior edges that transmit moments.
+        """
         domain = self.mesh.domain
         bending = self.bending
         varying = None
@@ -246,8 +295,16 @@ class Plate(Membrane):
         def scaled(
             vectors: Callable[[Expr], Any], scale: Expr
         ) -> Callable[[Expr], tuple[Expr, Expr, Expr]]:
-            """Vectors (u, v, s/scale), which are dimensionless, as a function of the
-            coordinates."""
+            """Divide the third of three vectors by a scale, so that all three are dimensionless.
+
+            Args:
+                vectors: function of the positions [m] that returns three vectors (3,), UFL
+                    expressions; the third in the unit of `scale`.
+                scale: positive, e.g. a stiffness over an area [N/m].
+
+            Returns:
+                Function of the positions that returns (u, v, s/scale).
+            """
 
             def dimensionless(x: Expr) -> tuple[Expr, Expr, Expr]:
                 u, v, s = vectors(x)
@@ -273,7 +330,13 @@ class Plate(Membrane):
         return Bending(domain, self._frame, self.bending_stiffness, penalty, rest)
 
     def _transmitting(self) -> ufl.Measure:
-        """The measure of the interior edges that transmit bending moments: all but the hinges."""
+        """The measure of the interior edges that transmit bending moments: all but the hinges.
+        Collective.
+
+        Returns:
+            UFL measure "dS", which integrates over the lengths [m] of these edges; expressions
+            under it need restrictions "+" or "-" to one side.
+        """
         domain, metadata = self.mesh.domain, {"quadrature_degree": EDGE_DEGREE}
         if not self.hinges:
             return ufl.Measure("dS", domain, metadata=metadata)
@@ -287,7 +350,15 @@ class Plate(Membrane):
         return ufl.Measure("dS", domain, subdomain_data=tags, metadata=metadata)(1)
 
     def _check_flat(self, table: EdgeTable) -> None:
-        """Neighbours lie in one plane unless a hinge is between them."""
+        """Check that neighbouring triangles lie in one plane unless a hinge is between them.
+        Collective.
+
+        Args:
+            table: edges of the mesh with the triangles on both sides.
+
+        Raises:
+            InputError: on all ranks, if normals differ by an angle whose sine exceeds `FLAT`.
+        """
         # The curvature of the forms is that of a plate flat in its stress-free shape.
         edges = np.setdiff1d(np.flatnonzero(table.is_inside & table.is_known), self._hinged)
         domain = self.mesh.domain
@@ -303,7 +374,18 @@ class Plate(Membrane):
         )
 
     def _rest(self, given: Any) -> Expr:
-        """H0 (2, 2) in the frame of the mesh."""
+        """The curvature H0 (2, 2) [1/m] without moments, a UFL expression in the frame of the mesh.
+        Collective.
+
+        Args:
+            given: a tensor (3, 3) [1/m] in the plane of the mesh; {group of surfaces: tensor},
+                elsewhere zero; or a function of the cells' midpoints (3, n) [m] that returns (3, 3,
+                n).
+
+        Raises:
+            InputError: something else is given, or a tensor that is not symmetric or not in the
+                plane of the mesh.
+        """
         what = f"Plate '{self.name}': its rest_curvature"
         if not callable(given) and not isinstance(given, Mapping):
             tensor = real_numbers(given)
@@ -348,7 +430,13 @@ def interior_edges(
     group: str,
     what: str,
 ) -> Indices:
-    """Local edges of a group, each between two cells.
+    """Local edges (n,) of a named group of curves, each between two triangles.  Collective.
+
+    Args:
+        plate: the film or plate whose mesh has the group.
+        table: edges of the mesh with the triangles on both sides.
+        group: name of the group of curves.
+        what: what the group is used for, e.g. "hinge", for messages.
 
     Raises:
         InputError: it is not a group of edges, or holds edges of the rim.

@@ -29,8 +29,13 @@ def local_nodes(space: fem.FunctionSpace, mesh: Mesh, group: str) -> np.ndarray:
 def global_node(body: MeshBody, mesh: Mesh, group: str) -> int:
     """Global number of the one node of a named point of the mesh.  Collective.
 
+    Args:
+        body: on whose nodes the number is.
+        mesh: of the body.
+        group: name of a group that consists of one point.
+
     Raises:
-        InputError: the group has no node, or several.
+        InputError: the mesh has no such group, or the group has no node, or several.
     """
     nodes = local_nodes(body.space, mesh, group)
     index_map = body.block.index_map
@@ -48,13 +53,19 @@ def global_node(body: MeshBody, mesh: Mesh, group: str) -> int:
 
 
 def interpolated(body: MeshBody, point: Sequence[float], tolerance: float = 1e-6) -> Port:
-    """The point of a body at `point` [m] of its mesh: a combination of the nodes of the cell around
-    it.
+    """The point of a body at given coordinates of its mesh, also between nodes.  Collective.
 
-    Collective.
+    Args:
+        body: on a mesh of triangles or lines.
+        point: coordinates (3,) [m] in the stress-free shape, the same on all ranks.
+        tolerance: largest distance [m] of the point from the mesh.
+
+    Returns:
+        A port: the weighted sum of the nodes of the cell around the point.
 
     Raises:
-        InputError: the point is further than `tolerance` [m] from the mesh.
+        InputError: the point has not three coordinates, or is further than `tolerance` from the
+            mesh.
     """
     mesh = body.space.mesh
     x = np.asarray(point, dtype=float)
@@ -92,8 +103,16 @@ def interpolated(body: MeshBody, point: Sequence[float], tolerance: float = 1e-6
 
 
 def _weights(body: MeshBody, cell: int, x: np.ndarray) -> tuple[tuple[int, ...], tuple[float, ...]]:
-    """Global nodes of a local cell and their shape functions at x (3,) [m], without those that
-    vanish.
+    """Nodes of a cell and their weights in the interpolation of a point.
+
+    Args:
+        body: on a mesh.
+        cell: local number of the cell.
+        x: point (3,) [m] in the cell.
+
+    Returns:
+        Global nodes and values of their shape functions at x, dimensionless, as tuples of the same
+        length; without those whose value is below `ZERO_WEIGHT`.
     """
     space: Any = body.space
     mesh = space.mesh

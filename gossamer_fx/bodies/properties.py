@@ -38,7 +38,16 @@ def vary(
     properties: Mapping[str, Property],
     name: str,
 ) -> None:
-    """Replace some of a law's `constants` by functions that are constant in each cell.
+    """Replace some numbers of a film law by functions that are constant in each cell.  Collective.
+
+    Args:
+        constants: coefficients of the law for UFL forms, changed in place.
+        law: the law, whose numbers hold where nothing is given.
+        mesh: of the film.
+        properties: by name of the number, as "E" [Pa], "nu" [-], "density" [kg/m³], "thickness"
+            [m]: {group of surfaces: value}, or a function of midpoints (3, n) [m] that returns
+            (n,).
+        name: of the film, for messages.
 
     Raises:
         InputError: a number that the law has not, or that would change derived ones; values out of
@@ -82,12 +91,23 @@ def cellwise(
     shape: tuple[int, ...],
     what: str,
 ) -> fem.Function:
-    """A function, constant in each cell, of values by group or of a function of the cells'
-    midpoints.
+    """A function that is constant in each cell, from values by group or a function of midpoints.
+    Collective.
 
     Args:
-        given: {group: value}, the others have `base`; or a function of points (3, n) that returns
-            (*shape, n).
+        mesh: of triangles or lines.
+        given: {group: value}, the other cells have `base`; or a function of points (3, n) [m] that
+            returns (*shape, n).
+        base: value of cells that are in no group.
+        shape: shape of the values, () for numbers.
+        what: subject of the messages.
+
+    Returns:
+        Discontinuous function of order 0, ghosts included, in the unit of what was given.
+
+    Raises:
+        InputError: a group that does not consist of cells, a value of another shape or not finite,
+            or a function that raises or returns something else.
     """
     function = fem.Function(fem.functionspace(mesh.domain, ("Discontinuous Lagrange", 0, shape)))
     dim = mesh.domain.topology.dim
@@ -115,7 +135,16 @@ def cellwise(
 
 
 def _cells(mesh: Mesh, group: str, what: str) -> Indices:
-    """Local cells (n,) of a named group; `what` begins the message about another group."""
+    """Local cells (n,) of a named group of triangles or lines, owned and ghost.
+
+    Args:
+        mesh: of triangles or lines.
+        group: name of the group.
+        what: subject of the messages.
+
+    Raises:
+        InputError: the mesh has no such group, or it does not consist of cells of the mesh.
+    """
     dim, cells = mesh.group(group)
     if mesh.domain.topology.dim == 1:
         check(

@@ -37,7 +37,17 @@ ATTITUDE_TOLERANCE = 1e-12
 
 
 def orthonormality(count: int) -> tuple[Array, Array, Array]:
-    """H, L, c of the measures ½(d_i·d_i - 1) and d_i·d_j of `count` stacked directors."""
+    """H, L, c of the measures ½(d_i·d_i - 1) and d_i·d_j, which are zero for orthonormal directors.
+
+    With m measures e = ½ X·H X + L·X + c of the stacked directors X (3 count,), dimensionless.
+
+    Args:
+        count: number of directors, 1 to 3.
+
+    Returns:
+        H (m, 3 count, 3 count), L (m, 3 count) and c (m,), with m = count (count + 1)/2: first the
+        lengths, then the right angles.
+    """
     pairs = [(i, j) for i, j in PAIRS if i < count and j < count]
     H = np.zeros((len(pairs), 3 * count, 3 * count))
     L = np.zeros((len(pairs), 3 * count))
@@ -93,7 +103,23 @@ class RigidBody:
         comm: MPI.Intracomm = MPI.COMM_WORLD,
         name: str = "body",
     ) -> None:
-        """Check the arguments, which the class describes; the coordinates are on rank 0."""
+        """Check the arguments; the coordinates of the body are on rank 0.  Collective.
+
+        Args:
+            mass: [kg], positive.
+            inertia: about the centre of mass in body axes [kg m²]: principal values (3,), or (3,
+                3).
+            position: (3,) [m] of the centre of mass.
+            attitude: rotation matrix (3, 3), whose columns are the body axes in space.
+            velocity: (3,) [m/s] of the centre of mass.
+            spin: angular velocity (3,) [rad/s] in space axes.
+            comm: the ranks of the scene.
+            name: name in messages and output.
+
+        Raises:
+            InputError: the mass is not positive, the inertia is not symmetric, singular or not that
+                of a body, or the attitude is not a rotation.
+        """
         check(
             math.isfinite(mass) and mass > 0,
             f"RigidBody '{name}': mass is {mass!r} kg; give a positive number.",

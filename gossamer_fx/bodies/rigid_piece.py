@@ -45,7 +45,18 @@ class RigidPiece:
         rates: Array,
         rigid: bool = True,
     ) -> None:
-        """Take position, directors and rates, which the class describes, without a check."""
+        """Take position, directors and rates of a massless rigid piece without a check.
+        Collective.
+
+        What is tied to the piece decides its motion.
+
+        Args:
+            name: in messages.
+            owner: the body that is tied to the piece.
+            start: (1 + k, 3): position [m] and k orthonormal directors (unit vectors).
+            rates: (1 + k, 3): their rates [m/s] and [1/s].
+            rigid: whether lengths and angles of the directors are constant, by multipliers.
+        """
         self.name = name
         self.comm = owner.comm
         self._owner = owner
@@ -90,15 +101,17 @@ class RigidPiece:
 
 
 def fitted(comm: MPI.Intracomm, x: Array, v: Array) -> tuple[Array, Array, Array]:
-    """Frame of the points of all ranks, from those that this rank owns.  Collective.
+    """Mean position and directors of the points of all ranks, from those that this rank owns.
+    Collective.
 
     Args:
-        comm: of the body.
-        x, v: positions [m] and velocities [m/s] (n, 3) of this rank's points.
+        comm: of the body; it has at least one point on all ranks together.
+        x, v: positions [m] and velocities [m/s] (n, 3) of this rank's points; n may be zero.
 
     Returns:
-        The centre and the k directors (1 + k, 3), see `directors_of`; their rates in the best
-        affine motion; and the coordinates (n, k) [m] of the points along the directors.
+        The centre [m] and k unit vectors (1 + k, 3), one for each dimension of the set of points,
+        see `directors_of`; their rates (1 + k, 3) [m/s, 1/s] in the best affine motion; and the
+        coordinates (n, k) [m] of this rank's points along the directors.
     """
     count = comm.allreduce(len(x))
     mean = comm.allreduce(x.sum(axis=0)) / count
@@ -118,11 +131,17 @@ def fitted(comm: MPI.Intracomm, x: Array, v: Array) -> tuple[Array, Array, Array
 
 
 def directors_of(covariance: Array, flat: float = FLAT) -> Array:
-    """Directors (k, 3) of points with this covariance (3, 3) [m²]: as many as the points have
-    dimensions.
+    """Orthonormal directors (k, 3) of a set of points: as many as it has dimensions.
 
     One along a line; two in a plane, right-handed with its normal; the axes of space for points in
-    space.
+    space; none where all points coincide.
+
+    Args:
+        covariance: Σ (x - x_mean)(x - x_mean)ᵀ (3, 3) [m²] of the points.
+        flat: ratio of an extent to the largest one, below which the set counts as flat there.
+
+    Returns:
+        Unit vectors (k, 3), k from 0 to 3.
     """
     # Eigenvalues are in ascending order.  Round-off may make the least of them negative.
     squares, vectors = np.linalg.eigh(covariance)

@@ -104,7 +104,7 @@ class TabulatedCable(BarLaw):
 
     @staticmethod
     def from_csv(path: str | Path, *, line_density: float) -> TabulatedCable:
-        """Read a table with two columns, "strain [%]" and "force [kN]".
+        """Read a table with two columns, such as "strain [%]" and "force [kN]".
 
         The header names both with their units: 1, -, m/m, mm/m or % for the strain, N, mN or kN for
         the force.  Lines that begin with # are comments.
@@ -112,6 +112,9 @@ class TabulatedCable(BarLaw):
         Args:
             path: path of the file; every rank reads it.
             line_density: mass per natural length [kg/m], positive.
+
+        Returns:
+            The law, with the force [N] as a function of the engineering strain.
 
         Raises:
             InputError: the file does not exist, a unit is missing or unknown, a line has no two
@@ -159,7 +162,17 @@ class TabulatedCable(BarLaw):
         return [Piece(0.0, 1.0, lambda ea, eb: self._mean_stress(ea, eb, c))]
 
     def _mean_stress(self, e0: Expr, e1: Expr, c: Any) -> Expr:
-        """S (1,) of equation (3)."""
+        """Mean stress S (1,) [N] of a step, a UFL vector, with S (e1 - e0) equal to the change of
+        energy.
+
+        S = N_mean/(½(λ0 + λ1)), with the force N [N] averaged over the stretches λ0 to λ1 of the
+        step; equation (3) of the module.
+
+        Args:
+            e0, e1: Green-Lagrange strains (1,) at the beginning and the end of the step.
+            c: constants of the mesh: `strains` (n,) [-] and `slope_changes` (n,) [N] at the n
+                corners of the table.
+        """
         x0 = _engineering_strain(e0)
         x1 = _engineering_strain(e1)
         # Sides are part of the kernel, as there are two of them; strains and slopes are constants.
@@ -227,8 +240,16 @@ class TabulatedBars:
         return self.lengths * self.corners.energy(_stretch(e[:, 0]) - 1)
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """Mean stress (n, 1) [N m] of a step between strains e0, e1 (n, 1), and its derivative (n,
-        1, 1) by e1."""
+        """Mean stress of a step for each of n bars, and its derivative by the strain at the end.
+
+        The stress is work per strain: S (e1 - e0) is the change of a bar's energy [J].
+
+        Args:
+            e0, e1: Green-Lagrange strains (n, 1) at the beginning and the end of the step.
+
+        Returns:
+            S (n, 1) [N m] and ∂S/∂e1 (n, 1, 1) [N m].
+        """
         λ0 = _stretch(e0[:, 0])
         λ1 = _stretch(e1[:, 0])
         mean_stretch = (λ0 + λ1) / 2
@@ -240,7 +261,15 @@ class TabulatedBars:
 
 
 def corners_of(strain: Array, force: Array) -> Corners:
-    """The corners of the force through points (n,) that `_check_table` accepts."""
+    """The corners of the piecewise linear force through measured points.
+
+    A force N(x) = Σ_i c_i s_i max(s_i (x - x_i), 0) has a change c_i of slope at each corner x_i,
+    on the side s_i = ±1 of zero strain; corners without a change are left out.
+
+    Args:
+        strain: engineering strains (n,), rising.
+        force: [N] (n,); zero at zero strain, as `_check_table` has found.
+    """
     # The table is checked to have no force at zero strain, if only between two of its points.
     if not (strain == 0).any():
         at = int(np.searchsorted(strain, 0.0))
@@ -266,7 +295,16 @@ def corners_of(strain: Array, force: Array) -> Corners:
 
 
 def _check_table(strain: Array, force: Array) -> None:
-    """Raise `InputError` unless the points are a force law; see `TabulatedCable`."""
+    """Raise `InputError` unless measured points are a force law.
+
+    Args:
+        strain: engineering strains (n,), dimensionless; two or more, rising, from at most zero and
+            above -1 to a positive one.
+        force: [N] (n,); not falling, zero at zero strain, and positive from there on.
+
+    Raises:
+        InputError: the first of these conditions that does not hold, with the values.
+    """
     check(
         strain.ndim == 1 and strain.shape == force.shape and len(strain) >= 2,
         f"TabulatedCable: strain has the shape {strain.shape} and force {force.shape}; give two "
@@ -314,7 +352,13 @@ def _first(found: npt.NDArray[np.intp]) -> int:
 
 
 def _read_csv(path: Path) -> tuple[list[float], list[float]]:
-    """Read the columns of engineering strain and force [N] from a CSV file.
+    """Read the columns of engineering strain (dimensionless) and force [N] from a CSV file.
+
+    Args:
+        path: of a file with the header "strain [unit], force [unit]", in any order of the columns.
+
+    Returns:
+        Strains and forces, as many as there are rows.
 
     Raises:
         InputError: the file does not exist, has no such column, or a row is not two numbers.

@@ -46,6 +46,14 @@ class TemperatureInTime:
     ) -> None:
         """Find the cells of each group; no temperature is evaluated yet.
 
+        Args:
+            mesh: of the body.
+            given: temperature [K], or difference of temperatures [K]: a number, a function of
+                points (3, n) [m] and time [s], or {group of cells: one of these}.
+            elsewhere: temperature [K] of cells that are in no group.
+            lowest: the lowest temperature [K] that is possible.
+            what: subject of the messages.
+
         Raises:
             InputError: the mesh has no such group of cells.
         """
@@ -63,8 +71,17 @@ class TemperatureInTime:
         self.in_time = any(not isinstance(value, Real) for value, _, _ in self._parts)
 
     def set(self, function: fem.Function, t: float) -> None:
-        """Set a function, discontinuous between cells, to the temperatures at time t [s].
-        Collective."""
+        """Set a function to the temperatures at a time.  Collective.
+
+        Args:
+            function: scalar and discontinuous between cells; its values [K] are overwritten, ghosts
+                included.
+            t: time [s].
+
+        Raises:
+            InputError: on all ranks, if a temperature is below the lowest one, or a user's function
+                raises or returns something else.
+        """
         space = function.function_space
         values = function.x.array
         values[:] = self._elsewhere
@@ -84,7 +101,19 @@ class TemperatureInTime:
         )
 
     def _ask(self, value: Any, points: Array, t: float, what: str) -> Array:
-        """The values (n,) at points (3, n)."""
+        """Temperatures (n,) [K] at points, from a number or a user's function.  Collective for a
+        function.
+
+        Args:
+            value: a number [K], or a function of points (3, n) [m] and time [s] that returns (n,)
+                or a number.
+            points: (3, n) [m].
+            t: time [s].
+            what: subject of the messages.
+
+        Raises:
+            InputError: on all ranks, if the function raises or returns something else.
+        """
         count = points.shape[1]
         if isinstance(value, Real):
             return np.full(count, float(value))
@@ -98,7 +127,16 @@ class TemperatureInTime:
 
 
 def _cells(mesh: Mesh, group: str, what: str) -> Indices:
-    """Local cells (n,) of a named group."""
+    """Local cells (n,) of a named group, owned and ghost.
+
+    Args:
+        mesh: of triangles or lines.
+        group: name of the group.
+        what: subject of the message.
+
+    Raises:
+        InputError: the mesh has no such group, or it does not consist of cells of the mesh.
+    """
     dim, cells = mesh.group(group)
     wanted = mesh.domain.topology.dim
     check(
@@ -110,10 +148,15 @@ def _cells(mesh: Mesh, group: str, what: str) -> Indices:
 
 
 def check_expansion(thermal: ThermalExpansion | None, what: str, *, has_axes: bool) -> None:
-    """Check that two coefficients belong to a law with axes.
+    """Check that a law has axes if the thermal expansion has two coefficients.
+
+    Args:
+        thermal: the expansion, with one or two coefficients `alphas` [1/K]; None: none.
+        what: subject of the message.
+        has_axes: whether the law of the body has axes, as orthotropic ones have.
 
     Raises:
-        InputError: they do not.
+        InputError: there are two coefficients and no axes.
     """
     check(
         thermal is None or len(thermal.alphas) == 1 or has_axes,
@@ -125,8 +168,12 @@ def check_no_gradient(thermal: ThermalExpansion | None, what: str) -> None:
     """Check that a body without bending stiffness has no difference of temperature across its
     thickness.
 
+    Args:
+        thermal: the expansion, whose `gradient` is that difference [K]; None: none.
+        what: subject of the message.
+
     Raises:
-        InputError: it has.
+        InputError: the gradient is given.
     """
     check(
         thermal is None or thermal.gradient is None,
@@ -141,10 +188,12 @@ def metric_strain(alpha: Expr, ΔT: Expr) -> Expr:
 
 
 def film_strain(alphas: tuple[Expr, ...], ΔT: Expr, c: Any) -> Expr:
-    """Thermal strain (E11, E22, 2 E12) of a film, in the frame of its mesh.
+    """Thermal strain (E11, E22, 2 E12) of a film, a UFL vector in the frame of its mesh.
+
+    A free piece expands by the stretch λ = 1 + α ΔT along each axis, whose strain is ½(λ² - 1).
 
     Args:
-        alphas: one coefficient, or those along the axes.
+        alphas: one coefficient of expansion [1/K], or those along the two axes of the law.
         ΔT: temperature less that of reference [K].
         c: constants of the law; with axes: cosine and sine of the first one.
     """
@@ -162,12 +211,19 @@ def film_strain(alphas: tuple[Expr, ...], ΔT: Expr, c: Any) -> Expr:
 def thermal_strain(
     body: Any, strain: Callable[[tuple[Expr, ...], Expr], Expr], what: str
 ) -> ThermalStrain:
-    """The thermal strain of a body for one compiled scene.
+    """The thermal strain of a body, with the function of its temperature, for one compiled scene.
+
+    Collective.  The temperatures at time zero are evaluated.
 
     Args:
-        body: with `mesh`, `order` and `thermal`.
-        strain: of the coefficients of expansion and T - T0.
+        body: with `mesh`, `order` and `thermal` (a `ThermalExpansion`).
+        strain: function of the coefficients of expansion [1/K] and T - T0 [K], UFL expressions,
+            that returns the strains of the body as a UFL vector.
         what: name of the body in messages.
+
+    Raises:
+        InputError: a temperature is given for a group that does not consist of cells, is below
+            zero, or its function fails.
     """
     thermal: ThermalExpansion = body.thermal
     domain = body.mesh.domain
@@ -215,7 +271,21 @@ class ThermalCurvature:
 
 
 def thermal_curvature(plate: Any) -> ThermalCurvature:
-    """The thermal curvature of a plate for one compiled scene."""
+    """The curvature without moments that a difference of temperature gives to a plate.
+
+    It is -α ΔT/t along each axis, with the coefficient of expansion α [1/K], ΔT = T_front - T_back
+    [K] and the thickness t [m].  Collective.
+
+    Args:
+        plate: with `mesh`, `thermal` (a `ThermalExpansion`), `constants` and `name`.
+
+    Returns:
+        The curvature (2, 2) [1/m] in the frame of the mesh, and ΔT as a function that is constant
+        in each cell, with its values in time.
+
+    Raises:
+        InputError: the difference is given for a group that does not consist of cells.
+    """
     thermal: ThermalExpansion = plate.thermal
     domain = plate.mesh.domain
     c = plate.constants

@@ -89,10 +89,13 @@ class TripleProductEnergies(
     """All `TripleProductEnergy` terms of a scene."""
 
     def __init__(self, terms: Sequence[TripleProductEnergy], system: Assembly) -> None:
-        """Compile residual, tangent and energy of each term.
+        """Compile residual, tangent and energy of each term.  Collective.
+
+        A term is a stored energy Σ ∫ scale (u×v)·s with three dimensionless vectors that are linear
+        in the coordinates, as plates with a rest curvature have it.
 
         Args:
-            terms: the triple products of the scene.
+            terms: all such terms of the scene.
             system: the compiled scene, which has the fields of their bodies.
         """
         self._system = system
@@ -158,7 +161,11 @@ class TripleProductEnergies(
         return [one.changing for one in self._compiled if one.changing is not None]
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        """Add the forces [N] of all terms to r."""
+        """Add the internal forces of all terms in the present step to the residual.  Collective.
+
+        Args:
+            r: residual [N] of all unknowns, changed in place.
+        """
         for compiled in self._compiled:
             force = compiled.force
             # Assembly adds to what is there.
@@ -227,7 +234,15 @@ def _gradient(X: Vectors, δ: Vectors) -> Expr:
 
 
 def _second(X: Vectors, a: Vectors, b: Vectors) -> Expr:
-    """Second derivative of the triple product of X along a and b."""
+    """Second derivative of the triple product (u×v)·s along two directions, dimensionless.
+
+    Args:
+        X: the three UFL vectors u, v, s, each (3,), dimensionless.
+        a, b: the directions, three vectors (3,) each.
+
+    Returns:
+        UFL scalar, linear in a and in b.
+    """
     u, v, s = X
     au, av, as_ = a
     bu, bv, bs = b
@@ -241,7 +256,17 @@ def _second(X: Vectors, a: Vectors, b: Vectors) -> Expr:
 
 
 def _invariants(X: Vectors, δ: Vectors) -> list[Expr]:
-    """The derivatives of the six invariants of X along δ."""
+    """Derivatives along δ of six functions of three vectors that do not change in rigid motions.
+
+    They are ½ u·u, ½ v·v, u·v, u·s, v·s and (u×v)·s.
+
+    Args:
+        X: the vectors u, v, s, each a UFL vector (3,), dimensionless.
+        δ: direction of the derivatives, three UFL vectors (3,).
+
+    Returns:
+        Six UFL scalars, linear in δ, dimensionless.
+    """
     u, v, s = X
     du, dv, ds = δ
     return [
@@ -255,8 +280,19 @@ def _invariants(X: Vectors, δ: Vectors) -> list[Expr]:
 
 
 def _defect(mid: Vectors, Δ: Vectors, δ: Vectors) -> Expr:
-    """The correction that closes the energy balance: ¼ (Δu×Δv)·Δs along the change of the
-    invariants.
+    """Force density that gives back the energy which the midpoint rule misses of a triple product.
+
+    The energy changes by the gradient at mid-step times Δ, and ¼ (Δu×Δv)·Δs.  This remainder is
+    distributed along the changes of six invariants (Gonzalez's correction), so that no moment
+    arises.
+
+    Args:
+        mid: the vectors u, v, s at mid-step, each a UFL vector (3,), dimensionless.
+        Δ: their changes in the step, three UFL vectors (3,).
+        δ: their derivatives along the test function, three UFL vectors (3,).
+
+    Returns:
+        UFL scalar, linear in δ, dimensionless: the scale of the term gives it its unit.
     """
     # A cubic function changes by its gradient in the middle times the step, and a quarter of its
     # value at the step: u·(v × s) of the three changes.

@@ -91,6 +91,13 @@ def check_arguments[T: Callable[..., Any]](thing: T) -> T:
     Of a class the arguments of its constructor are checked.  A subclass with another constructor
     needs the decorator, too.
 
+    Args:
+        thing: the class or function.  All its arguments have annotations.
+
+    Returns:
+        The same class, whose constructor now checks; or a function that checks and then calls
+        `thing`.
+
     Raises, when the class or function is called:
         InputError: an argument that is missing, unknown, or not of the type in its annotation.
 
@@ -110,7 +117,18 @@ def check_arguments[T: Callable[..., Any]](thing: T) -> T:
 
 
 def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap a function so that the types of its arguments are checked at each call."""
+    """Wrap a function so that the types of its arguments are checked at each call.
+
+    Defaults are not checked.
+
+    Args:
+        function: whose arguments have annotations; also the `__init__` of a class.
+
+    Returns:
+        A function with the same name and signature.  It raises `InputError` with one sentence,
+        which names the argument, its value and what to give, if an argument is missing, unknown or
+        not of the type in its annotation.
+    """
 
     # Signature and annotations are looked at in the first call: most of the classes that a scene
     # imports are never called, and an annotation may name a class that is defined further below.
@@ -124,7 +142,11 @@ def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
-        """Call the function if all arguments have the types of its signature.
+        """Call the wrapped function if all arguments have the types of its signature, and return
+        its result.
+
+        Args:
+            args, kwargs: the arguments of the call.
 
         Raises:
             InputError: an argument is missing, unknown, or of another type.
@@ -177,10 +199,12 @@ def _wrong_call(
     kwargs: dict[str, Any],
     error: TypeError,
 ) -> str:
-    """Explain in one clause why arguments do not fit a signature.
+    """Explain in one clause of a message why arguments do not fit a signature.
+
+    Unknown names are looked for first, then too many positional arguments, then missing ones.
 
     Args:
-        signature: of the function.
+        signature: of the function that was called.
         args, kwargs: the arguments of the call.
         error: what Python raised, which is used if no better reason is found.
     """
@@ -216,10 +240,14 @@ def _wrong_call(
 
 
 def resolved(function: Callable[..., Any], argument: str) -> Any:
-    """The annotation of an argument as a type.
+    """The annotation of an argument of a function, as a type.
+
+    Annotations are text where a module imports `annotations` from `__future__`; names in them that
+    the module imports for type checkers only are imported now.
 
     Raises:
-        NameError: the module of the function does not know a name in it.
+        NameError: the module of the function does not know a name in the annotation.
+        KeyError: the function has no argument of this name.
     """
     annotation = inspect.signature(function).parameters[argument].annotation
     if not isinstance(annotation, str):
@@ -229,10 +257,14 @@ def resolved(function: Callable[..., Any], argument: str) -> Any:
 
 
 def _module_of(function: Callable[..., Any], argument: str) -> types.ModuleType:
-    """The module in which the annotation of an argument was written.
+    """The module in which the annotation of an argument of a function was written.
 
     It is that of the function, but for the constructor of a dataclass, which takes fields, with
     their annotations, from base classes of other modules.
+
+    Args:
+        function: a function, or the `__init__` of a class.
+        argument: name of one of its arguments.
     """
     module = sys.modules[function.__module__]
     owner = vars(module).get(function.__qualname__.split(".")[0])
@@ -260,7 +292,14 @@ class _TypeCheckingNames(dict[str, Any]):
 
 @functools.cache
 def _type_checking_imports(module: str) -> dict[str, tuple[str, str]]:
-    """Module and name by the local name of each import under `if TYPE_CHECKING`."""
+    """Module and original name, by local name, of each import under `if TYPE_CHECKING` of a module.
+
+    Args:
+        module: name of a module that has been imported and whose source can be read.
+
+    Raises:
+        OSError: there is no source.
+    """
     found: dict[str, tuple[str, str]] = {}
     for node in ast.parse(inspect.getsource(sys.modules[module])).body:
         if not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
@@ -273,7 +312,14 @@ def _type_checking_imports(module: str) -> dict[str, tuple[str, str]]:
 
 
 def kind_of(hint: Any) -> Kind | None:
-    """What a type allows; None if it allows all values.
+    """The test of values that an annotated type allows, and the words by which a message asks for
+    them.
+
+    Args:
+        hint: a type, as annotations have them: a class, a union, `Sequence[float]`, `Annotated`.
+
+    Returns:
+        A `Kind` with `accepts(value)` and `words`; None if the type allows all values.
 
     Raises:
         TypeError: a type that cannot be tested, e.g. a protocol that is not `runtime_checkable`.
@@ -309,7 +355,17 @@ def kind_of(hint: Any) -> Kind | None:
 
 
 def _annotated(hint: Any, marks: Iterable[Any]) -> Kind | None:
-    """A type with marks, of which `Count` is known."""
+    """The test of values of an `Annotated` type, with the words for messages; None if it allows
+    all.
+
+    Args:
+        hint: the type that is annotated.
+        marks: its annotations.  `Count`, of which there is one or none, prescribes the number of
+            entries; others mean nothing.
+
+    Raises:
+        TypeError: `hint` cannot be tested.
+    """
     kind = kind_of(hint)
     counts = [mark.entries for mark in marks if isinstance(mark, Count)]
     if kind is None or not counts:
@@ -322,8 +378,18 @@ def _annotated(hint: Any, marks: Iterable[Any]) -> Kind | None:
 
 
 def _union(alternatives: Iterable[Any]) -> Kind | None:
-    """The kind of a union of types, which accepts what one of them accepts; None if one has no
-    check.
+    """The test of values of a union of types, with the words for messages.
+
+    It accepts what one of the types accepts.
+
+    Args:
+        alternatives: the types of the union.
+
+    Returns:
+        None if one of them allows all values.
+
+    Raises:
+        TypeError: one of them cannot be tested.
     """
     hints = list(alternatives)
     if Path in hints:
@@ -340,7 +406,16 @@ def _union(alternatives: Iterable[Any]) -> Kind | None:
 
 
 def _tuple(hints: tuple[Any, ...]) -> Kind:
-    """A collection of fixed length, with a type for each entry."""
+    """The test of a collection of fixed length, with a type for each entry, and the words for
+    messages.
+
+    Args:
+        hints: types of the entries.  If all are `float`, they are components of a vector, which may
+            be tiny next to each other.
+
+    Raises:
+        TypeError: one of them cannot be tested.
+    """
     kinds = [kind_of(hint) for hint in hints]
     if all(hint is float for hint in hints):
         # Components may be tiny: next to the others they vanish.
@@ -360,7 +435,17 @@ def _tuple(hints: tuple[Any, ...]) -> Kind:
 
 
 def _generic(origin: type, arguments: tuple[Any, ...]) -> Kind | None:
-    """A class with arguments, e.g. Sequence[float]."""
+    """The test of values of a class with type arguments, e.g. `Sequence[float]`, and the words for
+    messages.
+
+    Args:
+        origin: the class, e.g. `Sequence`.
+        arguments: the types in its brackets, e.g. `(float,)`; those of functions and arrays are not
+            tested.
+
+    Raises:
+        TypeError: `origin` is a protocol that is not `runtime_checkable`.
+    """
     if origin is _CALLABLE:
         return Kind(callable, "a function")
     if issubclass(origin, np.ndarray):
@@ -378,7 +463,15 @@ def _generic(origin: type, arguments: tuple[Any, ...]) -> Kind | None:
 
 
 def _mapping(key: Any, value: Any) -> Kind:
-    """Kind of a mapping, whose keys and values are each of the annotated kinds."""
+    """The test of a mapping whose keys and values are of annotated types, and the words for
+    messages.
+
+    Args:
+        key, value: the types.
+
+    Raises:
+        TypeError: one of them cannot be tested.
+    """
     keys = kind_of(key)
     values = kind_of(value)
 
@@ -396,7 +489,14 @@ def _mapping(key: Any, value: Any) -> Kind:
 
 
 def _collection(entry: Any) -> Kind:
-    """A list, tuple, set or array of any length."""
+    """The test of a list, tuple, set or array of any length, and the words for messages.
+
+    Args:
+        entry: type of the entries; numbers must be in one dimension.
+
+    Raises:
+        TypeError: it cannot be tested.
+    """
     if entry is float:
         return Kind(_are_numbers, "numbers")
     if entry is int:
@@ -411,7 +511,14 @@ def _collection(entry: Any) -> Kind:
 
 
 def _class(kind: type) -> Kind:
-    """Kind of the instances of a class or of a protocol that can be checked at run time."""
+    """The test of instances of a class or protocol, and the words by which messages ask for one.
+
+    Args:
+        kind: a class, or a protocol that can be checked at run time.
+
+    Raises:
+        TypeError: `kind` is a protocol that is not `runtime_checkable`.
+    """
     is_protocol = getattr(kind, "_is_protocol", False)
     if is_protocol and not getattr(kind, "_is_runtime_protocol", False):
         raise TypeError(f"the protocol {kind.__name__} is not runtime_checkable")
@@ -459,8 +566,12 @@ def _is_infinite(value: Any) -> bool:
 
 
 def _range(value: Any) -> str:
-    """The sizes that numbers may have, for a message about a value that has another one; else
-    nothing."""
+    """Clause of a message about the size that numbers may have; empty if size is not what is wrong.
+
+    Args:
+        value: what a user gave, of any type.  The clause is not empty for finite numbers that are
+            larger than `LARGEST` or, other than zero, smaller than `SMALLEST`.
+    """
     numbers = real_numbers(value)
     if isinstance(value, bool) or numbers is None or not np.isfinite(numbers).all():
         # A whole number beyond all floats cannot be an array.

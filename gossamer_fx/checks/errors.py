@@ -105,7 +105,7 @@ def check_positive(item: Any, quantity: str, unit: str) -> None:
     Args:
         item: object with a `name`.
         quantity: name of the attribute.
-        unit: its unit, for the message.
+        unit: SI unit of the attribute, for the message.
     """
     what = f"{type(item).__name__} '{item.name}': {quantity}"
     require_positive(what, getattr(item, quantity), unit)
@@ -119,9 +119,11 @@ def require_positive(
 ) -> None:
     """Raise `InputError` unless a value is a finite, positive number.
 
+    Not collective: the value is the same on all ranks.
+
     Args:
         what: subject of the message.
-        value: the number.
+        value: the number, in the unit `unit`.
         unit: its unit, for the message.
         hint: text that follows "give a positive number".
 
@@ -155,8 +157,12 @@ def is_vector(value: Any) -> bool:
 def on_rank_zero[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T | None:
     """Run a task on rank 0, and raise its error on all ranks.  Collective.
 
+    Args:
+        comm: the ranks.
+        task: function without arguments that does not communicate.
+
     Returns:
-        the result on rank 0, None on the other ranks.
+        The result on rank 0, None on the other ranks.
 
     Raises:
         Exception: on rank 0 the error of the task.  On the other ranks one of the same type if it
@@ -239,8 +245,14 @@ def _cannot_write(path: Path, reason: str) -> str:
 
 
 def _reason(error: Exception) -> str:
-    """Why something could not be written, in the words of the operating system if they are
-    known."""
+    """Why a file could not be written, in the words of the operating system if they are known.
+
+    Args:
+        error: what the library that writes raised, e.g. OSError or a RuntimeError of ADIOS2.
+
+    Returns:
+        One line, never empty: at least the name of the exception's class.
+    """
     system_message = getattr(error, "strerror", None)
     if system_message:
         return str(system_message)
@@ -260,8 +272,15 @@ def wait_for_others(
     message: str,
     exit_code: int,
 ) -> None:
-    """Wait for a request; after `patience` seconds print the message and end the program on all
-    ranks."""
+    """Wait for a request of MPI, or end the program on all ranks if it does not complete.
+
+    Args:
+        comm: the ranks, all of which end.
+        request: of a message that this rank has started.
+        patience: time [s] after which the program ends.
+        message: printed to standard error before the end.
+        exit_code: with which the program then ends.
+    """
     deadline = time.monotonic() + patience
     while not request.Test():
         if time.monotonic() > deadline:

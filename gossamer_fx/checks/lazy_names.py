@@ -42,11 +42,12 @@ def lazy_names(
     load, list_names, names = lazy_loader.attach_stub(package, init_file)
 
     def __getattr__(name: str) -> Any:
-        """Load a public name at its first use.
+        """Load a public name of the package at its first use, and return it.
 
         Raises:
-            AttributeError: the package has no such name.
-            ImportError: a library that it needs is not installed.
+            AttributeError: the package has no such name; similar names are proposed.
+            ImportError: dolfinx or another library of the system, which pip does not install, is
+                missing.
         """
         if name not in names:
             raise AttributeError(_unknown(module, name, names))
@@ -84,7 +85,13 @@ def public_names() -> list[str]:
 
 
 def _unknown(package: str, name: str, names: list[str]) -> str:
-    """Message about an unknown name: similar names of the package and of its namespaces."""
+    """Message about an unknown name, with similar names of the package and of its namespaces.
+
+    Args:
+        package: name of the package.
+        name: the name that it has not.
+        names: its public names.
+    """
     message = f"{package} has no '{name}'"
     proposals = difflib.get_close_matches(name, names, n=_MAX_PROPOSALS, cutoff=0.75)
     for namespace, known in _namespaces(package, names).items():

@@ -33,8 +33,15 @@ _SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 def abort_on_lone_error(comm: MPI.Intracomm) -> Iterator[None]:
     """Context in which an error of one rank ends the program, unless all ranks have it.
 
+    Otherwise the other ranks would wait for messages of this rank for ever.  All ranks of `comm`
+    enter the context.
+
+    Args:
+        comm: the ranks.
+
     Raises:
-        Exception: the error, if all ranks have one of the same kind.
+        Exception: the error, if all ranks have one of the same class within `PATIENCE` seconds;
+            else the error is printed and the program ends with the exit code 1.
     """
     try:
         yield
@@ -44,7 +51,10 @@ def abort_on_lone_error(comm: MPI.Intracomm) -> Iterator[None]:
 
 
 def agree_on_error(comm: MPI.Intracomm, error: Exception) -> None:
-    """Return if all ranks call this with an error of the same kind; otherwise end the program.
+    """Return if all ranks call this with an error of the same class; otherwise end the program.
+
+    Ranks that do not call it within `PATIENCE` seconds count as without an error; then this rank
+    prints its error and ends all ranks with the exit code 1.
 
     Args:
         comm: the ranks.
@@ -80,7 +90,8 @@ def watch_uncaught_errors() -> None:
     """Install a hook that ends the program on all ranks after an uncaught error of one rank.
 
     Such an error may occur while the scene is created.  Without the hook Python would wait in
-    MPI_Finalize for the other ranks, which wait for this one.
+    MPI_Finalize for the other ranks, which wait for this one.  Where a launcher has started one
+    process only, or none has, nothing is installed.
     """
     # One process has nobody to wait for it, and need not load MPI.
     if not any(os.environ.get(name, "1") not in ("", "0", "1") for name in _SIZES):

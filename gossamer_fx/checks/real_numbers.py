@@ -27,7 +27,14 @@ LARGEST_COUNT = 2**63 - 1
 def real_numbers(value: Any) -> npt.NDArray[np.float64] | None:
     """Return a number, list or array as an array of floats; None if an entry is not a real number.
 
-    NaN and infinite values are returned, too.
+    NaN and infinite values are returned, too.  Words, complex numbers, and lists whose rows differ
+    in length are not real numbers; True and False are 1 and 0.
+
+    Args:
+        value: anything.
+
+    Returns:
+        Array of the shape that NumPy gives to the value, () for a number.
 
     >>> real_numbers([1, 2.5])
     array([1. , 2.5])
@@ -49,7 +56,9 @@ def real_numbers(value: Any) -> npt.NDArray[np.float64] | None:
 def are_usual_sizes(numbers: npt.NDArray[np.floating]) -> bool:
     """Return whether all numbers are finite, and zero or of a size that can be computed with.
 
-    Entries of a list may also be smaller: a component that vanishes next to the others is harmless.
+    A size may be at most `LARGEST`, 1e100 in SI units.  A single number, of shape (), must also be
+    zero or at least `SMALLEST`, 1e-100; entries of a list may be smaller, since a component that
+    vanishes next to the others is harmless.
 
     >>> are_usual_sizes(np.array([1e-300, -1e9])), are_usual_sizes(np.array([1e300]))
     (True, False)

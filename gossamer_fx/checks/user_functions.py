@@ -62,8 +62,11 @@ def ask_numbers(
     Args:
         comm: the ranks.
         what: name of the function in error messages.
-        function: called without arguments.
-        shape: shape of the array that it must return.
+        function: called without arguments, on every rank.
+        shape: shape of the array that it must return; () for a number.
+
+    Returns:
+        The numbers as an array of floats of this shape, in the unit of the function.
 
     Raises:
         InputError: on all ranks, if the function raises or returns something else on one of them,
@@ -80,7 +83,17 @@ def ask_points(
     function: Callable[[], Any],
     shape: tuple[int, ...],
 ) -> Numbers:
-    """Call a function of the user that returns vectors (3, n) at this rank's points.  Collective.
+    """Call a function of the user that returns vectors or numbers at this rank's points.
+    Collective.
+
+    Args:
+        comm: the ranks.
+        what: name of the function in error messages.
+        function: called without arguments; it knows the n points of this rank.
+        shape: shape of the array that it must return, e.g. (3, n) or (n,).
+
+    Returns:
+        The finite numbers, in the unit of the function, as an array of this shape.
 
     Raises:
         InputError: on all ranks, if the function raises or returns something else on one of them.
@@ -94,7 +107,18 @@ def ask_points(
 def _numbers(
     function: Callable[[], Any], shape: tuple[int, ...], wanted: str
 ) -> tuple[str, Exception | None, Numbers]:
-    """Problem with the result of a function (empty if none), its cause, and the numbers."""
+    """Call a user's function that is to return numbers, and say what is wrong with its result.
+
+    Args:
+        function: called without arguments, on this rank alone.
+        shape: shape of the array that it must return, () for a number.
+        wanted: what it must return, in words, for the message.
+
+    Returns:
+        The problem in words, empty if there is none; the exception that caused it, if any; and the
+        numbers, of this shape and in the unit of the function, zeros where there is a problem.
+        Nothing is raised.
+    """
     result, problem, cause = _call(function)
     values = np.zeros(shape)
     if not problem:
@@ -114,7 +138,15 @@ def _is_below_limit(numbers: Numbers) -> bool:
 
 
 def _call(function: Callable[[], Any]) -> tuple[Any, str, Exception | None]:
-    """Result of a function, the problem (empty if none), and the exception that caused it."""
+    """Call a function of the user, and return its result or what it raises.
+
+    Args:
+        function: called without arguments, on this rank alone.
+
+    Returns:
+        The result, None after an exception; the problem in words, empty if there is none; and the
+        exception that caused it.  `KeyboardInterrupt` and `SystemExit` are not caught.
+    """
     try:
         return function(), "", None
     except InputError as error:
@@ -126,7 +158,10 @@ def _call(function: Callable[[], Any]) -> tuple[Any, str, Exception | None]:
 
 
 def _shown(value: Any) -> str:
-    """Text of a value for an error message: short, on one line, without addresses."""
+    """Text of a value for an error message: short, on one line, without addresses.
+
+    A long value is named by its class, an array of more than three numbers by its shape.
+    """
     if isinstance(value, np.ndarray) and value.size > 3:
         return f"an array {value.shape}"
     plain = value
@@ -148,8 +183,21 @@ def _agree(
     """Return the values if no rank has a problem and the values of all ranks are the same.
     Collective.
 
+    Args:
+        comm: the ranks.
+        what: subject of the messages.
+        problem: what is wrong on this rank, in words; empty if nothing is.
+        cause: the exception behind it, if any.
+        values: numbers of the same shape, in any unit, on all ranks; empty if they need not be
+            compared.
+
+    Returns:
+        The values, in their shape; the largest of all ranks where they differ by round-off.
+
     Raises:
-        InputError: on all ranks otherwise.
+        InputError: on all ranks, if one has a problem, or if values differ by more than `SAME`
+            (1e-9) of the largest.  If other ranks do not answer within `PATIENCE` seconds, a rank
+            with a problem prints it and ends the program.
     """
     if comm.size == 1:
         if problem:
@@ -184,9 +232,11 @@ def _agree(
 
 
 def _own_messages(comm: MPI.Intracomm) -> MPI.Intracomm:
-    """Communicator for these messages only.
+    """Communicator with the same ranks, for messages about users' functions only.
 
-    Communicators with the same ranks as the world share one, since their number is limited.
+    It is a duplicate, which is made once and stored as an attribute of `comm`; the first call for a
+    communicator is collective.  Communicators with the same ranks as the world share one, since
+    their number is limited.
     """
     if MPI.Comm.Compare(comm, MPI.COMM_WORLD) in (MPI.IDENT, MPI.CONGRUENT):
         comm = MPI.COMM_WORLD

@@ -71,7 +71,13 @@ class Case:
     outputs: Sequence[Output] = ()
 
     def __post_init__(self) -> None:
-        """Refuse a scene or stepper of another kind, an end time ≤ 0 s, and less than one frame."""
+        """Check the fields, as the scene, the end time `until` [s] and how often fields are
+        written.
+
+        Raises:
+            InputError: a scene or stepper of another kind, an end time that is not a positive
+                number, or `frames`, the number of times that fields are written, below one.
+        """
         check(isinstance(self.scene, Scene), f"Case: scene is {self.scene!r}; give a Scene.")
         check(
             hasattr(self.stepper, "start"),
@@ -87,11 +93,15 @@ class Case:
         )
 
     def recording(self, folder: str | Path, *, overwrite: bool = False) -> Recording:
-        """The output that writes the folder of the run.
+        """The output that writes the folder of the run: ledger, probes and fields at `frames`
+        times.
 
         Args:
             folder: of the run.
             overwrite: whether another run in the folder is replaced; else it is refused.
+
+        Raises, when a run is made with it:
+            InputError: an unknown field or film, or a folder that holds another run.
         """
         # The small number outweighs the round-off of a quotient that is a whole number.
         every = max(math.floor(self.until / self.stepper.dt / self.frames + 1e-9), 1)
@@ -111,11 +121,18 @@ class Case:
         restart: str | Path | None = None,
         changes: Sequence[str] = (),
     ) -> Simulation:
-        """The run, ready to start; it has the given outputs and the case's own; the rest as that of
-        `Simulation`.
+        """The run of this case, ready to start.
+
+        Args:
+            outputs: what is called with the run at its steps, in addition to the outputs of the
+                case.
+            checkpoints: when and where states are saved for a restart; None: not at all.
+            restart: folder of a checkpoint, or of several, of which the newest counts, from which
+                the run goes on; None: it starts at zero.
+            changes: names of the parts whose parameters may differ from those of the checkpoint.
 
         Raises:
-            InputError: what is wrong with the scene or the outputs.
+            InputError: what is wrong with the scene, the outputs or the checkpoint.
         """
         return Simulation(
             self.scene,

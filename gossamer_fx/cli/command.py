@@ -41,10 +41,15 @@ def main(words: Sequence[str]) -> int:
     """Run one command of `gossamer`, in this process or on the ranks that it asks for.
 
     Args:
-        words: name of the command and its arguments.
+        words: name of the command and its arguments, without the name of the program.
 
     Returns:
-        its exit code.
+        Exit code: 0, 2 for wrong input, 1 for another failure.  Errors of the package are printed
+        in one sentence.
+
+    Raises:
+        SystemExit: after `--help`, or with the code 2 for words that it does not know.
+        Exception: with `--debug` every error as it is; else those that are not of the package.
     """
     if words[:1] == ["demo"]:  # its options are its own
         from gossamer_fx.cli.demo import main as run_demo
@@ -110,7 +115,14 @@ def main(words: Sequence[str]) -> int:
 
 
 def _ranks_are_alone(comm: MPI.Intracomm) -> bool:
-    """Whether mpirun has started several ranks of which each sees only itself; tells why."""
+    """Whether mpirun has started several ranks of which each sees only itself; prints why.
+
+    That happens where mpirun belongs to another MPI than mpi4py.  It is found by the environment
+    variables of Open MPI and MPICH.
+
+    Args:
+        comm: all ranks that mpi4py sees.
+    """
     from mpi4py import MPI
 
     # The first is set by Open MPI, the second by MPICH.
@@ -137,8 +149,14 @@ def script() -> int:
 
 
 def _with_values(words: Sequence[str]) -> list[str]:
-    """The words with --restart=newest where what follows --restart is the scene, an argument of it,
-    or an option."""
+    """The words with an explicit value of `--restart`, `newest` where none is given.
+
+    The value is left out where what follows `--restart` is the scene, an argument of it, or an
+    option.
+
+    Args:
+        words: a command line, which is not changed.
+    """
     rest = list(words)
     given: list[str] = []
     # argparse would take the scene for the optional value of --restart.
@@ -154,10 +172,11 @@ def _with_values(words: Sequence[str]) -> list[str]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    """The parser of all commands.
+    """The parser of the command line of `gossamer`, with all commands and their options.
 
-    Commands that read or make runs set the function that runs them; `main` itself runs demo,
-    validate and doctor, and their entries here serve `--help`.
+    Commands that read or make runs store the function that runs them as `command`; `main` itself
+    runs demo, validate and doctor, and their entries here serve `--help`.  The parser ends the
+    program with the code 2, and one sentence on standard error, for words that it does not know.
     """
     parser = _Parser(prog="gossamer", description="Run a scene, and look at what it did.")
     parser.add_argument("--version", action="version", version=f"gossamer_fx {VERSION}")
@@ -318,7 +337,20 @@ def _positive(word: str) -> int:
 
 
 def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
-    """Run a scene file: write its folder, with checkpoints, until its end time."""
+    """Run a scene file until its end time: `gossamer run`.  Collective.
+
+    It writes the folder of the run, with checkpoints; with `--dry-run` it only prints what the
+    scene contains.
+
+    Args:
+        wanted: options of the command line, see `_parser`.
+        comm: all ranks.
+
+    Raises:
+        InputError: the folder holds a run already, or the scene file is wrong.
+        StepFailure: a time step did not converge.
+        OutputFailure: a file could not be written.
+    """
     from gossamer_fx.checks.errors import check
     from gossamer_fx.outputs.output import Output
     from gossamer_fx.outputs.progress import Progress
@@ -364,7 +396,17 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
 
 
 def _show(case: Case, comm: MPI.Intracomm) -> None:
-    """Compile a case, and print what it contains and what is strange about it."""
+    """Compile a case, and print what it contains and what is strange about it.  Collective.
+
+    Nothing is computed; rank 0 prints.
+
+    Args:
+        case: scene and time stepping of the run.
+        comm: all ranks.
+
+    Raises:
+        InputError: what is wrong with the scene.
+    """
     from gossamer_fx.outputs.description import describe, lines
     from gossamer_fx.scene.validation import self_intersections, warnings
 
@@ -387,7 +429,11 @@ def _show(case: Case, comm: MPI.Intracomm) -> None:
 
 
 def _sides(bodies: Iterable[Body]) -> Iterator[str]:
-    """Sentences about the side of the normals of films that enclose a volume.  Collective."""
+    """Sentences about the side of the normals of films that enclose a volume [m³].  Collective.
+
+    Args:
+        bodies: of the compiled scene; only films count.
+    """
     from gossamer_fx.bodies.membrane import Membrane
     from gossamer_fx.mesh.enclosed_volume import enclosed_by
 
@@ -406,11 +452,17 @@ def _sides(bodies: Iterable[Body]) -> Iterator[str]:
 
 
 def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
-    """What the scene file builds.
+    """The `Case` that the function `build` of a scene file returns.  Collective.
+
+    Args:
+        wanted: options of the command line: `scene` is the file, `options` are arguments of `build`
+            as NAME=VALUE, `debug` raises errors of the file as they are.
+        comm: all ranks.
 
     Raises:
         InputError: the file does not exist, it has no `build`, or `build` has other arguments or
             another result.
+        SystemExit: the file itself raises an error, which is printed.
     """
     import inspect
 
@@ -452,7 +504,19 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
 
 
 def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
-    """Compute the runs of a sweep that the folder lacks, and print what follows from all."""
+    """Compute the runs of a sweep that its folder lacks, and print what follows from all.
+    Collective.
+
+    The sweep is over arguments of a scene file (`--over`), or the object SWEEP of a design file.
+
+    Args:
+        wanted: options of the command line, see `_parser`.
+        comm: all ranks.
+
+    Raises:
+        InputError: the file does not exist or has no SWEEP, options contradict each other, or the
+            folder holds runs of another scene.
+    """
     from gossamer_fx.checks.errors import check
     from gossamer_fx.cli.user_files import guarded, load
     from gossamer_fx.sweep.factorial import Factorial, run_factorial
@@ -495,7 +559,16 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
 
 
 def _scene_sweep(wanted: argparse.Namespace, module: ModuleType) -> object:
-    """The sweep over the arguments of a scene file."""
+    """The sweep (a `Factorial`) over the arguments of the function `build` of a scene file.
+
+    Args:
+        wanted: options of the command line: `over` has words NAME=VALUE,VALUE, `list` says whether
+            values belong together one by one.
+        module: the scene file, which has been executed.
+
+    Raises:
+        InputError: there is no `build`, or it has no such arguments, or a word has another form.
+    """
     from gossamer_fx.cli.scene_sweep import scene_sweep
     from gossamer_fx.cli.user_files import build_of
 
@@ -511,7 +584,18 @@ def _scene_sweep(wanted: argparse.Namespace, module: ModuleType) -> object:
 
 
 def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
-    """Write the pictures of a run that the options ask for, and print their paths."""
+    """Write the pictures of a run that the options ask for, and print their paths.
+
+    Without an option for a picture it writes a strip of six times and the curves.
+
+    Args:
+        wanted: options of the command line, see `_parser`; angles of the camera are in degrees.
+        comm: all ranks; not used, as pictures are made on each.
+
+    Raises:
+        InputError: several kinds of pictures, or `--output` without one, or no run in the folder,
+            or a field or time that it has not.
+    """
     from gossamer_fx.checks.errors import check
     from gossamer_fx.plot import plot as pictures
     from gossamer_fx.plot.colours import default_field

@@ -16,7 +16,8 @@ DEFAULT = "folded_tube"
 def find_demos() -> Path | None:
     """The folder of the demos: that of the clone of this package, else one in the current folder.
 
-    A wheel has none.
+    Returns:
+        None if there is none: an installed package has no demos.
     """
     clone = Path(__file__).resolve().parents[2]
     for folder in (clone / "demos", Path("demos").resolve()):
@@ -26,10 +27,13 @@ def find_demos() -> Path | None:
 
 
 def main(words: Sequence[str]) -> int:
-    """Replace this process by a demo; returns an exit code if the demo does not exist.
+    """Replace this process by a demo.
 
     Args:
         words: the name of a demo, the default one if it is left out, then the demo's own arguments.
+
+    Returns:
+        Exit code 2 if there is no such demo, or no folder of demos; else it does not return.
     """
     rest = list(words)
     name = DEFAULT
@@ -46,11 +50,13 @@ def main(words: Sequence[str]) -> int:
 
 
 def validate(words: Sequence[str]) -> int:
-    """Replace this process by the comparison with measurements; returns an exit code if there is
-    none.
+    """Replace this process by the comparison of predictions with measurements.
 
     Args:
         words: a case or a case file, then the options of `demos/validation`.
+
+    Returns:
+        Exit code 2 if there is no folder of demos; else it does not return.
     """
     folder = find_demos()
     if folder is None:

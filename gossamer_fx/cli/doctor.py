@@ -29,7 +29,11 @@ print(MPI.COMM_WORLD.allreduce(1) // 2, end="")
 
 
 def main() -> int:
-    """Print what is found; returns 1 if something that is needed is missing or does not work."""
+    """Print the versions of everything, and check that compiler, solver and MPI work.
+
+    Returns:
+        Exit code: 1 if something that is needed is missing or does not work, otherwise 0.
+    """
     failures = show_versions()
     start = time.perf_counter()
     failures += compiled_form_failures()
@@ -52,7 +56,11 @@ def show(name: str, value: str) -> None:
 
 
 def show_versions() -> list[str]:
-    """Show environment, system, packages, MPI, compiler and BLAS; returns what is missing."""
+    """Print environment, system, packages, MPI, compiler and BLAS, one line each.
+
+    Returns:
+        A sentence for each needed package that is missing or cannot be imported.
+    """
     failures = []
     show("gossamer_fx", VERSION)
     show("environment", os.environ.get("GOSSAMER_ENVIRONMENT", f"this Python, {sys.prefix}"))
@@ -81,7 +89,15 @@ def system_name() -> str:
 
 
 def module_version(name: str) -> str:
-    """The version of a Python module that can be imported; empty if it cannot."""
+    """The version of a Python module, which is imported.
+
+    Args:
+        name: of the module.
+
+    Returns:
+        The version, "present" where it has none; empty if there is no such module; "MISSING (...)"
+        with the reason if its import fails.
+    """
     try:
         module = importlib.import_module(name)
     except Exception as error:
@@ -107,7 +123,10 @@ def program_version(program: str) -> str:
 
 
 def blas_files() -> str:
-    """The BLAS libraries that this process has loaded."""
+    """Paths of the BLAS libraries that this process has loaded, separated by commas.
+
+    It reads the list of loaded files of Linux; on other systems it returns "unknown".
+    """
     files = set()
     try:
         with open("/proc/self/maps") as maps:
@@ -120,7 +139,11 @@ def blas_files() -> str:
 
 
 def compiled_form_failures() -> list[str]:
-    """What is wrong with compiling a form and solving with it by PETSc's LU."""
+    """Check that a form can be compiled, and solved by PETSc's LU in real double precision.
+
+    Returns:
+        One sentence about what is wrong; an empty list if nothing is.  Nothing is raised.
+    """
     try:
         import numpy as np
         from petsc4py import PETSc
@@ -137,7 +160,12 @@ def compiled_form_failures() -> list[str]:
 
 
 def solution_error() -> float:
-    """Largest error of u - div grad u = f on a square, whose solution is x - 2 y."""
+    """Largest nodal error of u - div grad u = f on a unit square, whose solution is x - 2 y.
+
+    The solution is linear, so that the elements have it exactly: the error (dimensionless) is
+    round-off if compiler and solver work.  Errors of dolfinx, the compiler and PETSc are raised as
+    they are.
+    """
     import numpy as np
     import ufl
     from dolfinx import fem, mesh
@@ -172,7 +200,11 @@ def solution_error() -> float:
 
 
 def rank_failures() -> list[str]:
-    """What is wrong with two MPI ranks that add a number."""
+    """Check that two MPI ranks, which mpirun starts, can add a number.
+
+    Returns:
+        One sentence about what is wrong, or a warning that MPI prints; an empty list otherwise.
+    """
     mpirun = find_mpirun()
     if mpirun is None:
         return ["two MPI ranks do not work together: there is no mpirun"]

@@ -42,14 +42,18 @@ def find_mpirun() -> str | None:
 
 
 def launch(ranks: int, program: Sequence[str]) -> int:
-    """Run a Python program on several MPI ranks.
+    """Run a Python program on several MPI ranks, and wait for its end.
+
+    The first SIGTERM or SIGINT is handed on as SIGUSR1, at which a run ends with its step; a second
+    one has its usual effect.
 
     Args:
         ranks: how many.
         program: what follows `python3` on a command line.
 
     Returns:
-        Its exit code; 128 + signal if a signal ended it; 1 if mpirun is missing.
+        Its exit code; 128 + signal if a signal ended it; 1 if mpirun is missing, with a message on
+        standard error.
     """
     mpirun = find_mpirun()
     if mpirun is None:
@@ -96,12 +100,20 @@ def launch(ranks: int, program: Sequence[str]) -> int:
 
 
 def launch_alike(jobs: int, program: Sequence[str]) -> int:
-    """Run a Python program in several processes that share its work.
+    """Run a Python program in several processes that share its work, and wait for all.
 
     The first one alone writes to the terminal.  Any of them may die: the others go on.
 
+    Args:
+        jobs: number of processes, each without MPI.
+        program: what follows `python3` on a command line.
+
     Returns:
-        Zero if one of them came to the end.
+        Zero if one of them came to the end, otherwise the smallest exit code, or number of a
+        signal.
+
+    Raises:
+        KeyboardInterrupt: after Ctrl-C, once the processes have been asked to end.
     """
     command = [sys.executable, *program]
     runs = [subprocess.Popen(command)]
@@ -121,7 +133,14 @@ def _die_with_parent() -> None:
 
 
 def main(words: Sequence[str]) -> int:
-    """Start what a command line says; returns the exit code."""
+    """Start a program on several ranks: `gossamer mpi RANKS PROGRAM ...`.
+
+    Args:
+        words: the number of ranks, at least one, then what follows `python3` on a command line.
+
+    Returns:
+        Exit code of the program; 2, with a message, if the words have another form.
+    """
     complete = len(words) >= 2
     if not complete or not words[0].isdecimal() or int(words[0]) < 1:
         print(

@@ -66,7 +66,14 @@ class MessageFilter:
             self._write(self._removed)
 
     def _advance(self) -> bool:
-        """Pass on or remove a piece; returns False if more output is needed to decide."""
+        """Pass on or remove the next part of the output of mpirun that waits in the filter.
+
+        Open MPI puts a message between two lines of dashes.  A message that only repeats that a
+        rank has failed is removed; other text is passed on.
+
+        Returns:
+            False if more output is needed to decide.
+        """
         if self._after_message and self._waiting:
             # the line ends with the message
             if self._waiting.startswith(b"\n"):
@@ -122,7 +129,12 @@ def _repeats(body: bytes) -> bool:
 
 
 def copy_without_repetitions(source: BinaryIO, target: BinaryIO) -> None:
-    """Copy the output of mpirun until its end, as it comes."""
+    """Copy the output of mpirun until its end, as it comes, without messages that repeat an error.
+
+    Args:
+        source: binary stream that is read, e.g. the standard error of mpirun.
+        target: binary stream that is written, and flushed each time.
+    """
 
     def write(data: bytes) -> None:
         target.write(data)

@@ -24,7 +24,10 @@ Build = Callable[..., Case]
 
 
 def values_of(words: Sequence[str]) -> dict[str, list[Any]]:
-    """Values by name from words NAME=VALUE,VALUE; values are numbers, True, False, or else words.
+    """Values of arguments, by name, from words NAME=VALUE,VALUE of a command line.
+
+    Args:
+        words: e.g. "cells=4,8"; a value is a number, True, False, or else a word.
 
     Raises:
         InputError: a word of another form, a name without a value, or one that is given twice.
@@ -57,6 +60,11 @@ def _value(text: str) -> Any:
 def check_arguments_of(build: Build, path: Path, names: Sequence[str]) -> None:
     """Refuse names that are not arguments of the function `build` of a scene file.
 
+    Args:
+        build: the function; its first argument, the communicator, does not count.
+        path: of the scene file, for the message.
+        names: names that a user gave.
+
     Raises:
         InputError: names them and the arguments that there are.
     """
@@ -74,14 +82,25 @@ def check_same_scene(comm: MPI.Intracomm, path: Path, folder: Path) -> None:
     """Refuse a folder whose runs are of another scene file, or of this one before it was changed.
 
     The results of runs are found by the values of their arguments, which do not tell the scene.  A
-    new folder gets the checksum of the file.
+    new folder gets the checksum of the file.  Collective.
+
+    Args:
+        comm: the ranks; rank 0 reads the files.
+        path: of the scene file.
+        folder: of the sweep; made if it does not exist.
 
     Raises:
-        InputError: names both files.
+        InputError: on all ranks; names both files.
+        OSError: on all ranks, if a file cannot be read or written.
     """
 
     def compare() -> None:
-        """Compare the checksum of the scene file with the one in the folder, or store it there."""
+        """Compare the checksum of the scene file with the one in the folder, or store it there.
+
+        Raises:
+            InputError: the folder has another checksum.
+            OSError: a file cannot be read or written.
+        """
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
         mark = folder / "scene.json"
         make_parent(MPI.COMM_SELF, mark)
@@ -119,7 +138,21 @@ class SceneOutcome:
         self.count = 1
 
     def __call__(self, comm: MPI.Intracomm, folder: Path, **values: Any) -> dict[str, float]:
-        """Make the run with some arguments of `build`."""
+        """Make one run of the scene, or continue it from its newest checkpoint.  Collective.
+
+        Args:
+            comm: the ranks.
+            folder: of the run, for its recording and checkpoints.
+            values: arguments of `build` for this run.
+
+        Returns:
+            Numbers by name, the same on every rank: those of `_probe_numbers`, each with its unit
+            in the name, and the dimensionless "energy error", "steps" and "iterations a step".
+
+        Raises:
+            InputError: `build` does not return a `Case`, or the scene is wrong.
+            StepFailure: a time step did not converge.
+        """
         words = ", ".join(f"{name}={value}" for name, value in values.items())
         if comm.rank == 0:
             self._progress(f"run with {words} ({self.count} runs in all)")
@@ -144,8 +177,18 @@ class SceneOutcome:
 
 
 def _probe_numbers(folder: Path) -> dict[str, float]:
-    """Last, smallest and largest value of each probe of a run, and the last pressure of each
-    chamber."""
+    """Results of a recorded run by name: of its probes and of the pressures of its chambers.
+
+    Args:
+        folder: of the run.
+
+    Returns:
+        "... at the end", "... smallest" and "... largest" for each probe, in the unit of the probe,
+        and "... pressure [Pa] at the end" for each chamber.
+
+    Raises:
+        InputError: the folder holds no run.
+    """
     from gossamer_fx.plot.run_reader import RunReader
 
     run = RunReader(folder)
@@ -168,13 +211,13 @@ def scene_sweep(
     listed: bool,
     progress: Callable[[str], None],
 ) -> Factorial:
-    """The sweep that a command line asks for.
+    """The sweep over arguments of a scene file that a command line asks for.
 
     Args:
         build: the function of the scene file.
         path: of the scene file.
         words: NAME=VALUE,VALUE for each argument that is varied.
-        listed: whether the values belong together one by one.
+        listed: whether the values belong together one by one; else all combinations are run.
         progress: called with a line when a run begins.
 
     Raises:

@@ -20,8 +20,15 @@ if TYPE_CHECKING:
 
 
 def option(word: str) -> tuple[str, Any]:
-    """Name and value of a word NAME=VALUE; values are Python's numbers, tuples, ..., or else
-    words."""
+    """Name and value of a word NAME=VALUE.
+
+    Args:
+        word: e.g. "cells=20".  What Python reads as a number, tuple, list or the like becomes that,
+            anything else a word.
+
+    Raises:
+        InputError: the word has another form.
+    """
     name, equals, text = word.partition("=")
     check(
         bool(equals) and name.isidentifier(),
@@ -34,7 +41,15 @@ def option(word: str) -> tuple[str, Any]:
 
 
 def load(path: Path) -> ModuleType:
-    """Execute a Python file; other files of its folder can be imported."""
+    """Execute a Python file as a module; other files of its folder can be imported.
+
+    Args:
+        path: of the file, which exists.
+
+    Raises:
+        InputError: its name is not that of a Python file.
+        Exception: what the file itself raises.
+    """
     from importlib.util import module_from_spec, spec_from_file_location
 
     # As Python does with the folder of a script.
@@ -51,6 +66,10 @@ def load(path: Path) -> ModuleType:
 
 def build_of(path: Path, module: ModuleType) -> Callable[..., Any]:
     """The function `build` of a scene file.
+
+    Args:
+        path: of the file, for the message.
+        module: the file, which has been executed.
 
     Raises:
         InputError: it has none.
@@ -89,6 +108,10 @@ def guarded[T](
         path: of the user's file.
         debug: whether errors are raised as they are.
         act: the code; its result is returned.
+
+    Raises:
+        InputError, Interrupted: as they are; their messages are sentences already.
+        SystemExit: after any other error, with the code 2; the message has the line of the file.
     """
     try:
         return act()

@@ -91,7 +91,9 @@ class Crease:
         """Check the arguments, and that the group has edges between two triangles.  Collective.
 
         Raises:
-            InputError: an argument is not what its description asks.
+            InputError: the stiffness [N m/m/rad] or yield angle [rad] is not positive, the rest
+                angle is beyond half a turn, the triangles are curved, or the group is not a line of
+                interior edges (of a plate: one of its hinges).
         """
         check_positive(self, "stiffness", "N m/m/rad")
         who = f"Crease '{self.name}'"
@@ -124,7 +126,16 @@ class Crease:
         )
 
     def _check_edges(self, who: str) -> None:
-        """Check that the edges lie between two triangles with normals on one side.  Collective."""
+        """Check that the edges of the crease lie between two triangles with normals on one side.
+        Collective.
+
+        Args:
+            who: subject of the messages.
+
+        Raises:
+            InputError: on all ranks, if the group has no edges, edges on the rim, or edges where
+                normals change sides, or if the mesh was distributed without neighbouring triangles.
+        """
         table = self.body.mesh.edges
         lines = self.body.mesh.curve(self.edges, who)
         owned = lines[lines < table.owned]
@@ -173,7 +184,14 @@ class Crease:
 
     @cached_property
     def energy(self) -> CreaseEnergy:
-        """The crease as a term of the equations."""
+        """The crease as arrays over points of its edges that this rank owns, for the equations.
+
+        A film of order 1 has one point on an edge, one of order 2 has two.  At each point three
+        dimensionless vectors, along the fold and into the left and right panels, are constant
+        linear maps [1/m] of the positions of the nodes of both triangles; they are unit vectors on
+        the stress-free mesh.  The stiffness [N m/rad] of a point is that per length, times its
+        share of the edge's length.  Collective at the first use.
+        """
         table = self.body.mesh.edges
         owned = self._owned
         cells = table.cells[owned]
@@ -242,7 +260,8 @@ class Crease:
         points: Array,
         backwards: bool,
     ) -> Array:
-        """Gradients (n, g, 3, k) [1/m] on the mesh of the shape functions at points along edges.
+        """Gradients (n, g, 3, k) [1/m] on the mesh of the k shape functions of triangles, at points
+        of edges.
 
         Args:
             cells: local triangles (n,) with k nodes.
@@ -271,8 +290,13 @@ class Crease:
 
 
 def _passed_both_ways(table: EdgeTable, edges: Indices) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Whether (n,) the left triangle of interior edges passes them forwards, and so the right one
-    backwards.
+    """Whether (n,) the two triangles of interior edges pass them in opposite directions.
+
+    The normals of both triangles are then on the same side of the film.
+
+    Args:
+        table: edges of the mesh with the triangles on both sides.
+        edges: local numbers (n,) of interior edges.
     """
     corners = table.domain.topology.connectivity(2, 0).array.reshape(-1, 3)
     cells = table.cells[edges]
@@ -295,10 +319,13 @@ def _inwards(corners: Array, t: Array, sides: Indices) -> Array:
 def _without_twins(nodes: Indices, maps: Array, k: int) -> tuple[Indices, Array]:
     """Remove nodes that both triangles have from those of the right one, and add up their maps.
 
+    The maps [1/m] give three vectors at each of g points of n edges from the positions of the
+    nodes.
+
     Args:
         nodes: (n, 2k) of the left and of the right triangle.
         maps: (n, g, 3, 2k) of these nodes; changed in place.
-        k: nodes of a triangle.
+        k: nodes of a triangle, 3 or 6.
 
     Returns:
         Nodes (n, r) and maps (n, g, 3, r), r = 4 for order 1 and 9 for order 2.

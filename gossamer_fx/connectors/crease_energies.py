@@ -68,7 +68,13 @@ class CreaseEnergies(
     """All `CreaseEnergy` terms of a scene; those with as many nodes a point are one array."""
 
     def __init__(self, terms: Sequence[CreaseEnergy], system: Assembly) -> None:
-        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
+        """Compile all creases of a scene: arrays and indices that stay the same in a run.
+        Collective.
+
+        Args:
+            terms: the creases, each with its points on this rank.
+            system: the compiled scene, which has the numbering of the unknowns.
+        """
         self._system = system
         self.terms = terms
         # Terms of meshes of different order have different numbers of nodes.
@@ -135,8 +141,15 @@ class CreaseEnergies(
         return points.θ[here], points.rest[here]
 
     def cell_values(self, field: str, body: Body) -> tuple[Indices, Array] | None:
-        """Values of the field `fold_angle` [rad] at q0: local cells (n,) next to folds, and their
-        angle (n,).
+        """Values of the output field `fold_angle` at the start of the step, in cells next to folds.
+
+        Args:
+            field: name of the field.
+            body: film or plate.
+
+        Returns:
+            Local cells (n,), of which a cell may occur several times, and the fold angle (n,) [rad]
+            of each; None for another field or a body without creases.
         """
         mine = [term for term in self.terms if term.body is body]
         if field != "fold_angle" or not mine:
@@ -213,10 +226,14 @@ class CreaseEnergies(
     # ---- history variables -----------------------------------------------------------------------
 
     def get_state(self) -> dict[str, Any]:
-        """Points whose angle or rest angle does not follow from positions and input, by their
-        names.
+        """History variables for a checkpoint: fold angles that do not follow from positions and
+        input.
 
-        Only these are stored: most folds have neither slipped nor turned by more than half a turn.
+        Only points that have slipped or turned by more than half a turn are stored; most have not.
+        Collective.
+
+        Returns:
+            A list "points" of (name, full turns, rest angle [rad] or None), the same on every rank.
         """
         unusual = []
         for points in self._arrays:
@@ -287,7 +304,16 @@ class _Points:
     """
 
     def __init__(self, terms: Sequence[CreaseEnergy], of: list[int], system: Assembly) -> None:
-        """Join the points of the terms in arrays, and measure their fold angles at the start."""
+        """Join the points of some creases in arrays, for the folds of this rank.
+
+        A point stands for a part of a fold.  It has a stiffness [N m/rad], a rest angle and a yield
+        angle [rad], and the sign of the angle if the fold starts pressed shut.
+
+        Args:
+            terms: all creases of the scene.
+            of: indices of those in these arrays, which have the same number of nodes a point.
+            system: the compiled scene, which has the numbering of the unknowns.
+        """
         self.of = of
         self._α = float(system.rule.alpha)
         mine = [terms[i] for i in of]
@@ -310,17 +336,22 @@ class _Points:
         self._begun = False
 
     def vectors(self, q: Array) -> Array:
-        """X (n, 3, 3) [m] at unknowns q (n, D): along the fold, into the left and into the right
-        panel.
+        """X (n, 3, 3), dimensionless, at positions q (n, D) [m] of the nodes of n points.
+
+        The rows are vectors along the fold, into the left and into the right panel.
         """
         positions = q.reshape(len(q), q.shape[1] // 3, 3)
         result: Array = self._maps @ positions
         return result
 
     def keep(self, q: Array) -> None:
-        """Update the history variables from the unknowns q (n, D) at the start of a step.
+        """Update fold angles and rest angles from the positions at the start of a step.
 
-        They were those at the end of the last step, so rest angles slip here.
+        They were those at the end of the last step, so rest angles slip here.  The first call takes
+        the angles of the initial state, and moves rest angles that are beyond the yield angle.
+
+        Args:
+            q: positions (n, D) [m] of the nodes of each of the n points of creases.
         """
         X = self.vectors(q)
         if self._begun:
@@ -342,8 +373,12 @@ class _Points:
         return self._to_nodes(moment[:, None, None] * self._direction(X, θ1))
 
     def tangents(self, q: Array, geometric: float) -> Array:
-        """Derivatives (n, D, D) [N/m] of the forces, with the share `geometric` of the geometric
-        stiffness.
+        """Derivatives (n, D, D) [N/m] of the forces of a step by the positions at its end.
+
+        Args:
+            q: positions (n, D) [m] of the nodes of each of the n points at the end of the step.
+            geometric: share from 0 to 1 of the geometric stiffness, which is proportional to the
+                moment.
         """
         X = self.vectors(q)
         n = len(X)
@@ -393,8 +428,13 @@ class _Points:
             self._first_rest = np.where(here, now, self._first_rest)
 
     def largest_rotation(self, q: Array) -> tuple[float, str]:
-        """Largest change of an angle [rad] in a step to the unknowns q (n, D), and the name of its
-        term.
+        """Largest change of a fold angle [rad] in a step, and the name of its crease.
+
+        Args:
+            q: positions (n, D) [m] of the nodes of each of the n points at the end of the step.
+
+        Returns:
+            Zero and an empty name where this rank has no points.
         """
         change = np.abs(self._end(self.vectors(q)) - self.θ)
         if len(change) == 0:
@@ -416,10 +456,13 @@ class _Points:
         return np.array([ψ[self.owner == i].sum() for i in self.of])
 
     def unusual(self) -> list[tuple[list[int], int, float | None]]:
-        """Points whose angle or rest angle does not follow from positions and input.
+        """Points of creases whose fold angle or rest angle does not follow from positions and
+        input.
 
-        Each has its term and name, the number of full turns of its angle, and its rest angle [rad],
-        or None where that is the one of the input.
+        Returns:
+            For each such point: its term and the numbers that name it, on any number of ranks; the
+            number of full turns of its angle; and its rest angle [rad], or None where that is the
+            one of the input.
         """
         full_turns = (self.θ - self._principal(self._X)) / (2 * np.pi)
         turns = np.rint(full_turns).astype(int)
@@ -434,12 +477,14 @@ class _Points:
         return found
 
     def recall(self, stored: dict[tuple[int, ...], tuple[int, float | None]]) -> None:
-        """Set the history variables of the points; their positions are those of the state already.
+        """Set fold angles and rest angles of the points of creases, from a checkpoint.
+
+        Their positions are those of the restored state already.
 
         Args:
-            stored: for the points that `unusual` listed, by (term, nodes): full turns of the fold
-                angle, and the rest angle [rad], None for the one of the input.  All other points
-                get the values of the input.
+            stored: for the points that `unusual` listed, by (term, numbers that name the point):
+                full turns of the fold angle, and the rest angle [rad], None for the one of the
+                input.  All other points get the values of the input.
         """
         self.θ = self._principal(self._X)
         self.rest = self._first_rest.copy()
@@ -462,8 +507,15 @@ class _Points:
         return self.θ + np.remainder(change + np.pi, 2 * np.pi) - np.pi
 
     def _direction(self, X: Array, θ1: Array) -> Array:
-        """G (n, 3, 3) [1/m]: the discrete gradient of θ, or with α = 1 its gradient at the end of
-        the step.
+        """G (n, 3, 3), dimensionless: discrete gradient of the angle θ by the vectors X of each
+        point.
+
+        With α = 1 (backward Euler) it is the gradient at the end of the step.
+
+        Args:
+            X: vectors (n, 3, 3) along the fold and into both panels at the end of the step,
+                dimensionless.
+            θ1: fold angles (n,) [rad] there.
         """
         if self._α == 1.0:
             return np.asarray(dihedral_angle.gradient(X))
@@ -475,8 +527,16 @@ class _Points:
         return np.sign(u) * np.maximum(np.abs(u) - self._slip, 0.0)
 
     def _moment(self, θ1: Array) -> tuple[Array, Array]:
-        """Mean moment (n,) [N m] of a step, or with α = 1 that at its end, and its derivative by
-        θ1.
+        """Mean moment of a step for each of n points, and its derivative by the angle at the end.
+
+        The moment is k (θ - θr) up to the yield angle and constant while the fold slips; the mean
+        is over the path of θ.  With α = 1 (backward Euler) it is the moment at the end of the step.
+
+        Args:
+            θ1: fold angles (n,) [rad] at the end of the step.
+
+        Returns:
+            Moments (n,) [N m] and derivatives (n,) [N m/rad].
         """
         slipped = self._slipped(θ1)
         elastic_start = self.θ - self.rest

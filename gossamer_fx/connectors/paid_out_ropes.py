@@ -57,7 +57,13 @@ class PaidOutRopes(
     """All `PaidOutRope` terms of a scene, as arrays over those of this rank."""
 
     def __init__(self, terms: Sequence[PaidOutRope], system: Assembly) -> None:
-        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
+        """Compile all ropes with a reel: arrays and indices that stay the same in a run.
+        Collective.
+
+        Args:
+            terms: the ropes of the scene, in the same order on all ranks.
+            system: the compiled scene, which has the numbering of the unknowns.
+        """
         self._system = system
         self._terms = terms
         self._at = PointMeasures(system.numbering, system.bodies, [term.measure for term in terms])
@@ -86,8 +92,15 @@ class PaidOutRopes(
     # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self, t: float) -> None:
-        """Evaluate the given lengths L1 at the end of the step whose forces are those at time t
-        [s].
+        """Evaluate the given natural lengths [m] of ropes at the end of the step that begins.
+
+        Args:
+            t: time [s] at which the forces of the step act: its middle, or its end with backward
+                Euler.
+
+        Raises:
+            InputError: on all ranks, if a user's function of time does not return a positive
+                length.
         """
         system = self._system
         # The length is that of the end of the step, also where the forces are those of its middle.
@@ -101,7 +114,13 @@ class PaidOutRopes(
         self._next = np.where(np.isfinite(given), given, self.length)
 
     def commit(self) -> None:
-        """Update the lengths L from the accepted coordinates."""
+        """Make the accepted coordinates the start of the next step, and update the natural lengths
+        [m].
+
+        Collective.  A brake that slips has let out rope in the accepted step, and a reel with a
+        given length as much as that says.  The first call is at the initial state, where ropes that
+        are tighter than their brake allows become longer.
+        """
         q = self._gather(self._system.q0)[0]
         length = self._lengths(q)
         if self._begun:
@@ -129,12 +148,16 @@ class PaidOutRopes(
         add_blocks(A, self._at.indices, self._at.indices, self._stencil.tangent(q))
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """Mean stress S_mean = T_mean/l_mean (n, 1) [N/m] of a step, and dS_mean/de1 (n, 1, 1).
+        """Mean stress S_mean = T_mean/l_mean of a step for each of n ropes, and its derivative.
 
-        With e = ½ l² and l_mean = (l0 + l1)/2, S_mean Δe = T_mean Δl.
+        T_mean [N] is the mean tension, l_mean = (l0 + l1)/2 [m] the mean distance of the ends.
+        With e = ½ l², S_mean (e1 - e0) is the work T_mean (l1 - l0) [J].
 
         Args:
-            e0, e1: measures (n, 1) [m²] at the start and at the end of the step.
+            e0, e1: ½ l² (n, 1) [m²] at the start and at the end of the step.
+
+        Returns:
+            S_mean (n, 1) [N/m] and dS_mean/de1 (n, 1, 1) [N/m³].
         """
         l0 = np.sqrt(2 * np.maximum(e0[:, 0], SMALLEST_MEASURE))
         l1 = np.sqrt(2 * np.maximum(e1[:, 0], SMALLEST_MEASURE))
@@ -214,11 +237,13 @@ class PaidOutRopes(
         return slip
 
     def _pull(self, y: Array) -> Array:
-        """Tensions (n,) [N] of ropes stretched by y (n,) [m] beyond their lengths at the start of
-        the step.
+        """Tensions (n,) [N] of ropes in a step, as a function of their stretch.
 
         They are k y, but no more than the brake force B as long as rope remains on the reel, and
         zero for a slack rope.
+
+        Args:
+            y: distances of the ends less natural lengths (n,) [m] at the start of the step.
         """
         slip = np.clip(y - self._yield, 0.0, self._room())
         beyond = np.where(self._brakes, slip, 0.0)
@@ -226,8 +251,16 @@ class PaidOutRopes(
         return pull
 
     def _tension(self, l1: Array) -> tuple[Array, Array]:
-        """T_mean (n,) [N] of a step to the distance l1 (n,) [m], and its derivative dT_mean/dl1
-        (n,) [N/m].
+        """Mean tension of a step for each of n ropes, averaged exactly over its stretch, and the
+        derivative.
+
+        With backward Euler it is the tension at the end of the step.
+
+        Args:
+            l1: distances of the ends (n,) [m] at the end of the step.
+
+        Returns:
+            T_mean (n,) [N] and dT_mean/dl1 (n,) [N/m].
         """
         y1 = l1 - self._next
         y0 = self._l - self.length

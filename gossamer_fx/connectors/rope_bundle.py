@@ -56,7 +56,13 @@ class RopeBundle:
     name: str = "ropes"
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check the ends, the lengths [m], the stiffness [N/m] and the damping [N s/m] of the
+        ropes.
+
+        Raises:
+            InputError: there is no rope, not one length for each pair of ends, a pair without a
+                body, a length or stiffness that is not positive, or a negative damping.
+        """
         check(
             bool(len(self.ends)) and len(self.ends) == len(self.lengths),
             f"RopeBundle '{self.name}' has {len(self.ends)} pairs and {len(self.lengths)} lengths; "
@@ -88,7 +94,15 @@ class RopeBundle:
         return self.ends
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Stored energy and, with damping, dissipation of each rope."""
+        """Stored energy and, with damping, dissipation of each rope.
+
+        Args:
+            start: initial state of the scene; the terms do not depend on it.
+
+        Yields:
+            The terms, i.e. what the ropes add to the equations; all have the same name, under which
+            the ledger sums them.
+        """
         # Terms of one name are summed in the energy balance; those of one kind are one array.
         for k, (pair, length) in enumerate(zip(self.ends, self.lengths, strict=True)):
             measure = half_distance_squared(*pair)

@@ -68,7 +68,17 @@ class LengthSpring:
         return self.k * stretch**2 / 2
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """Mean stress (n, 1) [N/m] from e0 to e1 [m²], and its derivative by e1 (n, 1, 1)."""
+        """Mean stress of a step for each of n springs, and its derivative.
+
+        The measure is e = ½ l² of the length l; the stress S = ∂ψ/∂e is the force over the length,
+        and S_mean (e1 - e0) the change of energy [J].
+
+        Args:
+            e0, e1: (n, 1) [m²] at the beginning and the end of the step.
+
+        Returns:
+            S_mean (n, 1) [N/m] and ∂S_mean/∂e1 (n, 1, 1) [N/m³].
+        """
         l0 = _length(e0)
         l1 = _length(e1)
         mean_length = (l0 + l1) / 2
@@ -118,7 +128,18 @@ class RopeDamper:
     stacks: ClassVar[tuple[str, ...]] = ("c", "k", "L")
 
     def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
-        """Mean stress (n, 1) [N/m] in a step of h seconds, and its derivative by e1 (n, 1, 1)."""
+        """Mean viscous stress of a step for each of n ropes, and its derivative.
+
+        The measure is e = ½ l² of the length l.  S_mean (e1 - e0) is the loss [J], which is never
+        negative.
+
+        Args:
+            e0, e1: (n, 1) [m²] at the beginning and the end of the step.
+            h: length of the step [s], positive.
+
+        Returns:
+            S_mean (n, 1) [N/m] and ∂S_mean/∂e1 (n, 1, 1) [N/m³]; both zero for a slack rope.
+        """
         l0 = _length(e0)
         l1 = _length(e1)
         both = l0 + l1
@@ -253,7 +274,11 @@ class Rope(Between):
         return [(self.a, self.b)]
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Stored energy and, with damping, dissipation of the rope."""
+        """Stored energy and, with damping, dissipation of the rope: what it adds to the equations.
+
+        Args:
+            start: initial state of the scene; the terms do not depend on it.
+        """
         density = LengthSpring(self.stiffness, self.length, side=1)
         measure = half_distance_squared(self.a, self.b)
         yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
@@ -341,7 +366,14 @@ class Damper(Between):
         check_positive(self, "damping", "N s/m")
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The dissipation of the damper."""
+        """The dissipation of the damper: what it adds to the equations.
+
+        Args:
+            start: initial state of the scene.  Collective.
+
+        Raises:
+            InputError: the two ends coincide in the initial state.
+        """
         distance = float(np.linalg.norm(start.vector(self.a) - start.vector(self.b)))
         check(
             distance > 0,

@@ -82,10 +82,19 @@ class Tape:
         length_factor: float = 1.0,
         name: str = "tape",
     ) -> Tape:
-        """Along the edges of the mesh in a named group of curves.
+        """A tape along the edges of the mesh in a named group of curves.  Collective.
 
-        `length_factor` is the natural length over that of the edges: below 1 for a tendon that is
-        shorter than the seam on which it is.
+        Args:
+            body: the film or plate; each edge is one bar (order 1) or two (order 2).
+            law: energy of the bars per natural length.
+            edges: name of the group of curves of the film's mesh.
+            length_factor: natural length over that of the edges (dimensionless): below 1 for a
+                tendon that is shorter than the seam on which it is.
+            name: name in messages and output.
+
+        Raises:
+            InputError: the factor is not positive, the mesh has no such group of curves, or the
+                group has no edges or one without length.
         """
         check(
             0 < length_factor < math.inf,
@@ -126,10 +135,19 @@ class Tape:
         length_factor: float = 1.0,
         name: str = "tape",
     ) -> Tape:
-        """Through `points` [m] of the film's mesh, `bars_per_segment` bars of equal length from
-        each to the next.
+        """A tape through given points of the film's mesh, also between nodes.  Collective.
 
-        `length_factor` is the natural length over that of the line.
+        Args:
+            body: the film or plate.
+            law: energy of the bars per natural length.
+            points: two or more points (3,) [m] of the mesh.
+            bars_per_segment: bars of equal length from each point to the next.
+            length_factor: natural length over that of the line (dimensionless).
+            name: name in messages and output.
+
+        Raises:
+            InputError: the factor is not positive, there are fewer than two points or no bars, or
+                the line leaves the mesh.
         """
         check(
             0 < length_factor < math.inf,
@@ -148,7 +166,12 @@ class Tape:
         return Tape(body, law, bars=list(pairwise(ports)), lengths=lengths, name=name)
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check the bars and their natural lengths (n,) [m], and make these an array.
+
+        Raises:
+            InputError: there are no bars, a length is not positive, or there is not one length for
+                each bar.
+        """
         lengths = np.asarray(self.lengths, dtype=float)
         object.__setattr__(self, "lengths", lengths)
         check(
@@ -172,7 +195,17 @@ class Tape:
         return self.bars
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Kinetic and stored energy of the bars between points of the tape."""
+        """Kinetic and stored energy of the bars: what the tape adds to the equations.
+
+        Args:
+            start: initial state of the scene; the terms do not depend on it.
+
+        Yields:
+            The mass [kg] of the bars at their ends, and their stored energy [J].
+
+        Raises:
+            InputError: the law is not that of a cable.
+        """
         law = self.law
         L = np.asarray(self.lengths)
         # A line with linear shape functions: ∫ N_i N_j ds = L/6 (1 + δ_ij).
@@ -191,7 +224,18 @@ class Tape:
 
 
 def _density(law: BarLaw, lengths: Array) -> PointDensity:
-    """The energy of bars of natural lengths [m], a function of the measures in `Tape.terms`."""
+    """The stored energy of bars as a function of the measure e of each, which `Tape.terms` makes.
+
+    e = √(EA L) ε for laws with a constant axial stiffness, so that the energy is ½ e² [J]; e = ε
+    for a table.  ε = ½(λ² - 1) is the strain of the bar.
+
+    Args:
+        law: of the tape.
+        lengths: natural lengths (n,) [m] of the bars that this rank evaluates.
+
+    Raises:
+        InputError: the law is not that of a cable.
+    """
     if isinstance(law, TensionOnly):
         return OneSided()
     if isinstance(law, CableLaw):
@@ -217,11 +261,17 @@ def _stretch(a: Port, b: Port, square: float) -> Port:
 def _refuse_edges_without_length(
     body: Membrane, edges: str, lengths: Array, midpoints: Array, name: str
 ) -> None:
-    """Name the first edge (of lengths (n,) and midpoints (n, 3) [m] of this rank) whose ends
-    coincide.  Collective.
+    """Check that no edge of a tape has ends that coincide.  Collective.
+
+    Args:
+        body: the film or plate.
+        edges: name of the group of edges.
+        lengths: lengths (n,) [m] of this rank's edges.
+        midpoints: their middles (n, 3) [m], for the message.
+        name: of the tape.
 
     Raises:
-        InputError: an edge is shorter than round-off of the line.
+        InputError: on all ranks, if an edge is shorter than `SHORTEST_EDGE` of the longest one.
     """
     longest = body.comm.allreduce(float(lengths.max(initial=0.0)), MPI.MAX)
     bad = np.flatnonzero(lengths <= SHORTEST_EDGE * longest)

@@ -60,7 +60,14 @@ class Tether(Between):
     name: str = "tether"
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check ends, stiffness [N/m], length [m], brake force [N] and total length [m] of the
+        tether.
+
+        Raises:
+            InputError: both ends are of the ground, a number is not positive, a length that is a
+                number has no brake, one that is a function has a brake, or the total length is
+                below the length.
+        """
         super().__post_init__()
         check_positive(self, "stiffness", "N/m")
         if callable(self.length):
@@ -88,7 +95,16 @@ class Tether(Between):
         return [(self.a, self.b)]
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The rope, with a given length or a brake."""
+        """The rope on its reel, with a given length or a brake: what it adds to the equations.
+
+        Args:
+            start: initial state of the scene; the term does not depend on it.  Collective for a
+                length that is a function of time.
+
+        Raises:
+            InputError: on all ranks, if the function does not return a positive length at t = 0 (or
+                later, in the run).
+        """
         measure = half_distance_squared(self.a, self.b)
         given = self.length
         if not callable(given):

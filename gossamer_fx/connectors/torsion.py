@@ -38,11 +38,13 @@ SMALL_ANGLE = 1e-4
 
 
 def angles(e0: Array, e1: Array) -> tuple[Array, Array]:
-    """Angle (n,) [rad] at the start in (-π, π], and its change to the end, less than half a turn.
+    """Angles (n,) [rad] of n hinges at the start of a step in (-π, π], and their changes.
+
+    A change is less than half a turn: the shorter way is taken.
 
     Args:
-        e0, e1: measures (n, 2) in proportion to cosine and sine of the angle, at both ends of the
-            step.
+        e0, e1: (n, 2), dimensionless: numbers in proportion to cosine and sine of the angle, at the
+            beginning and the end of the step.
     """
     φ0 = np.arctan2(e0[:, 1], e0[:, 0])
     φ1 = np.arctan2(e1[:, 1], e1[:, 0])
@@ -59,13 +61,18 @@ def stress(
     Δφ: Array,
     e1: Array,
 ) -> tuple[Array, Array]:
-    """Mean stress (n, 2) of a mean moment, and its derivative by e1 (n, 2, 2).
+    """Stress of a mean moment in the strains (cos φ, sin φ) of n hinges, and its derivative.
+
+    The stress S satisfies S·(e1 - e0) = m Δφ, the work [J] of the step.
 
     Args:
         m: mean moment (n,) [N m] of the step.
-        slope: its derivative (n,) by the angle at the end.
-        φ0, Δφ: of `angles`.
-        e1: measures (n, 2) at the end.
+        slope: its derivative (n,) [N m/rad] by the angle at the end.
+        φ0, Δφ: angle at the beginning and its change (n,) [rad], as `angles` returns them.
+        e1: strains (n, 2) at the end, dimensionless and not both zero.
+
+    Returns:
+        S (n, 2) [N m] and ∂S/∂e1 (n, 2, 2) [N m].
     """
     half = Δφ / 2
     φ_mid = φ0 + Δφ / 2
@@ -135,9 +142,15 @@ def hinge_angle(
     φ is the rotation of b relative to a about the axis since the start, less `rest`.
 
     Args:
-        a, b: frames on both sides of the hinge.
-        axis: direction of the hinge at the start (3,), of any length.
+        a, b: frames (oriented points of bodies or of the ground) on both sides of the hinge.
+        axis: direction of the hinge at the start (3,), of any length but zero.
         rest: angle at which φ is zero [rad].
+
+    Returns:
+        Two quadratic functions of three unit vectors that are fixed in the frames.
+
+    Raises:
+        InputError: a frame with two directors does not contain the normals of the axis.
     """
     p, q = perpendicular_pair(unit(axis))
     moving = along(p, b)
@@ -224,7 +237,15 @@ class TorsionSpring(AboutHinge):
         )
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The stored energy of the angle about the axis."""
+        """The stored energy of the angle about the axis: what the spring adds to the equations.
+
+        Args:
+            start: initial state of the scene; the term does not depend on it.
+
+        Yields:
+            One energy ½ k φ² [J] of the angle φ [rad] from the rest angle, with stiffness and rest
+            angle as parameters of gradients.
+        """
         yield PointStoredEnergy(
             self.name,
             hinge_angle(*self._sides, self.axis, self.rest_angle),

@@ -62,7 +62,17 @@ class Driven:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The support whose directors turn with time."""
+        """The support that fixes the body's position and turns its axes with time.
+
+        A support eliminates coordinates from the equations.
+
+        Args:
+            start: initial state of the scene, from which the body is turned.
+
+        Raises, in the run:
+            InputError: the user's function does not return a finite angle [rad], the same on all
+                ranks.
+        """
         body = self.body
         axis = unit(self.axis)
         first = start[body].coordinates().copy()

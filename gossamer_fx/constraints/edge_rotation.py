@@ -51,7 +51,20 @@ class EdgeRotation:
     direction: Vector | Callable[[Array, float], Array] | None
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The energies by which Nitsche's method holds the direction."""
+        """The energies by which Nitsche's method keeps a plate tangent to a direction at an edge.
+
+        Args:
+            start: initial state of the scene, in which the direction must not lie along the edge.
+
+        Yields:
+            One quadratic energy [J] for a constant direction; one that changes with time for a
+            direction that does, or in addition for a plate with a difference of temperature across
+            its thickness.
+
+        Raises:
+            InputError: the direction lies along the edge, or it turns with time on a plate with
+                such a difference of temperature.
+        """
         clamp = self.plate.bending.clamp
         ds = self._measure()
         name = f"{self.plate.name} bending"
@@ -90,7 +103,13 @@ class EdgeRotation:
             yield self._thermal_moment(name, d, ds)
 
     def _thermal_moment(self, name: str, d: Expr, ds: ufl.Measure) -> Term:
-        """The part of the energy that the thermal curvature adds."""
+        """The energy that the thermal curvature of the plate adds at the clamped edge, as a term.
+
+        Args:
+            name: of the energy in the ledger.
+            d: unit vector (3,) to which the plate is tangent at the edge.
+            ds: measure of the edge.
+        """
         from gossamer_fx.bodies.thermal_expansion import thermal_curvature
 
         thermal = thermal_curvature(self.plate)
@@ -108,7 +127,15 @@ class EdgeRotation:
         )
 
     def _directions(self, X: Array, t: float) -> Array:
-        """Unit directions (n, 3) at the points X (3, n) of the edge at time t [s]."""
+        """Unit directions (n, 3) at points of the edge, from the user's function.  Collective.
+
+        Args:
+            X: points (3, n) [m] of the stress-free shape.
+            t: time [s].
+
+        Raises:
+            InputError: on all ranks, if a direction is not finite or zero, or the shape is another.
+        """
         assert callable(self.direction)
         d = np.asarray(self.direction(X, t), dtype=float)
         is_right = d.shape == X.shape and bool(np.isfinite(d).all())
@@ -125,9 +152,16 @@ class EdgeRotation:
         """Refuse a direction that lies along the edge, to which the plate is tangent there in any
         case.
 
+        Collective.
+
         Args:
-            start: the initial state.
-            directions: unit directions (n, 3) at midpoints (3, n) of edges of the stress-free mesh.
+            start: the initial state of the scene.
+            directions: function of midpoints (3, n) [m] of edges of the stress-free mesh that
+                returns unit directions (n, 3).
+
+        Raises:
+            InputError: on all ranks, if the sine of the angle between both is below `MIN_SINE` at
+                some edge.
         """
         mesh = self.plate.mesh
         edges = mesh.curve(self.edges, "Fixed")
@@ -163,7 +197,10 @@ class EdgeRotation:
         )
 
     def _measure(self) -> ufl.Measure:
-        """The measure of the edge."""
+        """The measure over the lengths [m] of the clamped edge, for UFL forms.
+
+        It integrates over the named group of edges on the rim of the plate.
+        """
         domain = self.plate.mesh.domain
         # Integrals over edges need the triangles next to them.
         domain.topology.create_connectivity(1, 2)

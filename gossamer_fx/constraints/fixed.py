@@ -88,7 +88,15 @@ class Fixed:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the arguments, and name the item if it has no name."""
+        """Check the arguments of the support, and name it if it has no name.  Collective.
+
+        A support fixes or prescribes positions and rotations of the nodes of a named group.
+
+        Raises:
+            InputError: a group that the mesh does not have or that is empty, components other than
+                0, 1, 2, a normal or direction of length zero, both normal and motion, or a rotation
+                of a body that has none.
+        """
         object.__setattr__(self, "components", tuple(map(int, self.components)))
         check_support("Fixed", self.body, self.group, self.components)
         # A direction or a twist is a rotation: it need not be asked for twice.
@@ -116,7 +124,9 @@ class Fixed:
             self._check_rotation()
 
     def _default_name(self) -> str:
-        """Name of the support from its body, its group and what it fixes."""
+        """Name of the support, from its body, its group and what it fixes, e.g. "film/left
+        clamped".
+        """
         where = f"{self.body.name}/{self.group}"
         if self.rotation:
             return f"{where} clamped"
@@ -127,7 +137,12 @@ class Fixed:
         return f"{where} fixed {self.components}"
 
     def _check_rotation(self) -> None:
-        """Raise `InputError` if `rotation` is asked of a body without directors or slopes."""
+        """Check that the body has the rotation that is to be fixed.  Collective for a plate.
+
+        Raises:
+            InputError: the body is neither beam nor plate, a plate has a twist or edges that are
+                not on its rim, or a beam has components or a normal.
+        """
         # Imported here: a scene without clamps does not load beams, plates and their forms.
         from gossamer_fx.bodies.beam import Beam
         from gossamer_fx.bodies.plate import Plate
@@ -160,7 +175,18 @@ class Fixed:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The support, or the constraints of sections and slopes where rotations are fixed."""
+        """The support, or the constraints of sections and slopes where rotations are fixed.
+
+        Args:
+            start: initial state of the scene, in which nodes without a motion stay.
+
+        Yields:
+            What the item adds to the equations: fixed coordinates, constraints for a normal
+            direction, and energies that clamp the edge of a plate.
+
+        Raises:
+            InputError: the direction of a plate lies along its edge.
+        """
         nodes = self.body.nodes(self.group)
         if self.rotation:
             from gossamer_fx.bodies.beam import Beam
@@ -193,7 +219,13 @@ class Fixed:
             yield Support(self.name, self.body, dofs_of(self.body, nodes, self.components))
 
     def _plane(self, nodes: Indices, normal: Array, start: State) -> PointConstraint:
-        """Nodes that stay in the planes with a unit normal through where they start."""
+        """The constraint that nodes stay in the planes through their initial positions.
+
+        Args:
+            nodes: local nodes (n,), owned and ghost.
+            normal: unit normal (3,) of the planes.
+            start: initial state of the scene.
+        """
         index_map = self.body.block.index_map
         # A multiplier holds the height of each node; a support could hold coordinates only.
         own = nodes[nodes < index_map.size_local]
@@ -206,7 +238,18 @@ class Fixed:
     def _path(
         self, nodes: Indices, motion: Callable[[Array, float], Array]
     ) -> Callable[[float], Array]:
-        """Prescribed positions of the nodes, flattened, as a function of time [s]."""
+        """Prescribed coordinates of nodes as a function of time.
+
+        Args:
+            nodes: local nodes (n,), owned and ghost.
+            motion: user's function of the points (3, n) [m] of the stress-free shape and time [s]
+                that returns displacements (3, n) [m].
+
+        Returns:
+            Function of time [s] that returns the chosen components of the positions [m], node by
+            node.  It is collective, and raises `InputError` on all ranks for a result of another
+            form.
+        """
         # Displacements count from the mesh, which is the same wherever the scene starts.
         components = list(self.components)
         X = self.body.space.tabulate_dof_coordinates()[nodes].T

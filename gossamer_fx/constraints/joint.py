@@ -47,7 +47,18 @@ def check_coincide(
     b: Attached,
     start: State,
 ) -> None:
-    """Check that the two points of a joint coincide in the initial state, within `COINCIDE`."""
+    """Check that the two points of a joint coincide in the initial state, within `COINCIDE`.
+
+    Collective.
+
+    Args:
+        name: of the joint, for the message.
+        a, b: the points, as ports of bodies or of the ground.
+        start: initial state of the scene.
+
+    Raises:
+        InputError: their distance exceeds `COINCIDE`, 1e-8 m.
+    """
     distance = float(np.linalg.norm(start.vector(a) - start.vector(b)))
     check(
         distance <= COINCIDE,
@@ -85,7 +96,8 @@ def same_rotation(
 
     Args:
         name: of the joint, which names the constraints.
-        a, b: the frames; one of them has three directors.
+        a, b: the frames, each an origin with two or three orthonormal directors; one of them has
+            three.
         start: state in which the joint is made.
     """
     full, other = (a, b) if len(a.directors) == 3 else (b, a)
@@ -113,9 +125,12 @@ def same_axis(
     Args:
         name: of the joint, which names the constraints.
         n: the direction at the start, a unit vector (3,).
-        full: a frame with three directors.
-        other: the other frame.
+        full: a frame with three directors (orthonormal vectors that move with a body).
+        other: the other frame, whose directors contain n or are all normal to it.
         start: state in which the joint is made.
+
+    Raises:
+        InputError: the other frame has two directors, to which n is oblique.
     """
     # The axis is a vector of one frame, and two of the other stay normal to it.  A beam's section
     # has no vector along its normal, but two across it.
@@ -137,20 +152,20 @@ def on_axis(
     b: Frame,
     start: State,
 ) -> Iterable[PointConstraint]:
-    """Constrain a point of b to the straight line through a point of a, two equations.
+    """Constrain a point of b to the straight line through a point of a: two equations.
 
     The line has the direction n at the start and turns with a: (x_b - x_a)·p = 0 for two vectors p
-    of a that are normal to n.
+    of a that are normal to n.  Collective.
 
     Args:
         kind, name: class and name of the joint, for messages.
         n: direction of the line at the start, a unit vector (3,).
-        a: carries the line, through its origin.
-        b: its origin stays on the line.
+        a: frame that carries the line, through its origin.
+        b: frame whose origin stays on the line.
         start: state in which the joint is made.
 
     Raises:
-        InputError: the point of b is off the line at the start.
+        InputError: the point of b is off the line at the start, by more than 1e-8 m.
     """
     gap = start.vector(b.origin) - start.vector(a.origin)
     check(
@@ -225,7 +240,18 @@ class Link(Between):
     name: str = "link"
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The constraint that the distance of the points stays that of the initial state."""
+        """The constraint that the distance of the two points stays that of the initial state.
+        Collective.
+
+        Args:
+            start: initial state of the scene.
+
+        Yields:
+            One constraint (|x_a - x_b|² - l²)/2l = 0, whose multiplier is the force of the rod [N].
+
+        Raises:
+            InputError: the points coincide in the initial state.
+        """
         length = float(np.linalg.norm(start.vector(self.a) - start.vector(self.b)))
         check(
             length > 0,

@@ -44,7 +44,15 @@ class MovingEnergies(
     """
 
     def __init__(self, terms: Sequence[MovingEnergy], system: Assembly) -> None:
-        """Compile force, tangent, supplied work and energy of each term.  Collective."""
+        """Compile force, tangent, supplied work and energy of each term.  Collective.
+
+        A term is a stored energy ½ a(d; q, q), quadratic in the coordinates q, with a function d of
+        time.
+
+        Args:
+            terms: all such terms of the scene.
+            system: the compiled scene, which has the fields of their bodies.
+        """
         self._system = system
         self._compiled = []
         # Statics have the matrix of the end only; a time step has the mean of both ends.

@@ -79,7 +79,15 @@ class RigidRegion:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the region, and name it after its group if it has no name."""
+        """Check the rigid region, and name it after its group if it has no name.  Collective.
+
+        A rigid region is a named group of nodes of a body that move as one rigid piece, or slide in
+        its plane.
+
+        Raises:
+            InputError: the body is a beam, the group does not exist or has one point, a component
+                is not 0, 1 or 2, or a sliding region fills space or is fixed to a rigid body.
+        """
         object.__setattr__(self, "fixed_components", tuple(map(int, self.fixed_components)))
         check(
             not isinstance(self.body, Beam),
@@ -112,7 +120,11 @@ class RigidRegion:
 
     @cached_property
     def frame(self) -> Frame:
-        """Its centre and axes, for torques, joints and probes.
+        """Its centre and axes, for torques, joints and probes.  Collective at the first use.
+
+        Returns:
+            An oriented point of the rigid body, or of the piece without mass, that the nodes are
+            tied to.
 
         Raises:
             InputError: its nodes are on one line, about which it has no rotation: see `line`.
@@ -129,10 +141,11 @@ class RigidRegion:
 
     @cached_property
     def line(self) -> Line:
-        """Centre and direction of a straight region, for torques across it.
+        """Centre and direction of a straight region, for torques across it.  Collective at the
+        first use.
 
         Raises:
-            InputError: its nodes are not on one line.
+            InputError: its nodes are not on one line, or are fixed to a rigid body.
         """
         check(
             self.rigid_body is None and len(self.piece.directors) == 1,
@@ -158,7 +171,12 @@ class RigidRegion:
 
     @cached_property
     def piece(self) -> RigidPiece:
-        """The piece without mass that the nodes are tied to, if not to a rigid body."""
+        """The piece without mass that the nodes of the region are tied to, if not to a rigid body.
+
+        It has a position [m] and one director (a unit vector that turns with it) for each dimension
+        of the set of nodes; nodes that slide in a plane have the normal as third director.
+        Collective at the first use.
+        """
         start, rates, _ = self._fit
         if self.sliding and len(start) == 3:
             # Nodes in a plane have the directors p and q; sliding also needs n = p × q.
@@ -205,7 +223,13 @@ class RigidRegion:
         return [int(node) for node in self.body.block.index_map.local_to_global(self._own)]
 
     def _pairs(self, start: State) -> list[tuple[Port, Port]]:
-        """This rank's nodes, each with the point of the piece or rigid body that it is tied to."""
+        """This rank's nodes of the region, each with the point that it is tied to, as ports.
+
+        A port is a point of a body: here of the rigid body, or of a piece without mass.
+
+        Args:
+            start: initial state of the scene, which may differ from that of the body itself.
+        """
         if self.rigid_body is None:
             _, _, coordinates = self._fit
             targets = [self.piece.port(*map(float, ξ)) for ξ in coordinates]
@@ -229,13 +253,17 @@ class RigidRegion:
         yield self._carrier
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The constraints that couple the nodes to the rigid piece, and the support of that piece.
+        """The constraints that couple the nodes to a rigid piece, and the support of that piece.
 
-        Nodes that slide in a plane stay in the plane of the piece, which has three directors.  In
-        all other cases each node coincides with its point of the piece.
+        The piece is a rigid body, or has no mass.  Nodes that slide in a plane stay in the plane of
+        the piece; in all other cases each node coincides with its point of the piece.  Collective.
 
         Args:
             start: state of the scene in which the region is rigid from then on.
+
+        Yields:
+            What the region adds to the equations: constraints with multipliers, and fixed
+            coordinates if `fixed_components` are given.
         """
         if self.fixed_components:
             piece = self._carrier
@@ -249,7 +277,13 @@ class RigidRegion:
         yield coincidence(self.name, *self._pairs(start))
 
     def _slides(self) -> Iterable[Term]:
-        """The constraints of nodes that slide in a plane, see the module.  Collective."""
+        """The constraints of nodes that slide in a plane of a rigid piece without mass.
+        Collective.
+
+        With the piece's centre x_c and its axes p, q in the plane and n normal to it: each node x_k
+        stays in the plane, (x_k - x_c)·n = 0; the mean of the nodes stays at x_c; and the nodes do
+        not turn about n on average.
+        """
         p, q, n = self.piece.directors
         centre = self.piece.port()
 

@@ -45,13 +45,30 @@ class SectionRotation:
         return Support(self.name, self.beam, dofs, None if is_still else self._path())
 
     def _path(self) -> Callable[[float], Array]:
-        """Positions and directors (n, size), flattened, as a function of time [s]."""
+        """Prescribed coordinates of the sections of a beam as a function of time.
+
+        Returns:
+            Function of time [s] that returns positions [m] and directors (unit vectors) of the n
+            nodes, (9 n,), node by node.  It is collective, and raises `InputError` on all ranks for
+            a motion, direction or twist that is not finite or of another shape.
+        """
         X = self.beam.space.tabulate_dof_coordinates()[self.nodes].T
         start = self.beam.stress_free(self.nodes)
         motion = self.motion
 
         def path(t: float) -> Array:
-            """Coordinates (9 n,) of the n nodes at a time t [s]: moved, with turned directors."""
+            """Coordinates (9 n,) of n nodes of the beam at a time: position [m] and two section
+            axes [-] each.
+
+            They follow from the stress-free state by the user's motion, direction and twist.
+            Collective.
+
+            Args:
+                t: time [s].
+
+            Raises:
+                InputError: on all ranks, if a user's function fails or returns something else.
+            """
             q = start.copy()
             if motion is not None:
                 what = f"Motion of '{self.name}' at t = {t:.6g} s"
@@ -65,7 +82,20 @@ class SectionRotation:
         return path
 
     def _rotations(self, X: Array, normals: Array, t: float) -> Array:
-        """Rotations (n, 3, 3) of sections with normals (n, 3) at time t [s]."""
+        """Rotations (n, 3, 3) from the stress-free sections of a beam to those prescribed at a
+        time.
+
+        Each is the shortest rotation from the normal to the direction, then the twist about it.
+        Collective.
+
+        Args:
+            X: nodes (3, n) [m] of the stress-free shape, for functions of the user.
+            normals: unit normals (n, 3) of the stress-free sections.
+            t: time [s].
+
+        Raises:
+            InputError: on all ranks, if a direction is zero or opposite to the normal.
+        """
         when = f"of '{self.name}' at t = {t:.6g} s"
         wanted = self._directions(X, normals, t, when)
         length = np.linalg.norm(wanted, axis=1, keepdims=True)
@@ -92,7 +122,20 @@ class SectionRotation:
         t: float,
         when: str,
     ) -> Array:
-        """Directions (n, 3) that the normals are to have, of any length."""
+        """Directions (n, 3), of any length, that the normals of the sections are to have at a time.
+
+        Collective for a function of the user.
+
+        Args:
+            X: nodes (3, n) [m] of the stress-free shape.
+            normals: unit normals (n, 3) of the stress-free sections, which stay if nothing is
+                given.
+            t: time [s].
+            when: end of the message, which names support and time.
+
+        Raises:
+            InputError: on all ranks, if the function fails or returns something else.
+        """
         given = self.direction
         if given is None:
             return normals

@@ -15,11 +15,17 @@ def check_support(
     group: str,
     components: tuple[int, ...],
 ) -> None:
-    """Raise `InputError`, on all ranks, if a support would hold nothing.
+    """Raise `InputError`, on all ranks, if a support would hold nothing.  Collective.
 
     Args:
         kind: class of the support, for the message.
+        body: whose nodes are held.
+        group: name of points, curves or surfaces of its mesh.
         components: which of x, y, z (0, 1, 2) it holds.
+
+    Raises:
+        InputError: another component or none, a group that the mesh does not have, or one without
+            nodes of the body.
     """
     check(
         set(components) <= {0, 1, 2} and bool(components),

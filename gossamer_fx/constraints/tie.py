@@ -108,8 +108,17 @@ class Tie:
     def _pairs(self, start: State) -> list[tuple[Port, Port]]:
         """This rank's nodes of the first line, each with its point of the second line.  Collective.
 
+        A tie connects the nodes of a line of one film or cable to points of a line of another.
+
+        Args:
+            start: initial state of the scene, in which the nodes must lie on the second line.
+
+        Returns:
+            Pairs of a node and a point, as ports (points of bodies).
+
         Raises:
-            InputError: a line is empty, or nodes are not on the second line in the initial state.
+            InputError: on all ranks, if a line is empty, or nodes are further than `COINCIDE` (1e-8
+                m) from the second line in the initial state.
         """
         comm = self.a.comm
         index_map = self.a.block.index_map
@@ -147,11 +156,14 @@ class Tie:
         return pairs
 
     def _segments(self, start: State) -> tuple[npt.NDArray[np.int64], Array]:
-        """The straight pieces of the second line, on every rank.  Collective.
+        """The straight pieces of the second line of a tie, on every rank.  Collective.
+
+        Args:
+            start: initial state of the scene.
 
         Returns:
-            global nodes (n, 2) of the ends of the pieces, and their positions (n, 2, 3) [m] at the
-            start.
+            Global nodes (n, 2) of the ends of the pieces, and their positions (n, 2, 3) [m] in the
+            state.
         """
         body = self.b
         space = body.space
@@ -184,11 +196,11 @@ def _nearest(x: Array, segments: Array) -> tuple[npt.NDArray[np.intp], Array, Ar
     """Find the nearest segment of each point.
 
     Args:
-        x: points (n, 3) [m].
-        segments: ends (m, 2, 3) [m].
+        x: points (n, 3) [m]; n may be zero.
+        segments: ends (m, 2, 3) [m] of at least one segment, none without length.
 
     Returns:
-        (n,) index of the segment, position on it between 0 and 1, and distance [m].
+        For each point (n,): index of the segment, position on it from 0 to 1, and distance [m].
     """
     a = segments[:, 0]
     d = segments[:, 1] - a

@@ -38,8 +38,17 @@ class Activation:
         self._of_pairs: Array = np.zeros(0)
 
     def of(self, candidates: CandidatePairs, of_points: Array) -> Array:
-        """Return the gap (n,) [m] below which each pair has energy: the least of its points (m,)
-        [m]."""
+        """Return the gap (n,) [m] below which each contact pair has energy: the least of those of
+        its points.
+
+        The array of the last call is returned again for the same objects.
+
+        Args:
+            candidates: n pairs that may touch in the next steps.
+            of_points: activation distance of each point of the contact, (m,) [m]: the gap below
+                which its pairs have energy.  For a pair of a point and a wall, that of the point
+                counts alone.
+        """
         if candidates is not self._candidates or of_points is not self._of_points:
             self._candidates = candidates
             self._of_points = of_points
@@ -50,15 +59,29 @@ class Activation:
 
 
 def initial_activation(activation_distance: float, nearest: Array) -> Array:
-    """Return the activation distance (m,) [m] of points whose gap to what is nearest is (m,)
-    [m]."""
+    """Return the activation distance (m,) [m] of points at the start of a run: the gap below which
+    pairs have energy.
+
+    It is nine tenths of the gap where layers are nearer to each other than that, so that they have
+    no energy at first.
+
+    Args:
+        activation_distance: of the contact [m].
+        nearest: gap (m,) [m] of each point to what is nearest.
+    """
     return np.minimum(activation_distance, INITIAL_ACTIVATION * nearest)
 
 
 def grown_activation(present: Array, activation_distance: float, nearest: Array) -> Array:
-    """Return activation distances (m,) [m] that have grown with the gaps.
+    """Return activation distances (m,) [m], gaps below which pairs have energy, that have grown
+    with the gaps.
 
     No pair has energy between the present distance and its gap, so that growth costs none.
+
+    Args:
+        present: activation distance (m,) [m] of each point so far; no result is less.
+        activation_distance: of the contact [m], the largest result.
+        nearest: gap (m,) [m] of each point to what is nearest.
     """
     possible = np.minimum(activation_distance, GROWN_ACTIVATION * nearest)
     return np.maximum(present, possible)
@@ -79,7 +102,15 @@ class StepDistances:
     """
 
     def __init__(self, start: PairDistances, x1: Array, far: float) -> None:
-        """Compute the gaps at the end of all pairs that may have come near in the step."""
+        """Compute the gaps at the end of all pairs that may have come near in the step.
+
+        Args:
+            start: gaps of the n candidates, contact pairs that may come near, at the start of the
+                step.
+            x1: points (m, 3) [m] at the end, predicted or solved for.
+            far: gap [m] from which a pair takes no part in the step; pairs that stay beyond keep a
+                lower bound instead of their gap.
+        """
         candidates = start.candidates
         self.start = start
         self.approach = approach_bounds(candidates, start.x, x1)
@@ -91,7 +122,16 @@ class StepDistances:
         self.end.make_exact(np.flatnonzero(~stays_far))
 
     def violations(self, activation_distance: Array, among: MaskArray) -> np.ndarray:
-        """Return the rows of pairs that all but pass through each other; see `find_violations`."""
+        """Return the indices (k,) of contact pairs that all but pass through each other in the
+        step.
+
+        These are pairs whose gap falls below a tenth of its value at the start, or of the
+        activation distance if that is less; see `find_violations`.
+
+        Args:
+            activation_distance: gap (n,) [m] below which each pair has energy.
+            among: mask (n,) of the pairs that are asked for; walls are left out in any case.
+        """
         return find_violations(
             self.start.candidates,
             self.start.x,
@@ -103,8 +143,15 @@ class StepDistances:
         )
 
     def may_touch(self, activation_distance: Array) -> MaskArray:
-        """Return which pairs (n,) are near at the start, may be at the end, or would pass
-        through."""
+        """Return which contact pairs are near at the start, may be at the end, or would pass
+        through.
+
+        Args:
+            activation_distance: gap (n,) [m] below which each pair has energy.
+
+        Returns:
+            mask (n,) of the candidate pairs.
+        """
         start = self.start.gap
         end = self.end.gap
         is_near = start < NEAR_AT_START * activation_distance
@@ -114,8 +161,16 @@ class StepDistances:
         return is_near
 
     def missing(self, activation_distance: Array, active: MaskArray) -> MaskArray:
-        """Return which pairs (n,) are not active though they are near at the end or would pass
-        through."""
+        """Return which contact pairs take no part in the step though they are near at its end or
+        would pass through.
+
+        Args:
+            activation_distance: gap (n,) [m] below which each pair has energy.
+            active: mask (n,) of the pairs that take part in the step.
+
+        Returns:
+            mask (n,) of the candidate pairs.
+        """
         left_out = ~active
         is_missing = (self.end.gap < NEAR_AT_END * activation_distance) & left_out
         is_missing[self.violations(activation_distance, among=left_out)] = True

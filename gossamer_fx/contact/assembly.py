@@ -51,9 +51,11 @@ class BlockAssembly:
     _row_dof: Int64Array
 
     def __init__(self, points: ContactPoints, system: ContactAssembly) -> None:
-        """Find out which unknowns ranks own; `couple` makes the pattern of a step.
+        """Find out which unknowns ranks own; `couple` makes the pattern of a step.  Collective.
 
-        Collective.
+        Args:
+            points: of one contact, which move with v vectors of three unknowns, its block rows.
+            system: the equations, to whose tangent the 3 x 3 blocks between block rows belong.
         """
         self._points = points
         self._system = system
@@ -77,13 +79,21 @@ class BlockAssembly:
     # ---- the pattern of a step ----
 
     def couple(self, *groups: np.ndarray) -> list[Int32Array]:
-        """Couple all block rows within each row of each group; collective.
+        """Choose the pattern of the tangent: all block rows within each row of each group are
+        coupled.
+
+        A block row is a vector of three unknowns; a block is 3 x 3.  Collective.  `blocks` is zero
+        then.
 
         Args:
-            groups: arrays (n, w) of block rows, each with its own n and w.
+            groups: arrays (n, w) of block rows, each with its own n and w, one row a pair.
 
         Returns:
-            for each group the block index (n, w w) of each two of its block rows.
+            for each group the block index (n, w w), row in `blocks`, of each two of its block rows.
+
+        Raises:
+            RuntimeError: more blocks on this rank than 32 bits can number.
+            ValueError: a block row that does not exist.
         """
         # A search may have changed which points this rank knows.
         if self._points.first_dof is not self._first_dof:
@@ -112,7 +122,20 @@ class BlockAssembly:
     def _number_blocks(
         self, group_size: Int32Array, members: Int32Array, room: int
     ) -> tuple[Int32Array, Int32Array, Int32Array]:
-        """Return the block index (room,), and the rows and columns (b,) of the blocks."""
+        """Number the distinct 3 x 3 blocks of the tangent that groups of block rows couple.
+
+        Args:
+            group_size: how many block rows, vectors of three unknowns, each group has, (g,).
+            members: the block rows of all groups, one group after the other.
+            room: sum of the squares of the group sizes.
+
+        Returns:
+            block index (room,) of each two members of each group; rows and columns (b,) of the
+            blocks.
+
+        Raises:
+            ValueError: a block row that does not exist.
+        """
         c = library()
         row_count = len(self._position)
         check_indices("The block rows of pairs", members, row_count)
@@ -148,7 +171,12 @@ class BlockAssembly:
         return block_index, rows[:count], columns[:count]
 
     def _divide(self, rows: Int32Array, columns: Int32Array) -> None:
-        """Sort out the blocks on the diagonal, and to which ranks the others go; collective."""
+        """Sort out the 3 x 3 blocks on the diagonal, and to which ranks the others go; collective.
+
+        Args:
+            rows, columns: block rows (b,), vectors of three unknowns, of each block, as this rank
+                numbers them.
+        """
         diagonal = np.flatnonzero(rows == columns)
         self._diagonal = diagonal[np.argsort(self._position[rows[diagonal]])]
         self._diagonal_rows = rows[self._diagonal]
@@ -163,7 +191,12 @@ class BlockAssembly:
         self._is_free = self._values_at(is_free)
 
     def _keep_all(self, coupling: np.ndarray, rows: Int32Array, columns: Int32Array) -> None:
-        """Sort the blocks of some indices, which are all on this rank's block rows."""
+        """Sort the 3 x 3 blocks off the diagonal of the only rank by row, then by column.
+
+        Args:
+            coupling: indices (k,) of these blocks.
+            rows, columns: block rows (b,), vectors of three unknowns, of all blocks.
+        """
         # A key names the row and column of a block in the order of the unknowns.
         row_count = len(self._position)
         keys = self._position[rows[coupling]] * row_count + self._position[columns[coupling]]
@@ -175,7 +208,13 @@ class BlockAssembly:
         self._row_dof = self._first_dof
 
     def _send_to_owners(self, coupling: np.ndarray, rows: Int32Array, columns: Int32Array) -> None:
-        """Tell the owners of block rows which blocks of some indices they get; collective."""
+        """Report to the owners of block rows, vectors of three unknowns, which 3 x 3 blocks they
+        get; collective.
+
+        Args:
+            coupling: indices (k,) of these blocks.
+            rows, columns: block rows (b,) of all blocks, as this rank numbers them.
+        """
         self._sent = coupling.astype(np.int32)
         self._exchange = RankExchange(self._comm, self._owner[rows[coupling]])
         # Ranks have different numbers for the same block row, and the same for its first unknown.
@@ -210,7 +249,14 @@ class BlockAssembly:
         self._enter(A, self._diagonal_rows, self.blocks[self._diagonal])
 
     def _enter(self, A: PETSc.Mat, block_rows: np.ndarray, blocks: Array) -> None:
-        """Add blocks (k, 9) [N/m] on the diagonal to a matrix, in the format that it has."""
+        """Add blocks on the diagonal to a matrix, in the format that it has.
+
+        Args:
+            A: tangent of the system; changed in place.
+            block_rows: row and column (k,) of each block, as numbers of vectors of three unknowns;
+                each once, in the order of their unknowns.
+            blocks: (k, 9) [N/m], 3 x 3 numbers row by row.
+        """
         if not len(block_rows):
             return
         rows, *csr = self._csr(block_rows, block_rows, blocks, self._first_dof)
@@ -220,15 +266,17 @@ class BlockAssembly:
     # ---- the matrix of couplings ----
 
     def coupling(self, diagonal: PETSc.Vec | None) -> PETSc.Mat | None:
-        """Return the matrix of the blocks between two block rows, zero at fixed coordinates;
-        collective.
+        """Return the matrix [N/m] of the tangent's 3 x 3 blocks between two different block rows.
+
+        A block row is a vector of three unknowns.  The matrix is zero in the rows and columns of
+        fixed coordinates.  Collective.
 
         Args:
             diagonal: of the tangent; with it, only blocks that are strong in comparison, which a
                 preconditioner needs.  None: all blocks, as they are now; to be called first.
 
         Returns:
-            a new matrix, or None if no rank has such a block.
+            a new matrix, which the caller destroys, or None if no rank has such a block.
         """
         if diagonal is None:
             self._fetch_entries()
@@ -255,7 +303,12 @@ class BlockAssembly:
         return PETSc.Mat().createAIJ(sizes, csr=csr, comm=self._comm)
 
     def _fetch_entries(self) -> None:
-        """Sum the blocks of all ranks in this rank's block rows, without those that are zero."""
+        """Sum the tangent's 3 x 3 blocks [N/m] of all ranks in this rank's block rows.
+
+        A block row is a vector of three unknowns.  Blocks that are zero are left out; rows and
+        columns of fixed coordinates become zero.  The results are `_entries` (k, 9), with
+        `_entry_rows` and `_entry_columns` (k,).  Collective.
+        """
         blocks = self.blocks
         index = self._sent
         if self._comm.size > 1:
@@ -279,12 +332,18 @@ class BlockAssembly:
         blocks: Array,
         first_dof: Int64Array,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Array]:
-        """Return blocks (k, 9), sorted by rows, as compressed rows; `first_dof` is that of block
-        rows.
+        """Return 3 x 3 blocks of the tangent as compressed sparse rows, in the format of PETSc.
+
+        Args:
+            block_rows, block_columns: of each block (k,), sorted by rows: numbers of vectors of
+                three unknowns.
+            blocks: (k, 9) [N/m], each row by row.
+            first_dof: number in the system of the first of the three unknowns of each block row.
 
         Returns:
             the rows that have entries, where the entries of each begin and end, their columns, and
-            their values.  A matrix without blocks of three has three rows for a row of blocks.
+            their values [N/m].  If the system has no blocks of three, a row of blocks is three
+            rows.
         """
         first = np.flatnonzero(np.diff(block_rows, prepend=-1))
         counts = np.diff(np.append(first, len(block_rows)))
@@ -319,6 +378,9 @@ def _unrolled(
         columns: the first column (k,) of each block.
         blocks: (k, 9), row of blocks after row of blocks.
         first, counts: the first block of each row of blocks, and how many it has.
+
+    Returns:
+        columns and values [N/m].
     """
     total = len(columns)
     # Entry (c, d) of the j-th of n blocks in a row of blocks stands n entries of 3 after (c - 1,
@@ -339,7 +401,18 @@ def _unrolled(
 
 
 def _nonzero_blocks(blocks: Array, index: Int32Array) -> np.ndarray:
-    """Return which of the blocks with these numbers (k,) are not zero, as indices."""
+    """Return which blocks have an entry that is not zero.
+
+    Args:
+        blocks: (b, 9) [N/m].
+        index: numbers (k,) of the blocks that are asked for.
+
+    Returns:
+        positions in `index`, ascending.
+
+    Raises:
+        ValueError: an array is not contiguous, or not of the type that C takes.
+    """
     c = library()
     count = len(index)
     is_nonzero = np.empty(count, dtype=np.uint8)

@@ -96,7 +96,15 @@ class CompiledContacts(
     """
 
     def __init__(self, terms: Sequence[ContactEnergy], system: Assembly) -> None:
-        """Make a contact set for each term, and refuse contacts that are given twice."""
+        """Make a contact set, which holds the pairs that may touch, for each contact; collective.
+
+        Args:
+            terms: one for each `Contact` of the scene.
+            system: the equations of the scene, with masses and supports.
+
+        Raises:
+            InputError: all bodies and obstacles of one contact are in another one, too.
+        """
         # The system has a mass matrix and supports when contacts are asked for them.
         whole = cast(ContactAssembly, system)
         _examine_repeated_contacts(terms, system)
@@ -164,7 +172,10 @@ class CompiledContacts(
     # ---- sensitivities ---------------------------------------------------------------------------
 
     def without_gradient(self) -> str:
-        """Why a contact of the scene has no gradient, in one sentence; empty if all have one."""
+        """Return in one sentence why a contact of the scene has no gradient; empty if all have one.
+
+        In a run all have one.  At an equilibrium it takes a given stiffness.
+        """
         if not self._is_static:
             return ""
         for item, contact_set in self.contact_sets.items():
@@ -258,7 +269,17 @@ class CompiledContacts(
             contact_set.exchange_ends()
 
     def node_values(self, field: str, body: Body) -> tuple[Int64Array, Array] | None:
-        """Global nodes (n,) of a body and the pressure [N/m²] (n,) of all contacts there."""
+        """Return the values of an output field on nodes of a body; collective.
+
+        Args:
+            field: name of the field; other ones than "contact_pressure" are not of contact.
+            body: film, cable or beam.
+
+        Returns:
+            global numbers (n,) of nodes, and the pressure [N/m²] (n,) of one contact there. A node
+            is in the arrays once for each contact that the body takes part in; the sum is its
+            pressure. Each node is on one rank.  None: another field.
+        """
         if field != "contact_pressure":
             return None
         # Loaded when the field is written: most runs do not ask for it.
@@ -273,7 +294,11 @@ class CompiledContacts(
         return np.concatenate(nodes), np.concatenate(values)
 
     def solids(self) -> list[Solid]:
-        """The obstacles of all contacts as solids; planes are drawn near the bodies."""
+        """Return the obstacles of all contacts as solids for pictures; collective.
+
+        Planes, which have no end, are drawn near the bodies of their contact; kinds of obstacles
+        without a picture are left out.
+        """
         # Loaded when a picture is made.
         from gossamer_fx.contact.obstacle_drawing import solid_of
 
@@ -285,8 +310,14 @@ class CompiledContacts(
 
 
 def _corners_of_all(contact_set: ContactSet) -> Array:
-    """Return the corners (2, 3) [m] of the box round the bodies of a contact, of all ranks;
-    collective."""
+    """Return the box round the bodies of a contact, of all ranks together.  Collective.
+
+    Args:
+        contact_set: the contact, whose bodies are at the start of its step, `x0`.
+
+    Returns:
+        the corners with the least and with the greatest coordinates, (2, 3) [m].
+    """
     x = contact_set.x0[: contact_set.points.body_count]
     corners = np.concatenate([x.max(axis=0, initial=-np.inf), -x.min(axis=0, initial=np.inf)])
     corners = maximum_over_ranks(contact_set.mesh.comm, corners)
@@ -294,8 +325,13 @@ def _corners_of_all(contact_set: ContactSet) -> Array:
 
 
 def _examine_repeated_contacts(terms: Sequence[ContactEnergy], system: Assembly) -> None:
-    """Refuse a contact that is in the scene twice; warn of films that two contacts keep apart from
-    themselves.
+    """Refuse a contact that is in the scene twice; warn of bodies that two contacts keep apart.
+
+    The warning goes to the log, once for each pair of contacts that share a body.
+
+    Args:
+        terms: of all contacts of the scene.
+        system: of whose ranks the first one writes the warning.
 
     Raises:
         InputError: all bodies and obstacles of one contact are in another one, too.
@@ -366,7 +402,16 @@ class ContactEnergy:
 
 
 def _contact_set(term: ContactEnergy, system: ContactAssembly) -> ContactSet:
-    """Return the contact of one term; friction and its frames are there only if they are needed."""
+    """Make a contact set: collision mesh, friction, and pairs that may touch, of one contact;
+    collective.
+
+    Friction, and the frames of obstacles that it needs, are there only if a coefficient is positive
+    and the scene moves: an equilibrium has none.
+
+    Args:
+        term: energy of one contact, with its bodies and obstacles.
+        system: the equations of the scene, with masses and supports.
+    """
     own_coefficients = [obstacle.friction for obstacle in term.obstacles]
     of_obstacles = [term.friction if own is None else own for own in own_coefficients]
     mesh = CollisionMesh(

@@ -90,7 +90,24 @@ class Contact:
         radius: Mapping[str, float] | None = None,
         name: str = "contact",
     ) -> None:
-        """Check the arguments, which the class describes, and sort bodies from obstacles."""
+        """Check the arguments, and sort bodies from obstacles.
+
+        Collective where films are given: the shortest edge of each is that of all ranks.
+
+        Args:
+            bodies: films, cables and beams, and obstacles.
+            distance: gap d [m] at which contact begins, at most half of the shortest edge.
+            stiffness: K [N/m³], pressure over closing; None: derived from closing speeds.
+            law: "barrier" or "penalty".
+            friction: coefficient μ of Coulomb friction [-], ≥ 0.
+            slip_velocity: speed [m/s] up to which friction grows.
+            radius: of the sections of bodies [m], by their names.
+            name: in messages and outputs.
+
+        Raises:
+            InputError: a number out of its range, another law, a body that has no surface or is
+                given twice, or no film, cable or beam.
+        """
         self.name = name
         self.distance = distance
         self.stiffness = stiffness
@@ -122,7 +139,15 @@ class Contact:
         )
 
     def _check_bodies(self, bodies: tuple[Any, ...]) -> None:
-        """Raise `InputError` for what has no surface, and for what is given twice."""
+        """Raise `InputError` for what has no surface, and for what is given twice.
+
+        Args:
+            bodies: the positional arguments of the user, in any mixture of bodies and obstacles.
+
+        Raises:
+            InputError: one is given twice; one is neither an obstacle nor a body on a mesh; a
+                reduced film, whose unknowns are amplitudes of modes and not nodes.
+        """
         for k, body in enumerate(bodies):
             is_given_before = any(body is other for other in bodies[:k])
             check(
@@ -144,7 +169,14 @@ class Contact:
             )
 
     def _radii(self, given: Mapping[str, float]) -> list[float]:
-        """Return the radius [m] of each body."""
+        """Return the radius [m] of each of `self.bodies`, in their order; 0 where none is given.
+
+        Args:
+            given: radius [m] by name of the body.
+
+        Raises:
+            InputError: a name that no body of this contact has, or a radius that `_radius` refuses.
+        """
         unknown = sorted(set(given) - {body.name for body in self.bodies})
         check(
             not unknown,
@@ -154,7 +186,17 @@ class Contact:
         return [self._radius(body, float(given.get(body.name, 0.0))) for body in self.bodies]
 
     def _radius(self, body: MeshBody, radius: float) -> float:
-        """Return the radius [m] of a body, if its edges are long enough for it."""
+        """Return the radius [m] of a body, if its edges are long enough for it; collective.
+
+        Args:
+            body: a film, cable or beam.
+            radius: of its section, or half of its thickness [m]; 0: none, which only films may
+                have.
+
+        Raises:
+            InputError: the radius is negative, infinite, or zero for a cable or beam; or activation
+                distance + 2 radius is more than half of the shortest edge of the body on any rank.
+        """
         is_line = body.space.mesh.topology.dim == 1
         is_allowed = radius > 0 or (radius == 0 and not is_line)
         check(
@@ -184,7 +226,12 @@ class Contact:
             yield from obstacle.requires()
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Return what the contact adds to the equations."""
+        """Yield the one term that the contact adds to the equations: its energy and friction.
+
+        Args:
+            start: the initial state of the scene, which contact does not need: candidates and
+                activation distances follow when the scene is compiled.
+        """
         yield ContactEnergy(
             item=self,
             bodies=self.bodies,

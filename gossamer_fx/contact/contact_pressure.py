@@ -11,10 +11,15 @@ from gossamer_fx.model.body import Body
 
 
 def pressures_on(body: Body, contact_set: ContactSet) -> tuple[Int64Array, Array]:
-    """Return global nodes (k,) of a body and the pressure [N/m²] (k,) there; none without this
-    body.
+    """Return the contact pressure on the nodes of a body; collective.
 
-    Collective; each node has its pressure on one rank.
+    Args:
+        body: film, cable or beam.
+        contact_set: pairs of one contact, at the accepted state.
+
+    Returns:
+        global numbers (k,) of nodes and the pressure (k,) [N/m²] there.  Each node is on one rank;
+        both are empty if the contact does not have the body.
     """
     mesh = contact_set.mesh
     number = next((k for k, other in enumerate(mesh.bodies) if other is body), None)
@@ -26,12 +31,18 @@ def pressures_on(body: Body, contact_set: ContactSet) -> tuple[Int64Array, Array
 
 
 def pressures(contact_set: ContactSet) -> Array:
-    """Return the pressure (n,) [N/m²] on the points of bodies that this rank knows at q0;
-    collective.
+    """Return the contact pressure on the points of bodies that this rank knows, in the accepted
+    state; collective.
 
     It is the sum of the sizes of all pairs' forces on a point, over the area of the stress-free
     shape for which the point stands: pressures on both sides of a film add up.  The area of cables
-    and beams is that of their shadow.
+    and beams is length times diameter.
+
+    Args:
+        contact_set: pairs of one contact.
+
+    Returns:
+        pressure (n,) [N/m²] of the n points of bodies.
     """
     contact_set.stored_energy()
     pairs = contact_set.pairs_with_energy()

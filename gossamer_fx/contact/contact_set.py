@@ -113,9 +113,16 @@ class ContactSet:
         system: ContactAssembly,
         friction: Friction | None = None,
     ) -> None:
-        """Make the stages of contact; the first `commit` finds the initial candidates.
+        """Make the stages of contact; the first `commit` finds the initial candidates.  Collective.
 
-        Collective.
+        Args:
+            mesh: points, edges and triangles of bodies and obstacles that may touch.
+            law: of the energy: barrier or penalty.
+            activation_distance: largest gap [m] at which pairs have energy.
+            stiffness: K [N/m³], or None: derived from the closing speed of each pair.
+            history: history variables, which a checkpoint may set at any time.
+            system: the equations of the scene, with the step.
+            friction: Coulomb friction of the pairs; None: there is none.
         """
         library(system.comm)
         # History variables of points are kept by their owners: which points a rank knows changes.
@@ -129,6 +136,7 @@ class ContactSet:
         self.activation_distance = activation_distance
         self._system = system
         self._comm = system.comm
+        # Weight of the end of a step in the configuration where forces act: 1 in an equilibrium.
         self._alpha = system.rule.alpha
         self.search = CandidateSearch(mesh, activation_distance)
         self.has_given_stiffness = stiffness is not None
@@ -164,10 +172,13 @@ class ContactSet:
     # ---- states ----
 
     def set_initial_state(self) -> None:
-        """Take the first state: check it, and choose the activation distances.
+        """Check the first state of a run, and choose the activation distances of its points.
+
+        The activation distance of a point is the gap [m] below which its pairs have energy; it is
+        at most nine tenths of the initial gap.  Collective.
 
         Raises:
-            InputError: layers intersect or coincide.
+            InputError: layers intersect or coincide, or a point of a body is inside a box.
         """
         system = self._system
         self._start_time = system.time
@@ -182,7 +193,15 @@ class ContactSet:
         self.history.has_begun = True
 
     def commit(self) -> None:
-        """Take q0 as the start of the next step."""
+        """Take the accepted coordinates q0 as the start of the next step; update history variables.
+
+        The first call finds the initial candidates.  Later ones note the stored energy [J], and
+        which contact pairs have energy, with their stiffness [J].  Collective.
+
+        Raises:
+            InputError: in the first call, if layers intersect or coincide, or a point is inside a
+                box.
+        """
         history = self.history
         is_step = self.pairs is not None
         time = self._end_time if is_step else self._system.time
@@ -206,7 +225,13 @@ class ContactSet:
             self.pairs = None
 
     def save_history(self) -> tuple[Array, Int64Array, Array, float]:
-        """Return the history of this rank; its arrays are replaced and never changed."""
+        """Return the history variables of this rank; their arrays are replaced and never changed.
+
+        Returns:
+            activation distances (m,) [m] of the points of this rank, gaps below which pairs have
+            energy; identifiers (k,) of the pairs that have energy, and their stiffness (k,) [J];
+            the reference speed [m/s], the least closing speed for which stiffness is chosen.
+        """
         history = self.history
         return (
             history.activation_distance,
@@ -216,17 +241,27 @@ class ContactSet:
         )
 
     def load_history(self, saved: tuple[Array, Int64Array, Array, float]) -> None:
-        """Restore what `save_history` returned."""
+        """Restore the history variables that `save_history` returned.
+
+        Args:
+            saved: activation distances (m,) [m], gaps below which pairs have energy; identifiers
+                (k,) of pairs that have energy, and their stiffness (k,) [J]; the reference speed
+                [m/s].
+        """
         history = self.history
         history.activation_distance, history.identifier, history.stiffness, speed = saved
         history.reference_speed = speed
         history.restored += 1
 
     def save_active_set(self) -> ActivePairs | None:
-        """Return those pairs of the last accepted step that have energy at one of its ends.
+        """Return those contact pairs of the last accepted step that have energy at one of its ends.
 
-        The others have neither force nor tangent.  Starts are left out: they follow from the
-        points. None: there was no step, or the pairs are to be searched again.
+        A tape, which records a run for its gradient, stores them.  The other pairs have neither
+        force nor tangent.  The column `start` is left out: it follows from the points.
+
+        Returns:
+            the pairs of this rank; None if there was no step, or if the pairs are to be searched
+            again, as on several ranks.
         """
         pairs = self._accepted_pairs
         # On several ranks a search changes which points a rank knows, and with them the rows of
@@ -241,8 +276,14 @@ class ContactSet:
         return replace(pairs.rows(is_near), start=None)
 
     def load_active_set(self, pairs: ActivePairs | None) -> None:
-        """Start a step from the accepted state with pairs of `save_active_set`; search them if
-        None."""
+        """Start a step from the accepted state, with contact pairs that were recorded; collective.
+
+        Args:
+            pairs: what `save_active_set` returned; None: they are searched, as `begin_step` does.
+
+        Raises:
+            Inadmissible: without pairs, if the motion of an obstacle jumps in the step.
+        """
         if pairs is None:
             self.begin_step()
             return
@@ -269,8 +310,15 @@ class ContactSet:
         self._last_states = None
 
     def _known_parameters(self, pairs: ActivePairs) -> Array | None:
-        """Return the parameters (n, 2) of the active pairs' closest points at x0, if they are
-        known."""
+        """Return the parameters of contact pairs' closest points at the start x0 of the step, if
+        known.
+
+        Args:
+            pairs: n active pairs of the step.
+
+        Returns:
+            (u, v) (n, 2) along the two sides of each pair; None: they are to be computed.
+        """
         distances = self._distances_at(self.x0)
         if distances is None:
             return None
@@ -280,14 +328,25 @@ class ContactSet:
         return distances.closest_points(self._active)[1]
 
     def _distances_at(self, x: Array) -> PairDistances | None:
-        """Return the distances of the present candidates at points x (m, 3), if they are known."""
+        """Return the distances of the candidates, pairs that may touch, at some points, if known.
+
+        Args:
+            x: points (m, 3) [m].
+
+        Returns:
+            the distances; None: neither end of the last step is at these points.
+        """
         for distances in self._known_distances:
             if distances.candidates is self.candidates and np.array_equal(distances.x, x):
                 return distances
         return None
 
     def stored_energy(self) -> float:
-        """Return the energy [J] of this rank's pairs at q0."""
+        """Return the energy [J] of this rank's contact pairs in the accepted state; collective.
+
+        After a checkpoint was restored, candidates are searched again, and the pairs of this rank
+        are taken from those of all ranks.
+        """
         history = self.history
         if history.restored != self._restored:
             self._restored = history.restored
@@ -309,10 +368,17 @@ class ContactSet:
     # ---- the active set of a step ----
 
     def begin_step(self) -> None:
-        """Find what may touch in the step.
+        """Find the contact pairs that may touch in the step; collective.
+
+        Candidates, all pairs that can come near in the next steps, are searched again if points
+        have left the bounds of the last search.  Activation distances, the gaps [m] below which
+        pairs have energy, grow as layers part.  The pairs that take part are those of the end that
+        is predicted from the velocities.
 
         Raises:
-            Inadmissible: the motion of an obstacle jumps in the step.
+            Inadmissible: the motion of an obstacle jumps in the step, which is then tried in parts.
+            InputError: the motion of an obstacle raises or returns other than three numbers.
+            RuntimeError: more blocks of the tangent on this rank than 32 bits can number.
         """
         self._is_recorded = False
         self._is_reversed = False
@@ -320,6 +386,7 @@ class ContactSet:
         system = self._system
         self.stored_energy()
         self._end_time = system.time + system.h
+        # An equilibrium, in which forces act at the end (weight 1), has no motion in time.
         if self._alpha < 1:
             limit = MAX_DEVIATION * self.activation_distance
             self.points.refuse_jumps(system.time, system.h, limit)
@@ -355,10 +422,15 @@ class ContactSet:
         return search.holds(self.x0, self._system.time) and search.holds(end, self._end_time)
 
     def _search(self, end: Callable[[], Array]) -> None:
-        """Find candidates for a step that ends at points (m, 3) [m]; collective.
+        """Find candidates, pairs that may touch in the next steps, for the present step;
+        collective.
 
         The search may change which points this rank knows: whatever has a row for each point is
         asked for again.
+
+        Args:
+            end: returns the points (m, 3) [m] at the end of the step, as they are when it is
+                called.
         """
         system = self._system
 
@@ -371,7 +443,10 @@ class ContactSet:
         self._take_points()
 
     def _search_at_rest(self) -> None:
-        """Find candidates about the points at q0; collective."""
+        """Find candidate pairs about the points of the accepted state, as if they did not move.
+
+        `x0` (m, 3) [m] has these points afterwards.  Collective.
+        """
 
         def read() -> Array:
             self.x0 = self.points.at(self._system.q0, self._start_time)
@@ -385,8 +460,11 @@ class ContactSet:
         self._take_points()
 
     def _take_points(self) -> None:
-        """Read the history variables of the points that this rank knows since a search;
-        collective."""
+        """Read the activation distances [m] of the points that this rank knows since a search.
+
+        On several ranks a search changes which points that are; owners hand out the values.
+        Collective.
+        """
         of_own = self.history.activation_distance
         # The only rank knows the same points as before.
         if self._comm.size == 1:
@@ -407,7 +485,11 @@ class ContactSet:
             self.history.activation_distance = of_points[self._own]
 
     def _grow_activation(self) -> None:
-        """Let activation distances grow with the gaps at x0; collective."""
+        """Let the activation distances of points grow with the gaps at the start of the step.
+
+        They are the gaps [m] below which pairs have energy, at most that of the contact.
+        `closest`, the least gap so far on all ranks, is updated.  Collective.
+        """
         gap = self._start.gap
         near = np.where(gap < FAR * self.activation_distance, gap, np.inf)
         nearest = nearest_gaps(self.candidates, near, self.mesh)
@@ -428,7 +510,17 @@ class ContactSet:
         return activate(self.candidates.rows(active), activation_distance, self.law)
 
     def _set_active(self, active: MaskArray) -> None:
-        """Let the candidates of a mask (n,) take part in the step."""
+        """Let some candidates, pairs that may touch in the next steps, take part in the step:
+        choose their stiffness and the tangent's pattern.
+
+        Collective.
+
+        Args:
+            active: mask (n,) of the candidates.
+
+        Raises:
+            RuntimeError: more blocks of the tangent on this rank than 32 bits can number.
+        """
         squared_distance, parameters = self._start.closest_points(active)
         pairs = self._activated(active)
         # The stiffness of pairs that have energy is constant: with another one energy would appear.
@@ -452,10 +544,17 @@ class ContactSet:
         self._last_states = None
 
     def _lay_out(self, pairs: ActivePairs) -> None:
-        """Choose the pattern of the tangent.
+        """Choose the sparsity pattern of the tangent of the active pairs; collective.
 
         Pairs between bodies couple their four points.  Points of obstacles are combinations of
-        block rows, which are coupled instead.
+        block rows, vectors of three unknowns, which are coupled instead.
+
+        Args:
+            pairs: all contact pairs of this rank that take part in the step, with the column
+                `start` of their closest points.
+
+        Raises:
+            RuntimeError: more blocks on this rank than 32 bits can number.
         """
         is_of_bodies = between_bodies(pairs.points, self.points.body_count)
         self._is_of_bodies = is_of_bodies
@@ -470,10 +569,12 @@ class ContactSet:
             self.friction.set_block_index(block_index[2:])
 
     def exchange_ends(self) -> None:
-        """Reverse the step: q0 and the time of the system are its new start, and the pairs stay.
+        """Reverse the step: the accepted state and time of the system are its new start; pairs
+        stay.
 
-        The force is symmetric in the ends of a step if pairs, stiffness and activation distances
-        are.  Friction is not, and is left out: `add_product_with_start_derivative` has it.
+        Gradients need the reversed step: its force is the same if pairs, stiffness and activation
+        distances are.  Nothing changes between steps.  Friction differs, and is left out:
+        `add_product_with_start_derivative` has it.  Collective.
         """
         self._is_reversed = True
         pairs = self.pairs
@@ -495,11 +596,16 @@ class ContactSet:
         self._push_back = 0.0
 
     def extend_active_set(self) -> bool:
-        """Add pairs that are near at the end of a step, or were passed on the way, and were left
-        out.
+        """Add contact pairs that are near at the end of a step, or were passed on the way.
+
+        They were left out because the end was predicted only.  A step with recorded pairs is
+        complete. Collective.
 
         Returns:
             whether any rank has added one: the step is then solved again from where it ended.
+
+        Raises:
+            RuntimeError: more blocks of the tangent on this rank than 32 bits can number.
         """
         if self._is_recorded:
             return False
@@ -531,10 +637,15 @@ class ContactSet:
         return self.points.at(self._system.q1, self._end_time)
 
     def find_penetration(self) -> str:
-        """Return in words what passed through something else in the step, or all but did; else
-        nothing."""
+        """Report what passed through something else in the step, or all but did; collective.
+
+        Returns:
+            a clause that names two bodies and a point [m] near which they meet, or a body that
+            turns too far; empty if the step is admissible.  The same on every rank.
+        """
         x1 = self._end_points()
-        # What is added here is found below.
+        # `_solved` has the gaps at both ends of the step as `extend_active_set` last saw it.  What
+        # is added here is found below.
         if self._comm.allreduce(not np.array_equal(x1, self._solved.end.x)):
             self.extend_active_set()
         candidates = self.candidates
@@ -552,12 +663,18 @@ class ContactSet:
             x, y, z = x1[point]
             message = f"'{one}' would pass through '{other}' near ({x:.4g}, {y:.4g}, {z:.4g}) m"
         message = next(filter(None, self._comm.allgather(message)), "")
+        # In an equilibrium (weight 1 of the end) nothing turns on a way.
         if message or self._alpha == 1:
             return message
         return self._turns.find(self._start, x1)
 
     def _identifiers_of_passed(self, x1: Array) -> np.ndarray:
-        """Return the identifiers of active pairs that passed through each other in a step to x1."""
+        """Return the identifiers (k,) of contact pairs that passed through each other in a step.
+
+        Args:
+            x1: points (m, 3) [m] at its end; its start is `x0`.
+        """
+        # Pairs of bodies only, and pairs with an obstacle; what each does in a step to x1.
         tables = (self._body_pairs, self._obstacle_pairs)
         states = self._states_at(x1)
         if states is None:
@@ -575,7 +692,15 @@ class ContactSet:
         return self._last_states if np.array_equal(x1, self._last_end) else None
 
     def limit_update(self, update: Array) -> None:
-        """Shorten a Newton update (n,) of this rank's unknowns, in place, node by node."""
+        """Shorten a Newton update in place, node by node, to a multiple of the gap where contact
+        begins.
+
+        The limit is `MAX_UPDATE` times the activation distance.  Longer updates put layers on the
+        wrong side of others, and the iteration does not come back.
+
+        Args:
+            update: of this rank's unknowns (n,); positions [m] are the first three of each node.
+        """
         longest = MAX_UPDATE * self.activation_distance
         for body in self.mesh.bodies:
             owned = self._system.block(body).owned
@@ -594,7 +719,14 @@ class ContactSet:
         self.points.add(self.point_forces, r)
 
     def _compute_forces(self, x1: Array) -> None:
-        """Compute the forces [N] of this rank's pairs in a step to points x1 (m, 3) [m]."""
+        """Compute the forces of this rank's contact pairs, with friction, and note what each pair
+        does.
+
+        The forces are in `point_forces` (m, 3) [N] afterwards.
+
+        Args:
+            x1: points (m, 3) [m] at the end of the step.
+        """
         self.point_forces = np.zeros((self.points.count, 3))
         of_bodies, of_obstacles = (
             evaluate(
@@ -615,7 +747,14 @@ class ContactSet:
             self._rubs.add_forces(self.x0, x1, self.point_forces)
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the blocks on the diagonal of the tangent to a matrix; `coupling` has the others."""
+        """Add the blocks on the diagonal of the tangent [N/m] to a matrix; `coupling` has the
+        others.
+
+        Collective.  Between steps it enters zeros, which reserve these blocks in the pattern.
+
+        Args:
+            A: tangent of the system with respect to the end of the step; changed in place.
+        """
         if self.pairs is None:
             self.assembly.reserve_diagonal(A)
             return
@@ -658,8 +797,13 @@ class ContactSet:
         return None if self._is_reversed else self.friction
 
     def _add_through_block_rows(self, tangents: Array) -> None:
-        """Add tangents (n, 144) of pairs with obstacles to the blocks of the block rows behind
-        them."""
+        """Add tangents of contact pairs with obstacles to the blocks of the unknowns that move
+        their points.
+
+        Args:
+            tangents: (n, 144) [N/m], derivative of the 12 force components of each pair by its 12
+                point coordinates, row by row.
+        """
         weights = self._row_weights
         by_points = tangents.reshape(-1, 4, 3, 4, 3)
         by_rows = np.einsum("npi,npaqb,nqj->nijab", weights, by_points, weights, optimize=True)

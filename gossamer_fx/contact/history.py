@@ -49,11 +49,14 @@ class ContactHistory:
     _own_points: Int64Array = field(default_factory=_no_identifiers)
 
     def share(self, comm: MPI.Intracomm, own_points: Int64Array) -> None:
-        """Keep the activation distances of some points only; together the ranks keep all.
+        """Let this rank keep the activation distances [m] of some points only; together the ranks
+        keep all.
+
+        They are the gaps below which pairs of a point have energy.
 
         Args:
-            comm: of the contact.
-            own_points: numbers (m,) of the points of this rank, among those of all ranks.
+            comm: ranks of the contact.
+            own_points: numbers (m,) of the points that this rank owns, among those of all ranks.
         """
         self.comm = comm
         self._own_points = own_points
@@ -62,7 +65,14 @@ class ContactHistory:
             self.activation_distance = self.activation_distance[own_points]
 
     def get_state(self) -> dict[str, Any]:
-        """Return the history of all ranks, the same on every rank; collective."""
+        """Return the history variables of all ranks for a checkpoint, the same on every rank;
+        collective.
+
+        Returns:
+            by name, lists and numbers: "activation distance" [m] of each point in the order of its
+            number over all ranks, "identifier" of the pairs that have energy, ascending, their
+            "stiffness" [J], and the "reference speed" [m/s].
+        """
         identifier = self.identifier
         stiffness = self.stiffness
         activation_distance = self.activation_distance
@@ -85,7 +95,16 @@ class ContactHistory:
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned, on any number of ranks."""
+        """Restore the history variables that `get_state` returned, on any number of ranks.
+
+        Args:
+            state: "activation distance" [m] of all points, "identifier" and "stiffness" [J] of the
+                pairs of all ranks that have energy, "reference speed" [m/s].  An empty list of
+                activation distances stands for a contact that has not begun.
+
+        Raises:
+            KeyError: an entry is missing.
+        """
         of_all_points = np.array(state["activation distance"], dtype=float)
         self.has_begun = len(of_all_points) > 0
         self.activation_distance = of_all_points
@@ -98,7 +117,15 @@ class ContactHistory:
         self.restored += 1
 
     def stiffness_of(self, identifier: Int64Array) -> tuple[MaskArray, Array]:
-        """Return which pairs (n,) have energy already, and their stiffness (n,) [J]."""
+        """Return which contact pairs have energy already, and their stiffness.
+
+        Args:
+            identifier: numbers (n,) of pairs, which are the same in every step and on every rank.
+
+        Returns:
+            a mask (n,) of those that have energy, and their stiffness (n,) [J]; the stiffness of
+            the others has no meaning.
+        """
         if not len(self.identifier):
             return np.zeros(len(identifier), dtype=bool), np.zeros(len(identifier))
         row = np.searchsorted(self.identifier, identifier)

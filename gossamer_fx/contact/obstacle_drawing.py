@@ -47,8 +47,9 @@ def solid_of(obstacle: Obstacle, near: Array) -> Solid | None:
     Rooms and planes have lines but no triangles, which would hide what is in or behind them.
 
     Args:
-        obstacle: what is drawn.
-        near: points (n, 3) [m] where a plane is drawn, which has no end.
+        obstacle: what is drawn, in its position at the start; its directions have a length, which
+            the contact has checked.
+        near: points (n, 3) [m], n ≥ 1, where a plane is drawn, which has no end.
     """
     surface = _surface_of(obstacle, near)
     if surface is None:
@@ -68,7 +69,16 @@ def solid_of(obstacle: Obstacle, near: Array) -> Solid | None:
 
 
 def _surface_of(obstacle: Obstacle, near: Array) -> DrawnSurface | None:
-    """The surface of an obstacle in its initial position; None for a kind without a picture."""
+    """Return the surface of an obstacle in its initial position.
+
+    Args:
+        obstacle: what is drawn.
+        near: points (n, 3) [m], in whose middle a plane is drawn.
+
+    Returns:
+        points (n, 3) [m], triangles (t, 3) and lines (l, 2) as indices of points; None for a kind
+        without a picture.
+    """
     if isinstance(obstacle, Plane):
         point = np.asarray(obstacle.point, dtype=float)
         return _grid(point, unit(obstacle.normal), near)
@@ -93,6 +103,9 @@ def _grid(point: Array, normal: Array, near: Array) -> DrawnSurface:
         point: of the plane, (3,) [m].
         normal: unit vector (3,).
         near: points (n, 3) [m], in the middle of which the grid is drawn.
+
+    Returns:
+        ends of the lines (k, 3) [m], no triangles, and the lines (l, 2) as indices of these points.
     """
     middle = (near.max(axis=0) + near.min(axis=0)) / 2
     # Projected onto the plane.
@@ -111,7 +124,15 @@ def _grid(point: Array, normal: Array, near: Array) -> DrawnSurface:
 
 
 def _box(box: Box) -> DrawnSurface:
-    """Return the edges of a box and, unless it is a room, its faces."""
+    """Return the surface of a box: its edges and, unless it is a room, its faces.
+
+    Args:
+        box: an obstacle of the scene, in its position at the start.
+
+    Returns:
+        the 8 corners (8, 3) [m]; 12 triangles (12, 3), or none for a room; 12 edges (12, 2).  The
+        last two are indices of corners.
+    """
     axes = np.asarray(box.axes, dtype=float)
     half = np.asarray(box.sizes, dtype=float) / 2
     signs = np.array(list(product((-1, 1), repeat=3)))
@@ -148,6 +169,9 @@ def _capsule(
         axis: unit vector from start to end, (3,).
         radius: [m].
         inside: whether it is a room, which is drawn without triangles.
+
+    Returns:
+        points (n, 3) [m] on its circles; triangles (t, 3) and lines (l, 2) as indices of points.
     """
     angles = np.linspace(0, 2 * np.pi, CIRCLE_POINTS, endpoint=False)
     u, v = perpendicular_pair(axis)

@@ -82,8 +82,13 @@ class Obstacle:
     name: str = "obstacle"
 
     def __post_init__(self) -> None:
-        """Check the arguments of all kinds of obstacles; attributes that a kind lacks count as
-        right.
+        """Check the arguments that all kinds of obstacles share.
+
+        Vectors and radii [m] are checked where a kind has an attribute of this name.
+
+        Raises:
+            InputError: a vector that is not three finite numbers, a radius that is not positive, a
+                negative friction, or both a rigid body and a prescribed motion.
         """
         owner = f"{type(self).__name__} '{self.name}'"
         if self.friction is not None:
@@ -106,7 +111,11 @@ class Obstacle:
         )
 
     def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
-        """Return the walls and solids that make it up."""
+        """Return the walls and solids that make it up, in its position at the start.
+
+        Walls keep points on one side; solids have corners, edges and triangles like those of films.
+        Each kind of obstacle overrides this method.
+        """
         raise NotImplementedError
 
     def requires(self) -> Iterable[Any]:
@@ -172,7 +181,12 @@ class Plane(Obstacle):
     normal: Vector
 
     def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
-        """One wall with a normal of unit length."""
+        """Return one wall, which keeps points on one side, and no solid: its origin on the plane
+        [m] and its normal of unit length.
+
+        Raises:
+            InputError: the normal has no length.
+        """
         normal = _unit(self.normal, f"Plane '{self.name}': its normal")
         # The third vector of a plane is not used, and repeats the origin.
         origin = self._at(self.point)
@@ -201,7 +215,12 @@ class Sphere(Obstacle):
     inside: bool = False
 
     def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
-        """A ball is a corner with a radius; a room is a wall."""
+        """Return the walls, which keep points on one side, and the solids that make the obstacle
+        up.
+
+        A ball is a solid of one corner with a radius [m]; a room (`inside`) is one wall with this
+        radius, whose three points are all the centre [m].
+        """
         centre = self._at(self.centre)
         if self.inside:
             points = (centre, centre, centre)
@@ -231,7 +250,15 @@ class Cylinder(Obstacle):
     inside: bool = False
 
     def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
-        """A mast is an edge with a radius; a room is a wall without ends."""
+        """Return the walls, which keep points on one side, and the solids that make the obstacle
+        up.
+
+        A mast is a solid of one edge with a radius [m]; a room (`inside`) is a wall without ends: a
+        point on the axis and two unit directions across it.
+
+        Raises:
+            InputError: start and end are the same point.
+        """
         axis = _unit(np.subtract(self.end, self.start), f"Cylinder '{self.name}': its axis")
         start = self._at(self.start)
         if not self.inside:
@@ -268,7 +295,12 @@ class Box(Obstacle):
     inside: bool = False
 
     def __post_init__(self) -> None:
-        """Check sizes [m] and axes in addition to what `Obstacle` checks."""
+        """Check sizes [m] and axes in addition to what `Obstacle` checks.
+
+        Raises:
+            InputError: a size that is not positive, axes that are not three orthonormal rows, or
+                what `Obstacle` refuses.
+        """
         super().__post_init__()
         check(
             min(self.sizes) > 0,
@@ -284,7 +316,12 @@ class Box(Obstacle):
         )
 
     def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
-        """A box is a solid of 8 corners, 12 edges and 12 triangles; a room is six walls."""
+        """Return the walls, which keep points on one side, and the solids that make the obstacle
+        up.
+
+        A box is a solid of 8 corners, 12 edges and 12 triangles, two on each face; a room
+        (`inside`) is six walls.
+        """
         axes = np.asarray(self.axes, dtype=float)
         centre = np.asarray(self.centre, dtype=float)
         half = np.asarray(self.sizes, dtype=float) / 2
@@ -299,7 +336,13 @@ class Box(Obstacle):
         return [], [ObstacleSolid(points, tuple(edges), _triangles_of_box())]
 
     def _walls(self, axes: Array, centre: Array, half: Array) -> list[ObstacleWall]:
-        """Return the six planes around the room, with normals towards its middle."""
+        """Return the six planes around a room, with normals towards its middle.
+
+        Args:
+            axes: unit directions of the edges, orthonormal rows (3, 3).
+            centre: of the box, (3,) [m].
+            half: half of its sizes along the axes, (3,) [m].
+        """
         walls = []
         for k in range(3):
             for sign in (-1, 1):
@@ -310,7 +353,11 @@ class Box(Obstacle):
 
 
 def _triangles_of_box() -> tuple[tuple[int, int, int], ...]:
-    """Return two triangles for each of the six faces, by the numbers of corners."""
+    """Return the 12 triangles of a box, two for each face, as numbers of its corners.
+
+    The number of a corner, 0 to 7, has one bit for each axis: 1 where the corner is on the positive
+    side.
+    """
     triangles = []
     for bit in AXIS_BITS:
         first, second = (other for other in AXIS_BITS if other != bit)

@@ -51,7 +51,15 @@ class PairStiffness:
         activation_distance: float,
         system: ContactAssembly,
     ) -> None:
-        """Take the given stiffness [N/m³], or None; densities follow when masses are assembled."""
+        """Take the given stiffness, or None; densities follow when masses are assembled.
+
+        Args:
+            mesh: bodies and obstacles of a contact.
+            stiffness: K [N/m³], pressure over closing; None: derived from area densities and
+                closing speeds.
+            activation_distance: gap d [m] at which contact begins.
+            system: the equations, with the masses of the bodies.
+        """
         self._mesh = mesh
         self.given = stiffness
         self._activation_distance = activation_distance
@@ -75,13 +83,18 @@ class PairStiffness:
         v: Array,
         reference_speed: float,
     ) -> Array:
-        """Return the stiffness (n,) [J] of pairs; collective.
+        """Return the stiffness k [J] of contact pairs that begin to touch; collective.
+
+        A given stiffness that cannot stop the pairs is warned of once, in the log.
 
         Args:
             pairs: n pairs.
-            squared_distance: of `closest_points` at x0 (n,).
+            squared_distance: of the closest points at x0 (n,) [m²]; of planes a distance [m].
             x0, v: points [m] and their velocities [m/s] (m, 3) at the start of the step.
-            reference_speed: [m/s].
+            reference_speed: closing speed [m/s] that is assumed at least.
+
+        Returns:
+            (n,) [J], proportional to the area for which each pair stands.
         """
         sides = np.column_stack([pairs.points[:, 0], pairs.second_point])
         bodies = self._mesh.body[sides]
@@ -119,7 +132,17 @@ class PairStiffness:
         x0: Array,
         v: Array,
     ) -> Array:
-        """Return by how much distances grow (n,) [m/s], taken over a short time."""
+        """Return by how much the distances of contact pairs grow (n,) [m/s]; negative where they
+        close.
+
+        It is a difference quotient over a thousandth of the step.
+
+        Args:
+            pairs: n pairs.
+            squared_distance: of the closest points at x0 (n,) [m²]; of planes a distance [m], in
+                rooms minus the squared distance from the middle.
+            x0, v: points [m] and their velocities [m/s], (m, 3).
+        """
         duration = SHORT_TIME * self._system.h
         later, _ = closest_points(pairs, np.ascontiguousarray(x0 + duration * v))
         change = np.sqrt(np.abs(later)) - np.sqrt(np.abs(squared_distance))

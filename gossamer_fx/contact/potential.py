@@ -108,14 +108,19 @@ class PairResponse:
 def activate(
     candidates: CandidatePairs, activation_distance: Array, law: ContactLaw
 ) -> ActivePairs:
-    """Return n candidates as pairs with energy up to an activation distance; stiffness zero.
+    """Return n contact pairs with the numbers of their energy, which reaches up to an activation
+    distance.
 
     With the sum R of both radii, a pair with the gap d has the squared distance (R + d)².
 
     Args:
-        candidates: the pairs.
+        candidates: n pairs that may touch.
         activation_distance: gap (n,) [m] below which each has energy.
-        law: barriers of rounded edges are made infinite where the edges cross.
+        law: of the energy.  Barriers of edge pairs are made infinite where the edges cross.
+
+    Returns:
+        the pairs with offset and width of the squared distance [m²], of planes [m], and the
+        stiffness zero.
     """
     radius = candidates.radius
     width: Array = (radius + activation_distance) ** 2 - radius**2
@@ -142,9 +147,15 @@ def activate(
 
 
 def infinite_at_crossings(kind: ByteArray, width: Array, offset: Array) -> tuple[Array, Array]:
-    """Return the width and offset (n,) of barriers that are infinite where rounded edges cross.
+    """Return width and offset (n,) [m²] of barrier energies that are infinite where edges cross.
 
-    The energy begins at the same distance: offset + width stays.
+    Squared distances of edges are rounded, so that they are not zero at a crossing.  The energy
+    begins at the same distance: offset + width is constant.
+
+    Args:
+        kind: values (n,) of `PairKind`; only edge pairs are changed.
+        width: change of the squared distance over which the energy falls to zero (n,) [m²].
+        offset: squared distance where the barrier of pairs without rounding is infinite (n,) [m²].
     """
     rounded = np.where(kind == PairKind.EDGE_EDGE, ROUNDING / 2, 0.0)
     new_width = width / (1 + rounded)
@@ -157,12 +168,21 @@ def pair_starts(
     squared_distance: Array,
     parameters: Array,
 ) -> Array:
-    """Return the column `start` (n, 4) of pairs from their closest points at the start.
+    """Return the column `start` of contact pairs: what the energy rule needs from the start of a
+    step.
 
     Args:
-        pairs: n pairs.
+        pairs: n pairs that take part in the step.
         x: points (m, 3) [m] at the start.
-        squared_distance, parameters: of `closest_points` there (n,), (n, 2).
+        squared_distance: of the closest points there (n,) [m²], of planes [m].
+        parameters: (u, v) (n, 2) [-] of these points along the two sides.
+
+    Returns:
+        (n, 4): u, v [-], distance [m], squared distance with rounded edges [m²].  The distance of
+        walls is not used.
+
+    Raises:
+        ValueError: an array is not contiguous, or not of the shape above.
     """
     c = library()
     count = len(pairs)
@@ -200,13 +220,21 @@ def energy_of_pairs(
     law: ContactLaw,
     parameters: Array | None = None,
 ) -> tuple[float, Array]:
-    """Return the energy [J] of n pairs at points x (m, 3), and the scaled distance x of each (n,).
+    """Return the energy of contact pairs in one configuration, and their scaled distances.
 
     Args:
-        pairs: those with energy have a scaled distance below one.
+        pairs: n pairs with their stiffness [J].
         x: points (m, 3) [m].
         law: of the energy.
-        parameters: of the closest points at x (n, 2), if they are known.
+        parameters: (u, v) of the closest points at x (n, 2), if they are known; None: computed
+            here.
+
+    Returns:
+        sum of the energies [J], and the scaled distance of each pair (n,) [-], which is below one
+        where a pair has energy.
+
+    Raises:
+        ValueError: an array is not contiguous, or not of the shape above.
     """
     c = library()
     count = len(pairs)
@@ -238,10 +266,11 @@ def evaluate(
     known_state: ByteArray | None = None,
     push_back: float = PUSH_BACK,
 ) -> PairResponse:
-    """Compute forces and tangents of n pairs in a step.
+    """Compute forces and tangents of n contact pairs in a step from points x0 to x1.
 
     Args:
-        pairs: with the column `start`; without it, closest points at the start are computed.
+        pairs: n pairs with the column `start` of their closest points; without it, these are
+            computed.
         x0, x1: points (m, 3) [m] at the start and at the end.
         law: of the energy.
         alpha: weight of the end in the configuration where forces act; with 1 they are the gradient
@@ -252,11 +281,19 @@ def evaluate(
             names.
         by_pair: whether forces are returned pair by pair.
         tangents_by_pair: whether tangents are, too.
-        geometric_share: share of the geometric stiffness in tangents, which may make them
+        geometric_share: share [-] of the geometric stiffness in tangents, which may make them
             indefinite.
         known_state: of an earlier call for the same step; pairs without contact are then left out.
-        push_back: stiffness of pairs that passed through, over their own; zero for a step that was
-            accepted, whose pairs are then treated alike in both directions of time.
+        push_back: stiffness of pairs that passed through, over their own [-]; zero for a step that
+            was accepted, whose pairs are then treated alike in both directions of time.
+
+    Returns:
+        state of each pair (n,); forces (n, 12) [N] and tangents (n, 144) [N/m] as asked for, else
+        None.
+
+    Raises:
+        ValueError: an array is not contiguous, read-only though it is written to, or not of the
+            shape above.
     """
     c = library()
     count = len(pairs)
@@ -301,8 +338,16 @@ def evaluate(
 
 
 def _active_pairs(pairs: ActivePairs, start: Array | None, law: ContactLaw) -> CStruct:
-    """The C structure of n pairs; `start` (n, 4) may be None where the function does not read
-    it."""
+    """Return the C structure of n active pairs with the numbers of the energy law.
+
+    Args:
+        pairs: whose columns become C arrays, which live as long as the structure.
+        start: column `start` (n, 4); None where the C function does not read it.
+        law: of the energy.
+
+    Raises:
+        ValueError: a column is not contiguous, or not of the type that C takes.
+    """
     c = library()
     count = len(pairs)
     return c.struct(

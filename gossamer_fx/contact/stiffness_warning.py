@@ -36,7 +36,14 @@ class StiffnessWarning:
         names: Sequence[str],
         comm: MPI.Intracomm,
     ) -> None:
-        """Take a stiffness [N/m³] that was given by hand, and names for the message."""
+        """Take a stiffness that was given by hand, and names for the message.
+
+        Args:
+            stiffness: K [N/m³], pressure over closing.
+            activation_distance: gap d [m] at which contact begins.
+            names: of bodies and obstacles, by their numbers.
+            comm: ranks of the contact.
+        """
         self._stiffness = stiffness
         self._activation_distance = activation_distance
         self._names = names
@@ -44,10 +51,13 @@ class StiffnessWarning:
         self.was_given = False
 
     def check(self, bodies: Int32Array, density: Array, speed: Array) -> None:
-        """Warn once of the softest pair of all ranks; collective.
+        """Warn once, in the log, if the given stiffness cannot stop a contact pair; collective.
+
+        Of all ranks' pairs the one is named that needs most.  Nothing happens if all are stopped,
+        or if the warning was given before.
 
         Args:
-            bodies: numbers (n, 2) of the bodies of both sides.
+            bodies: numbers (n, 2) of the bodies or obstacles of both sides.
             density: area density of the lighter side (n,) [kg/m²].
             speed: closing speed (n,) [m/s].
         """

@@ -53,8 +53,14 @@ def patch(centre: Port, points: Sequence[Port]) -> Frame:
     distributed to the points, with the opposite forces at the centre.
 
     Args:
-        centre: of the piece.
-        points: two or more around it.
+        centre: point of the piece.
+        points: two or more points around it, of the same body.
+
+    Returns:
+        The frame; its directors are arms in m, neither unit vectors nor orthogonal.
+
+    Raises:
+        InputError: a point is of another body than the centre.
 
     Example:
         >>> corners = [film.port_at((0.25, 0.25, 0.0)), film.port_at((0.75, 0.25, 0.0))]
@@ -91,7 +97,14 @@ class _SampledTorque(Couple):
         X: Array,
         V: Array,
     ) -> None:
-        """Start a step at time t [s]: compute a new torque if a sample is due."""
+        """Start a step: compute a new torque (3,) [N m] if a sample is due, else hold the last one.
+
+        Args:
+            t: time [s] at the start of the step.
+            lag: time [s] from there to the one at which forces act; not used.
+            X: vectors of the control's frame (3k,) at the start of the step, one after the other.
+            V: their rates (3k,), per second.
+        """
         control = self._control
         if self._next_sample is None:
             self._next_sample = t
@@ -146,8 +159,14 @@ class _ContinuousTorque(Couple):
         X: Array,
         V: Array,
     ) -> None:
-        """Start a step from the vectors X (3k,) and their rates V; its middle is `lag` seconds
-        later."""
+        """Start a step, at whose middle the torque follows the motion.
+
+        Args:
+            t: time [s] at the start of the step; not used.
+            lag: time [s] from there to the middle of the step.
+            X: vectors of the control's frame (3k,) at the start of the step, one after the other.
+            V: their rates (3k,), per second.
+        """
         self._h = 2 * lag
         self._X0 = X
         self._has_begun = True
@@ -162,8 +181,15 @@ class _ContinuousTorque(Couple):
         return super().force(X)
 
     def tangent(self, X: Array) -> Array:
-        """Derivatives (3k, 3k) of the forces with respect to X; gradients of runs need all of
-        them."""
+        """Derivatives (3k, 3k) of the forces on the frame's vectors by the vectors in the middle of
+        the step.
+
+        Forces are generalised: force times vector is a moment [N m].  Zero before the first step,
+        where only the pattern of the matrix is needed.
+
+        Args:
+            X: the vectors (3k,) in the middle of the step, one after the other.
+        """
         # The pattern of the tangent is made before the first step, without vectors.
         if not self._has_begun:
             return np.zeros((X.size, X.size))
@@ -291,7 +317,21 @@ class AttitudeControl:
         period: float = 0.0,
         name: str = "attitude control",
     ) -> None:
-        """Check the arguments, which the class describes; one gain stands for all three angles."""
+        """Check the arguments; one gain stands for all three angles.
+
+        Args:
+            frame: of a rigid body, a beam's section, or a `patch` of a film.
+            target: angles (θ, β, γ) [rad] relative to the start.
+            stiffness: gain [N m/rad], one number or three.
+            damping: gain [N m s/rad], one number or three.
+            axes: rotation matrix (3, 3) whose columns are the axes of the angles at the start.
+            period: time [s] for which a torque is held; 0: it follows the motion within a step.
+            name: for messages.
+
+        Raises:
+            InputError: the frame has fewer than two vectors, a gain or the period is negative, or
+                the axes are not a rotation matrix.
+        """
         check(
             len(frame.directors) >= 2,
             f"'{name}' acts on something without position gradient; give the frame of a rigid body "
@@ -327,7 +367,15 @@ class AttitudeControl:
         yield from bodies_of(self.frame)
 
     def terms(self, start: State) -> Iterable[Term]:
-        """One load on the frame's vectors."""
+        """The torque as one load on the frame's vectors: what the control adds to the equations.
+
+        Args:
+            start: initial state of the scene; angles count from the state that the body has by
+                itself.  Collective.
+
+        Raises:
+            InputError: the vectors of the frame are parallel.
+        """
         reference = self.reference()
         if self.period > 0:
             yield PointLoad(self.name, self.frame.directors, _SampledTorque(self, reference))
@@ -340,7 +388,8 @@ class AttitudeControl:
         yield PointLoad(self.name, self.frame.directors, torque, gains)
 
     def reference(self) -> Array:
-        """The frame's vectors at the start, (k, 3).
+        """The frame's k vectors (k, 3) at the start: unit vectors, or arms [m] of a `patch`.
+        Collective.
 
         Raises:
             InputError: they are parallel.
@@ -370,11 +419,11 @@ class AttitudeControl:
         return derivatives
 
     def sample(self, X: Array, V: Array, reference: Array) -> Array:
-        """Compute `angles` and `torques`.
+        """Compute the attributes `angles` [rad] and `torques` [N m] for a state of the frame.
 
         Args:
-            X: the frame's stacked vectors, (3k,).
-            V: their rates [1/s], (3k,).
+            X: the frame's stacked vectors, (3k,), in the unit of `reference`.
+            V: their rates, (3k,), per second.
             reference: the vectors at the start, (k, 3).
 
         Returns:

@@ -11,7 +11,10 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
     Args:
         head: names of the columns.
-        rows: texts of each row.
+        rows: texts of each row, one for each column (their number is not checked).
+
+    Returns:
+        One line of HTML.
 
     Example:
         >>> table(["kind"], [["a < b"]])

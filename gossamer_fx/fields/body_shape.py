@@ -38,7 +38,16 @@ class BodyShape:
     """
 
     def __init__(self, system: System, body: MeshBody) -> None:
-        """Make the functions of positions on the mesh; `update` sets their values."""
+        """Make the functions of positions on the mesh of a body; `update` sets their values.
+
+        Args:
+            system: the compiled scene of a run or an equilibrium.
+            body: a film, plate, cable or beam in it; a reduced film has the mesh of the one that
+                was reduced.
+
+        Raises:
+            InputError: the body is not in the scene.
+        """
         self._system = system
         self._of = system.state[body]
         self._reconstruct = body.reconstruct
@@ -52,7 +61,11 @@ class BodyShape:
             self._add_expansion()
 
     def _add_expansion(self) -> None:
-        """Find the thermal strain of the body, and make its thermal curvature."""
+        """Set the thermal strain of the body, if the scene has one, and make its thermal curvature.
+
+        Both are UFL expressions: the strain [-], and the curvature [1/m] of a plate whose sides
+        have different temperatures.
+        """
         # Imported here: bodies without thermal expansion do not load it.
         from gossamer_fx.bodies.thermal_expansion import thermal_curvature
 

@@ -27,9 +27,8 @@
     contact_pressure        at the nodes [N/m²], both sides of a film added, by the area of the
                             stress-free shape
 
-    curvature1 ≥ curvature2 principal curvatures of a plate [1/m], positive towards the normal of
-    its
-                            mesh
+    curvature1 ≥ curvature2 principal curvatures of a plate [1/m], positive towards the normal
+                            of its mesh
     moment1 ≥ moment2       principal bending moments of a plate [N m/m]
 
 All bodies on a mesh have displacement, velocity and contact pressure; plates have curvatures and
@@ -104,7 +103,11 @@ def position(q: Expr) -> Expr:
 
 
 def film_state(shape: BodyShape) -> Expr:
-    """State of a film: 0 slack, 1 wrinkled, 2 taut."""
+    """Return the state of a film as a UFL expression: 0 slack, 1 wrinkled, 2 taut.
+
+    Args:
+        shape: coordinates of the film as functions on its mesh.
+    """
     film = shape.body
     # A law that never wrinkles has a number as its state; times `unit` it belongs to a mesh.
     unit = constant(film.space.mesh, 1.0)
@@ -162,9 +165,14 @@ def _moments(shape: BodyShape) -> tuple[Expr, Expr]:
 
 
 def _direction(shape: BodyShape) -> Expr:
-    """F n/|F n|, n the direction of the larger principal strain, thermal strain not included.
+    """Return the direction of tension on the deformed film, a unit vector (3,) as a UFL expression.
 
-    Where the principal strains are equal, n is the first vector of the film's frame.
+    It is F n/|F n| with the deformation gradient F and the direction n of the larger principal
+    strain, thermal strain not included.  Where the principal strains are equal, n is the first
+    vector of the film's frame.
+
+    Args:
+        shape: coordinates of the film as functions on its mesh.
     """
     e = shape.elastic_strain()
     # The radius is kept above zero by its definition, so nothing is divided by zero below.
@@ -223,10 +231,15 @@ FIELDS = {
 
 
 def check_fields(body: Body, names: Sequence[str]) -> None:
-    """Check the names of fields of a body.
+    """Check the names of output fields of a body.
+
+    Args:
+        body: film, plate, cable or beam.
+        names: of its fields, keys of `FIELDS`.
 
     Raises:
-        InputError: no name is given, or the body does not have one of the fields.
+        InputError: no name is given, or the body does not have one of the fields; the message lists
+            those that it has.
     """
     is_film = isinstance(body, Membrane)
     bends = isinstance(body, Membrane) and body.bends
@@ -264,7 +277,18 @@ class FieldFunctions:
     """
 
     def __init__(self, system: System, body: MeshBody, names: Sequence[str]) -> None:
-        """Make one function for each name, and what computes its values; `update` computes them."""
+        """Make one function for each name, and what computes its values; `update` computes them.
+
+        Collective: expressions are compiled.
+
+        Args:
+            system: the compiled scene.
+            body: a body on a mesh in it.
+            names: of output fields, e.g. "displacement".
+
+        Raises:
+            InputError: the body does not have a field, or is not in the scene.
+        """
         check_fields(body, names)
         self._shape = BodyShape(system, body)
         self._element = self._element_of(names)
@@ -276,7 +300,12 @@ class FieldFunctions:
             self._updates.append(self._update_of(function, body, system))
 
     def _element_of(self, names: Sequence[str]) -> tuple[str, int]:
-        """Family and order of an element for all fields."""
+        """Return family and order of an element that can represent all fields.
+
+        Args:
+            names: of the fields.  One that may jump between cells makes all discontinuous, as one
+                file takes functions of one element only.
+        """
         order = self._shape.body.space.ufl_element().degree
         jumps = any(FIELDS[name].of_films for name in names)
         if jumps:
@@ -291,7 +320,17 @@ class FieldFunctions:
     def _update_of(
         self, function: fem.Function, body: MeshBody, system: System
     ) -> Callable[[], None]:
-        """What sets the function of a field to the accepted state."""
+        """Return what sets the function of a field to the accepted state; collective.
+
+        Args:
+            function: named as its field.
+            body: on whose mesh the function is.
+            system: the compiled scene.
+
+        Returns:
+            a function without arguments: a map of wrinkles, the interpolation of a compiled
+            expression, or the collection of values from the scene.
+        """
         field = FIELDS[function.name]
         if function.name in WRINKLE_MAPS:
             # Imported here, as few outputs need it.
@@ -317,7 +356,16 @@ class FieldFunctions:
 
 
 def _collect_pressure(function: fem.Function, film: MeshBody, system: System) -> None:
-    """Set a discontinuous function to the pressure difference of the gas on each cell [Pa]."""
+    """Set a discontinuous function to the gas pressure difference [Pa] on each cell.
+
+    It is that inside less that outside; zero on films that enclose no gas.  Ghost cells are not
+    set.
+
+    Args:
+        function: of this rank's cells, changed in place.
+        film: a film on whose mesh the function is.
+        system: the compiled scene, with the gas of its chambers.
+    """
     values = function.x.array
     values[:] = 0
     for unknowns in system.scalar_unknowns:
@@ -344,8 +392,16 @@ def _collect_group(function: fem.Function, film: MeshBody, system: System) -> No
 
 
 def _collect_cell_values(function: fem.Function, body: MeshBody, system: System) -> None:
-    """Set a discontinuous function to the mean of the terms' values in each cell, and else to
-    zero."""
+    """Set a discontinuous function to the mean of the scene's values in each cell; collective.
+
+    Values come from the parts of the scene that have some for this field, e.g. from creases; cells
+    without a value are zero.
+
+    Args:
+        function: named as its field; changed in place, ghosts not included.
+        body: on whose mesh the function is.
+        system: the compiled scene.
+    """
     sums = function.x
     counts = fem.Function(function.function_space).x
     sums.array[:] = 0
@@ -364,7 +420,16 @@ def _collect_cell_values(function: fem.Function, body: MeshBody, system: System)
 
 
 def _collect_node_values(function: fem.Function, body: MeshBody, system: System) -> None:
-    """Set a function to the sum of the terms' values at each node, and else to zero."""
+    """Set a function to the sum of the scene's values at each node; collective.
+
+    Values come from the parts of the scene that have some for this field, e.g. from contact; nodes
+    without a value, and reduced films, whose unknowns are not at nodes, are zero.
+
+    Args:
+        function: named as its field, of the order of the body; changed in place.
+        body: on whose mesh the function is.
+        system: the compiled scene.
+    """
     # A reduced film has no terms at nodes.
     if not has_nodal_unknowns(body):
         function.x.array[:] = 0
@@ -391,7 +456,14 @@ def _collect_node_values(function: fem.Function, body: MeshBody, system: System)
 
 
 def _collect_temperature(function: fem.Function, body: MeshBody, system: System) -> None:
-    """Set a discontinuous function to the temperature [K] of a film; zero if it has none."""
+    """Set a discontinuous function to the temperature [K] of a film; zero if it has none.
+    Collective.
+
+    Args:
+        function: changed in place, ghosts not included.
+        body: the film.
+        system: the compiled scene.
+    """
     strain = thermal_strain_of(system, body)
     if strain is None:
         # Heated films without thermal expansion have a temperature in each cell.
@@ -428,7 +500,16 @@ class AreaFractions:
         self._compiled: list[tuple[BodyShape, fem.Constant, fem.Form]] | None = None
 
     def __call__(self, system: System) -> Array:
-        """The shares (3,) in the order of `STATES`; their sum is one.  Collective."""
+        """Return the shares (3,) of the area that are slack, wrinkled and taut; their sum is one.
+
+        Collective.  Areas are those of the stress-free shape.
+
+        Args:
+            system: the compiled scene, always the same one; its accepted state counts.
+
+        Raises:
+            InputError: a film is not in the scene.
+        """
         if self._compiled is None:
             self._compiled = self._compile(system)
         areas = np.zeros(len(STATES))
@@ -441,8 +522,17 @@ class AreaFractions:
         return areas / areas.sum()
 
     def _compile(self, system: System) -> list[tuple[BodyShape, fem.Constant, fem.Form]]:
-        """For each film its shape, a constant for the state, and the form of the area in that
-        state.
+        """Compile the area in one state as a form, for each film; collective.
+
+        Args:
+            system: the compiled scene.
+
+        Returns:
+            for each film its shape, a constant that selects the state (0, 1 or 2), and the form
+            [m²] of the area of this rank's cells in that state.
+
+        Raises:
+            InputError: a film is not in the scene.
         """
         compiled = []
         for film in self._films:

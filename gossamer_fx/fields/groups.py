@@ -39,7 +39,16 @@ def groups_of(films: Sequence[Membrane]) -> tuple[list[str], list[Integers]]:
 
 
 def _groups_of_film(film: Membrane) -> tuple[list[str], Integers]:
-    """Names of the parts of one film, and the part of each of this rank's own cells."""
+    """Return the names of the parts of one film, and the part of each of this rank's own cells.
+
+    A part is a group of cells of the mesh, or "rest" for the cells in no group.  Collective.
+
+    Args:
+        film: also a reduced one, whose cells are those of the film that was reduced.
+
+    Returns:
+        names, the same on all ranks, and numbers (cells,) into them.
+    """
     # The cells of a reduced film are those of the film that was reduced.
     mesh = film.full.mesh
     count = mesh.domain.topology.index_map(2).size_local

@@ -78,7 +78,17 @@ class WrinkleMap:
     """
 
     def __init__(self, function: fem.Function, film: MeshBody, system: System) -> None:
-        """Check the film's law, and compile the expressions of the map."""
+        """Check the film's law, and compile the expressions of the map; collective.
+
+        Args:
+            function: on the film's mesh, named as the map: "wrinkle_slope", "wrinkle_amplitude" or
+                "wrinkle_direction".
+            film: in the system.
+            system: the compiled scene.
+
+        Raises:
+            InputError: the law of the film has no maps, or the film is not in the scene.
+        """
         self._function = function
         self._shape = BodyShape(system, film)
         body = self._shape.body
@@ -94,7 +104,10 @@ class WrinkleMap:
         )
 
     def update(self) -> None:
-        """Set the function to the map of the accepted state.  Collective."""
+        """Set the function to its map in the accepted state: slope [-], amplitude [m] or direction.
+
+        Collective.  Values are computed at the vertices and are linear between them.
+        """
         self._shape.update()
         body = self._shape.body
         tensors, tension, bending = self._smoothed()
@@ -113,8 +126,13 @@ class WrinkleMap:
         self._function.interpolate(self._linear)
 
     def _smoothed(self) -> tuple[Array, Array, Array]:
-        """A in space (n, 3, 3), the tension T [N/m] (n,) and B [N m] (n,) at the local vertices, as
-        local means."""
+        """Return the wrinkling strain and two weights at the local vertices, as local means;
+        collective.
+
+        Returns:
+            wrinkling strain A in space (n, 3, 3) [-], tension T (n,) [N/m], and bending stiffness B
+            across the crests (n,) [N m], zero where the film is taut.
+        """
         cellwise = self._cellwise
         cellwise.interpolate(self._expression)
         cellwise.x.scatter_forward()
@@ -133,7 +151,10 @@ class WrinkleMap:
 
 
 def _check_law(film: Membrane) -> None:
-    """Refuse laws that do not tell the strain of a stress, or no bending stiffness.
+    """Refuse films whose law does not give the taut strain of a stress, or no bending stiffness.
+
+    Args:
+        film: of which a map of wrinkles is asked for.
 
     Raises:
         InputError: names the film and its law.
@@ -150,7 +171,16 @@ def _check_law(film: Membrane) -> None:
 
 
 def _columns(shape: BodyShape) -> Expr:
-    """The components of A in space, the tension T [N/m], a and B a [N m], as an expression (9,)."""
+    """Return what a map of wrinkles needs in each cell, as a UFL expression (9,).
+
+    Args:
+        shape: coordinates of the film as functions on its mesh.
+
+    Returns:
+        six components of the wrinkling strain A in space, in the order of `SYMMETRIC`; tension T
+        [N/m], the larger principal stress; excess of length a = tr A [-]; and a B [N m], B the
+        bending stiffness across the crests.
+    """
     film = shape.body
     elastic = shape.elastic_strain()
     stress = gradient(film.density, elastic)
@@ -172,8 +202,17 @@ def _columns(shape: BodyShape) -> Expr:
 
 
 def _smooth(domain: Mesh, in_cells: Array) -> Array:
-    """Values (vertices, k) at the vertices: means over the cells around them, weighted by area,
-    several times."""
+    """Return values at the vertices: means over the cells around them, taken several times.
+
+    Means are weighted by area.  Collective.
+
+    Args:
+        domain: mesh of triangles.
+        in_cells: values (cells, k) of all local cells, ghosts included, in any unit.
+
+    Returns:
+        values (vertices, k), ghosts included.
+    """
     at_vertices = fem.functionspace(domain, ("Lagrange", 1))
     dofmap = at_vertices.dofmap
     nodes = cell_nodes(at_vertices)
@@ -181,7 +220,14 @@ def _smooth(domain: Mesh, in_cells: Array) -> Array:
     areas = np.linalg.norm(area_vectors(corner_points(domain)), axis=1)
 
     def mean_at_vertices(values: Array) -> Array:
-        """Average values of cells (cells, k) at the vertices, weighted by area.  Collective."""
+        """Average values of cells at the vertices, weighted by area.  Collective.
+
+        Args:
+            values: (cells, k) of local cells, in any unit.
+
+        Returns:
+            (vertices, k) at local vertices, ghosts included.
+        """
         sums = la.vector(dofmap.index_map, values.shape[1] + 1)
         weighted = np.column_stack([values[:own], np.ones(own)]) * areas[:own, None]
         table = sums.array.reshape(-1, values.shape[1] + 1)
@@ -200,8 +246,18 @@ def _smooth(domain: Mesh, in_cells: Array) -> Array:
 
 
 def _half_wavelength(film: Membrane, tension: Array, bending: Array) -> Array:
-    """L of (3) [m] for tensions (n,) [N/m] and bending stiffnesses (n,) [N m]; 0 where the film is
-    slack."""
+    """Return the half wavelength L = √π (B/T)^(1/4) √ℓ of wrinkles, equation (3) of the module.
+
+    ℓ is the square root of the area of the film.  Collective.
+
+    Args:
+        film: whose stress-free area counts, over all ranks.
+        tension: T (n,) [N/m].
+        bending: B (n,) [N m].
+
+    Returns:
+        L (n,) [m]; 0 where the film is slack.
+    """
     domain = film.space.mesh
     own = domain.topology.index_map(2).size_local
     areas = np.linalg.norm(area_vectors(corner_points(domain))[:own], axis=1)
@@ -213,8 +269,17 @@ def _half_wavelength(film: Membrane, tension: Array, bending: Array) -> Array:
 
 
 def _crests(shape: BodyShape, tensors: Array, vectors: Array) -> Array:
-    """Unit vectors (n, 3) along the crests at the local vertices: in the film, normal to n of
-    (1)."""
+    """Return unit vectors along the crests at the local vertices: in the film, across the direction
+    n in which it is too long.  Collective.
+
+    Args:
+        shape: coordinates of the film as functions on its mesh.
+        tensors: wrinkling strain in space (n, 3, 3), symmetric.
+        vectors: its eigenvectors (n, 3, 3) as columns, that of the largest eigenvalue last.
+
+    Returns:
+        (n, 3); zero without wrinkles.
+    """
     across = vectors[:, :, -1]
     normals = _normals(shape)
     crests = np.cross(normals, across)

@@ -79,7 +79,13 @@ class Ikaros(FoldMap):
     out: int = 0
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check the arguments, counts [-] and lengths [m], before any use.
+
+        Raises:
+            InputError: less than 3 trapezoids, rows that are not 0 < inner < outer, bends not from
+                1 to inner - 1, tips out of an arm that is not wound, a length out of its range, or
+                layers that leave no room for a hub.
+        """
         self._check(self.n >= 3, f"n is {self.n!r}; give at least 3 trapezoids.")
         self._check(
             0 < self.inner < self.outer,
@@ -132,7 +138,18 @@ class Ikaros(FoldMap):
         return _Tilted(**vars(self.pressed()))
 
     def place(self, X: Array, side: Array) -> Array:
-        """Folded positions (n, 3) [m] of points X (n, 3) of the flat sail, on both sides alike."""
+        """Return the folded positions of points of a flat sail of n trapezoids round a hub.
+
+        Each trapezoid is folded at its rows to a strip that stands on edge; the strip lies round
+        the hub and out along an arm, or its arms are wound round the hub, too.
+
+        Args:
+            X: points (n, 3) [m] of the flat sail, in the plane z = 0, centre at the origin.
+            side: sheet of each point (n,), which makes no difference here.
+
+        Returns:
+            positions (n, 3) [m].
+        """
         # The trapezoid of each point, and its turn from the one whose middle is at negative y.
         angle = np.arctan2(X[:, 1], X[:, 0]) + np.pi / 2
         trapezoid = np.round(angle / (2 * np.pi / self.n))
@@ -169,8 +186,17 @@ class Ikaros(FoldMap):
         return wave
 
     def _corner(self, i: Array, layer: Array) -> Array:
-        """The line C (n, 2) at columns i, of layers, in the frame of a trapezoid whose middle is at
-        (0, -radius)."""
+        """Return where a folded strip has its corners on the hub and on a radial arm, seen from
+        above.
+
+        Args:
+            i: column of each point (n,), 0 in the middle of the trapezoid; up to `bends` on either
+                side it is on the hub, beyond on an arm.
+            layer: layers (n,) from the innermost one.
+
+        Returns:
+            positions (n, 2) [m] in the frame of a trapezoid whose middle is at (0, -radius).
+        """
         side = np.sign(i)
         far = np.maximum(np.abs(i) - self.bends, 0) * self.column
         # The gap changes smoothly from that on the hub to that of the arm, over the length `ramp`.
@@ -199,10 +225,16 @@ class Ikaros(FoldMap):
         return self.outer - self.bends
 
     def _rise(self, p: Array) -> Array:
-        """Height of a strip at p columns from where its trapezoid begins: a quarter (of n) on, it
-        is above two halves.
+        """Return the height above the hub, in layers of film, of a strip that is wound round it.
 
-        It lies on the hub at first, and leaves it to make room for the turns of the next trapezoid.
+        It lies on the hub at first, and leaves it to make room for the turns of the next trapezoid:
+        a quarter of 2 `bends` columns on, it is above two halves of that.
+
+        Args:
+            p: columns (n,) from where the trapezoid of the strip begins, ≥ 0.
+
+        Returns:
+            (n,) layers between the hub and the seam of the strip.
         """
         quarter = 2 * self.bends
         # 0 in the first quarter, its end included.
@@ -215,7 +247,7 @@ class Ikaros(FoldMap):
 
     @property
     def _height_of_roll(self) -> float:
-        """Height of the highest strip of the roll, in layers."""
+        """Height of the highest strip of the roll of wound arms, in layers."""
         j = np.arange(1, self._arm - self.out + 1)
         # Of the strip as it goes out, and of its half that has turned back.
         front = self._rise(j + 2.0 * self.bends) + self._arm - j
@@ -224,13 +256,21 @@ class Ikaros(FoldMap):
         return float(highest)
 
     def _wound(self, i: Array, row: Array, back: npt.NDArray[np.bool_]) -> Array:
-        """Columns i of rows in the roll (n, 2); `back` where the strip has turned back at the
-        column -bends.
+        """Return where columns of a folded strip are in the roll, if its arms are wound round the
+        hub.
 
         The strip and its half that turned back lie above each other with their outer edges
         together, the seams outside. Of the turns, which enclose each other, the inner ones are
         shorter.  Tips stand out radially; outer layers bend outwards earlier, so that layers stay
         apart and none is stretched.
+
+        Args:
+            i: column of each point (n,), 0 in the middle of its trapezoid.
+            row: its row (n,), counted from the centre of the sail.
+            back: where the strip has turned back, at the column -bends (n,).
+
+        Returns:
+            positions (n, 2) [m] in the frame of the trapezoid, whose middle is at (0, -radius).
         """
         N = self._arm
         corner = self.outer - self.out  # column from which on the tip stands out

@@ -106,7 +106,13 @@ class FoldLine:
 
 
 def find_lines(folds: Map, mesh: Mesh) -> list[FoldLine]:
-    """The fold lines of a map on a mesh, in an order that is the same on every rank.  Collective.
+    """Return the fold lines of a map on a mesh, in an order that is the same on every rank.
+
+    Collective.
+
+    Args:
+        folds: map from the flat film to a folded shape.
+        mesh: of the flat film.
 
     Raises:
         InputError: the mesh has no plane triangles, is not flat, has nodes outside of the map, or
@@ -154,7 +160,17 @@ def has_two_sheets(mesh: Mesh) -> bool:
 
 
 def _check_mesh(folds: Map, mesh: Mesh) -> None:
-    """Check that a mesh has triangles of order 1 in the plane z = 0."""
+    """Check that a mesh has triangles of order 1 in the plane z = 0, in the extent of a fold map.
+
+    Collective.
+
+    Args:
+        folds: the map, which is named in messages.
+        mesh: of the flat film.
+
+    Raises:
+        InputError: on all ranks, if one of these does not hold.
+    """
     domain = mesh.domain
     check(
         domain.topology.dim == 2 and domain.geometry.cmap.degree == 1,
@@ -179,13 +195,18 @@ def _kinked_edges(
     shut: Array,
     ajar: Array,
 ) -> tuple[Indices, list[Key]]:
-    """Owned edges at which the map has a kink, and the key of each.
+    """Return the owned edges at which a fold map has a kink, and what fold each belongs to.
 
     Args:
         folds: the map.
         mesh: of the flat film.
-        shut: positions (n, 3) of the vertices with all layers on each other.
-        ajar: positions (n, 3) of the vertices with no fold shut.
+        shut: positions (n, 3) [m] of the vertices with all layers on each other, folds of ±π
+            included; it gives the size of each angle.
+        ajar: positions (n, 3) [m] of the vertices with no fold at ±π; it gives the sign.
+
+    Returns:
+        local numbers (k,) of the edges, and for each the number of its fold, its sheet, its sign,
+        and the size of its angle [rad].
     """
     corners = mesh.domain.geometry.dofmap[:, :3]
     table = mesh.edges
@@ -220,16 +241,16 @@ def _refuse_cut_triangles(
     flat: Array,
     folded: Array,
 ) -> None:
-    """Check that no edge of a triangle changes its length.
+    """Refuse a mesh of which an edge of a triangle changes its length in the fold; collective.
 
     Args:
-        folds: the map.
+        folds: the map, which is named in the message.
         mesh: of the flat film.
         flat: corners (triangles, 3, 3) [m] on the flat film.
         folded: corners (triangles, 3, 3) [m] with all layers on each other.
 
     Raises:
-        InputError: there are such triangles; the message has the centre of one.
+        InputError: on all ranks, if there are such triangles; the message has the centre of one.
     """
     owned = mesh.domain.topology.index_map(2).size_local
     before = _edge_lengths(flat[:owned])
@@ -263,13 +284,13 @@ def _angles(
     cells: Indices,
     sides: Indices,
 ) -> Array:
-    """Signed fold angles (n,) [rad] of edges.
+    """Return the signed fold angles (n,) [rad] of edges, between -π and π; zero is flat.
 
     Args:
         x: positions of the vertices (v, 3) [m].
         corners: vertices (triangles, 3) of all triangles.
         cells: the two triangles of each edge (n, 2), left and right of it.
-        sides: number of the edge in each of them (n, 2).
+        sides: number of the edge in each of them (n, 2), that of the corner opposite.
     """
     n = np.arange(len(cells))
     triangles = x[corners[cells]]  # (n, 2, 3, 3)
@@ -289,7 +310,12 @@ def _angles(
 
 
 def _sheets(mesh: Mesh) -> Indices:
-    """1 and 2 in cells (n,) of "top" and "bottom", else 0, also on a film of one sheet."""
+    """Return the sheet of each local cell (n,), ghosts included: 1 for "top", 2 for "bottom".
+
+    Args:
+        mesh: whose groups of these names are the sheets; without both of them, and in other cells,
+            it is 0.
+    """
     index_map = mesh.domain.topology.index_map(2)
     sheet = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
     if has_two_sheets(mesh):
@@ -300,8 +326,13 @@ def _sheets(mesh: Mesh) -> Indices:
 
 
 def _names(keys: list[Key]) -> dict[Key, str]:
-    """Names of fold lines, e.g. "fold 1", "valley", "fold 1 top", or "valley 1" if there are
-    several."""
+    """Return names of fold lines, e.g. "fold 1", "valley", "fold 1 top", or "valley 1" if there are
+    several.
+
+    Args:
+        keys: what the edges of each fold line have in common, all different.  Of several with the
+            same name the one with the largest angle is number 1.
+    """
     by_name: dict[str, list[Key]] = {}
     for key in keys:
         by_name.setdefault(_plain_name(key), []).append(key)
@@ -317,7 +348,11 @@ def _names(keys: list[Key]) -> dict[Key, str]:
 
 
 def _plain_name(key: Key) -> str:
-    """Name of a fold line by its number or sign, and its sheet."""
+    """Return the name of a fold line by its number or sign, and its sheet, e.g. "mountain top".
+
+    Args:
+        key: its number, 0 for folds without numbers, its sheet, its sign and its angle.
+    """
     name = "valley"
     if key.fold:
         name = f"fold {key.fold}"

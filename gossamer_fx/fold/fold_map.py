@@ -74,7 +74,7 @@ class FoldMap(ABC):
         """Check that the map is for a film of this extent.
 
         Args:
-            low, high: smallest and largest coordinates (3,) [m] of the flat film.
+            low, high: smallest and largest coordinates (3,) [m] of the flat film on all ranks.
 
         Raises:
             InputError: the film has other `film_sizes`, or does not begin at the origin.
@@ -99,17 +99,18 @@ class FoldMap(ABC):
         return find_lines(self, mesh)
 
     def mark(self, mesh: Mesh) -> Mesh:
-        """The mesh with its fold lines as additional groups of curves.  Collective.
+        """Return the mesh with its fold lines as additional groups of curves.  Collective.
 
         Their names are "fold 1" and so on, or "valley" and "mountain" for maps without numbered
         folds; on two sheets "fold 1 top" and "fold 1 bottom".  A valley is folded towards the
         normal of the film.  If valleys have several angles, "valley 1" is the sharpest.
 
         Args:
-            mesh: of the flat film, in the plane z = 0.
+            mesh: of the flat film, in the plane z = 0; it is not changed.
 
         Raises:
-            InputError: a triangle lies on both sides of a fold line.
+            InputError: the mesh has no plane triangles of order 1, is not flat, does not fit the
+                map, or has a triangle on both sides of a fold line.
         """
         fold_lines = {line.name: (1, line.edges) for line in self.lines(mesh)}
         return replace(mesh, groups=mesh.groups | fold_lines)
@@ -137,13 +138,16 @@ class FoldMap(ABC):
         set_angle_ratio: float = 1.0,
         yield_angle: float | None = None,
     ) -> Sequence[Crease]:
-        """A `Crease` for every group of `mark`, folded and with a rest angle as in this map.
+        """Return a `Crease`, a rotational spring along edges, for every group that `mark` has made.
+
+        Creases start folded, and have their rest angle as in this map.  Collective.
 
         Args:
             film: on a mesh that `mark` returned; of a `Plate` the groups are also its hinges.
             stiffness: moment per length and angle [N m/m/rad].
-            set_angle_ratio: rest angle over the angle of the fold, 0 to 1; 0 is flat at rest.
-            yield_angle: [rad], see `Crease`.
+            set_angle_ratio: rest angle over the angle of the fold [-], 0 to 1; 0 is flat at rest.
+            yield_angle: deviation from the rest angle [rad] beyond which that changes, see
+                `Crease`; None: never.
 
         Raises:
             InputError: the mesh does not have the groups, the ratio is out of its range, or

@@ -60,10 +60,11 @@ class Folded:
         start.place(self.film, self.positions())
 
     def positions(self) -> Array:
-        """Folded positions (n, 3) [m] of this rank's nodes.  Collective.
+        """Return the folded positions (n, 3) [m] of this rank's nodes of the film.  Collective.
 
         Raises:
-            InputError: the map is for a film of another size, or they are not finite.
+            InputError: on all ranks, if the map is for a film of another size, or gives positions
+                that are not finite.
         """
         owned = self.film.block.index_map.size_local
         X = self.film.space.tabulate_dof_coordinates()[:owned]
@@ -80,9 +81,13 @@ class Folded:
         return placed
 
     def strain_energy(self) -> float:
-        """∫ ψ(E) dA [J] of the start.  Collective.
+        """Return the elastic energy ∫ ψ(E) dA [J] of the film in the folded start.  Collective.
 
         It is zero but for round-off and for what keeps layers apart.
+
+        Raises:
+            InputError: the map is for a film of another size, or gives positions that are not
+                finite.
         """
         film = self.film
         x = fem.Function(film.space)
@@ -94,8 +99,10 @@ class Folded:
         return float(film.comm.allreduce(own))
 
     def _sides(self) -> Array:
-        """1 on the upper sheet, -1 on the lower one, 0 where they are joined, at local nodes
-        (n,)."""
+        """Return the sheet of each local node (n,): 1 upper, -1 lower, 0 where both are joined.
+
+        It is 0 everywhere on a film without the groups "top" and "bottom".
+        """
         index_map = self.film.block.index_map
         side = np.zeros(index_map.size_local + index_map.num_ghosts)
         if has_two_sheets(self.film.mesh):

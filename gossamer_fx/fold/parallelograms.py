@@ -60,7 +60,12 @@ class Miura(FoldMap):
     lift: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check lengths [m] and angles [rad] of a parallelogram.
+
+        Raises:
+            InputError: a side that is not positive, a negative opening or lift, or an angle that is
+                not between 0 and π/2.
+        """
         self._check_positive("a", "b")
         self._check_not_negative("opening", "lift")
         for what in ("gamma", "theta"):
@@ -72,7 +77,10 @@ class Miura(FoldMap):
 
     @cached_property
     def sizes(self) -> tuple[float, float, float, float]:
-        """H, S, L, V [m] of a folded parallelogram, see the class."""
+        """Sizes of a folded parallelogram: height H, length S along x and L along y, shift V [m].
+
+        Schenk & Guest, Proc. Natl. Acad. Sci. 110 (2013) 3276, equations 1 to 4.
+        """
         cos_θ = math.cos(self.theta)
         tan_γ = math.tan(self.gamma)
         sines = math.sin(self.theta) * math.sin(self.gamma)
@@ -92,8 +100,14 @@ class Miura(FoldMap):
         return u, v
 
     def segments(self, low: tuple[float, float], high: tuple[float, float]) -> list[Segment]:
-        """Ends (x, y) of the fold lines that pass over the rectangle from `low` to `high` [m] of
-        the flat sheet."""
+        """Return the fold lines that pass over a rectangle of the flat sheet, as straight segments.
+
+        Args:
+            low, high: corners (x, y) [m] of the rectangle.
+
+        Returns:
+            both ends (x, y) [m] of each segment; lines along x may reach beyond the rectangle.
+        """
         width = self.b * math.sin(self.gamma)
         rise = self.b * math.cos(self.gamma)
         first_column = math.floor(low[0] / width)
@@ -114,8 +128,10 @@ class Miura(FoldMap):
 
     @cached_property
     def axes(self) -> Array:
-        """Directions (3, 3), as columns, in which x, y and the normal of the first parallelogram
-        are folded."""
+        """Unit directions (3, 3), as columns, into which the first parallelogram is folded.
+
+        They are those of x, of y and of the normal on the flat sheet.
+        """
         H, S, L, V = self.sizes
         along = np.array([0.0, L, H]) / self.a
         # The side b of the parallelogram is at the angle γ to the side a.
@@ -125,8 +141,15 @@ class Miura(FoldMap):
         return np.stack([across, along, normal], axis=1)
 
     def place(self, X: Array, side: Array) -> Array:
-        """Folded positions (n, 3) [m] of points X (n, 3) of the flat sheet on the sides `side`
-        (n,).
+        """Return the folded positions of points of a flat sheet of parallelograms, Miura's fold.
+
+        Args:
+            X: points (n, 3) [m] in the plane z = 0.
+            side: 1 on the upper sheet, -1 on the lower one, 0 where they are joined or for one
+                sheet, (n,).
+
+        Returns:
+            positions (n, 3) [m].
         """
         H, S, L, V = self.sizes
         u, v = self.lattice(X)

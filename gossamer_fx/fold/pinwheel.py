@@ -69,7 +69,12 @@ class Star(FoldMap):
     gap: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check the arguments, counts [-] and lengths [m], before any use.
+
+        Raises:
+            InputError: less than 3 sides, columns that are not 1 ≤ columns ≤ reach, a side that is
+                not positive, a negative gap, or layers that leave no room for a hub.
+        """
         self._check(self.n >= 3, f"n is {self.n!r}; give a polygon of at least 3 sides.")
         self._check(
             1 <= self.columns <= self.reach,
@@ -104,7 +109,16 @@ class Star(FoldMap):
         return _Open(self.n, self.side, columns=self.columns, reach=self.reach)
 
     def place(self, X: Array, side: Array) -> Array:
-        """Folded positions (n, 3) [m] of points X (n, 3) of the flat ring, on both sides alike."""
+        """Return the folded positions of points of a flat ring, whose pleats wind round a polygonal
+        hub.
+
+        Args:
+            X: points (n, 3) [m] in the plane z = 0, outside the polygon round the origin.
+            side: sheet of each point (n,), which makes no difference here.
+
+        Returns:
+            positions (n, 3) [m]; NaN for points within the polygon.
+        """
         k, s, down, is_behind = self._unrolled(X)
         # A point lies between the columns i and i + 1.
         i = np.floor(s / self.column + COORDINATE_ROUND_OFF)
@@ -118,12 +132,16 @@ class Star(FoldMap):
         return np.column_stack([p, -down])
 
     def _unrolled(self, X: Array) -> tuple[Array, Array, Array, Array]:
-        """Coordinates of points (n, 3) in the sector of their corner.
+        """Return the coordinates of points of a ring in the sector of the polygon's corner that
+        they belong to.
+
+        Args:
+            X: points (n, 3) [m] of the flat ring.
 
         Returns:
-            the corner k, the distance s - k a [m] from it, the depth -z [m], and 1 behind the
-            bisector, else 0; each (n,).  Points within the hub's polygon have no coordinates: all
-            are NaN.
+            the corner k of the polygon with sides a, the distance s - k a [m] from it, the depth -z
+            [m], and 1 behind the bisector, else 0; each (n,).  Points within the hub's polygon have
+            no coordinates: all are NaN.
         """
         sector = 2 * math.pi / self.n
         apothem = self.side / 2 / math.tan(math.pi / self.n)
@@ -165,8 +183,17 @@ class Star(FoldMap):
         depth: Array,
         is_behind: Array,
     ) -> Array:
-        """Positions (n, 2) [m] on columns from corner k, at depths from 0 (z = 0) to 1 (the
-        bisector).
+        """Return where points on columns, lines across the pleats, are in the roll, seen from
+        above.
+
+        Args:
+            k: corner of the polygon of each point (n,).
+            column: columns from that corner (n,).
+            depth: from 0 at the bound of the sector (z = 0) to 1 at its bisector (n,).
+            is_behind: 1 behind the bisector, else 0, (n,).
+
+        Returns:
+            (n, 2) [m], horizontal.
         """
         # Sides of the hub since the corner.  A pleat of two layers starts at the corner, and has
         # its whole thickness after the first side.
@@ -192,7 +219,12 @@ class _Open(Star):
         return self
 
     def place(self, X: Array, side: Array) -> Array:
-        """Positions (n, 3) [m] in a roll with layers `_ajar` apart."""
+        """Return positions (n, 3) [m] in the same roll with layers apart, so that no fold is shut.
+
+        Args:
+            X: points (n, 3) [m] of the flat ring.
+            side: sheet of each point (n,), which makes no difference here.
+        """
         # A plain `Star`, as the radius of this class is that without a gap.
         star = Star(
             n=self.n,

@@ -42,8 +42,8 @@ class Bent:
 
     @cached_property
     def _knots(self) -> tuple[Array, Array, Array]:
-        """Starts x (m + 1,) of pieces on the straight line, their positions (m + 1, 2), tangents (m
-        + 1, 2).
+        """Starts of the m + 1 pieces: coordinates x (m + 1,) [m] on the straight line, positions (m
+        + 1, 2) [m] on the bent one, and unit tangents (m + 1, 2).
         """
         tangents = np.stack([np.cos(self.rise), np.sin(self.rise)], axis=1)
         x = np.concatenate([[0.0], self.corners])
@@ -52,8 +52,17 @@ class Bent:
         return x, positions, tangents
 
     def at(self, x: Array) -> tuple[Array, Array]:
-        """Positions (n, 2) of points x (n,) of the straight line, and unit normals; at corners the
-        mean of both."""
+        """Return where points of a straight line are after it is bent at corners, and unit normals
+        there.
+
+        Args:
+            x: coordinates (n,) [m] on the straight line; beyond its ends the first and last piece
+                go on.
+
+        Returns:
+            positions (n, 2) [m] and normals (n, 2).  At a corner the normal is the mean of both
+            pieces, zero where these are folded back on each other.
+        """
         starts, positions, tangents = self._knots
         last = len(tangents) - 1
         size = max(float(np.abs(starts).max()), float(np.abs(x).max(initial=0.0)))
@@ -95,8 +104,16 @@ class Strip(FoldMap):
         raise NotImplementedError
 
     def place(self, X: Array, side: Array) -> Array:
-        """Folded positions (n, 3) [m] of points X (n, 3) of the flat strip on the sides `side`
-        (n,).
+        """Return the folded positions of points of a flat strip that is bent across: an accordion
+        or a roll.
+
+        Args:
+            X: points (n, 3) [m] in the plane z = 0, x along the strip from 0 to `length`.
+            side: 1 on the upper sheet, -1 on the lower one, 0 where they are joined or for one
+                sheet, (n,).
+
+        Returns:
+            positions (n, 3) [m].
         """
         p, normal = self.bent.at(X[:, 0])
         p = p + (side * self.thickness(X))[:, None] * normal
@@ -124,7 +141,14 @@ class Strip(FoldMap):
         return nearest
 
     def _check_strip(self, lengths: tuple[str, ...]) -> None:
-        """Check the length, these other lengths, and that sheets that are opened have a width."""
+        """Check the length, other lengths, and that sheets that are opened have a width.
+
+        Args:
+            lengths: names of arguments that are zero or positive [m].
+
+        Raises:
+            InputError: names the argument and its value.
+        """
         self._check_positive("length")
         self._check_not_negative(*lengths)
         opened = any(getattr(self, what, 0.0) for what in ("opening", "lift"))
@@ -187,7 +211,13 @@ class Zigzag(Strip):
     spacing: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check the arguments, counts [-], lengths [m] and the angle [rad], before any use.
+
+        Raises:
+            InputError: a length out of its range, less than 2 panels, an angle that is not above 0
+                and up to π/2, several bends without a spacing or one with it, or bends that take
+                more than a panel.
+        """
         self._check_strip(("width", "opening", "lift", "spacing"))
         self._check(self.panels >= 2, f"panels is {self.panels!r}; give at least 2.")
         self._check(
@@ -212,7 +242,11 @@ class Zigzag(Strip):
 
     @cached_property
     def bent(self) -> Bent:
-        """The bent line of the strip."""
+        """Line of the strip seen from the side: positions [m] along it where it is bent, and angles
+        [rad].
+
+        Each fold is bent at `bends` rows of edges by equal angles.
+        """
         # The rows of a fold lie symmetrically about its middle.
         rows = (np.arange(self.bends) - (self.bends - 1) / 2) * self.spacing
         folds = self.length * np.arange(1, self.panels) / self.panels
@@ -232,8 +266,12 @@ class Zigzag(Strip):
         return replace(self, angle=AJAR * self.angle)
 
     def thickness(self, X: Array) -> Array:
-        """Half of the distance (n,) [m] of the sheets: a pillow between folds, zero at folds and
-        seams.
+        """Return half of the distance (n,) [m] of the sheets: a pillow between folds.
+
+        It is zero at folds and seams, and everywhere without `opening`.
+
+        Args:
+            X: points (n, 3) [m] of the flat strip.
         """
         if not self.opening:
             return np.zeros(len(X))
@@ -241,8 +279,14 @@ class Zigzag(Strip):
         return self.opening * along * self._across(X)
 
     def shift(self, X: Array) -> Array:
-        """Shift (n,) [m] of the upper sheet along z: `lift` at all folds, growing from zero at the
-        ends.
+        """Return the shift (n,) [m] of the upper sheet along z; the lower one is shifted against
+        it.
+
+        It is `lift` at all folds, on the centre line, and grows from zero at both ends of the
+        strip.
+
+        Args:
+            X: points (n, 3) [m] of the flat strip.
         """
         if not self.lift:
             return np.zeros(len(X))
@@ -298,7 +342,12 @@ class Roll(Strip):
     opening: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check the arguments, counts [-] and lengths [m], before any use.
+
+        Raises:
+            InputError: a length out of its range, no bends or too many, a straight part that is not
+                shorter than the strip, or rows farther apart than two thirds of the radius.
+        """
         self._check_strip(("radius", "pitch", "width", "opening"))
         self._check(
             1 <= self.bends <= MAX_BENDS,
@@ -326,7 +375,11 @@ class Roll(Strip):
 
     @cached_property
     def bent(self) -> Bent:
-        """The bent line of the strip."""
+        """Line of the strip seen from the side: positions [m] along it where it is bent, and angles
+        [rad].
+
+        Each piece is a chord of the circle with the present radius, which grows outwards.
+        """
         rows = self._rows
         # From the innermost piece outwards, as the radius grows in this direction: each piece is a
         # chord of the circle with the present radius.
@@ -345,8 +398,13 @@ class Roll(Strip):
         return replace(self, opening=0.0)
 
     def thickness(self, X: Array) -> Array:
-        """Half of the distance (n,) [m] of the sheets; it grows over a tenth of the length from
-        each end.
+        """Return half of the distance (n,) [m] of the sheets.
+
+        It is zero at seams and ends, and grows to `opening` over a tenth of the length from each
+        end.
+
+        Args:
+            X: points (n, 3) [m] of the flat strip.
         """
         if not self.opening:
             return np.zeros(len(X))

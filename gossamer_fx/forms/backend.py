@@ -1,12 +1,16 @@
 """Interface to dolfinx: all differences between its versions 0.9, 0.10 and 0.11 are handled here.
 
-| what | 0.9 | 0.10 | 0.11 | |---|---|---|---| | order of `create_mesh`'s arguments | points,
-element | element, points | element, points | | triangles at one edge | two | a given number, if the
-argument exists | a given number | | `Expression.eval` | (cells, points × values) | (cells, points,
-*values) | (cells, points, *values) | | kernels' last argument | permutation | data of the caller |
-data of the caller | | `interpolation_points` | a method | a property | a property | | reader of
-gmsh files | `io.gmshio` | `io.gmsh` | `io.gmsh` | | cells of a submesh in its parent | an array |
-an `EntityMap` | an `EntityMap` |
+    what                       0.9                       0.10 and 0.11
+    triangles at one edge      two                       a given number, if `create_mesh` has the
+                                                         argument
+    `Expression.eval`          (cells, points × values)  (cells, points, *values)
+    kernels' last argument     permutation               data of the caller
+    `interpolation_points`     a method                  a property
+    reader of gmsh files       `io.gmshio`               `io.gmsh`
+    cells of a submesh         an array                  an `EntityMap`
+
+The arguments of `create_mesh` are ordered points, element in 0.9 and 0.11, and element, points in
+0.10.
 
 Assembly into a part of a PETSc matrix is here too.  The public function of dolfinx chooses by
 itself whether it enters single numbers or the blocks of nodes; here the caller has to choose.
@@ -88,7 +92,8 @@ def distribute(
 
     Args:
         comm: the ranks.
-        cells: node numbers (m, k) of the cells that this rank contributes, in dolfinx's order.
+        cells: node numbers (m, k) of the cells that this rank contributes, in dolfinx's order; they
+            count the points of all ranks.
         points: node coordinates (n, 3) [m] that this rank contributes.
         kind: "interval" or "triangle".
         order: polynomial order of the cells, 1 or 2.
@@ -114,7 +119,7 @@ def _partitioner(mode: GhostMode, sheets: int) -> Any:
 
 
 def part_of(whole: Mesh, cells: Indices) -> tuple[Mesh, Indices]:
-    """Create a mesh of some cells of another mesh.
+    """Create a mesh of some cells of another mesh; collective.
 
     Args:
         whole: the other mesh.
@@ -165,12 +170,13 @@ def evaluate(expression: fem.Expression, mesh: Mesh, cells: Indices) -> Array:
     """Evaluate a compiled expression in some cells.
 
     Args:
-        expression: compiled by `gossamer_fx.forms.compilation.compile_expression`.
+        expression: compiled by `gossamer_fx.forms.compilation.compile_expression` for a number of
+            points.
         mesh: the mesh on which it is defined.
-        cells: local numbers (n,) of the cells.
+        cells: local numbers (n,) of the cells; n may be 0.
 
     Returns:
-        values (n, points × components), one row a cell.
+        values (n, points × components), one row a cell, in the unit of the expression.
     """
     values = expression.eval(mesh, cells)
     if len(cells):
@@ -184,7 +190,8 @@ def evaluate(expression: fem.Expression, mesh: Mesh, cells: Indices) -> Array:
 def tabulate(expression: fem.Expression, at_points: fem.Function, cells: Indices) -> None:
     """Set a function to the values of an expression at the points of its cells.
 
-    It does what `Function.interpolate` does for spaces of point values, without its copies.
+    It does what `Function.interpolate` does for spaces of point values, without its copies.  Ghost
+    values follow only where their cells are given.
 
     Args:
         expression: compiled for the interpolation points of the function's space.
@@ -204,7 +211,8 @@ def add_to_matrix(matrix: PETSc.Mat, form: fem.Form, unrolled: bool) -> None:
     """Add a bilinear form to a matrix, or to a part of one that is addressed by local indices.
 
     Args:
-        matrix: a PETSc matrix, or the result of `getLocalSubMatrix`.
+        matrix: a PETSc matrix, or the result of `getLocalSubMatrix`, whose pattern has the entries
+            of the form; not assembled afterwards, since the caller may add more.
         form: compiled bilinear form.
         unrolled: enter single numbers; otherwise enter the blocks of nodes, which is faster but
             needs the block size of the matrix to be that of the form's space.

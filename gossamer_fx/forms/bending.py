@@ -156,7 +156,11 @@ class OrthotropicBending:
         return ufl.as_matrix([[self.cosine, -self.sine], [self.sine, self.cosine]])
 
     def moment(self, H: Expr) -> Expr:
-        """Moments (2, 2) [N] of curvatures H (2, 2) [1/m], both in the frame of the mesh."""
+        """Return the moments (2, 2) [N] of curvatures, both in the frame of the mesh.
+
+        Args:
+            H: curvatures (2, 2) [1/m], a symmetric UFL expression.
+        """
         Q = self._axes
         κ = ufl.dot(Q.T, ufl.dot(H, Q))
         M1 = self.D11 * κ[0, 0] + self.D12 * κ[1, 1]
@@ -171,11 +175,11 @@ class OrthotropicBending:
 
 
 def curvature(x: Expr, B: Expr) -> Expr:
-    """Curvature κ = n·D²x (2, 2) [1/m] of the moved surface, n its unit normal.
+    """Return the curvature κ = n·D²x (2, 2) [1/m] of the moved surface, n its unit normal.
 
     Args:
-        x: positions (3,) [m] of order 2.
-        B: frame (3, 2) of the mesh.
+        x: positions (3,) [m] of order 2; with those of order 1 it is zero.
+        B: frame of the mesh, two orthonormal vectors of each cell as columns (3, 2).
     """
     F = ufl.dot(ufl.grad(x), B)
     normal = ufl.cross(F[:, 0], F[:, 1])
@@ -206,8 +210,16 @@ class Bending:
         penalty: Expr,
         rest: Expr | None = None,
     ) -> None:
-        """Take the frame and the moments of curvatures; normals and sizes are those of the
-        cells."""
+        """Take the frame and the moments of curvatures; normals and sizes are those of the cells.
+
+        Args:
+            domain: plane triangles with straight edges.
+            B: frame of the mesh, two orthonormal vectors of each cell as columns (3, 2).
+            stiffness: gives moments [N] of curvatures [1/m].
+            penalty: factor [-] on the bound above which the form is definite, such as `PENALTY`.
+            rest: curvature (2, 2) [1/m] of the plate without bending moments; None for a flat
+                plate.
+        """
         self._B = B
         self._stiffness = stiffness
         self._penalty = penalty
@@ -219,11 +231,14 @@ class Bending:
     # ---- the quadratic form ----------------------------------------------------------------------
 
     def cells(self, x: Expr, w: Expr, dx: ufl.Measure) -> ufl.Form:
-        """Integral of a(x, w) over the cells, the first term of (1) [J].
+        """Integral ∫ M(x):D²w dA [J] of the bending form over the cells, M the moment of the
+        curvature D²x.
+
+        The bending energy is half of the form with w = x.
 
         Args:
-            x: positions (3,) [m].
-            w: test function (3,).
+            x: positions (3,) [m] of order 2.
+            w: test function (3,), like x.
             dx: measure of the cells, of degree `DEGREE`.
         """
         H = second_gradient(x, self._B)
@@ -235,12 +250,14 @@ class Bending:
         return sum(densities) * dx
 
     def edges(self, x: Expr, w: Expr, dS: ufl.Measure) -> ufl.Form:
-        """Integral of a(x, w) over interior edges that transmit bending, the second term of (1)
-        [J].
+        """Integral of the bending form [J] over interior edges that transmit bending.
+
+        It has moments times jumps of slopes, and a penalty on the jumps: second term of (1) of the
+        module.
 
         Args:
-            x: positions (3,) [m].
-            w: test function (3,).
+            x: positions (3,) [m] of order 2.
+            w: test function (3,), like x.
             dS: measure of these edges, of degree `EDGE_DEGREE`.
         """
         stiffness_per_area = sum((self._edge_stiffness() / self._area)(side) for side in ("+", "-"))
@@ -262,12 +279,14 @@ class Bending:
         d: Expr,
         ds: ufl.Measure,
     ) -> ufl.Form:
-        """Integral of a(x, w) over boundary edges where the plate is tangent to a given direction
-        [J].
+        """Integral of the bending form [J] over boundary edges where the plate is tangent to a
+        direction.
+
+        With a rest curvature it has the part of `rest_clamp`, too.
 
         Args:
-            x: positions (3,) [m].
-            w: test function (3,).
+            x: positions (3,) [m] of order 2.
+            w: test function (3,), like x.
             d: unit vector (3,) to which the plate is tangent.
             ds: measure of these edges, of degree `EDGE_DEGREE`.
         """
@@ -287,11 +306,14 @@ class Bending:
         return form * ds
 
     def rest_clamp(self, x: Expr, w: Expr, d: Expr, rest: Expr, ds: ufl.Measure) -> ufl.Form:
-        """The part of `clamp` that a curvature without moments adds [J].
+        """The part of `clamp` that a rest curvature, at which the plate has no moments, adds [J].
 
         Args:
-            x, w, d, ds: as of `clamp`.
-            rest: curvature (2, 2) [1/m].
+            x: positions (3,) [m] of order 2.
+            w: test function (3,), like x.
+            d: unit vector (3,) to which the plate is tangent.
+            rest: curvature (2, 2) [1/m] in the frame of the mesh.
+            ds: measure of these edges, of degree `EDGE_DEGREE`.
         """
         # -m0 (n·d), with the normal n = x,n × x,t of the surface at the edge, which is bilinear in
         # x.
@@ -312,7 +334,18 @@ class Bending:
         return ufl.inner(self.rest_moment, self.rest) / 2 * dx
 
     def rest_in_cells(self, x: Expr) -> tuple[Expr, Expr, Expr]:
-        """Three vectors (3,) whose triple product is -M0:(n·D²x), with the normal n = x,1 × x,2."""
+        """Three vectors whose triple product is -M0:(n·D²x), the energy of a rest curvature in
+        cells.
+
+        M0 [N] is the moment of the rest curvature, n = x,1 × x,2 the normal in the frame of the
+        mesh.
+
+        Args:
+            x: positions (3,) [m] of order 2.
+
+        Returns:
+            x,1 and x,2 (3,) [-], and -M0:D²x (3,) [N/m].
+        """
         F = ufl.dot(ufl.grad(x), self._B)
         H = second_gradient(x, self._B)
         M0 = self.rest_moment
@@ -321,9 +354,18 @@ class Bending:
         return F[:, 0], F[:, 1], third
 
     def rest_at_edges(self, x: Expr) -> tuple[Expr, Expr, Expr]:
-        """Three vectors (3,) whose triple product is {m0} n·[x,n] at an interior edge.
+        """Three vectors whose triple product is {m0} n·[x,n], the energy of a rest curvature at
+        edges.
 
-        The normal n = x,n × x,t of either cell gives the same product.
+        m0 [N] is the moment of the rest curvature across the edge, {m0} its mean of both sides,
+        [x,n] the jump of the slope.  The normal n = x,n × x,t of either cell gives the same
+        product.
+
+        Args:
+            x: positions (3,) [m] of order 2.
+
+        Returns:
+            x,n and x,t (3,) [-] of the cell "+", and {m0} x,n (3,) [N] of the cell "-".
         """
         sides = [self._across(self.rest_moment)(side) for side in ("+", "-")]
         m0 = (sides[0] + sides[1]) / 2
@@ -358,7 +400,11 @@ class Bending:
         return self._stiffness.across(ufl.dot(self._B.T, self._n))
 
     def _edge_moment(self, x: Expr) -> Expr:
-        """Bending moment m(x) (3,) across the edge."""
+        """Bending moment m(x) (3,) [N] across the edge, for each component of the positions.
+
+        Args:
+            x: positions (3,) [m] of order 2, or a test function like it.
+        """
         H = second_gradient(x, self._B)
         components = []
         for i in range(3):

@@ -75,6 +75,7 @@ class CLibrary:
 
         Args:
             name: what it is called in messages.
+            values: array that C reads or writes without a copy, or None.
             dtype: "float64", "int32", "int64" or "uint8".
             shape: the one it must have.
             writable: whether C writes into it.
@@ -107,8 +108,17 @@ class CStruct:
     """
 
     def __init__(self, ffi: Any, type_name: str, fields: Mapping[str, Any]) -> None:
-        """Set all fields of a new structure; a field that is missing or unknown is a
-        `ValueError`."""
+        """Set all fields of a new structure.
+
+        Args:
+            ffi: cffi's interface of the library.
+            type_name: of the structure in the C header.
+            fields: a value for each of its fields: numbers, pointers, or the fields of an inner
+                structure.
+
+        Raises:
+            ValueError: a field is missing or unknown.
+        """
         known = _field_names(ffi, type_name)
         if known != fields.keys():
             raise ValueError(
@@ -130,7 +140,13 @@ def _unsuitable(problem: str, dtype: str, shape: tuple[int, ...]) -> ValueError:
 
 
 def check_indices(name: str, indices: npt.NDArray[np.integer], count: int) -> None:
-    """Raise `ValueError` unless all indices are from 0 to count - 1; C functions do not look."""
+    """Raise `ValueError` unless all indices are from 0 to count - 1; C functions do not look.
+
+    Args:
+        name: subject of the message, in the plural.
+        indices: of any shape; none is right.
+        count: of what they number.
+    """
     if not indices.size:
         return
     least = int(indices.min())
@@ -156,8 +172,23 @@ def loaded_library(
     sources: Sequence[str],
     definitions: Sequence[str] = (),
 ) -> CLibrary:
-    """`compile_library` at the first call for a header, which is collective; later the library of
-    then."""
+    """Return a library of C functions, which is compiled or loaded once in a process.
+
+    The first call for a header is collective.
+
+    Args:
+        comm: rank 0 compiles, the others wait.
+        name: of the library, for its file's name.
+        header: C header with all functions and structures that Python uses; later calls use it
+            alone.
+        sources: names of the C files in the header's folder.
+        definitions: names that are defined for the preprocessor.
+
+    Raises:
+        InputError: no C compiler was found.
+        cffi.VerificationError: the compiler refuses the files; on other ranks than 0 a
+            RuntimeError.
+    """
     found = _loaded.get(header)
     if found is None:
         found = compile_library(comm, name, header, sources, definitions)
@@ -183,7 +214,9 @@ def compile_library(
 
     Raises:
         InputError: no C compiler was found.
-        RuntimeError: the compiler refuses the files, or the file in the cache is damaged.
+        cffi.VerificationError: the compiler refuses the files; on other ranks than 0 a
+            RuntimeError.
+        RuntimeError: the file in the cache is damaged.
     """
     options = kernel_options()
     arguments = [*options["cffi_extra_compile_args"], *OPTIMISATION]
@@ -219,6 +252,18 @@ def _build(
 
     Two runs may compile the same library at the same time; renaming is atomic, so that neither sees
     half a file.
+
+    Args:
+        module: name of the Python module.
+        path: file of the compiled module, whose folder is made if it does not exist.
+        header: C header with what Python uses.
+        sources: names of the C files in the header's folder.
+        arguments: options of the compiler.
+
+    Raises:
+        InputError: no C compiler was found.
+        cffi.VerificationError: the compiler refuses the files.
+        OSError: the folder cannot be written to.
     """
     require_compiler()
     import cffi

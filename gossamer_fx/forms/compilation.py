@@ -30,10 +30,11 @@ from gossamer_fx.forms.compiler import require_compiler
 
 @cache
 def kernel_options() -> dict[str, Any]:
-    """Options of dolfinx's just-in-time compiler: cache folder, compiler flags, time limit.
+    """Return the options of dolfinx's just-in-time compiler: cache folder, compiler flags, time
+    limit.
 
     The cache folder is named after the processor: kernels are compiled for its instructions and may
-    not run on another one.
+    not run on another one.  It is below XDG_CACHE_HOME, or else ~/.cache.
     """
     cpu = hashlib.sha1(_processor_features().encode()).hexdigest()[:10]
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
@@ -67,9 +68,13 @@ def constant(mesh: Mesh, value: float) -> fem.Constant:
 def compile_form(form: ufl.Form) -> fem.Form:
     """Compile a form, or load its kernel from the cache.  Collective.
 
+    Args:
+        form: UFL form on one mesh; literal numbers in it become part of the kernel, `constant`s do
+            not.
+
     Raises:
         InputError: no C compiler was found.
-        RuntimeError: the compiler fails.
+        cffi.VerificationError: the compiler fails; on other ranks than 0 a RuntimeError.
     """
     comm = form.ufl_domain().ufl_cargo().comm
     numbered = map_integrand_dags(_Number(form), form)
@@ -80,11 +85,12 @@ def compile_expression(expression: Any, points: npt.NDArray[np.floating[Any]]) -
     """Compile an expression for evaluation at points of the cells.  Collective.
 
     Args:
-        expression: UFL expression.
+        expression: UFL expression of functions on one mesh.
         points: points (n, tdim) of the reference cell.
 
     Raises:
-        RuntimeError: the compiler fails.
+        InputError: no C compiler was found.
+        cffi.VerificationError: the compiler fails; on other ranks than 0 a RuntimeError.
     """
     comm = ufl.domain.extract_unique_domain(expression).ufl_cargo().comm
     numbered = map_integrand_dags(_Number(expression), expression)
@@ -103,7 +109,11 @@ class _Number(MultiFunction):
     expr = MultiFunction.reuse_if_untouched
 
     def __init__(self, of: Any) -> None:
-        """Number the constants of a form or expression in the order in which UFL finds them."""
+        """Number the constants of a form or expression in the order in which UFL finds them.
+
+        Args:
+            of: UFL form or expression, whose constants and labels are replaced by numbered ones.
+        """
         super().__init__()
         self._labels: dict[Label, Label] = {}
         self._constants: dict[Any, ufl.Constant] = {}
@@ -134,6 +144,16 @@ def _with_cache[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T:
     gives up after the time limit.  A run that was killed while it compiled would thus make all
     later runs fail.  Processes that compile hold a shared lock, which the system releases when they
     end; whoever gets the exclusive lock knows that nothing is being compiled.
+
+    Collective.
+
+    Args:
+        comm: ranks, of which rank 0 compiles.
+        task: the compilation, called once or twice; its result is returned.
+
+    Raises:
+        InputError: no C compiler was found.
+        Exception: what the second attempt raises.
     """
     try:
         with _shared_lock(comm):

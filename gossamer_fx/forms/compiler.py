@@ -13,7 +13,8 @@ from gossamer_fx.checks.errors import check
 def require_compiler() -> None:
     """Raise `InputError` if the C compiler cannot be found.
 
-    It is the one that the variable CC names, or else the one that Python was built with.
+    It is the one that the variable CC names, or else the one that Python was built with, or else
+    `cc`.
     """
     command = os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc"
     program = shlex.split(command)[0]

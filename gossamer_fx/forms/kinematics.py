@@ -24,10 +24,13 @@ SMALLEST_SQUARE = 1e-30
 
 
 def frame(mesh: Mesh) -> Expr:
-    """Local orthonormal frame B (3, 2) of a triangle mesh in space.
+    """Return the local orthonormal frame B (3, 2) of a triangle mesh in space, as a UFL expression.
 
     Its first column is the direction of the first edge of the cell; its second column is
     perpendicular to that, within the surface.
+
+    Args:
+        mesh: triangles in three dimensions; the frame is constant in a cell with straight edges.
 
     >>> import basix.ufl
     >>> import ufl
@@ -56,8 +59,10 @@ def surface_gradient(x: Expr, B: Expr) -> Expr:
 
 
 def green_lagrange(F: Expr) -> Expr:
-    """Green-Lagrange strain E = ½(FᵀF - I) as (E11, E22, 2 E12), of a deformation gradient F (3,
-    2).
+    """Green-Lagrange strain E = ½(FᵀF - I) as (E11, E22, 2 E12), dimensionless.
+
+    Args:
+        F: deformation gradient (3, 2) of a surface.
 
     >>> import ufl
     >>> stretched = ufl.as_matrix([[1.1, 0.0], [0.0, 1.0], [0.0, 0.0]])
@@ -83,10 +88,13 @@ def area_vector(F: Expr) -> Expr:
 
 
 def half_trace_and_radius(e: Expr) -> tuple[Expr, Expr]:
-    """Centre h and radius r of Mohr's circle of a strain e = (e11, e22, 2 e12).
+    """Centre h and radius r of Mohr's circle of a strain.
 
     The principal values are h + r and h - r.  The radius is at least 1e-15, so that its derivative
     at equal principal values is zero instead of 0/0.
+
+    Args:
+        e: strain (e11, e22, 2 e12), dimensionless; of a stress give twice the shear.
 
     >>> import ufl
     >>> h, r = half_trace_and_radius(ufl.as_vector([3.0, 1.0, 0.0]))
@@ -130,7 +138,8 @@ def tension(S: Expr) -> Expr:
 def line_derivative(f: Expr) -> Expr:
     """Derivative f' with respect to the reference length [m] of a mesh of line elements.
 
-    It has the shape of f.
+    Args:
+        f: expression of functions on such a mesh, of any shape, which is that of the result.
     """
     J = ufl.Jacobian(ufl.domain.extract_unique_domain(f))
     tangent = J[:, 0]
@@ -148,13 +157,13 @@ def beam_strain(q: Expr) -> Expr:
 
     With the positions x and the directors d2, d3, which span the cross-section,
 
-        ε = ½(x'·x' - 1)               axial strain
-        γ_i = x'·d_i                   transverse shear
+        ε = ½(x'·x' - 1)               axial strain [-]
+        γ_i = x'·d_i                   transverse shear [-]
         κ_i = x'·d_i'                  curvature [1/m]
         τ = ½(d2'·d3 - d3'·d2)         twist [1/m]
 
     Args:
-        q: x [m], d2 and d3, one after the other, shape (9,).
+        q: x [m], d2 and d3 [-], one after the other, shape (9,), on a mesh of line elements.
     """
     dq = line_derivative(q)
     dx, dd2, dd3 = _three_vectors(dq)

@@ -126,7 +126,7 @@ def with_derivative(S: Expr, e: Expr) -> Expr:
     """A stress S (m,) and its derivative dS/de, row after row, as one vector (m + m²,).
 
     Args:
-        S: stress as an expression of e.
+        S: stress (m,) as an expression of e, in any unit.
         e: strain (m,), made by `ufl.variable`.
 
     >>> import ufl
@@ -149,14 +149,17 @@ def within_cone(
 ) -> tuple[Expr, Expr]:
     """Interval (start, end) of the path from e0 to e1 on which h + margin ≥ m r.
 
-    Here h and r are centre and radius of Mohr's circle, equation (2) of the module.  A path that
-    misses the cone gives start = end.
+    Here h and r are centre and radius of Mohr's circle of the strain.  All are UFL expressions.
 
     Args:
-        e0: strain (3,) at s = 0, as (E11, E22, 2 E12).
+        e0: strain (3,) at s = 0, as (E11, E22, 2 E12), dimensionless.
         e1: strain (3,) at s = 1.
         m: slope of the cone, > 0.
         margin: strain by which the apex of the cone is shifted.
+
+    Returns:
+        start and end, shares of the path with 0 ≤ start ≤ end ≤ 1; start = end if it misses the
+        cone.
 
     >>> import ufl
     >>> slack = ufl.as_vector([-1.0, -1.0, 0.0])
@@ -225,7 +228,10 @@ def within_cone(
 def _fraction(a: Expr, b: Expr) -> Expr:
     """The quotient a/b limited to [0, 1], without a division by zero.
 
-    Roots of equation (3) beyond the ends of the path are moved to the ends.
+    Roots of a quadratic equation beyond the ends of a path, 0 and 1, are moved to the ends.
+
+    Args:
+        a, b: scalar UFL expressions; a/b = 0 where one of them is zero or their signs differ.
     """
     is_positive = ufl.gt(a * b, 0)
     inside = ufl.And(is_positive, ufl.lt(abs(a), abs(b)))
@@ -244,7 +250,7 @@ def mean_gradient(ea: Expr, eb: Expr) -> Expr:
     result is finite also for ea = eb and for paths through r = 0.
 
     Args:
-        ea: strain (3,) at the beginning, as (E11, E22, 2 E12).
+        ea: strain (3,) at the beginning, as (E11, E22, 2 E12), dimensionless.
         eb: strain (3,) at the end.
 
     >>> import ufl
@@ -326,8 +332,12 @@ def _mean_of_product(
     b: tuple[Expr, Expr],
     J: tuple[Expr, Expr, Expr],
 ) -> Expr:
-    """The average of a b/r of two linear functions a[0] + a[1] t and b[0] + b[1] t, from the
-    averages J_n of tⁿ/r.
+    """The average of a b/r, with two linear functions a = a[0] + a[1] t and b = b[0] + b[1] t, over
+    -1 ≤ t ≤ 1.
+
+    Args:
+        a, b: value and slope of each function at t = 0.
+        J: averages J_0, J_1, J_2 of tⁿ/r over the same interval.
     """
     constant = a[0] * b[0]
     linear = a[0] * b[1] + a[1] * b[0]
@@ -344,13 +354,19 @@ def _mean_inverse_radius(
     rb: Expr,
     k: Expr,
 ) -> Expr:
-    """The average J0 of 1/r along a path from da = (xa, ya) to db = (xb, yb), equation (6).
+    """The average J0 of 1/|d| along a straight path of vectors d from da to db.
 
     With 2 artanh(z) = ln((1 + z)/(1 - z)) it is
 
         J0 = ln((ra + rb + 2|k|)²/(2 opening))/(2|k|),    opening = ra rb + da·db,
 
-    since (ra + rb)² - 4 k² = 2 opening.
+    since (ra + rb)² - 4 k² = 2 opening.  All are scalar UFL expressions of strains.
+
+    Args:
+        xa, ya: components of da, whose length is the radius of Mohr's circle.
+        xb, yb: components of db.
+        ra, rb: lengths of da and db, > 0.
+        k: length of (db - da)/2, > 0.
     """
     along = xa * xb + ya * yb
     across = xa * yb - ya * xb

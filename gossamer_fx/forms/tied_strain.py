@@ -34,7 +34,12 @@ from gossamer_fx.forms.kinematics import Expr
 
 
 def tied_strain(domain: Mesh, x: Expr, B: Expr) -> Expr:
-    """Green-Lagrange strain (E11, E22, 2 E12) of a plate, interpolated as the module describes.
+    """Green-Lagrange strain (E11, E22, 2 E12) of a plate, free of membrane locking.
+
+    It is a dimensionless UFL expression in the frame B, linear in each cell.  The tangential
+    strains along the edges, which are quadratic, are replaced by linear functions with the same
+    mean over the cell (M. Neunteufel & J. Schöberl, Comput. Methods Appl. Mech. Eng. 373 (2021)
+    113524).
 
     Args:
         domain: plane triangles with straight edges.

@@ -102,8 +102,10 @@ class GasAdjoint:
     """
 
     def __init__(self, network: SolvedGas) -> None:
-        """Find the parameters of chambers, openings, walls and reservoirs, and set their sums to
-        zero.
+        """Find the parameters of chambers, openings, walls and reservoirs; set their sums to zero.
+
+        Args:
+            network: the gas of a running scene, with the solution of its last step.
         """
         self._network = network
         self._comm = network.geometry.comm
@@ -126,7 +128,13 @@ class GasAdjoint:
         self.sums = dict.fromkeys(self.units, 0.0)
 
     def _find_parameters(self) -> dict[Key, str]:
-        """Units of all parameters of the network."""
+        """Return the unit of each number of the gas by which a result is derived.
+
+        Returns:
+            unit, empty for pure numbers, by (id of the item of the scene, name that the item has
+            for it): states of chambers at the start, areas and discharge coefficients of openings,
+            walls, reservoirs.
+        """
         units: dict[Key, str] = {}
         for state in self._network.chambers:
             item = id(state.chamber)
@@ -152,7 +160,15 @@ class GasAdjoint:
         return units
 
     def value(self, item: Any, name: str) -> float:
-        """The present value of a parameter."""
+        """Return the present value of a parameter, in SI units; 1 for the factor of a valve's area.
+
+        Args:
+            item: chamber, opening, wall or reservoir of the scene.
+            name: what the item calls the parameter, see `names_of`.
+
+        Raises:
+            KeyError: the item has no parameter of this name.
+        """
         if (id(item), name) not in self.units:
             raise KeyError(name)
         if name == AREA_FACTOR:
@@ -170,7 +186,14 @@ class GasAdjoint:
     # ---- a step ----------------------------------------------------------------------------------
 
     def linearise(self, h: float) -> None:
-        """Take the derivatives of F, scaled as the residual is, at the solved step."""
+        """Take the derivatives of the mass and energy balance F at the solved step, in dual
+        numbers.
+
+        F is divided by the network's scales, as the residual of a step is.
+
+        Args:
+            h: length of the step [s], > 0.
+        """
         network = self._network
         parts: list[tuple[str, Array]] = [
             ("p0", np.array([state.pressure for state in network.chambers])),
@@ -199,7 +222,13 @@ class GasAdjoint:
         self._h = h
 
     def _balance(self, x: dict[str, Array], h: float) -> Array:
-        """F (2n,) of a step in dual numbers."""
+        """Return the residual F (2n,) of energy [J] and mass [kg] of a step, in dual numbers.
+
+        Args:
+            x: dual numbers of all quantities by which F is derived, by the names of `linearise`,
+                e.g. "p0" (n,) [Pa], "V" (n,) [m³].
+            h: length of the step [s].
+        """
         network = self._network
         holders: dict[int, _Boundary] = {}
         states = zip(self._holders, x["holder pressure"], x["holder temperature"], strict=True)
@@ -227,11 +256,17 @@ class GasAdjoint:
         return balance.residual(x["y"], x["V"], x["W"])
 
     def take(self, ν: Array, μ: Array) -> Array:
-        """Add up what a step gives; returns the derivatives (2n,) by p0 and m0.  Collective.
+        """Add a step to the sums of all parameters; return derivatives by its start.  Collective.
+
+        The sums are derivatives of a result of the run by numbers of chambers, openings and walls.
 
         Args:
-            ν: adjoint of the scaled balance (2n,).
+            ν: adjoint of the scaled gas balance (2n,), for n chambers.
             μ: this rank's part of the adjoint of the bodies.
+
+        Returns:
+            derivatives of the result by the n pressures [Pa] and n masses [kg] at the start of the
+            step, (2n,).
         """
         by_start = np.concatenate([-ν @ self._by["p0"], -ν @ self._by["m0"]])
         for k, state in enumerate(self._network.chambers):
@@ -254,7 +289,8 @@ class GasAdjoint:
         return by_start
 
     def _take_openings(self, ν: Array) -> None:
-        """Add equation (7) of the module to the sums of the openings.
+        """Add derivatives of the result by areas [m²] and discharge coefficients of openings to
+        their sums.
 
         The derivative by the area of a ring is kept, since `carry` takes it to the film later.
 
@@ -279,7 +315,10 @@ class GasAdjoint:
                 self._add(opening, "area", coefficient * derivative)
 
     def _take_boundaries(self, ν: Array) -> None:
-        """Add equation (7) of the module to the sums of walls, reservoirs and surroundings.
+        """Add derivatives of the result by numbers of walls, reservoirs and surroundings to their
+        sums.
+
+        The numbers are conductances [W/K], temperatures [K] and pressures [Pa].
 
         Args:
             ν: adjoint of the scaled balance (2n,), for n chambers.
@@ -299,8 +338,16 @@ class GasAdjoint:
         self.sums[id(item), name] += float(derivative)
 
     def carry(self, by_position: Array, by_velocity: Array) -> None:
-        """Add (5) and (6) to this rank's parts of dJ/dq0 and dJ/dv0, in the reversed step.
-        Collective."""
+        """Add what volumes and rings at the start of the step give to derivatives of the result.
+
+        Collective.  It is called after `take`, when the ends of the step have changed places: the
+        start of the original step is then the end of the present one.
+
+        Args:
+            by_position: this rank's part of the derivatives by coordinates [m] at the start;
+                changed in place.
+            by_velocity: that of the derivatives by velocities [m/s]; changed in place.
+        """
         self._network.exchange_ends()
         for k, state in enumerate(self._network.chambers):
             if state.enclosure is None:
@@ -320,12 +367,16 @@ class GasAdjoint:
             self._add(state.chamber, _volume_name(state.chamber), share * per_volume)
 
     def finish(self, by_start: Array, by_position: Array) -> None:
-        """Add what the initial state gives: p0 of each chamber and m0 = p0 V0/(R T0).  Collective.
+        """Add what the initial state gives to the derivatives of the result.  Collective.
+
+        The initial mass of a chamber is p0 V0/(R T0), a function of its pressure, temperature and
+        volume.
 
         Args:
-            by_start: derivatives by pressures and masses at the start of the run (2n,).
-            by_position: this rank's part of dJ/dq at the start, to which that of the volumes is
-                added.
+            by_start: derivatives of the result by the n pressures [Pa] and n masses [kg] at the
+                start of the run (2n,).
+            by_position: this rank's part of those by coordinates [m] at the start, to which that of
+                the volumes is added in place.
         """
         network = self._network
         for k, state in enumerate(network.chambers):
@@ -346,7 +397,12 @@ def _constant(area: Number) -> Any:
 
 
 def _holders(passages: Sequence[Passage], network: SolvedGas) -> list[Holder]:
-    """Reservoirs and surroundings of a network, each once, in the order of the scene."""
+    """Return reservoirs and surroundings of a network, each once, in the order of the scene.
+
+    Args:
+        passages: the openings, whose ends may be such boundaries of constant state.
+        network: whose chambers may have surroundings outside their film.
+    """
     found: dict[int, Holder] = {}
     for passage in passages:
         for end in passage.ends:

@@ -159,7 +159,14 @@ class Balance:
         walls: list[tuple[Wall, int]],
         n: int,
     ) -> None:
-        """Take gas, openings and walls, which the class describes; V, W and y are given later."""
+        """Take gas, openings and walls of a network; volumes and pressures are given later.
+
+        Args:
+            gas: the ideal gas of all chambers.
+            passages: the openings, with the numbers of the chambers that they connect.
+            walls: walls that heat or cool, each with the number of its chamber.
+            n: number of chambers.
+        """
         self.h = 0.0
         self.temperatures: Array = np.zeros(n)
         self._gas = gas
@@ -183,13 +190,18 @@ class Balance:
         U: Array,
         V: Array,
     ) -> None:
-        """Start a step: take its initial state and choose the weights θ.
+        """Start a step: take its initial state and choose the weights θ of its flows.
+
+        θ says at which part of the step flows are taken: ½ is the middle, 1 the end.
 
         Args:
             h: length of the step [s].
             t: time of its middle [s], at which apertures are taken.
             p, m, U, V: pressure [Pa], mass [kg], internal energy [J] and volume [m³] of each
-                chamber at the start (n,).
+                chamber at the start (n,); masses are positive.
+
+        Raises:
+            InputError: the area of a valve is negative or not a number.
         """
         self.h = h
         self._p0 = p
@@ -209,13 +221,19 @@ class Balance:
         W: Array,
         known: Rates | None = None,
     ) -> Array:
-        """Excess of energy [J] and mass [kg] in each chamber over (2) and (1), (2n,).
+        """Return the excess of energy [J] and mass [kg] in each chamber over its balance in a step.
+
+        A chamber gains mass by flows, and energy by flows, heat and the work of its enclosure: (1)
+        and (2) of the module.
 
         Args:
             y: pressures [Pa] and masses [kg] at the end of the step (2n,).
             V: volumes at the end of the step (n,) [m³].
-            W: swept volumes (n,) [m³].
-            known: the rates at y, if they have been computed.
+            W: volumes that the enclosures sweep in the step (n,) [m³].
+            known: the flows at y, if they have been computed.
+
+        Returns:
+            energies, then masses of the n chambers (2n,); zero at the solution.
         """
         p1 = y[: self._n]
         m1 = y[self._n :]
@@ -230,11 +248,14 @@ class Balance:
         return np.concatenate([energy, mass])
 
     def rates(self, y: Array, V: Array) -> Rates:
-        """Mass and energy flows into the chambers and from boundaries and walls, at y and volumes
-        V.
+        """Return mass and energy flows into the chambers, and from boundaries and walls.
 
         What one end of an opening loses the other gains in the same sum, so the network conserves
         mass and energy to round-off.
+
+        Args:
+            y: pressures [Pa] and masses [kg] of the n chambers at the end of the step (2n,).
+            V: volumes at the end of the step (n,) [m³].
         """
         n = self._n
         # Lists of numbers: for so few chambers NumPy takes three times as long.
@@ -275,7 +296,8 @@ class Balance:
         Args:
             y: pressures [Pa] and masses [kg] (2n,).
             V: volumes (n,) [m³].
-            magnitude: sum of the sizes of the terms that add up to each volume (n,) [m³].
+            magnitude: sum of the sizes of the summands of each volume (n,) [m³], of which round-off
+                is a part.
         """
         flows = 1 + ROUND_OFF_SHARE * self._amplification
         volume = abs(V) * flows + ROUND_OFF_SHARE * magnitude
@@ -291,10 +313,19 @@ class Balance:
         V: Array,
         W: Array,
     ) -> tuple[Array, Array]:
-        """Derivatives of the residual with respect to y (2n, 2n) and to V (2n, n).
+        """Return the derivatives of the residual with respect to y and to the volumes.
 
-        The derivative with respect to W is p̄ on the diagonal of the energy rows; the caller has
-        it.
+        That with respect to W is the mean pressure on the diagonal of the energy rows; the caller
+        has it.
+
+        Args:
+            y: pressures [Pa] and masses [kg] at the end of the step (2n,).
+            V: volumes at the end of the step (n,) [m³].
+            W: volumes that the enclosures sweep in the step (n,) [m³].
+
+        Returns:
+            (2n, 2n) and (2n, n): rows of energies [J], then of masses [kg], by columns of pressures
+            [Pa] and masses [kg], and of volumes [m³].
         """
         n = self._n
         heat_factor = self._gas.gamma - 1
@@ -314,7 +345,13 @@ class Balance:
         y: Array,
         V: Array,
     ) -> None:
-        """Subtract h times the derivatives of the flows, by the chain rule through (3)."""
+        """Subtract step length times the derivatives of the flows from those of the balance.
+
+        Args:
+            by_y, by_V: derivatives of the residual (2n, 2n) and (2n, n), changed in place.
+            y: pressures [Pa] and masses [kg] at the end of the step (2n,).
+            V: volumes at the end of the step (n,) [m³].
+        """
         n = self._n
         p, T = self._flow_state(y, V)
         states = _states(p, T)
@@ -352,7 +389,14 @@ class Balance:
         y: Array,
         V: Array,
     ) -> None:
-        """Subtract h times the derivatives of the heat of the walls."""
+        """Subtract step length times the derivatives of the heat of the walls from those of the
+        balance.
+
+        Args:
+            by_y, by_V: derivatives of the residual (2n, 2n) and (2n, n), changed in place.
+            y: pressures [Pa] and masses [kg] at the end of the step (2n,).
+            V: volumes at the end of the step (n,) [m³].
+        """
         n = self._n
         heat_factor = self._gas.gamma - 1
         for (wall, k), weight in zip(self.walls, self._wall_weights, strict=True):
@@ -371,13 +415,18 @@ class Balance:
         side: int,
         quantity: str,
     ) -> Pair:
-        """Derivatives of mass flow and energy flow with respect to a state at one end.
+        """Return derivatives of mass flow and energy flow with respect to a state at one end.
+
+        They are complex-step derivatives, exact to round-off.
 
         Args:
             passage: the opening.
             at_ends: pressures [Pa] and temperatures [K] at its ends.
             side: 0 for the first end, 1 for the second.
             quantity: "pressure" or "temperature".
+
+        Returns:
+            of the mass flow [kg/s] and of the energy flow [W], per Pa or per K.
         """
         pressures = list(at_ends[0])
         temperatures = list(at_ends[1])
@@ -399,13 +448,14 @@ class Balance:
         W: Array,
         magnitude: Array,
     ) -> Array | None:
-        """Solve (1) and (2) for y at given volumes, by Newton's method with backtracking.
+        """Solve the mass and energy balance of the chambers at given volumes, by Newton's method.
 
         Args:
-            y: initial guess (2n,), positive.
+            y: initial guess (2n,), positive: pressures [Pa] and masses [kg] at the end of the step.
             V: volumes at the end of the step (n,) [m³].
             W: swept volumes (n,) [m³].
-            magnitude: sum of the sizes of the terms that add up to each volume (n,) [m³].
+            magnitude: sum of the sizes of the summands of each volume (n,) [m³], of which round-off
+                is a part.
 
         Returns:
             The solution (2n,), or None if the iteration does not converge or the matrix is
@@ -452,7 +502,14 @@ class Balance:
         p: Pair,
         T: Pair,
     ) -> Pair:
-        """Mass flow [kg/s] and enthalpy flow [W] from the first to the second end."""
+        """Return mass flow [kg/s] and enthalpy flow [W] from the first to the second end of an
+        opening.
+
+        Args:
+            passage: the opening, with its effective area.
+            p: pressures [Pa] at both ends.
+            T: temperatures [K] at both ends; the gas has that of the end it comes from.
+        """
         mass_flow = passage.opening.flow(self._gas, passage.area, p, T)
         # The gas has the temperature of the end it comes from.
         upstream_temperature = T[0]
@@ -468,7 +525,16 @@ class Balance:
         y: Array,
         V: Array,
     ) -> Number:
-        """Heat flow [W] from a wall into chamber k."""
+        """Return the heat flow [W] from a wall into a chamber, at a weighted mean of its
+        temperature.
+
+        Args:
+            wall: with its temperature [K] and conductance [W/K].
+            k: number of the chamber.
+            weight: of the end of the step in this mean [-], ½ to 1.
+            y: pressures [Pa] and masses [kg] at the end of the step (2n,).
+            V: volumes at the end of the step (n,) [m³].
+        """
         cv = self._cv
         end_energy = y[k] * V[k] / (self._gas.gamma - 1)
         start_temperature = self._U0[k] / (self._m0[k] * cv)
@@ -484,10 +550,17 @@ class Balance:
         T: Array,
         V: Array,
     ) -> None:
-        """Choose θ of every chamber and wall for the step, by (4) and (5) at the initial state.
+        """Choose the weight θ of the end of the step [-] in the flows of every chamber, and of
+        every wall.
 
-        The conductances at rest are summed too: they amplify the round-off of pressures, see
-        `scales`.
+        The weights are ½ for short steps and near 1 for steps in which pressures equalise, (4) and
+        (5) of the module.  The conductances at rest are summed too: they amplify the round-off of
+        pressures, see `scales`.
+
+        Args:
+            p: pressure at the start (n,) [Pa].
+            T: temperature at the start (n,) [K].
+            V: volume at the start (n,) [m³].
         """
         relaxation = np.zeros_like(p)  # ζ of (4)
         equalisation = np.zeros_like(p)  # z of (5)
@@ -539,7 +612,14 @@ class Balance:
         Tu: Number,
         pd: Number,
     ) -> Number:
-        """Mass flow over pressure difference [kg/(s Pa)] from pressure pu, temperature Tu to pd."""
+        """Return the mass flow over the pressure difference [kg/(s Pa)] of an opening.
+
+        Args:
+            passage: the opening, with its effective area.
+            pu: upstream pressure [Pa].
+            Tu: temperature of the gas [K].
+            pd: downstream pressure [Pa], < pu.
+        """
         mass_flow = passage.opening.flow(self._gas, passage.area, (pu, pd), (Tu, Tu))
         return mass_flow.real / (pu - pd)
 
@@ -568,8 +648,14 @@ def _state_at(end: End, states: list[State]) -> State:
 
 
 def _fitted_weight(rate: Number) -> Number:
-    """The weight θ_e of (4) for relaxation by `rate` time constants a step: ½ at 0, 1 at
-    infinity."""
+    """Return the weight θ_e = 1/(1 - exp(-rate)) - 1/rate: ½ at 0, 1 at infinity.
+
+    With it a relaxation is exact, equation (4) of the module.
+
+    Args:
+        rate: length of the step over the time constant of the relaxation [-], ≥ 0; a dual number
+            carries derivatives.
+    """
     # Both terms of (4) grow as 1/rate; below 1e-3 the series is exact to 1e-12 and does not cancel.
     if rate < 1e-3:
         return 0.5 + rate / 12

@@ -119,16 +119,16 @@ class Opening(Protocol):
         p: tuple[complex, complex],
         T: tuple[complex, complex],
     ) -> complex:
-        """Mass flow [kg/s] from a to b.
+        """Return the mass flow [kg/s] from a to b; negative if the gas flows from b to a.
+
+        It must be analytic in p and T where it is smooth: the network takes derivatives by complex
+        steps.
 
         Args:
             gas: the gas of the network.
             area: effective area C_d A [m²].
             p: pressures [Pa] of the ends a and b.
             T: temperatures [K] of the ends a and b.
-
-        It must be analytic in p and T where it is smooth: the network takes derivatives by complex
-        steps.
         """
         ...
 

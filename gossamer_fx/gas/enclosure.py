@@ -132,6 +132,18 @@ class FilmEnclosure:
         rings: tuple[Ring, ...],
         chamber: str,
     ) -> None:
+        """Take a film and what closes it; its mesh is checked when the scene is compiled.
+
+        Args:
+            film: the film.
+            surface: names of the groups of triangles that bound the chamber; empty for the whole
+                film.
+            rings: closed lines of edges over which strips close the chamber.
+            chamber: name of the chamber, for messages.
+
+        Raises:
+            InputError: a ring is on another film.
+        """
         self.film = film
         self.surface = surface
         self.rings = rings
@@ -158,10 +170,15 @@ class FilmEnclosure:
         yield self.film
 
     def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
-        """The enclosure in a running scene.  Collective.
+        """Return the enclosure in a running scene, which evaluates its volume.  Collective.
+
+        Args:
+            system: the equations of the scene, with its initial state.
+            geometry: rings and surfaces that several enclosures share.
 
         Raises:
-            InputError: see `check_closed`; or one of several parts is inside out.
+            InputError: the surface is open, its normals are not consistent, or one of several parts
+                is inside out.
         """
         loops = [geometry.loop(ring) for ring in self.rings]
         cells = self.cells(self.film)
@@ -174,7 +191,17 @@ class FilmEnclosure:
         return _CompiledFilm(geometry.surface(self.film), Side(owned, loops, signs))
 
     def _check_parts(self, cells: np.ndarray, system: Assembly) -> None:
-        """Refuse a surface of several parts, one of which is inside out.  Collective."""
+        """Refuse a surface of several parts that are not connected, one of which is inside out.
+
+        Collective.
+
+        Args:
+            cells: local triangles (n,) of the surface, owned and ghost, in rising order.
+            system: with the initial positions of the film.
+
+        Raises:
+            InputError: one part has its normals on the other side than the largest one.
+        """
         labels = label_parts(self.film.mesh.edges, cells)
         lowest = self.film.comm.allreduce(float(labels.min(initial=np.inf)), op=MPI.MIN)
         has_several = bool((labels != lowest).any())
@@ -185,7 +212,11 @@ class FilmEnclosure:
         check_normals(self.film, self.chamber, cells, labels, x.x.array.reshape(-1, 3))
 
     def cells(self, film: Membrane) -> np.ndarray:
-        """Local triangles (owned and ghost) of the bounding surface, in rising order.
+        """Return the local triangles (n,) of the bounding surface, owned and ghost, in rising
+        order.
+
+        Args:
+            film: the film of this enclosure; it has no other.
 
         Raises:
             InputError: a name of `surface` is not that of a group of triangles.
@@ -201,17 +232,17 @@ class FilmEnclosure:
         return np.unique(np.concatenate([cells for _, cells in groups]))
 
     def check_closed(self, cells: np.ndarray, loops: list[Loop]) -> list[float]:
-        """Check that triangles and strips over loops form a closed, consistently oriented surface.
+        """Check that triangles and strips over rings form a closed, consistently oriented surface.
 
         In such a surface every edge has two triangles, and they pass it in opposite directions.
-        Collective.
+        Strips span the hole that a ring of edges leaves.  Collective.
 
         Args:
-            cells: local triangles of the surface.
+            cells: local triangles of the surface (n,), owned and ghost.
             loops: the rings of the chamber, compiled, in the order of `rings`.
 
         Returns:
-            For each loop the sign, +1 or -1, with which its strips close the surface.
+            For each ring the sign, +1 or -1, with which its strips close the surface.
 
         Raises:
             InputError: the surface has open edges, a ring is not on its boundary, or neighbouring
@@ -338,6 +369,16 @@ class Piston:
         *,
         direction: tuple[float, float, float],
     ) -> None:
+        """Take a point of a body and the direction in which a chamber grows with it.
+
+        Args:
+            port: a point of a body.
+            area: of the piston [m²], > 0.
+            direction: in which the volume grows; need not be of unit length.
+
+        Raises:
+            InputError: the area is not positive or the direction has no length.
+        """
         check(area > 0, f"Piston: area is {area!r} m²; give a positive number.")
         check(
             any(direction), "Piston: direction has no length; give the axis along which it moves."
@@ -375,6 +416,13 @@ class _CompiledPiston:
     """A piston in a running scene; its volume is linear in the coordinates, so G is constant."""
 
     def __init__(self, piston: Piston, system: Assembly) -> None:
+        """Compute the gradient of a piston's volume, area times direction [m²], in this rank's
+        unknowns.
+
+        Args:
+            piston: area [m²], direction and the point that moves.
+            system: the equations of the scene.
+        """
         self._system = system
         port = piston.port
         # A port is a weighted sum of nodes; the position is the first three numbers of a node.

@@ -77,14 +77,20 @@ class GasNetwork:
     """
 
     def __init__(self, items: list[Any], system: Assembly) -> None:
-        """Compile the enclosures, and connect chambers by openings and walls.
+        """Compile what bounds the chambers, and connect them by openings and walls; collective.
+
+        Args:
+            items: chambers, reservoirs, surroundings, openings and walls of a scene.
+            system: the compiled scene.
 
         Raises:
-            InputError: the chambers have different gases or equal names.
+            InputError: there is no chamber, chambers have different gases, two enclose the same
+                film, or a film is not closed.
         """
         chambers = [item for item in items if isinstance(item, Volume)]
         _check_chambers(chambers)
         self.gas = chambers[0].gas
+        # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
         self._alpha = system.rule.alpha
         self.geometry = Geometry(system)
         self.chambers = [
@@ -126,7 +132,14 @@ class GasNetwork:
         )
 
     def set_static_process(self, process: str) -> None:
-        """Choose what stays constant while an equilibrium is looked for: one of `PROCESSES`."""
+        """Choose what stays constant in the chambers while an equilibrium is looked for.
+
+        Args:
+            process: "adiabatic", "isothermal" or "held pressure".
+
+        Raises:
+            KeyError: another process.
+        """
         # Imported here, as runs do not need it.
         from gossamer_fx.gas.static_processes import HeldPressureBalance, IsothermalBalance
 
@@ -152,8 +165,18 @@ class GasNetwork:
         return self._stiffness(exponents[self._process])
 
     def _stiffness(self, exponent: float) -> list[tuple[Array, float]]:
-        """Gradients of volumes and κ = exponent p/V of each enclosure, if the exponent is not
-        zero."""
+        """Return the stiffness of the gas in each film or piston against volume changes, p
+        V^exponent = const.
+
+        Collective.
+
+        Args:
+            exponent: γ for an adiabatic change, 1 for an isothermal one, 0 for a constant pressure.
+
+        Returns:
+            for each of them this rank's part of the gradient of its volume [m²], and κ = exponent
+            p/V [Pa/m³]; empty for the exponent 0.
+        """
         found = []
         for state in self.chambers:
             if state.enclosure is not None and exponent:
@@ -164,10 +187,11 @@ class GasNetwork:
     # ---- scalar unknowns: a step -----------------------------------------------------------------
 
     def start(self) -> None:
-        """Take the initial volumes, and from them mass and energy of each chamber.  Collective.
+        """Take the initial volumes [m³], and from them mass [kg] and energy [J] of each chamber.
+        Collective.
 
         Raises:
-            InputError: a chamber encloses no volume.
+            InputError: a chamber encloses no volume, or a negative one.
         """
         self.geometry.follow()
         self.geometry.accept()
@@ -188,9 +212,18 @@ class GasNetwork:
         self._accepted_magnitude = self._magnitudes()
 
     def begin_step(self, h: float, t: float) -> Array:
-        """Start a step of length h [s] whose middle is at t [s]; returns a first guess of y (2n,).
+        """Start a step of the gas, and guess its unknowns y at the end: the solution if no film
+        moves.
 
-        The guess is the solution for bodies at rest: gas flows, and no film moves.
+        Args:
+            h: length of the step [s].
+            t: time of its middle [s].
+
+        Returns:
+            first guess of y: pressures [Pa], then masses [kg] of the n chambers at the end (2n,).
+
+        Raises:
+            InputError: the area of a valve is negative or not a number.
         """
         pressures = np.array([state.pressure for state in self.chambers])
         masses = np.array([state.mass for state in self.chambers])
@@ -208,10 +241,10 @@ class GasNetwork:
         return self.y
 
     def residual(self, y: Array) -> Array:
-        """Scaled residual (2n,) of the balance at the iterate; sets the pressures on the
-        enclosures.
+        """Return the scaled residual (2n,) [-] of the gas balance at the iterate.  Collective.
 
-        Collective.
+        It solves the balance at the volumes of the iterate, and sets the pressures on films and
+        pistons that enclose the chambers.
 
         Args:
             y: pressures [Pa] and masses [kg] that Newton's method for the bodies proposes (2n,).
@@ -232,8 +265,13 @@ class GasNetwork:
         return self._residual
 
     def _solve_at_iterate(self, y: Array) -> Array:
-        """The solution y of the balance at the volumes of the iterate; y itself if there is
-        none."""
+        """Return the solution y of the gas balance at the volumes of the iterate.
+
+        Args:
+            y: pressures [Pa] and masses [kg] that Newton's method for the bodies proposes (2n,);
+                they are returned if they or the volumes are not finite, a volume is not positive,
+                or no solution is found.
+        """
         finite = np.isfinite(y).all() and np.isfinite(self.volumes + self.swept).all()
         if not (finite and (self.volumes > 0).all()):
             return y
@@ -262,8 +300,15 @@ class GasNetwork:
                 state.enclosure.add_tangents(A)
 
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
-        """Owned parts of the columns of G and H (None for a zero column), and C (2n, 2n).
-        Collective."""
+        """Return the blocks of the Newton matrix by which the gas is coupled to the bodies.
+
+        G are the forces [N] of a unit of the unknowns y, n pressures [Pa] and n masses [kg]; H the
+        derivatives of the scaled gas balance by coordinates, C those by y.  Collective.
+
+        Returns:
+            this rank's parts of the 2n columns of G and of H, None for a column that is zero, and C
+            (2n, 2n).
+        """
         n = len(self.chambers)
         G: list[Array | None] = [None] * (2 * n)
         H: list[Array | None] = [None] * (2 * n)
@@ -282,6 +327,7 @@ class GasNetwork:
         swept_gradients = []
         for i, (k, enclosure) in enumerate(enclosures.items()):
             at_middle, of_volume, of_swept = enclosure.gradients()
+            # The pressure that acts has the weight α of the pressure at the end of the step.
             G[k] = -self._alpha * at_middle
             if self.balance.depends_on_swept_volume:
                 # ∂/∂W of p̄ W in the energy balance
@@ -297,10 +343,10 @@ class GasNetwork:
         return G, H, C
 
     def commit(self) -> None:
-        """Accept the step.
+        """Accept the step: state, supplied energy and supplied mass are summed up.  Collective.
 
         Mass and energy are summed from the flows, not taken from y: so they are conserved to
-        round-off whatever the tolerance of y.
+        round-off whatever the tolerance to which pressures and masses y are solved.
         """
         rates = self.balance.rates(self.y, self.volumes)
         h = self.balance.h
@@ -321,8 +367,15 @@ class GasNetwork:
         self._mass_supplied += h * rates.mass_supplied
 
     def _supply_at_rest(self, state: ChamberState, temperature: float) -> None:
-        """Add the gas that holds the pressure of a chamber, and the heat that holds its temperature
-        [K]."""
+        """Add the gas that holds the pressure of a chamber, and the heat that holds its
+        temperature.
+
+        Both count as supplied.
+
+        Args:
+            state: of the chamber, after the flows of the step; mass and energy are changed.
+            temperature: that is held [K].
+        """
         if self._process == HELD_PRESSURE:
             mass = state.pressure * state.volume / (self.gas.R * temperature)
             self._mass_supplied += mass - state.mass
@@ -349,8 +402,10 @@ class GasNetwork:
     # ---- scalar unknowns: checks -----------------------------------------------------------------
 
     def inadmissible(self) -> str:
-        """Which chamber has a volume or pressure that is not positive, in words; empty if none
-        has."""
+        """Report in one clause which chamber has a volume or pressure that is not positive.
+
+        Empty if none has; the same on every rank.
+        """
         for state, volume, pressure in zip(self.chambers, self.volumes, self.y, strict=False):
             if volume <= 0 or pressure <= 0:
                 return (
@@ -360,7 +415,10 @@ class GasNetwork:
         return ""
 
     def unsolved(self) -> str:
-        """Which chamber's balance has the largest residual, in words; empty if all are solved."""
+        """Report in one clause which chamber's mass and energy balance has the largest residual.
+
+        Empty if all scaled residuals are at most `ACCEPTABLE_RESIDUAL`; NaN counts as infinite.
+        """
         largest = np.abs(self._residual).reshape(2, -1).max(axis=0)
         # argmax would pass over a NaN in favour of a number
         largest[~np.isfinite(largest)] = np.inf
@@ -389,7 +447,12 @@ class GasNetwork:
         return {state.chamber.name: state for state in self.chambers}
 
     def get_state(self) -> dict[str, Any]:
-        """State for a checkpoint: numbers, words and lists; the same on every rank."""
+        """Return the state for a checkpoint: numbers, words and lists; the same on every rank.
+
+        Returns:
+            "chambers": a list [name, pressure [Pa], mass [kg], internal energy [J], volume [m³]]
+            for each; "supplied" [J] and "mass supplied" [kg] since the start.
+        """
         chambers = [
             [state.chamber.name, state.pressure, state.mass, state.internal_energy, state.volume]
             for state in self.chambers
@@ -401,7 +464,14 @@ class GasNetwork:
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned; the bodies have been restored.  Collective."""
+        """Restore what `get_state` returned; the bodies have been restored.  Collective.
+
+        Args:
+            state: of a scene with the same chambers in the same order.
+
+        Raises:
+            KeyError, ValueError: the state is of another number of chambers, or lacks an entry.
+        """
         self.geometry.follow()
         self.geometry.accept()
         for chamber, row in zip(self.chambers, state["chambers"], strict=True):
@@ -429,10 +499,13 @@ class GasNetwork:
 
 
 def _check_chambers(chambers: list[Volume]) -> None:
-    """Check that there are chambers, of one gas, and that none shares a whole film.
+    """Check that there are chambers, of one gas, and that no two enclose the same whole film.
+
+    Args:
+        chambers: of the scene.
 
     Raises:
-        InputError: see `GasNetwork`.
+        InputError: there is none, two have different gases, or two enclose the whole of a film.
     """
     check(
         bool(chambers),
@@ -463,7 +536,16 @@ def _compile_enclosure(
     system: Assembly,
     geometry: Geometry,
 ) -> CompiledEnclosure | None:
-    """The compiled enclosure of a chamber; None if its volume is not bounded by bodies."""
+    """Return the compiled enclosure of a chamber; None if its volume is not bounded by bodies.
+
+    Args:
+        chamber: as the user describes it.
+        system: the equations of the scene.
+        geometry: rings and surfaces that several enclosures share.
+
+    Raises:
+        InputError: the film is not closed, or its normals are not consistent.
+    """
     if chamber.enclosure is None:
         return None
     return chamber.enclosure.compile(system, geometry)
@@ -474,7 +556,13 @@ def _passages(
     numbers: dict[int, int],
     geometry: Geometry,
 ) -> list[Passage]:
-    """The openings of a scene, with their ends as numbers of chambers or as boundaries."""
+    """Return the openings of a scene, with their ends as numbers of chambers or as boundaries.
+
+    Args:
+        items: of the scene that hold or conduct gas; others than openings are passed over.
+        numbers: of the chambers, by the id of each.
+        geometry: of which rings are taken as areas of openings.
+    """
 
     def end(item: Holder | Volume) -> End:
         return item if isinstance(item, Holder) else numbers[id(item)]

@@ -116,7 +116,13 @@ class Orifice:
     scalar_unknowns = GasNetwork
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check ends, area [m²], discharge coefficient [-] and laminar range [-] of an opening.
+
+        Raises:
+            InputError: an end holds no gas, both ends are the same, the area is negative or
+                infinite, the discharge coefficient is outside (0, 1], or `laminar` outside [1e-12,
+                0.1).
+        """
         for end in (self.a, self.b):
             check(
                 isinstance(end, Volume | Holder),
@@ -151,10 +157,13 @@ class Orifice:
             yield from self.area.requires()
 
     def aperture(self, geometry: Geometry) -> Aperture:
-        """The effective area C_d A [m²] as a function of step length h [s] and time t [s] of its
-        middle.
+        """Return the effective area C_d A [m²] as a function of step length h [s] and time t [s].
 
-        The function raises InputError if a valve's area is negative or not a number.
+        t is the middle of the step.  The function is collective, and raises InputError if a valve's
+        area is negative or not a number.
+
+        Args:
+            geometry: of the running scene, with the rings whose area may be that of the orifice.
         """
         coefficient = self.discharge_coefficient
         area = self.area
@@ -179,7 +188,7 @@ class Orifice:
         p: tuple[complex, complex],
         T: tuple[complex, complex],
     ) -> complex:
-        """Mass flow [kg/s] from a to b.
+        """Return the mass flow [kg/s] from a to b; negative if b has the higher pressure.
 
         Args:
             gas: the gas.

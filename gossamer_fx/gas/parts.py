@@ -114,9 +114,9 @@ def check_normals(film: Membrane, chamber: str, cells: Cells, labels: Array, x: 
 
     Args:
         film: whose triangles bound the chamber.
-        chamber: its name.
+        chamber: its name, for the message.
         cells: local triangles (n,) of the surface.
-        labels: of `label_parts` (n,).
+        labels: number (n,) of each triangle's connected part, as `label_parts` returns it.
         x: initial positions (m, 3) [m] of the film's local nodes.
 
     Raises:

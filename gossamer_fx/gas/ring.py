@@ -76,7 +76,7 @@ class Edge(NamedTuple):
     end: tuple[float, ...]
 
     def reversed(self) -> Edge:
-        """The same edge in the opposite direction."""
+        """Return the same edge of a film in the opposite direction: its two ends are exchanged."""
         return Edge(
             first_vertex=self.last_vertex,
             last_vertex=self.first_vertex,
@@ -114,15 +114,15 @@ class Ring:
         yield self.body
 
     def loop(self) -> Indices:
-        """The edges in the order of a walk around the ring, the same on every rank.  Collective.
+        """Return the edges of a closed line in the order of a walk around it, the same on every
+        rank.  Collective.
 
         Returns:
             An array (n, 5): for each edge its two end vertices, its two end nodes and the node
             between them (or -1), in global numbers.  The walk starts at the vertex with the lowest
-            x
-            on the mesh, of those the lowest y, then z: at the same vertex for any number of ranks,
-            and at the seam of a tube that is pressed flat, so that opposite edges lie on each
-            other.
+            x on the mesh, of those the lowest y, then z: at the same vertex for any number of
+            ranks, and at the seam of a tube that is pressed flat, so that opposite edges lie on
+            each other.
 
         Raises:
             InputError: the edges do not form one closed line.
@@ -158,7 +158,12 @@ class Ring:
         return np.roll(numbers, -_lowest(starts), axis=0)
 
     def _own_edges(self) -> list[Edge]:
-        """The edges that this rank owns."""
+        """Return the edges of a ring, a closed line of film edges, that this rank owns, in global
+        numbers.
+
+        Raises:
+            InputError: the mesh has no group of this name, or it is not one of curves.
+        """
         film = self.body
         table = film.mesh.edges
         edges = film.mesh.curve(self.edges, f"Ring on '{film.name}'")
@@ -202,10 +207,19 @@ class Loop:
     """
 
     def __init__(self, ring: Ring, system: Assembly) -> None:
-        """Walk once around the ring, and tabulate the strips that close it."""
+        """Walk once around a ring of film edges, and tabulate the strips that close it; collective.
+
+        Args:
+            ring: the closed line of edges.
+            system: the equations of the scene, with the coordinates of the film.
+
+        Raises:
+            InputError: the edges of the ring do not form one closed line.
+        """
         walk = ring.loop()
         order = ring.body.order
         self._system = system
+        # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
         self._alpha = system.rule.alpha
         self.vertices = walk[:, :2]
         nodes = walk[:, 2]
@@ -234,7 +248,14 @@ class Loop:
         self.gradients: tuple[Array, Array] = (self._X0, self._X0)
 
     def _tabulate(self, order: int) -> None:
-        """Tabulate the functions of a strip at its quadrature points."""
+        """Tabulate the shape functions of a strip across a ring at its quadrature points.
+
+        They are values, times the weight of the point, and derivatives along and across the strip,
+        (points, nodes of a strip) each, all dimensionless.
+
+        Args:
+            order: of the film's positions, 1 or 2.
+        """
         interval = basix.CellType.interval
         # Degree of (3) along a strip: order - 1 of x,s, order of x,r and order of w.
         degree_along = 3 * order - 1
@@ -259,7 +280,14 @@ class Loop:
         self._test = at_points(N, across) * weights.reshape(-1, 1)
 
     def _strips_for_kernel(self, nodes: int) -> CStruct:
-        """The strips of a ring of so many nodes as `ring_strips` of ring.h."""
+        """Return the strips that close a ring of film edges as the C structure `ring_strips`.
+
+        Args:
+            nodes: number of the ring's nodes.
+
+        Raises:
+            ValueError: a strip has a node that does not exist.
+        """
         check_indices("The nodes of strips", self._strips, nodes)
         strips, nodes_of_strip = self._strips.shape
         points = len(self._weights)
@@ -285,7 +313,12 @@ class Loop:
         )
 
     def _rows_for_kernel(self, strip: Indices, node: Indices) -> CStruct:
-        """The rows of the tangent that this rank adds as `ring_rows` of ring.h."""
+        """Return the rows of a ring's tangent that this rank adds as the C structure `ring_rows`.
+
+        Args:
+            strip: number of the strip of each row (n,).
+            node: which node of that strip the row belongs to (n,).
+        """
         count = len(strip)
         return self._c.struct(
             "ring_rows",
@@ -306,10 +339,18 @@ class Loop:
         return float(np.linalg.norm(self._area_vector(xs, xr)))
 
     def aperture_gradient(self, h: float) -> Array:
-        """∂|a|/∂q0 (nodes, 3) [m] of `aperture`; that by v0 is ½ h times as large.  Collective.
+        """Return the derivative ∂|a|/∂q0 of the opened area |a| [m²] by positions at the start of a
+        step.  Collective.
 
-        With e = a/|a| the change of |a| is e·δa, and by (1) e·δa = ∫∫ δx,s·(x,r × e) + δx,r·(e ×
-        x,s) ds dr.
+        With e = a/|a| the change of |a| is e·δa, and with the tangents x,s and x,r of the ring's
+        strips e·δa = ∫∫ δx,s·(x,r × e) + δx,r·(e × x,s) ds dr.
+
+        Args:
+            h: length of the step [s].
+
+        Returns:
+            (nodes, 3) [m], the same on every rank; zero for a ring without area.  The derivative by
+            v0 is ½ h times as large.
         """
         X = self._predicted(h)
         xs, xr = self._strip_tangents(X)
@@ -352,10 +393,11 @@ class Loop:
         self._X0 = self._X1
 
     def products(self) -> Array:
-        """The ring's share of G(q1)·q1, of the sum of its terms' sizes, and of G(q̄)·(q1 - q0),
-        [m³].
+        """Return the share of a ring, whose strips close a chamber, in three volumes, (3,) [m³].
 
-        An array (3,): three volumes, a magnitude for round-off, and a swept volume.
+        They are G(q1)·q1, three times its volume, G the gradient of the volume; the sum of the
+        sizes of the terms of that, for round-off; and G(q̄)·(q1 - q0), the volume that it sweeps in
+        the step.
         """
         if self._products is None:
             at_middle, at_end = self.gradients
@@ -365,7 +407,11 @@ class Loop:
         return self._products
 
     def direction(self, vertices: Indices) -> Indices:
-        """In which direction the walk passes edges, given by their global end vertices (m, 2).
+        """Return in which direction the walk round a ring, a closed line of film edges, passes some
+        edges.
+
+        Args:
+            vertices: global numbers (m, 2) of the ends of each edge.
 
         Returns:
             For each edge +1 if the walk passes it from the first to the second vertex, -1 for the
@@ -388,18 +434,26 @@ class Loop:
         start: int,
         G: Array,
     ) -> None:
-        """Add a gradient G (nodes, 3) to the owned unknowns of the film.
+        """Add a gradient at the nodes of a ring of film edges to the unknowns that this rank owns.
 
         Args:
-            values: the owned unknowns of the film, flattened.
+            values: the owned unknowns of the film, flattened; changed in place.
             start: where they begin in this rank's part of a system vector.
-            G: a gradient at all nodes of the ring.
+            G: a gradient at all nodes of the ring (nodes, 3) [m²].
         """
         values[self._own - start] += G[self._mine]
 
     def add_tangent(self, A: PETSc.Mat, scale: float) -> None:
-        """Add scale · α · ∂G/∂q at q̄, the derivative of scale · G(q̄) by q1; each rank adds its
-        rows."""
+        """Add the derivative of a pressure's force by the end q1 of the step to a matrix; each rank
+        adds its rows.
+
+        The force is scale · G(q̄), with the gradient G [m²] of the ring's volume and positions q̄ =
+        (1 - α) q0 + α q1; its derivative is scale · α · ∂G/∂q.
+
+        Args:
+            A: tangent of the system [N/m], changed in place.
+            scale: pressure on the strips [Pa], with its sign.
+        """
         # δG_i = Σ_j a_ij × δx_j, from δn = δx,s × x,r + x,s × δx,r
         shape = (self._row_count, 3, self._column_indices.shape[1])
         blocks = np.empty(shape)
@@ -424,7 +478,15 @@ class Loop:
         return self._ds @ corners, self._dr @ corners
 
     def _gradient(self, X: Array) -> Array:
-        """G (nodes, 3) of (2) for the positions X (nodes, 3) of the nodes."""
+        """Return the gradient of the volume that the ring's strips close, by the positions of its
+        nodes.
+
+        Args:
+            X: positions (nodes, 3) [m] of the nodes.
+
+        Returns:
+            (nodes, 3) [m²].
+        """
         G = np.zeros_like(X)
         self._c.lib.add_ring_gradient(
             self._c_strips.pointer,
@@ -441,7 +503,13 @@ def _quadrature(degree: int) -> tuple[Array, Array]:
 
 
 def _lowest(points: Array) -> int:
-    """Which of the points (n, 3) has the lowest x, of those the lowest y, then z."""
+    """Return the number of the point that has the lowest x, of those the lowest y, then z.
+
+    Coordinates that differ by round-off count as equal; of equal points it is the first.
+
+    Args:
+        points: (n, 3) [m], n > 0.
+    """
     low = points.min(axis=0)
     high = points.max(axis=0)
     extent = float(np.linalg.norm(high - low))
@@ -454,10 +522,17 @@ def _lowest(points: Array) -> int:
 
 
 def _strips(n: int, order: int) -> Indices:
-    """Nodes (strips, 2 (order + 1)) of the strips of a ring of n edges.
+    """Return the nodes of the strips that close a ring of n edges.
 
     On either side they are the start, the end and, of order 2, the node between.  Vertex i of the
     walk is node i, the node on the edge behind it is node n + i.
+
+    Args:
+        n: number of edges, at least 3.
+        order: of the film's positions, 1 or 2.
+
+    Returns:
+        (strips, 2 (order + 1)), strips = n/2 rounded up.
     """
     pairs = np.arange(n // 2)
     # start, end and middle node of the edges on the way there, and on the way back
@@ -479,7 +554,11 @@ def _strips(n: int, order: int) -> Indices:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """a × b of arrays (..., 3); np.cross takes three times as long for so few vectors."""
+    """Return a × b over the last axis; np.cross takes three times as long for so few vectors.
+
+    Args:
+        a, b: arrays (..., 3) of one shape.
+    """
     ax, ay, az = np.moveaxis(a, -1, 0)
     bx, by, bz = np.moveaxis(b, -1, 0)
     products = [

@@ -69,10 +69,16 @@ class SeamStrip:
     """
 
     def __init__(self, line_a: EdgeLine, line_b: EdgeLine, system: Assembly) -> None:
-        """Divide the strip between the edges at the nodes of both, and tabulate its shape
+        """Divide the strip between two edges at the nodes of both, and tabulate its shape
         functions.
+
+        Args:
+            line_a, line_b: nodes along both edges of a seam, in the same direction, with their
+                fractions of arc length [-].
+            system: the equations of the scene, with the coordinates of the films.
         """
         self._system = system
+        # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
         self._alpha = system.rule.alpha
         self.volume = 0.0
         self.magnitude = 0.0
@@ -106,8 +112,15 @@ class SeamStrip:
     def _edges_of(
         self, line: EdgeLine, begins: Array, ends: Array
     ) -> tuple[np.ndarray, Array, Array]:
-        """For segments between fractions: the edge (n,) of a line, and the part of it from ξ0 to
-        ξ1."""
+        """Return the edge of a line on which each of n segments lies, and which part of it.
+
+        Args:
+            line: edges along one side of a seam.
+            begins, ends: fractions of arc length (n,) [-] of the segments, none across a node.
+
+        Returns:
+            number of the edge (n,), and the local coordinates of begin and end on it (n,), 0 to 1.
+        """
         middle = (begins + ends) / 2
         edges = np.searchsorted(line.fractions, middle, side="right") - 1
         start = line.fractions[edges]
@@ -115,7 +128,14 @@ class SeamStrip:
         return edges, (begins - start) / width, (ends - start) / width
 
     def _tabulate(self, line_a: EdgeLine, line_b: EdgeLine, cuts: Array) -> None:
-        """Tabulate the functions of each segment at its quadrature points, (n, g, k)."""
+        """Tabulate the shape functions of a strip along a seam: n segments, g points, k nodes, (n,
+        g, k).
+
+        Args:
+            line_a, line_b: both edges of the seam.
+            cuts: fractions of arc length [-], ascending from 0 to 1, at which segments begin and
+                end.
+        """
         is_long = np.diff(cuts) > SHORTEST_SEGMENT
         self._begins = cuts[:-1][is_long]
         self._ends = cuts[1:][is_long]
@@ -143,10 +163,13 @@ class SeamStrip:
     # ---- a step ----------------------------------------------------------------------------------
 
     def follow(self) -> None:
-        """Evaluate volume and gradients at q1 of the system.  Collective."""
+        """Evaluate volume [m³], swept volume [m³] and gradients [m²] of the strip for the iterate's
+        end q1. Collective.
+        """
         self._X1 = self._gather(self._system.q1)[0]
         self._at_end = self._gradient(self._X1)
         self._at_mid = self._at_end
+        # With the weight α = 1 of the end, forces act at q1; else in the middle of the step.
         if self._alpha != 1.0:
             self._at_mid = self._gradient(self._middle())
         terms = self._at_end * self._X1
@@ -164,8 +187,16 @@ class SeamStrip:
         self._initial_volume = self.volume
 
     def gradients(self) -> tuple[Array, Array, Array]:
-        """G(q_mid), ∂V/∂q1 and ∂W/∂q1 [m²], this rank's parts of system vectors."""
+        """Return the gradients [m²] of volume and swept volume, this rank's parts of system
+        vectors.
+
+        Returns:
+            G = ∂V/∂q in the positions where forces act, which times the pressure is the force;
+            ∂V/∂q1 and ∂W/∂q1, by coordinates at the end of the step, of the volume V and the swept
+            volume W.
+        """
         of_swept = self._at_end
+        # Forces act in the middle of the step unless the weight α of its end is 1.
         if self._alpha != 1.0:
             change = self._at_end - self._initial_gradient
             of_swept = self._at_mid + self._alpha * change
@@ -176,8 +207,16 @@ class SeamStrip:
         )
 
     def add_tangent(self, A: PETSc.Mat, scale: float) -> None:
-        """Add scale · α · ∂G/∂q at q_mid, the derivative of scale · G(q_mid) by q1; each rank adds
-        its rows."""
+        """Add the derivative of a pressure's force by the end q1 of the step to a matrix; each rank
+        adds its rows.
+
+        The force is scale · G(q_mid), with the gradient G [m²] of the strip's volume and positions
+        q_mid = (1 - α) q0 + α q1; its derivative is scale · α · ∂G/∂q.
+
+        Args:
+            A: tangent of the system [N/m], changed in place.
+            scale: pressure on the strip [Pa], with its sign.
+        """
         xs, xr = self._tangents(self._middle())
         # δG_i = Σ_j a_ij × δx_j, as in `gas.ring`
         by_xr = np.einsum("ngi,ngj,ngd->nijd", self._test, self._dr, xs, optimize=True)
@@ -246,7 +285,11 @@ class SewnEnclosure:
         yield from self.seams
 
     def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
-        """The enclosure in a running scene.  Collective.
+        """Return the enclosure in a running scene, which evaluates its volume.  Collective.
+
+        Args:
+            system: the equations of the scene, with its initial state.
+            geometry: surfaces of films that several enclosures share; the strips are added to it.
 
         Raises:
             InputError: the surface is open, an edge is sewn twice, a seam is on another film, or
@@ -271,7 +314,19 @@ class SewnEnclosure:
     def _orient(
         self, lines: Sequence[tuple[EdgeLine, EdgeLine]]
     ) -> tuple[list[float], list[float]]:
-        """Signs of the films and of the strips with which all normals agree.  Collective."""
+        """Return the signs of sewn films, and of strips along seams, with which all normals agree.
+        Collective.
+
+        Args:
+            lines: both edges of each seam, in the order of `seams`.
+
+        Returns:
+            for each film, and for the strip of each seam, 1 or -1.
+
+        Raises:
+            InputError: no seam joins a film to the others, normals change sides across a seam, or
+                the surface is open.
+        """
         passed = self._directions(lines)
         numbers = {id(film): k for k, film in enumerate(self.films)}
         signs = [0.0] * len(self.films)
@@ -306,10 +361,20 @@ class SewnEnclosure:
         return signs, strip_signs
 
     def _directions(self, lines: Sequence[tuple[EdgeLine, EdgeLine]]) -> list[tuple[float, float]]:
-        """For both edges of each seam: 1 if the triangles pass the line in the direction of its
-        walk, else -1.
+        """Return in which direction triangles pass both edges of each seam; refuse open surfaces.
 
-        Checks that the surface is closed.  Collective.
+        Collective.
+
+        Args:
+            lines: both edges of each seam, in the order of `seams`.
+
+        Returns:
+            for both edges of each seam 1 if the triangles pass it in the direction in which its
+            nodes are listed, else -1.
+
+        Raises:
+            InputError: an edge of a film is open or sewn twice, a seam is on another film, or
+                neighbouring triangles have opposite normals.
         """
         sums = np.zeros((len(lines), 2))
         is_open = 0

@@ -28,8 +28,8 @@ class IsothermalBalance(Balance):
 
         Args:
             y: pressures [Pa], then masses [kg] of the n chambers.
-            V: volumes [m³].
-            W: work of the enclosures in the step [J].
+            V: volumes (n,) [m³].
+            W: volumes that the enclosures sweep in the step (n,) [m³]; not used.
             known: flows of this state, if they are computed already.
         """
         n = self._n
@@ -43,8 +43,16 @@ class IsothermalBalance(Balance):
         return np.concatenate([pressure_energy - thermal_energy, mass_balance])
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
-        """Derivatives (2n, 2n) and (2n, n) of the residual [J, kg] by pressures and masses y, and
-        by volumes V [m³]."""
+        """Derivatives of the residual [J, kg], by pressures and masses, and by volumes.
+
+        Args:
+            y: pressures [Pa], then masses [kg] of the n chambers.
+            V: volumes (n,) [m³].
+            W: volumes that the enclosures sweep in the step (n,) [m³]; not used in the energy rows.
+
+        Returns:
+            (2n, 2n) by y and (2n, n) by V.
+        """
         n = self._n
         by_y, by_V = super().derivatives(y, V, W)
         heat_factor = self._gas.gamma - 1
@@ -62,6 +70,15 @@ class HeldPressureBalance(Balance):
     depends_on_swept_volume = False
 
     def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
+        """Residual (2n,): excess of the pressure as energy (p1 - p0) V/(γ - 1) [J], then of the
+        mass [kg].
+
+        Args:
+            y: pressures [Pa], then masses [kg] of the n chambers.
+            V: volumes (n,) [m³].
+            W: volumes that the enclosures sweep in the step; not used.
+            known: flows of this state; not used.
+        """
         n = self._n
         pressures = y[:n]
         masses = y[n:]
@@ -72,8 +89,16 @@ class HeldPressureBalance(Balance):
         return np.concatenate([excess_energy, excess_mass])
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
-        """Derivatives (2n, 2n) and (2n, n) of the residual [J, kg] by pressures and masses y, and
-        by volumes V [m³]."""
+        """Derivatives of the residual [J, kg], by pressures and masses, and by volumes.
+
+        Args:
+            y: pressures [Pa], then masses [kg] of the n chambers.
+            V: volumes (n,) [m³].
+            W: swept volumes; not used.
+
+        Returns:
+            (2n, 2n) by y and (2n, n) by V.
+        """
         n = self._n
         heat_factor = self._gas.gamma - 1
         excess_pressure = y[:n] - self._p0

@@ -79,7 +79,12 @@ class FilmSurface:
     """
 
     def __init__(self, film: Membrane, system: Assembly) -> None:
-        """Prepare a surface without chambers; those that it bounds are added one by one."""
+        """Prepare the surface of a film that bounds chambers of gas, which are added one by one.
+
+        Args:
+            film: the film.
+            system: the equations of the scene, with the coordinates of the film.
+        """
         self.film = film
         self.pressures: Array = np.zeros(0)
         self._comm = film.comm
@@ -88,6 +93,7 @@ class FilmSurface:
         # The owned unknowns of the film in this rank's part of a system vector
         self._owned = system.block(film).owned
         self._local_size = system.numbering.size_local
+        # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
         self._alpha = system.rule.alpha
         self._form: fem.Form | None = None
         # Owned parts of G_c(q̄) and G_c(q1) of the present iterate, once they were asked for, by
@@ -105,7 +111,12 @@ class FilmSurface:
         return len(self._sides) - 1
 
     def _compile(self) -> None:
-        """Compile the forms and allocate the arrays.  Collective."""
+        """Compile the forms of area vectors and of the pressure's tangent, and allocate the arrays.
+        Collective.
+
+        Raises:
+            InputError: no C compiler was found.
+        """
         film = self.film
         domain = film.mesh.domain
         # Area vector: 2 (order - 1); test function or position: order.
@@ -137,8 +148,12 @@ class FilmSurface:
         self._initial_volume: Array = np.zeros(len(self._sides))
 
     def _restriction(self) -> dict[str, Any]:
-        """Arguments of a measure on the triangles of all chambers; none if that is the whole
-        film."""
+        """Return arguments of a UFL measure on the triangles that bound the chambers of a film.
+        Collective.
+
+        Returns:
+            `subdomain_data` and `subdomain_id`; empty if the chambers use the whole film.
+        """
         of_sides = [side.cells for side in self._sides]
         cells = np.unique(np.concatenate(of_sides))
         owned = self.film.mesh.domain.topology.index_map(2).size_local
@@ -148,10 +163,13 @@ class FilmSurface:
         return {"subdomain_data": [(1, cells)], "subdomain_id": 1}
 
     def _compile_sum(self, broken: fem.FunctionSpace) -> None:
-        """The sum over the triangles of each chamber, node by node, as a sparse matrix of ones.
+        """Make the sum over the triangles of each chamber, node by node: a sparse matrix of ones.
 
         Its rows are the nodes of one chamber after another: chamber c has the rows from starts[c]
         to starts[c + 1], and a node shared by two chambers has two rows.
+
+        Args:
+            broken: space of discontinuous functions, whose nodes are the columns.
         """
         # Imported here, as chambers that are rigid or have a piston do not need SciPy.
         from scipy.sparse import csr_matrix
@@ -177,7 +195,11 @@ class FilmSurface:
     # ---- the step --------------------------------------------------------------------------------
 
     def follow(self) -> None:
-        """Evaluate volumes and gradients at q1 of the system.  Collective; loops have followed."""
+        """Evaluate volumes [m³] and gradients [m²] of all chambers at the end of the step, as
+        iterated. Collective.
+
+        The rings of the chambers have to be evaluated before.  The first call compiles the forms.
+        """
         if self._form is None:
             self._compile()
         q0 = self._at_nodes(self._fields.q0)
@@ -226,8 +248,15 @@ class FilmSurface:
         return slice(self._starts[c], self._starts[c + 1])
 
     def _gradient(self, share: float) -> Array:
-        """G at (1 - share) q0 + share q1 from this rank's triangles, at the nodes of each chamber
-        [m²]."""
+        """Return the gradient of enclosed volumes from this rank's triangles, at the nodes of each
+        chamber.
+
+        Args:
+            share: of the end q1 in the positions (1 - share) q0 + share q1 [-].
+
+        Returns:
+            (rows, 3) [m²], one row for each node of each chamber; sums over ranks are not taken.
+        """
         q0 = self._fields.q0.x.array
         q1 = self._fields.q1.x.array
         if share == END_OF_STEP:
@@ -248,8 +277,16 @@ class FilmSurface:
         values[self._owned] -= self.pressures[c] * self._total_at_mid(c)
 
     def gradients(self, c: int) -> tuple[Array, Array, Array]:
-        """G_c(q̄), ∂V_c/∂q1 and ∂W_c/∂q1 by (4), [m²]; owned parts of system vectors.
-        Collective."""
+        """Return gradients [m²] of volume and swept volume of one chamber.  Collective.
+
+        Args:
+            c: index of the chamber, as `add` returned it.
+
+        Returns:
+            G_c = ∂V_c/∂q in the positions q̄ where forces act, which times the pressure is the
+            force; ∂V_c/∂q1 and ∂W_c/∂q1, by coordinates at the end of the step, of the volume V_c
+            and the swept volume W_c; this rank's parts of system vectors.
+        """
         at_mid = self._total_at_mid(c)
         at_end = self._total_at_end(c)
         of_swept = at_end
@@ -289,13 +326,18 @@ class FilmSurface:
         G: Array,
         of_loops: list[Array],
     ) -> Array:
-        """Sum over all ranks of a gradient on the triangles of a chamber and on its loops; owned
-        part.
+        """Return the sum over all ranks of a volume's gradient on triangles of a chamber and on its
+        rings.
+
+        Collective.
 
         Args:
             c: index of the chamber.
-            G: gradient from this rank's triangles, at the nodes of all chambers.
-            of_loops: gradient at the nodes of each loop of the chamber.
+            G: gradient (rows, 3) [m²] from this rank's triangles, at the nodes of all chambers.
+            of_loops: gradient (nodes, 3) [m²] at the nodes of each ring of the chamber.
+
+        Returns:
+            values [m²] at the film's unknowns that this rank owns, flattened.
         """
         rows = self._rows(c)
         values = self._vector.array
@@ -310,10 +352,11 @@ class FilmSurface:
         return total
 
     def tangents(self) -> Iterable[fem.Form]:
-        """The bilinear form of the derivative of all chambers' forces by q1, without those on
-        strips.
+        """Yield the bilinear form of the derivative of all chambers' pressure forces by the end of
+        the step.
 
-        It takes the current `pressures`, which add up on triangles that two chambers share.
+        Forces on strips over rings are not in it.  It takes the current `pressures` [Pa], which add
+        up on triangles that two chambers share.
         """
         pressure = self._pressure.x.array
         pressure[:] = 0

@@ -137,7 +137,25 @@ class Chamber:
         outside: Ambient | None = None,
         name: str = "chamber",
     ) -> None:
-        """Check the arguments, which the class describes, and find what encloses the gas."""
+        """Check the arguments, and find what encloses the gas.
+
+        Args:
+            enclosure: a closed film, several that are sewn, or a piston; None for a rigid chamber.
+            gas: the ideal gas.
+            pressure: initial absolute pressure [Pa], > 0.
+            temperature: initial temperature [K], > 0.
+            dead_volume: rigid volume [m³] in addition to the enclosed one, ≥ 0.
+            volume: of a rigid chamber [m³], > 0; None with an enclosure.
+            surface: names of groups of triangles that bound the chamber; empty for the whole film.
+            rings: closed lines of film edges that are spanned.
+            seams: that close the film or films.
+            outside: surroundings on the outer side of the film; None for a vacuum.
+            name: in messages and outputs.
+
+        Raises:
+            InputError: a number is out of its range, enclosure and volume are both given or both
+                missing, or surface, rings and seams are given without a film.
+        """
         self.name = name
         self.gas = gas
         self.outside = outside
@@ -194,6 +212,18 @@ class Tank(Chamber):
         temperature: float,
         name: str = "tank",
     ) -> None:
+        """Make a rigid chamber.
+
+        Args:
+            volume: [m³], > 0.
+            gas: the ideal gas.
+            pressure: initial absolute pressure [Pa], > 0.
+            temperature: initial temperature [K], > 0.
+            name: in messages and outputs.
+
+        Raises:
+            InputError: a quantity is not a positive number.
+        """
         super().__init__(
             gas=gas,
             pressure=pressure,
@@ -220,7 +250,8 @@ def _enclosure(
         chamber: name of the chamber, for messages.
 
     Raises:
-        InputError: seams are given with surface, rings, or without films.
+        InputError: seams are given with surface, rings, or without films; several films without
+            seams; a ring is on another film.
     """
     if isinstance(enclosure, Membrane) and not seams:
         return FilmEnclosure(enclosure, surface, rings, chamber)

@@ -80,7 +80,11 @@ class AirDrag:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The drag as a load that depends on velocities."""
+        """Yield the drag as a load that depends on velocities; its loss counts as dissipated.
+
+        Args:
+            start: the initial state of the scene, which this load does not need.
+        """
         film = self.body
         mesh = film.space.mesh
         half_ρC = constant(mesh, self.density * self.drag_coefficient / 2)

@@ -45,7 +45,13 @@ class AttachedLoads(
     masses M."""
 
     def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:
-        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
+        """Compile accelerations of bodies, e.g. gravity, as loads on masses that are attached to
+        these bodies.  Collective.
+
+        Args:
+            terms: accelerations a + A (x - c) of bodies; a [m/s²], A [1/s²], c [m].
+            system: the equations of the scene, with the attached masses.
+        """
         self._system = system
         self._name = terms[0].name
         # P, offsets, M and A of one kinetic energy.
@@ -61,7 +67,15 @@ class AttachedLoads(
         self._gather = Gather(system.numbering, self._indices) if self._indices else None
 
     def _add(self, term: AttachedLoad, masses: AttachedKineticEnergy, system: Assembly) -> None:
-        """Prepare the load of a body on one term of attached masses, if any is on it."""
+        """Prepare the acceleration of a body as a load on masses that are attached to it, if any
+        is.
+
+        Args:
+            term: the acceleration a + A (x - c) of the body.
+            masses: masses [kg] at points or directions (ports) of bodies; each tuple of ports is
+                evaluated on one rank.
+            system: the equations of the scene.
+        """
         if not any(port.body is term.body for place in masses.ports for port in place):
             return
         # Each tuple of ports is evaluated on one rank, so that its load counts once.
@@ -95,8 +109,14 @@ class AttachedLoads(
         return [np.einsum("nax,nx->na", P, values) + o for (P, o, _, _), values in pairs]
 
     def _forces(self) -> list[Array]:
-        """Forces (n, 3k) [N] on the attached vectors of each term in the middle of the step."""
-        # Where all forces of the step act; linear in X, so the work of the step is exact.
+        """Return the forces on the attached vectors of each term in the middle of the step.
+        Collective.
+
+        Returns:
+            for each term (n, 3k) [N]: n masses with k vectors each.
+        """
+        # Where all forces of the step act: at (1 - α) X0 + α X1 of the vectors X at its ends.  The
+        # force is linear in X, so the work of the step is exact.
         α = self._system.rule.alpha
         found = []
         X1_of_all = self._vectors(self._system.q1)

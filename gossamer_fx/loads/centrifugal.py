@@ -92,7 +92,12 @@ class Centrifugal:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The load on every mass: of meshes, nodes, and masses attached to the body."""
+        """Yield the load on every mass: of meshes, nodes, and masses attached to the body.
+        Collective.
+
+        Args:
+            start: the initial state of the scene, from which the masses of the body follow.
+        """
         Ω = np.asarray(self.spin, dtype=float)
         c = np.asarray(self.centre, dtype=float)
         # -Ω × (Ω × r) = (|Ω|² 1 - Ω Ωᵀ) r
@@ -112,7 +117,13 @@ class Centrifugal:
         yield AttachedLoad(f"{self.name} (attached)", self.body, np.zeros(3), A, c)
 
     def _on_mesh(self, part: KineticEnergy, A: Array, c: Array) -> Term:
-        """The load on a mass of a mesh: the body's mass form applied to the acceleration."""
+        """Return the load on a mass of a mesh: the body's mass form applied to the acceleration.
+
+        Args:
+            part: kinetic energy of the body, with its mass as a bilinear form.
+            A: matrix (3, 3) [1/s²] from a position relative to c to its acceleration.
+            c: centre of the rotation (3,) [m].
+        """
         mesh = part.body.space.mesh
         size = part.body.block.size
         # Constants, so that another spin needs no new kernel.  Directors have no centre.

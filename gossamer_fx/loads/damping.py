@@ -59,7 +59,12 @@ class Damping:
     name: str = "damping"
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check the factors [1/s] and [s] of damping by mass and by stiffness.
+
+        Raises:
+            InputError: a factor is negative, both are zero, or `tension_only` is given for a body
+                that is not a film or without a stiffness factor.
+        """
         check(
             self.mass_factor >= 0
             and self.stiffness_factor >= 0
@@ -79,7 +84,13 @@ class Damping:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Dissipation by the mass and by the stiffness, for factors above zero."""
+        """Yield the dissipation by the mass and by the stiffness, for factors above zero.
+
+        With `tension_only` also the stiffness of the film at the start of each step, as a term.
+
+        Args:
+            start: the initial state of the scene, which damping does not need.
+        """
         body = self.body
         both = self.mass_factor > 0 and self.stiffness_factor > 0
         # Two terms need two names in the energy balance; one alone keeps that of the item.
@@ -127,7 +138,15 @@ def _inertia(body: Body) -> list[Expr]:
 
 
 def _unwrinkled(body: Body) -> tuple[Callable[[Expr], Expr], Callable[[Expr], Expr]]:
-    """The measure of a body, and the density of its stored energy as it is in tension."""
+    """Return the strain measure of a body, and its stored energy as it is in tension.
+
+    Args:
+        body: film, cable or beam.
+
+    Returns:
+        measure, a function of positions [m]; energy density, a function of that measure: per area
+        [J/m²] of films, per length of the mesh [J/m] of cables and beams.
+    """
     if isinstance(body, Membrane):
         # A wrinkled film would have no stiffness across its wrinkles, and their flutter no damping.
         linear = body.law.unwrinkled()

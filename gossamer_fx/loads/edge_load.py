@@ -59,7 +59,14 @@ class EdgeLoad:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the edges and forces, and name the load after its edges if it has no name."""
+        """Check the edges and forces, and name the load after its edges if it has no name.
+
+        Collective.
+
+        Raises:
+            InputError: the mesh has no such curves; neither or both of the forces; edges where more
+                than two sheets meet, or, for a normal force, edges that are not on the rim.
+        """
         film = self.body
         edges = film.mesh.curve(self.edges, f"EdgeLoad on '{film.name}'")
         check(
@@ -93,8 +100,10 @@ class EdgeLoad:
             yield self._across()
 
     def _measures(self) -> tuple[ufl.Measure | None, ufl.Measure | None]:
-        """Measures ds of the edges on the rim, and dS of those inside; None where there are
-        none."""
+        """Return measures ds of the edges on the rim, and dS of those inside.  Collective.
+
+        Each is None where no rank has such edges.
+        """
         film = self.body
         domain = film.mesh.domain
         # Integrals over edges need the triangles next to them.
@@ -106,7 +115,15 @@ class EdgeLoad:
         return ds, dS
 
     def _measure(self, kind: str, edges: Indices) -> ufl.Measure | None:
-        """Measure of these local edges (n,), or None if no rank has any.  Collective."""
+        """Return a measure of some edges, exact for a constant force.  Collective.
+
+        Args:
+            kind: "ds" for edges on the rim, "dS" for those between two triangles.
+            edges: local numbers (n,) of the edges.
+
+        Returns:
+            the measure, or None if no rank has any edge.
+        """
         film = self.body
         if film.comm.allreduce(len(edges)) == 0:
             return None
@@ -118,7 +135,11 @@ class EdgeLoad:
         return measure(1)
 
     def _in_space(self) -> Term:
-        """The load of a force f [N/m] in space: δW = ∫f·w ds."""
+        """Return the load of a force f [N/m] in space: δW = ∫f·w ds.  Collective.
+
+        In a run a force that is a function of time is checked: InputError if it raises or returns
+        other than three finite numbers.
+        """
         force = self.force
         name = self.name
         ds, dS = self._measures()
@@ -149,7 +170,11 @@ class EdgeLoad:
         return Load(name, self.body, work, parameters=(Parameter("force", "N/m", f),))
 
     def _across(self) -> Term:
-        """The load of a force p ν normal to the rim: δW = ∫p ν·w ds."""
+        """Return the load of a force p ν normal to the rim, p [N/m]: δW = ∫p ν·w ds.  Collective.
+
+        In a run a force that is a function of time is checked: InputError if it raises or returns
+        other than a finite number.
+        """
         film = self.body
         value = self.normal_force
         ds, _ = self._measures()
@@ -166,7 +191,13 @@ class EdgeLoad:
                 f.value = float(ask_numbers(film.comm, source, lambda: value(t)))
 
         def work(x: Expr, w: Expr) -> ufl.Form:
-            """δW [J] at positions x along test functions w."""
+            """Return the virtual work δW [J] of a load f ν [N/m] along the edges ds, ν the normal
+            of the rim.
+
+            Args:
+                x: positions (3,) [m] of the film.
+                w: test function (3,), like x.
+            """
             # Dead load: normal and length of the edge are those of the mesh.
             if not self.following:
                 return f * ufl.dot(ν, w) * ds

@@ -50,7 +50,12 @@ class EdgeMoment:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the arguments, and name the item if it has no name."""
+        """Check the arguments, and name the item if it has no name.  Collective.
+
+        Raises:
+            InputError: the mesh has no such curves, edges are inside the plate, or the moment is
+                not a finite number.
+        """
         edges = self.body.mesh.curve(self.edges, "EdgeMoment")
         check_on_all(
             self.body.comm,
@@ -71,7 +76,14 @@ class EdgeMoment:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The moment as a load that follows the edge."""
+        """Yield the moment as a load that follows the edge.
+
+        In a run a moment that is a function of time is checked: InputError if it raises or returns
+        other than a finite number.
+
+        Args:
+            start: the initial state of the scene, which this load does not need.
+        """
         plate = self.body
         value = self.moment
         domain = plate.mesh.domain

@@ -27,7 +27,12 @@ class Drags(Loads, Dissipation):
     """
 
     def __init__(self, terms: Sequence[FilmDrag], system: Assembly) -> None:
-        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
+        """Compile the forms of forces, of losses and of the work of the wind.  Collective.
+
+        Args:
+            terms: forces against velocities, each on one body.
+            system: the equations of the scene.
+        """
         coordinates = [system.fields[term.body] for term in terms]
         loads = []
         for term, at in zip(terms, coordinates, strict=True):

@@ -79,8 +79,16 @@ class ForceInTime:
         X: Array,
         V: Array,
     ) -> None:
-        """Ask the user's function for the force of a step from t [s], which acts `lag` [s]
-        later."""
+        """Ask the user's function for the force [N] of a step; the same on all ranks, collective.
+
+        Args:
+            t: start of the step [s].
+            lag: time after it at which the force acts [s].
+            X, V: attached vector (3,) [m] and its rate, which this force does not need.
+
+        Raises:
+            InputError: the function raises, or returns other than three finite numbers.
+        """
         # Once a step: the user's function is asked on rank 0 only, which costs a broadcast.
         self._now = at_time(self._comm, self._name, self._value, t + lag)
 
@@ -139,7 +147,18 @@ class Couple:
         """Nothing to prepare: the torque is constant."""
 
     def _spread(self, r: Array) -> tuple[Array, Array]:
-        """The matrix (tr S 1 - S)⁻¹ (3, 3) and F (3,) of vectors r (k, 3)."""
+        """Return the matrix (tr S 1 - S)⁻¹ (3, 3) [1/m²] and its product F (3,) [N/m] with the
+        torque.
+
+        S = Σ r rᵀ is the sum over the vectors; the forces F × r on them have this torque.
+
+        Args:
+            r: the k attached vectors (k, 3) [m], or directors without a unit.
+
+        Raises:
+            numpy.linalg.LinAlgError: a single vector has no length, or several are exactly
+                parallel.
+        """
         S = r.T @ r
         matrix = np.trace(S) * np.eye(3)
         # With one vector the matrix would be singular: S is left out, which gives T × r/|r|².
@@ -154,7 +173,11 @@ class Couple:
         return forces
 
     def tangent(self, X: Array) -> Array:
-        """Derivative (3k, 3k) of the forces on the k vectors X (3k,) of the torque."""
+        """Return the derivative (3k, 3k) of the forces on attached vectors by these vectors.
+
+        Args:
+            X: k attached vectors, one after the other (3k,).
+        """
         r = X.reshape(-1, 3)
         inverse, F = self._spread(r)
         # Of f_i = F × r_i with F constant; the change of F follows.
@@ -195,8 +218,17 @@ class TorqueInTime(Couple):
         X: Array,
         V: Array,
     ) -> None:
-        """Ask the user's function for the torque of a step from t [s], which acts `lag` [s]
-        later."""
+        """Ask the user's function for the torque [N m] of a step; the same on all ranks,
+        collective.
+
+        Args:
+            t: start of the step [s].
+            lag: time after it at which the torque acts [s].
+            X, V: attached vectors (3k,) and their rates, which are not needed.
+
+        Raises:
+            InputError: the function raises, or returns other than three finite numbers.
+        """
         self.torque = at_time(self._comm, self._name, self._value, t + lag)
 
 
@@ -229,7 +261,14 @@ class Force:
         yield self.port.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The force as a load on its port."""
+        """Yield the force as a load on its port, the point where it acts.
+
+        A force that is given as three numbers, and a factor of a function of time, are parameters
+        of gradients.
+
+        Args:
+            start: the initial state of the scene, which this load does not need.
+        """
         value = self.force
         if callable(value):
             law = ForceInTime(self.port.body.comm, self.name, value)
@@ -271,7 +310,11 @@ class Torque:
         yield from bodies_of(self.frame)
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The torque as a load on the directors of its frame."""
+        """Yield the torque as a load on the directors of its frame, or of its line.
+
+        Args:
+            start: the initial state of the scene, which this load does not need.
+        """
         vectors: tuple[Attached, ...] = self.frame.directors
         value = self.torque
         law: PointForce

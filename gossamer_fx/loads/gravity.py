@@ -47,7 +47,11 @@ class Gravity:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the arguments, and name the item if it has no name."""
+        """Check the arguments, and name the item if it has no name.
+
+        Raises:
+            InputError: g is not three finite numbers.
+        """
         if not self.name:
             object.__setattr__(self, "name", f"gravity of {self.body.name}")
         check(
@@ -60,7 +64,12 @@ class Gravity:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The weight of every mass: of meshes, nodes, and masses attached to the body."""
+        """Yield the weight of every mass: of meshes, nodes, and masses attached to the body.
+        Collective.
+
+        Args:
+            start: the initial state of the scene, from which the masses of the body follow.
+        """
         for part in terms_of(self.body, start):
             if isinstance(part, KineticEnergy):
                 yield self._on_mesh(part)
@@ -71,7 +80,12 @@ class Gravity:
         yield AttachedLoad(f"{self.name} (attached)", self.body, g, np.zeros((3, 3)), np.zeros(3))
 
     def _on_mesh(self, part: KineticEnergy) -> Term:
-        """The weight of a mass of a mesh: the body's mass form applied to g."""
+        """Return the weight of a mass of a mesh: the body's mass form applied to g [m/s²].
+
+        Args:
+            part: kinetic energy of the body, with its mass as a bilinear form; of a beam also of
+                directors, which a uniform acceleration does not turn.
+        """
         size = part.body.block.size
         # Directors of a beam are directions: a uniform acceleration does not turn them.
         on_directors = (0.0,) * (size - 3)
@@ -89,7 +103,12 @@ class Gravity:
         return Load(self.name, part.body, work, parameters=parameters)
 
     def _on_points(self, part: NodeKineticEnergy) -> Iterable[Term]:
-        """The weight of the masses of nodes without a mesh.  Collective."""
+        """Yield the weight of the masses of nodes without a mesh.  Collective.
+
+        Args:
+            part: kinetic energy of a rigid body or point mass, with the masses of this rank's
+                nodes.
+        """
         # Point loads name global nodes and are the same on every rank; such bodies have few nodes.
         masses = np.concatenate(part.body.comm.allgather(part.mass))
         for node, mass in enumerate(masses):

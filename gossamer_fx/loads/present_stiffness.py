@@ -28,7 +28,13 @@ class PresentStiffnesses(OnMeshes, StateObserver, CompiledTerms["PresentStiffnes
     """All `PresentStiffness` terms of a scene: evaluated whenever a state is accepted."""
 
     def __init__(self, terms: Sequence[PresentStiffness], system: Assembly) -> None:
-        """Compile the stiffness C = ∂S/∂e [N/m] at the present strain, for each term."""
+        """Compile the stiffness C = ∂S/∂e [N/m] at the present strain, for each term.  Collective.
+
+        Args:
+            terms: each stores C at the quadrature points of one film; `commit` sets it.
+            system: the equations of the scene, with coordinates and thermal strains at the start of
+                a step.
+        """
         self._made = []
         for term in terms:
             strain = term.measure(system.fields[term.body].q0)
@@ -62,7 +68,9 @@ class PresentStiffness:
     compiler: ClassVar[Compiler] = PresentStiffnesses
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Make the function that stores the stiffness C (3, 3) [N/m], as nine numbers, at the
+        quadrature points of `dx`.
+        """
         mesh = self.body.space.mesh
         element = basix.ufl.quadrature_element(
             mesh.basix_cell(),

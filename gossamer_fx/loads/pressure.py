@@ -61,7 +61,14 @@ class Pressure:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The pressure as a load that follows the film."""
+        """Yield the pressure as a load that follows the film.
+
+        In a run a pressure that is a function of time is checked: InputError if it raises or
+        returns other than a finite number.
+
+        Args:
+            start: the initial state of the scene, which this load does not need.
+        """
         film = self.body
         value = self.pressure
         mesh = film.space.mesh

@@ -63,11 +63,15 @@ END_SLOPES = np.linspace(0.02, 1.2, 200)
 
 
 def onset(e_E: float) -> float:
-    """Buckling strain e_c of a strip, the smaller root of equation (2); the load p there is the
-    same.
+    """Buckling strain e_c of a strip, the smaller root of e_c (1 - e_c) = e_E.
+
+    The load p = P/(E' t) at which it buckles is the same number.
 
     Args:
-        e_E: Euler's strain π² t²/(12 L²), at most 1/4.
+        e_E: Euler's strain π² t²/(12 L²) [-], at most 1/4.
+
+    Raises:
+        ValueError: e_E is above 1/4.
 
     >>> round(onset(0.09), 12)
     0.1
@@ -77,11 +81,20 @@ def onset(e_E: float) -> float:
 
 
 def buckled_strip(e_E: float, α: float) -> tuple[float, float]:
-    """Shortening δ and relative load P/P_c of a buckled strip, equations (3) and (4).
+    """Return the shortening and the relative load of a buckled strip, equations (3), (4) of the
+    module.
 
     Args:
-        e_E: Euler's strain π² t²/(12 L²).
+        e_E: Euler's strain π² t²/(12 L²) [-] of a strip of thickness t and half wavelength L; > 0
+            and at most 1/4.
         α: slope at the ends [rad], > 0.
+
+    Returns:
+        shortening δ over the length [-], and the load over that at the onset of buckling, P/P_c
+        [-].
+
+    Raises:
+        ValueError: e_E is above 1/4.
 
     >>> δ, load = buckled_strip(1e-6, 0.1)
     >>> round(δ, 6), round(load, 6)
@@ -116,9 +129,16 @@ def buckled_strip(e_E: float, α: float) -> tuple[float, float]:
 
 
 def cubic(e_E: float) -> tuple[float, float, float]:
-    """Coefficients (c1, c2, c3) of P/P_c = 1 + c1 x + c2 x² + c3 x³ with x = δ - e_c.
+    """Coefficients (c1, c2, c3) [-] of P/P_c = 1 + c1 x + c2 x² + c3 x³ with x = δ - e_c.
 
-    They fit the loads of `buckled_strip` by least squares over δ < `FITTED_UP_TO`.
+    They fit the relative loads P/P_c of `buckled_strip` over the shortening δ by least squares, for
+    δ < `FITTED_UP_TO`; e_c is the strain at the onset of buckling.
+
+    Args:
+        e_E: Euler's strain π² t²/(12 L²) [-], > 0 and at most 1/4.
+
+    Raises:
+        ValueError: e_E is above 1/4.
     """
     curve: Array = np.array([buckled_strip(e_E, α) for α in END_SLOPES])
     curve = curve[curve[:, 0] < FITTED_UP_TO]
@@ -184,7 +204,13 @@ class Elastica(IsotropicFilm):
     c3: float = field(init=False)
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check the arguments, and fit the cubic of the buckled strip, whose wrinkles the law
+        describes.
+
+        Raises:
+            InputError: a modulus, density or thickness that is not positive, nu outside (-1, 0.5],
+                or a half wavelength [m] of not more than 10 π thicknesses.
+        """
         super().__post_init__()
         shortest = 10 * math.pi * self.thickness
         check(
@@ -202,7 +228,12 @@ class Elastica(IsotropicFilm):
             object.__setattr__(self, name, value)
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        """W [J/m²] of the strains e = (E11, E22, 2 E12), with the constants c of the law."""
+        """Stored energy W per reference area [J/m²] of a strain, as a UFL expression.
+
+        Args:
+            e: Green-Lagrange strain (E11, E22, 2 E12) [-].
+            c: the numbers of the law as UFL constants, under their names.
+        """
         h, r = half_trace_and_radius(e)
         γ1 = h + r
         γ2 = h - r
@@ -222,7 +253,12 @@ class Elastica(IsotropicFilm):
         return c.thickness * ufl.conditional(is_tensile, tensile, slack)
 
     def state(self, e: Expr, c: Any) -> Expr:
-        """`TAUT`, `WRINKLED` or `SLACK` at the strains e = (E11, E22, 2 E12)."""
+        """State of the film at a strain, `TAUT`, `WRINKLED` or `SLACK`, as a UFL expression.
+
+        Args:
+            e: Green-Lagrange strain (E11, E22, 2 E12) [-].
+            c: the numbers of the law as UFL constants, under their names.
+        """
         h, r = half_trace_and_radius(e)
         γ1 = h + r
         γ2 = h - r
@@ -232,8 +268,13 @@ class Elastica(IsotropicFilm):
         return ufl.conditional(is_tensile, tensile, SLACK)
 
     def _larger_stress(self, γ1: Expr, f: Expr, c: Any) -> Expr:
-        """Larger principal stress σ1 = E γ1 + ν ψ'(f) [Pa] of a film whose strips are straight or
-        buckled.
+        """Larger principal stress σ1 = E γ1 + ν ψ'(f) [Pa] of a film with straight or buckled
+        strips.
+
+        Args:
+            γ1: larger principal strain [-].
+            f: strain γ2 + ν γ1 that bears on the strips [-], γ2 the smaller principal strain.
+            c: the numbers of the law as UFL constants.
         """
         buckled = c.onset * _relative_load(f, c)
         is_straight = ufl.ge(f, -c.onset)
@@ -251,7 +292,13 @@ def _stretch(f: Expr) -> Expr:
 
 
 def _relative_load(f: Expr, c: Any) -> Expr:
-    """Stress of the buckled strip at the strain f, over its stress at the onset of buckling."""
+    """Stress of the buckled strip at the strain f, over its stress at the onset of buckling [-].
+
+    Args:
+        f: Green-Lagrange strain of the strip [-]; below `STEEPEST` the stress is constant.
+        c: strain `onset` of buckling [-], and coefficients c1, c2, c3 [-] of the load beyond it, as
+            UFL constants.
+    """
     λ_w = ufl.sqrt(1 - 2 * c.onset)
     λ = _stretch(f)
     x = λ_w - λ
@@ -261,7 +308,12 @@ def _relative_load(f: Expr, c: Any) -> Expr:
 
 
 def _buckled(f: Expr, c: Any) -> Expr:
-    """Energy density ψ(f) [J/m³] of a buckled strip, for f below the onset -e_w."""
+    """Energy density ψ(f) [J/m³] of a buckled strip, for f below the onset -e_w.
+
+    Args:
+        f: Green-Lagrange strain of the strip [-].
+        c: numbers of the law, with onset e_w and cubic, as UFL constants.
+    """
     λ_w = ufl.sqrt(1 - 2 * c.onset)
     x = λ_w - _stretch(f)
     # The integral of the cubic, as of the nominal load over the shortening.
@@ -278,6 +330,10 @@ def _unloaded(γ: Expr, c: Any) -> Expr:
 
     They are straight, or buckled at f = γ + κ ψ'(f)/ψ'(-e_w).  One iteration solves this equation:
     the second one would change the stress by less than E e_w³.
+
+    Args:
+        γ: Green-Lagrange strain along the strips [-].
+        c: numbers of the law, with onset e_w and cubic, as UFL constants.
     """
     κ = c.nu**2 * c.onset / (1 - c.nu**2)
     # The iteration starts with the load at the onset of buckling, where the relative load is 1.

@@ -43,7 +43,12 @@ ROUND_OFF = 1e-12
 
 
 def constants(law: Any, mesh: Mesh) -> SimpleNamespace:
-    """The numbers of a law (a dataclass) as UFL constants on a mesh, under the same names."""
+    """The numbers of a law as UFL constants on a mesh, under the same names.
+
+    Args:
+        law: dataclass; fields that are not numbers are left out.
+        mesh: of the body with this law.
+    """
     result = SimpleNamespace()
     for field in fields(law):
         value = getattr(law, field.name)
@@ -67,10 +72,14 @@ UNITS = {
 
 
 def parameters(law: Any, coefficients: SimpleNamespace) -> tuple[Parameter, ...]:
-    """The numbers of a law as parameters of its terms.
+    """The numbers of a law as parameters of its terms, by which results can be derived.
 
     A law with numbers that are derived from others has none but its density: the forms do not show
     how the derived ones change.  Tables of a law do not count as parameters.
+
+    Args:
+        law: dataclass of numbers.
+        coefficients: its numbers as UFL constants, see `constants`.
     """
     has_derived = any(not field.init for field in fields(law))
     return tuple(
@@ -97,7 +106,11 @@ class FilmLaw:
     quadratic = False
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check density [kg/m³] and thickness [m].
+
+        Raises:
+            InputError: one of them is not a positive, finite number.
+        """
         law = type(self).__name__
         for name in ("density", "thickness"):
             value = getattr(self, name)
@@ -115,6 +128,10 @@ class FilmLaw:
 
         An empty list means that the pieces are not known; the path is then integrated by Gauss
         points.  See `gossamer_fx.forms.strain_path`.
+
+        Args:
+            e0, e1: strains (E11, E22, 2 E12) at the start and at the end of a step.
+            c: the numbers of the law as UFL constants.
         """
         return []
 
@@ -158,7 +175,12 @@ class IsotropicFilm(FilmLaw):
     nu: float
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check Young's modulus [Pa], Poisson's ratio [-], density [kg/m³] and thickness [m].
+
+        Raises:
+            InputError: E, density or thickness is not a positive number, or nu is outside (-1,
+                0.5].
+        """
         law = type(self).__name__
         check(
             math.isfinite(self.E) and self.E > 0,
@@ -168,8 +190,12 @@ class IsotropicFilm(FilmLaw):
         check(-1 < self.nu <= 0.5, f"{law}: nu is {self.nu!r}; Poisson's ratio lies in (-1, 0.5].")
 
     def taut_strain(self, S: Expr, c: Any) -> Expr:
-        """Strain (E11, E22, 2 E12) of a stress resultant S (3,) [N/m]: plane stress, Hooke's law
-        inverted."""
+        """Strain (E11, E22, 2 E12) of a stress resultant: plane stress, Hooke's law inverted.
+
+        Args:
+            S: stress resultant (S11, S22, S12) [N/m].
+            c: the numbers of the law as UFL constants.
+        """
         stiffness = c.E * c.thickness
         return ufl.as_vector(
             [
@@ -254,7 +280,12 @@ class Miyazaki(IsotropicFilm):
     residual_stiffness: float = 1e-6
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check the numbers of the law, the ratio of compressive to tensile stiffness [-] included.
+
+        Raises:
+            InputError: E, density or thickness is not positive, nu is outside (-1, 0.5], or the
+                residual stiffness is outside [0, 1].
+        """
         super().__post_init__()
         check(
             0 <= self.residual_stiffness <= 1,
@@ -269,8 +300,15 @@ class Miyazaki(IsotropicFilm):
         """Pieces of the path from e0 to e1, as the module `gossamer_fx.forms.strain_path`
         describes.
 
-        Taut strains, f1 ≥ 0, are the cone h ≥ (1-ν)/(1+ν) r; slack strains, f2 ≤ 0, the cone
-        -h ≥ (1-uν)/(1+uν) r.  The rest is wrinkled, up to three pieces.
+        Taut strains, f1 ≥ 0, are the cone h ≥ (1-ν)/(1+ν) r; slack strains, f2 ≤ 0, the cone -h ≥
+        (1-uν)/(1+uν) r, with centre h and radius r of Mohr's circle.  The rest is wrinkled.
+
+        Args:
+            e0, e1: strains (E11, E22, 2 E12) [-] at the start and at the end of a step.
+            c: the numbers of the law as UFL constants.
+
+        Returns:
+            five pieces, of which any may be empty: taut, slack, and three that are wrinkled.
         """
         ν = c.nu
         uν = c.residual_stiffness * c.nu
@@ -306,7 +344,12 @@ class Miyazaki(IsotropicFilm):
     def _wrinkled_stress(self, ea: Expr, eb: Expr, c: Any) -> Expr:
         """Stress (3,) [N/m] of the wrinkled state, averaged along the path from ea to eb.
 
-        With γ1 = h + r the energy is quadratic except for a multiple of h r.
+        With γ1 = h + r the energy is quadratic except for a multiple of h r, with centre h and
+        radius r of Mohr's circle.
+
+        Args:
+            ea, eb: strains (E11, E22, 2 E12) [-] at both ends of the path.
+            c: the numbers of the law as UFL constants.
         """
         ν = c.nu
         u = c.residual_stiffness
@@ -345,7 +388,13 @@ class Miyazaki(IsotropicFilm):
         return self._by_state(e, c, TAUT, WRINKLED, SLACK)
 
     def _by_state(self, e: Expr, c: Any, taut: Expr, wrinkled: Expr, slack: Expr) -> Expr:
-        """One of three expressions, by the state at the strain e."""
+        """One of three expressions, by the state of the film at a strain.
+
+        Args:
+            e: strain (E11, E22, 2 E12) [-].
+            c: the numbers of the law as UFL constants.
+            taut, wrinkled, slack: the expressions, of one shape.
+        """
         h, r = half_trace_and_radius(e)
         γ1 = h + r
         γ2 = h - r
@@ -378,8 +427,7 @@ class TensionField(Miyazaki):
         0.0
 
     Source: A. C. Pipkin, The relaxed energy density for isotropic elastic membranes, IMA J. Appl.
-        Math. 36
-        (1986) 85.
+        Math. 36 (1986) 85.
     """
 
     _: KW_ONLY

@@ -155,7 +155,12 @@ class LinearOrthotropic(FilmLaw):
     quadratic = True
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check moduli [Pa], Poisson's ratio [-], density [kg/m³], thickness [m] and direction.
+
+        Raises:
+            InputError: a modulus, density or thickness that is not positive, a nu12 of √(E1/E2) or
+                more, or a direction that is not a vector.
+        """
         super().__post_init__()
         law = type(self).__name__
         for name in ("E1", "E2", "G12"):
@@ -172,7 +177,13 @@ class LinearOrthotropic(FilmLaw):
         self._check_direction()
 
     def _check_direction(self) -> None:
-        """What can be said of the direction without a film."""
+        """Check what can be said of the direction without a film.
+
+        A function of points is checked when a film takes the law.
+
+        Raises:
+            InputError: a vector, or that of a group, is not three finite numbers, or is zero.
+        """
         given = self.direction
         if callable(given):
             return
@@ -252,8 +263,13 @@ class LinearOrthotropic(FilmLaw):
         return ufl.dot(_taut_stress(e, c), e) / 2
 
     def taut_strain(self, S: Expr, c: Any) -> Expr:
-        """Strain (E11, E22, 2 E12) of a stress resultant S (3,) [N/m], by the compliance in the
-        axes of the law."""
+        """Strain (E11, E22, 2 E12) of a stress resultant, by the compliance in the axes of the law.
+
+        Args:
+            S: stress resultant (S11, S22, S12) [N/m] in the film's frame.
+            c: the numbers of the law as UFL constants, with cosine and sine of the angle of its
+                first axis.
+        """
         # `in_axes` takes twice the shear, as strains have it.
         stress = in_axes(ufl.as_vector([S[0], S[1], 2 * S[2]]), c)
         F11 = 1 / (c.E1 * c.thickness)
@@ -310,7 +326,12 @@ class Orthotropic(LinearOrthotropic):
     quadratic = False
 
     def __post_init__(self) -> None:
-        """Check the arguments, which the class describes; raises `InputError`."""
+        """Check the numbers of the law, the ratio of compressive to tensile stiffness [-] included.
+
+        Raises:
+            InputError: a number that `LinearOrthotropic` refuses, or a residual stiffness outside
+                [0, 1].
+        """
         super().__post_init__()
         check(
             0 <= self.residual_stiffness <= 1,
@@ -320,7 +341,16 @@ class Orthotropic(LinearOrthotropic):
         )
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        """W [J/m²] in UFL, by a grid of directions and bracketed steps of Newton."""
+        """Stored energy W per reference area [J/m²], as a UFL expression of a strain.
+
+        The direction of tension is found by a grid of directions and bracketed steps of Newton; one
+        further step carries its derivative.
+
+        Args:
+            e: Green-Lagrange strain (E11, E22, 2 E12) [-] in the film's frame.
+            c: the numbers of the law as UFL constants, with cosine and sine of the angle of its
+                first axis.
+        """
         frozen = _without_variables(e)
         e = in_axes(e, c)
         taut = ufl.dot(_taut_stress(e, c), e) / 2
@@ -342,7 +372,15 @@ class Orthotropic(LinearOrthotropic):
         return _by_state(in_axes(e, c), c, TAUT, WRINKLED, SLACK)
 
     def c_law(self, c: Any, comm: MPI.Intracomm) -> CLaw:
-        """The C functions of this law; collective."""
+        """The C functions of this law, compiled or loaded; collective.
+
+        Args:
+            c: the numbers of the law as UFL constants.
+            comm: the ranks, of which rank 0 compiles.
+
+        Raises:
+            InputError: no C compiler was found.
+        """
         from gossamer_fx.materials.kernels.library import library
 
         compiled = library(comm)
@@ -357,7 +395,7 @@ class Orthotropic(LinearOrthotropic):
         )
 
     def unwrinkled(self) -> FilmLaw:
-        """The law without wrinkles: the same stiffness in compression as in tension."""
+        """Return the law without wrinkles: the same stiffness in compression as in tension."""
         return LinearOrthotropic(
             self.E1,
             self.E2,
@@ -373,8 +411,8 @@ def in_axes(e: Expr, c: Any) -> Expr:
     """A strain (E11, E22, 2 E12) of the film's frame in the axes of an orthotropic law.
 
     Args:
-        e: strain (3,).
-        c: with cosine and sine of the angle of the first axis.
+        e: strain (3,), dimensionless; of a stress give twice the shear.
+        c: with cosine and sine of the angle of the first axis in the film's frame.
     """
     c2 = c.cosine**2
     s2 = c.sine**2
@@ -411,8 +449,8 @@ def _by_state(e: Expr, c: Any, taut: Expr, wrinkled: Expr, slack: Expr) -> Expr:
     """Choose one of three expressions by the state of the film: taut, wrinkled or slack.
 
     Args:
-        e: strain (E11, E22, 2 E12) in the axes of the film.
-        c: constants of the law.
+        e: strain (E11, E22, 2 E12) [-] in the axes of the film.
+        c: the numbers of the law as UFL constants.
         taut, wrinkled, slack: the expressions, of one shape.
     """
     S = _taut_stress(e, c)
@@ -434,7 +472,12 @@ def _without_variables(e: Expr) -> Expr:
 
 
 def _strain_along(e: Expr, t: tuple[Expr, Expr]) -> tuple[Expr, Expr, Expr]:
-    """e_tt and its first and second derivatives by the angle of t = (cosine, sine)."""
+    """Strain e_tt along a direction t, and its first and second derivatives by the angle of t.
+
+    Args:
+        e: strain (E11, E22, 2 E12) [-] in the axes of the law.
+        t: cosine and sine of the angle of the direction.
+    """
     c, s = t
     double_sine = 2 * c * s
     double_cosine = c**2 - s**2
@@ -446,7 +489,15 @@ def _strain_along(e: Expr, t: tuple[Expr, Expr]) -> tuple[Expr, Expr, Expr]:
 
 
 def _compliance_along(t: tuple[Expr, Expr], c: Any) -> tuple[Expr, Expr, Expr]:
-    """F_tt and its first and second derivatives by the angle of t."""
+    """Compliance F_tt [m/N] along a direction t, and its two derivatives by the angle of t.
+
+    F is the inverse of the stiffness C of taut film; F_tt is the strain along t of a unit stress
+    t⊗t.
+
+    Args:
+        t: cosine and sine of the angle of the direction in the axes of the law.
+        c: the numbers of the law as UFL constants.
+    """
     F11 = 1 / (c.E1 * c.thickness)
     F22 = 1 / (c.E2 * c.thickness)
     K = 1 / (c.G12 * c.thickness) - 2 * c.nu12 * F11
@@ -469,7 +520,19 @@ def _turned(t: tuple[Expr, Expr], step: Expr) -> tuple[Expr, Expr]:
 
 
 def _tension_direction(e: Expr, c: Any) -> tuple[Expr, Expr]:
-    """The direction t of (2) of a strain in the axes, by the angle about the best one of a grid."""
+    """The direction t of tension of wrinkled film, which maximises e_tt²/F_tt.
+
+    e_tt > 0 is the strain along t, F_tt the compliance [m/N] along t.  The angle is found about the
+    best one of a grid, by bracketed steps of Newton.
+
+    Args:
+        e: strain (E11, E22, 2 E12) [-] in the axes of the law, without variables of UFL.
+        c: the numbers of the law as UFL constants.
+
+    Returns:
+        cosine and sine of the angle in the axes of the law; without meaning if no direction has
+        tension.
+    """
     largest = ufl.as_ufl(0.0)
     cosine = ufl.as_ufl(1.0)
     sine = ufl.as_ufl(0.0)

@@ -104,7 +104,8 @@ class EdgeTable:
 
         Args:
             space: space of Lagrange elements of order 1 or 2 on this mesh.
-            edges: local numbers (k,) of edges that have a triangle on this rank.
+            edges: local numbers (k,) of edges that have a triangle on this rank; of others the
+                nodes have no meaning.
         """
         layout = space.dofmap.dof_layout
         # Nodes of the reference triangle: those on edge i and at its ends, and that at vertex i.
@@ -131,7 +132,8 @@ class EdgeTable:
         where two triangles have the same orientation.  Collective.
 
         Args:
-            cells: local triangles; ghosts among them are ignored, since their owners count them.
+            cells: local numbers (m,) of triangles; ghosts among them are ignored, since their
+                owners count them.
 
         Returns:
             the counts and the sums of directions, (owned,) each.
@@ -140,7 +142,11 @@ class EdgeTable:
 
 
 def edges_of(domain: dmesh.Mesh) -> EdgeTable:
-    """Create the table of edges of a triangle mesh.  Collective; `Mesh.edges` stores it."""
+    """Create the table of edges of a triangle mesh.  Collective; `Mesh.edges` stores it.
+
+    Args:
+        domain: triangles, whose connectivity of edges is computed where it is missing.
+    """
     topology = domain.topology
     topology.create_entities(1)
     for from_dim, to_dim in ((1, 0), (2, 1), (2, 0)):
@@ -177,9 +183,18 @@ def _triangles_at_edges(
     vertices: Indices,
     n: int,
 ) -> tuple[Indices, Indices]:
-    """Triangles (n, 2) on the left and on the right of n edges, and the number of the edge in them.
+    """Find the triangles on the left and on the right of edges.
 
-    `vertices` (n, 2) are the local vertices of the edges, from start to end.
+    The triangle on the left passes the edge from its start to its end.
+
+    Args:
+        topology: of the mesh, with the connectivity of triangles to edges.
+        vertices: local vertices (n, 2) of the edges, start and end.
+        n: number of edges, owned and ghost.
+
+    Returns:
+        local triangles (n, 2), left and right, and the number of the edge in them (n, 2), 0 to 2;
+        -1 on a side without a triangle.  A third triangle of an edge is left out.
     """
     edges = topology.connectivity(2, 1).array.reshape(-1, 3)
     corners = _corners(topology)
@@ -214,8 +229,17 @@ def _triangles_at_edges(
 
 
 def _tally(domain: dmesh.Mesh, cells: Indices, n: int) -> tuple[Floats, Floats]:
-    """Number of the given triangles at each of the n owned edges, and the sum of their
-    directions."""
+    """Count triangles at each owned edge, and sum the directions in which they pass it.
+    Collective.
+
+    Args:
+        domain: the mesh.
+        cells: local numbers (m,) of triangles; ghosts are ignored.
+        n: number of owned edges.
+
+    Returns:
+        counts (n,), and sums of +1 for forwards and -1 for backwards (n,).
+    """
     topology = domain.topology
     owned_cells = cells[cells < topology.index_map(2).size_local]
     edges = topology.connectivity(2, 1).array.reshape(-1, 3)[owned_cells]

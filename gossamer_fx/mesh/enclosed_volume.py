@@ -52,7 +52,9 @@ class Enclosed:
 
 
 def enclosed_by(domain: dmesh.Mesh, table: EdgeTable) -> Enclosed:
-    """What a mesh of triangles encloses; of several surfaces the sums.  Collective.
+    """Return volume [m³] and areas [m²] of what a mesh of triangles encloses.  Collective.
+
+    Rims of an open surface are spanned by triangles; of several surfaces it is the sums.
 
     Args:
         domain: the mesh, whose neighbouring triangles have their normals on the same side.
@@ -85,7 +87,9 @@ def enclosed_by(domain: dmesh.Mesh, table: EdgeTable) -> Enclosed:
 
 
 def has_inside(volume: Array | float, area: Array | float, rim_area: Array | float) -> Any:
-    """Whether surfaces are closed but for small rims, and not flat; of the shape of the arguments.
+    """Return whether surfaces are closed but for small rims, and not flat.
+
+    Arrays of surfaces, and numbers of one, are taken; the result has their shape.
 
     Args:
         volume: that they enclose with their rims spanned [m³].
@@ -97,7 +101,11 @@ def has_inside(volume: Array | float, area: Array | float, rim_area: Array | flo
 
 
 def volumes(corners: Array) -> Array:
-    """Signed volumes (n,) [m³] of the tetrahedra between triangles (n, 3, 3) and the origin.
+    """Signed volumes (n,) [m³] of the tetrahedra between triangles and the origin.
+
+    Args:
+        corners: vertices (n, 3, 3) [m] of the triangles; a volume is positive if the normal points
+            away from the origin.
 
     >>> import numpy as np
     >>> volumes(np.eye(3)[None]).round(4)
@@ -109,15 +117,17 @@ def volumes(corners: Array) -> Array:
 
 
 def spanning_fans(ends: Array, numbers: npt.NDArray[np.int64]) -> tuple[Array, int]:
-    """Triangles that span the rims of a surface, and the number of rims.
+    """Return triangles that span the rims of a surface, from each edge to the mean of its rim's
+    points.
 
     Args:
         ends: start and end (n, 2, 3) [m] of edges on the rims, in the direction in which the
             triangle of the surface passes them.
-        numbers: of these points (n, 2); edges that share a number are on one rim.
+        numbers: of these points (n, 2), global, n > 0; edges that share a number are on one rim.
 
     Returns:
-        corners (n, 3, 3) of the triangle at each edge, whose normals agree with the surface.
+        corners (n, 3, 3) [m] of the triangle at each edge, whose normals agree with the surface,
+        and the number of rims.
     """
     # Imported here: a closed surface has no rims.
     from scipy import sparse
@@ -139,7 +149,17 @@ def spanning_fans(ends: Array, numbers: npt.NDArray[np.int64]) -> tuple[Array, i
 def _rim_edges(
     domain: dmesh.Mesh, table: EdgeTable, corners: Array
 ) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Ends (n, 2, 3) of the rim edges at this rank's triangles, and the global numbers (n, 2)."""
+    """Return the edges of this rank's triangles that no other triangle has.
+
+    Args:
+        domain: mesh of triangles.
+        table: its edges.
+        corners: vertices (m, 3, 3) [m] of the triangles that this rank owns.
+
+    Returns:
+        both ends (n, 2, 3) [m] of each edge, in the direction in which its triangle passes it, and
+        their global numbers (n, 2).
+    """
     topology = domain.topology
     owned = len(corners)
     edges = topology.connectivity(2, 1).array.reshape(-1, 3)[:owned]

@@ -85,6 +85,10 @@ def extract(model: Any) -> RawMesh:
     Args:
         model: `gmsh.model` of an open session.
 
+    Returns:
+        the mesh with its named groups; only nodes of cells become points, numbered in rising order
+        of their tags.
+
     Raises:
         BadMesh: the model has no elements, or elements of several kinds; cells coincide; nodes are
             missing, or have coordinates that are not finite.
@@ -148,7 +152,17 @@ def _tagged(model: Any, dim: int) -> list[tuple[int, int]]:
 
 
 def _cells(model: Any, dim: int) -> Integers:
-    """Tags (m, nodes) of the nodes of all cells."""
+    """Tags (m, nodes) of the nodes of all cells.
+
+    If named groups of the dimension exist, cells are the elements in them, else all elements.
+
+    Args:
+        model: `gmsh.model` of an open session.
+        dim: dimension of the cells, 1 or 2.
+
+    Raises:
+        BadMesh: the named groups hold no cell, or elements of several kinds.
+    """
     surfaces = set()
     for d, group in _tagged(model, dim):
         if d == dim:
@@ -168,7 +182,21 @@ def _cells(model: Any, dim: int) -> Integers:
 
 
 def _groups(model: Any, dim: int, used: Integers) -> dict[str, tuple[int, Integers]]:
-    """Named groups of `RawMesh`; `used` are the tags of its points in rising order."""
+    """Named groups of the mesh, by the rows of its points; a group without a name has its number.
+
+    Entities that belong to no cell are left out.
+
+    Args:
+        model: `gmsh.model` of an open session.
+        dim: dimension of the cells, 1 or 2; groups of a higher one are left out.
+        used: tags (n,) of the points in rising order.
+
+    Returns:
+        dimension and rows (k, nodes) of the points of each entity, by name.
+
+    Raises:
+        BadMesh: an entity has one node twice, or a group elements of several kinds.
+    """
     groups = {}
     for d, group in _tagged(model, dim):
         entities = [_elements(model, d, e) for e in model.getEntitiesForPhysicalGroup(d, group)]
@@ -213,8 +241,14 @@ def _check(condition: bool, message: str) -> None:
 def read_file(path: Path) -> RawMesh:
     """Read a mesh from a file in MSH format, version 2.2 or 4.x, in a child process.
 
+    Not collective: one rank reads.
+
+    Args:
+        path: of the file; coordinates in it are in m.
+
     Raises:
-        BadMesh: the file is in another format, or gmsh fails on it, or `extract` refuses its mesh.
+        BadMesh: the file cannot be read or is in another format, gmsh fails on it, or `extract`
+            refuses its mesh; the message is a sentence for the user.
     """
     _check_format(path)
     with tempfile.TemporaryDirectory() as folder:
@@ -245,7 +279,11 @@ def read_file(path: Path) -> RawMesh:
 
 
 def _load(arrays: Path) -> RawMesh:
-    """The mesh in a file that the child process has written."""
+    """Return the mesh in a file that the child process has written.
+
+    Args:
+        arrays: path of the .npz file.
+    """
     with np.load(arrays) as file:
         about = json.loads(str(file["about"]))
         groups = {}
@@ -261,7 +299,14 @@ def _load(arrays: Path) -> RawMesh:
 
 
 def _check_format(path: Path) -> None:
-    """Raise `BadMesh` unless the file begins as one in MSH format does."""
+    """Check that a file begins as one in MSH format 2.2 or 4.x does.
+
+    Args:
+        path: of the file, of which the first `_HEAD` bytes are read.
+
+    Raises:
+        BadMesh: the file cannot be opened, or is in another format.
+    """
     try:
         with path.open("rb") as file:
             head = file.read(_HEAD)
@@ -277,7 +322,15 @@ def _check_format(path: Path) -> None:
 
 
 def _read_here(path: str, arrays: str) -> None:
-    """Read a file with gmsh in this process, and write its mesh to an .npz file."""
+    """Read a file with gmsh in this process, and write its mesh to an .npz file.
+
+    Args:
+        path: of the file in MSH format.
+        arrays: path of the .npz file, with points [m], cells, and the nodes of each named group.
+
+    Raises:
+        BadMesh: gmsh cannot read the file, or its mesh cannot be used.
+    """
     import gmsh
 
     gmsh.initialize(readConfigFiles=False, interruptible=False)

@@ -29,7 +29,7 @@ _FROM_VTK = {2: (0, 1), 3: (0, 1, 2), 6: (0, 1, 2, 4, 5, 3)}
 
 
 def linear_pieces(cells: npt.NDArray[np.integer], dimension: int) -> Integers:
-    """Cut cells into straight pieces.
+    """Cut cells of order 1 or 2 into straight pieces between their nodes.
 
     Args:
         cells: nodes (n, k) of each cell, in the order of dolfinx.
@@ -37,6 +37,9 @@ def linear_pieces(cells: npt.NDArray[np.integer], dimension: int) -> Integers:
 
     Returns:
         Nodes (m, dimension + 1) of the pieces; those of one cell follow each other.
+
+    Raises:
+        KeyError: cells with another number of nodes.
 
     Example:
         `linear_pieces(np.array([[7, 8, 9]]), 1)` is `[[7, 9], [9, 8]]`.
@@ -55,8 +58,14 @@ def from_vtk(cells: npt.NDArray[np.integer]) -> Integers:
 
 
 def middles(corners: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
-    """Values (n, 6, ...) at the nodes of quadratic triangles from those (n, 3, ...) at their
-    corners."""
+    """Values at the six nodes of quadratic triangles from those at their corners, which are linear.
+
+    Args:
+        corners: values (n, 3, ...) in any unit.
+
+    Returns:
+        (n, 6, ...) in the order of dolfinx: corners, then middles of the edges opposite to them.
+    """
     a = corners[:, 0]
     b = corners[:, 1]
     c = corners[:, 2]

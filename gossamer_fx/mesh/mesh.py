@@ -75,7 +75,10 @@ class Mesh:
         return "line elements"
 
     def group_words(self) -> str:
-        """The names of the groups with what they are made of, for messages."""
+        """Return the names of the groups with what they are made of, for messages.
+
+        E.g. "groups: film (surfaces), rim (curves)", or "groups: none".
+        """
         kinds = ("points", "curves", "surfaces")
         names = [
             f"{name or 'one without a name'} ({kinds[dim]})"
@@ -84,7 +87,14 @@ class Mesh:
         return f"groups: {', '.join(names) or 'none'}"
 
     def group(self, name: str) -> tuple[int, npt.NDArray[np.int32]]:
-        """Dimension and local entities (owned and ghost) of a named group.
+        """Return dimension and local entities (owned and ghost) of a named group.
+
+        Args:
+            name: of the group: points, curves or surfaces of the gmsh file.
+
+        Returns:
+            dimension 0, 1 or 2, and numbers (n,) of vertices, edges or cells of this rank; n may be
+            0.
 
         Raises:
             InputError: the mesh has no group of this name; the message lists its groups.
@@ -163,7 +173,11 @@ def read_mesh(path: str | Path, comm: MPI.Intracomm, *, orient: bool = False) ->
     """
 
     def read() -> RawMesh:
-        """Read the file on rank 0; what is wrong with it becomes an `InputError`."""
+        """Read the file, on rank 0, and orient its triangles if that is wanted.
+
+        Raises:
+            InputError: there is no such file, or its mesh cannot be used.
+        """
         check(
             Path(path).is_file(),
             f"There is no mesh file '{path}'; give the path of a gmsh file (.msh).",
@@ -226,7 +240,16 @@ def _oriented_if(orient: bool, raw: RawMesh) -> RawMesh:
 
 
 def _build(build: Callable[[Any], None], orient: bool) -> RawMesh:
-    """Call `build` in a new gmsh session, and extract the mesh from it."""
+    """Call a user's function in a new gmsh session, and extract the mesh from it; on rank 0.
+
+    Args:
+        build: takes `gmsh.model`, makes geometry [m] and groups, and generates the mesh.
+        orient: whether normals of neighbouring triangles are made to agree.
+
+    Raises:
+        InputError: `build` raises any error, the mesh cannot be used, or a surface has one side
+            only.
+    """
     # Most scenes read a file or run on other ranks; gmsh is loaded only here.
     import gmsh
 
@@ -252,7 +275,16 @@ def _build(build: Callable[[Any], None], orient: bool) -> RawMesh:
 
 
 def _distribute_mesh(comm: MPI.Intracomm, raw: RawMesh | None) -> Mesh:
-    """Distribute the mesh that rank 0 has; `raw` is None on the other ranks."""
+    """Distribute the mesh that rank 0 has, and its groups, over all ranks.  Collective.
+
+    Args:
+        comm: the ranks.
+        raw: arrays of the mesh; None on the other ranks.
+
+    Raises:
+        InputError: more than two cells meet at one edge, on several ranks, and this version of
+            dolfinx distributes only two.
+    """
     about = None
     if raw is not None:
         about = (raw.kind, raw.order, raw.cells.shape[1], _most_at_a_facet(raw))
@@ -289,7 +321,12 @@ def _distribute_mesh(comm: MPI.Intracomm, raw: RawMesh | None) -> Mesh:
 
 
 def _most_at_a_facet(raw: RawMesh) -> int:
-    """Largest number of triangles that share an edge, or of line elements that share a point."""
+    """Return the largest number of triangles that share an edge, or of line elements that share a
+    point.
+
+    Args:
+        raw: arrays of a mesh with at least one cell.
+    """
     if raw.kind == "triangle":
         corners = np.sort(raw.cells[:, :3], axis=1)
         edges = np.vstack([corners[:, [i, j]] for i, j in ((0, 1), (0, 2), (1, 2))])
@@ -305,7 +342,16 @@ def _most_at_a_facet(raw: RawMesh) -> int:
 def _distribute(
     domain: dmesh.Mesh, dim: int, entities: npt.NDArray[np.int64]
 ) -> npt.NDArray[np.int32]:
-    """Local numbers (owned and ghost) of entities that rank 0 lists by their input nodes (n, k)."""
+    """Return local numbers of entities that rank 0 lists by their nodes.  Collective.
+
+    Args:
+        domain: the mesh, which is distributed.
+        dim: dimension of the entities, 0 to that of the mesh.
+        entities: nodes (n, k) in the numbering of the file; none on the other ranks.
+
+    Returns:
+        local numbers (m,), owned and ghost, ascending.
+    """
     domain.topology.create_entities(dim)
     domain.topology.create_connectivity(dim, 0)
     domain.topology.create_connectivity(dim, domain.topology.dim)

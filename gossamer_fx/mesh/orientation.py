@@ -53,11 +53,14 @@ class _Sums:
 
 
 def oriented(raw: RawMesh) -> RawMesh:
-    """The mesh with consistent normals, which point out of closed surfaces.
+    """Return the mesh with consistent normals, which point out of closed surfaces.
 
     A surface with rims counts as closed if they are small, see `mesh.enclosed_volume`.  Any other
     open surface keeps the side that the larger number of its triangles has.  Where three or more
     triangles share an edge, surfaces end.  A mesh of line elements is returned as it is.
+
+    Args:
+        raw: arrays of the whole mesh, which are not changed.
 
     Raises:
         BadMesh: a surface has one side only, as a Möbius strip.
@@ -108,7 +111,7 @@ def oriented(raw: RawMesh) -> RawMesh:
 def _sums(
     triangles: Array, surface: Integers, turned: npt.NDArray[np.bool_], surfaces: int
 ) -> _Sums:
-    """Volumes and areas of surfaces.
+    """Return signed volumes [m³] and areas [m²] of surfaces.
 
     Args:
         triangles: corners (n, 3, 3) [m].
@@ -127,7 +130,11 @@ def _sums(
 
 
 def _neighbours(corners: Integers) -> _Neighbours:
-    """The neighbours among triangles (m, 3) of nodes."""
+    """Find the pairs of triangles that share an edge which no third triangle has.
+
+    Args:
+        corners: nodes (m, 3) of the triangles, in their order round each.
+    """
     directed = np.vstack([corners[:, [i, (i + 1) % 3]] for i in range(3)])
     cell = np.tile(np.arange(len(corners)), 3)
     forwards = directed[:, 0] < directed[:, 1]
@@ -154,7 +161,16 @@ def _neighbours(corners: Integers) -> _Neighbours:
 def _disagreeing(
     graph: sparse.csr_array, neighbours: _Neighbours, surface_of_cell: Integers
 ) -> npt.NDArray[np.bool_]:
-    """Whether each triangle must be turned to agree with the first one of its surface."""
+    """Return whether each triangle must be turned to agree with the first one of its surface.
+
+    Args:
+        graph: (m, m), nonzero where two triangles are neighbours.
+        neighbours: the pairs, and whether the normals of both are on the same side.
+        surface_of_cell: number (m,) of the connected surface of each triangle.
+
+    Returns:
+        mask (m,).
+    """
     agree = {}
     for pair, is_same in enumerate(neighbours.agree):
         first = int(neighbours.first[pair])

@@ -69,7 +69,10 @@ def extent(domain: dmesh.Mesh) -> float:
 
 
 def area_vectors(corners: Array) -> Array:
-    """Normals (n, 3) of triangles (n, 3, 3), with the area [m²] as length.
+    """Normals (n, 3) of triangles, with the area [m²] as length.
+
+    Args:
+        corners: vertices (n, 3, 3) [m] of the triangles; a normal has them counterclockwise.
 
     >>> import numpy as np
     >>> area_vectors(np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]]))
@@ -91,7 +94,15 @@ def sizes(corners: Array) -> Array:
 
 
 def shape_quality(corners: Array) -> Array:
-    """Quality 4√3 A/(a² + b² + c²) of triangles (n, 3, 3): 1 if equilateral, 0 if degenerate.
+    """Quality 4√3 A/(a² + b² + c²) of triangles with the sides a, b, c and the area A [-].
+
+    It is 1 if equilateral, 0 if degenerate.
+
+    Args:
+        corners: vertices (n, 3, 3) [m] of the triangles.
+
+    Returns:
+        (n,).
 
     >>> import numpy as np
     >>> flat = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
@@ -107,7 +118,14 @@ def shape_quality(corners: Array) -> Array:
 
 
 def aspects(corners: Array) -> Array:
-    """Aspect ratios c²/(4A) of triangles (n, 3, 3) with longest edges c: 1 for half a square.
+    """Aspect ratios c²/(4A) of triangles with the longest edge c and the area A [-]: 1 for half a
+    square.
+
+    Args:
+        corners: vertices (n, 3, 3) [m] of the triangles.
+
+    Returns:
+        (n,), at least 1; very large for a triangle without area.
 
     >>> import numpy as np
     >>> aspects(np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]]))
@@ -121,9 +139,15 @@ def aspects(corners: Array) -> Array:
 
 
 def turned_inside(domain: dmesh.Mesh) -> int:
-    """Number of curved triangles (order 2) whose normal reverses within the cell.
+    """Count curved triangles (order 2) whose normal reverses within the cell.  Collective.
 
-    The normal is examined at the three corners.  All ranks return the number of the whole mesh.
+    The normal is examined at the three corners.
+
+    Args:
+        domain: mesh of triangles; for plane ones the number is 0.
+
+    Returns:
+        the number in the whole mesh, on all ranks.
     """
     if domain.geometry.cmap.degree != 2:
         return 0
@@ -142,7 +166,7 @@ def turned_inside(domain: dmesh.Mesh) -> int:
 
 
 def folded(table: EdgeTable) -> int:
-    """Number of triangles that lie upside down on their neighbours.
+    """Count triangles that lie upside down on their neighbours.  Collective.
 
     These are triangles with two neighbours or more, all of which have an opposite normal: a node
     was moved across an edge.  One neighbour is not enough, since it may be a sharp fold.
@@ -185,7 +209,7 @@ def folded(table: EdgeTable) -> int:
 
 
 def folded_in_plane(table: EdgeTable) -> tuple[int, float]:
-    """Number of triangles of a plane mesh that lie upside down, and their share of the area.
+    """Count triangles of a plane mesh that lie upside down.  Collective.
 
     Nodes that were moved across edges turn triangles over, which then cover a part of the plane
     again.  A film that is folded once, such as a tube that is pressed flat, has as much area on
@@ -195,8 +219,8 @@ def folded_in_plane(table: EdgeTable) -> tuple[int, float]:
         table: edges of the mesh, `Mesh.edges`.
 
     Returns:
-        number and share in the whole mesh, on all ranks; zero for a mesh that is not plane, or
-        whose neighbouring triangles pass edges in the same direction.
+        number, and share of the area [-], in the whole mesh, on all ranks; zero for a mesh that is
+        not plane, or whose neighbouring triangles pass edges in the same direction.
     """
     domain = table.domain
     comm = domain.comm
@@ -232,10 +256,10 @@ def folded_in_plane(table: EdgeTable) -> tuple[int, float]:
 
 
 def open_seams(domain: dmesh.Mesh, groups: Mapping[str, tuple[int, npt.NDArray[np.int32]]]) -> int:
-    """Number of boundary facets that coincide with another boundary facet but are not glued to it.
+    """Count boundary facets that coincide with another boundary facet but are not glued to it.
 
-    Facets are edges of triangles, or ends of line elements.  A slit that is intended has its two
-    sides in different named groups; its facets are not counted.
+    Collective.  Facets are edges of triangles, or ends of line elements.  A slit that is intended
+    has its two sides in different named groups; its facets are not counted.
 
     Args:
         domain: the mesh.
@@ -286,7 +310,7 @@ def open_seams(domain: dmesh.Mesh, groups: Mapping[str, tuple[int, npt.NDArray[n
 
 
 def crossings(comm: MPI.Intracomm, corners: Array, nodes: Integers) -> int:
-    """Number of triangles that intersect another triangle.
+    """Count triangles that intersect another triangle.  Collective.
 
     Triangles that share a node are not tested against each other.  Ranks pass their triangles on in
     a ring, so that none stores more than two shares of the mesh.
@@ -324,9 +348,18 @@ def _pierced(
     others: Array,
     other_nodes: Integers,
 ) -> npt.NDArray[np.bool_]:
-    """Whether each triangle of `mine` (n, 3, 3) intersects one of `others` (m, 3, 3).
+    """Return whether triangles intersect one of other triangles.
 
     Two triangles intersect if an edge of the one passes through the inside of the other.
+
+    Args:
+        mine: vertices (n, 3, 3) [m].
+        my_nodes: global numbers (n, 3) of these vertices.
+        others: vertices (m, 3, 3) [m].
+        other_nodes: global numbers (m, 3); triangles that share a node are not tested.
+
+    Returns:
+        mask (n,) of `mine`.
     """
     found = np.zeros(len(mine), dtype=bool)
     if not len(mine) or not len(others):
@@ -369,7 +402,13 @@ def _is_candidate(
     nodes: Integers,
     other_nodes: Integers,
 ) -> npt.NDArray[np.bool_]:
-    """Whether the bounding balls of pairs of triangles overlap and they share no node (n, 3)."""
+    """Return whether the bounding balls of pairs of triangles overlap and they share no node.
+
+    Args:
+        distance: between the centres of the balls (n,) [m].
+        reach: sum of their radii (n,) [m].
+        nodes, other_nodes: global numbers (n, 3) of the vertices of both triangles.
+    """
     overlap: npt.NDArray[np.bool_] = distance <= reach
     shared = (nodes[:, :, None] == other_nodes[:, None, :]).any(axis=(1, 2))
     return overlap & ~shared
@@ -383,12 +422,15 @@ def _ball(corners: Array) -> tuple[Array, Array]:
 
 
 def _segment_meets(start: Array, end: Array, triangle: Array) -> npt.NDArray[np.bool_]:
-    """Whether segments pass through the inside of triangles; those that only touch do not.
+    """Return whether segments pass through the inside of triangles; those that only touch do not.
 
     Args:
         start: beginnings (n, 3) [m] of the segments.
         end: their ends (n, 3) [m].
         triangle: one triangle (n, 3, 3) [m] for each segment.
+
+    Returns:
+        mask (n,); false for triangles without area and segments in their plane.
     """
     origin = triangle[:, 0]
     a = triangle[:, 1] - origin

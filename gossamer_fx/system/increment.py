@@ -33,7 +33,15 @@ class Increment:
     """
 
     def __init__(self, numbering: Numbering, supports: Supports) -> None:
-        """Set all vectors to zero; `set_inertia` and `predict` begin a step."""
+        """Set all vectors to zero; `set_inertia` and `predict` begin a step.  Collective.
+
+        The increment of the coordinates in a step is p + w [m]: p is predicted, w is found by the
+        solver.
+
+        Args:
+            numbering: layout of the vectors of all unknowns.
+            supports: which coordinates are fixed or prescribed.
+        """
         self._supports = supports
         self._comm = numbering.comm
         self.remainder = numbering.vector()
@@ -80,8 +88,15 @@ class Increment:
 
     def force_scale(self, M: PETSc.Mat, diagonal: PETSc.Vec, q1: PETSc.Vec) -> float:
         """Reference force [N] for the round-off of a residual: the norm of what cancels in it.
+        Collective.
 
-        That is diag(K) q1 and diag(c M)(w + o); given is diag(K) + diag(c M), of the tangent.
+        That is diag(K) q1 and diag(c M)(w + o), with the stiffness K [N/m] and the inertia c M (w +
+        o) of the increment w of the step; c [1/s²] and o [m] are those of the time stepper.
+
+        Args:
+            M: mass matrix [kg].
+            diagonal: of the tangent, diag(K) + diag(c M) [N/m].
+            q1: coordinates [m] at the end of the step.
         """
         inertia = self._diagonal_inertia(M)
         offset = 0.0 if self._offset is None else self._offset.array_r
@@ -93,8 +108,13 @@ class Increment:
     def round_off_energy(self, M: PETSc.Mat, diagonal: PETSc.Vec, q1: PETSc.Vec) -> float:
         """Energy [J] that round-off gives to a scene at rest: ½ Σ K_ii (n ε q1_i)², n = REST_UNITS.
 
-        The inertia c M does not count: the increment of a step does not take part in the round-off
-        of the coordinates.
+        ε is the machine precision.  The inertia c M does not count: the increment of a step does
+        not take part in the round-off of the coordinates.  Collective.
+
+        Args:
+            M: mass matrix [kg].
+            diagonal: of the tangent, diag(K) + diag(c M) [N/m].
+            q1: coordinates [m] at the end of the step.
         """
         stiffness = abs(diagonal.array_r - self._diagonal_inertia(M))
         # Fixed coordinates are set and not solved for: they have no round-off.
@@ -110,9 +130,14 @@ class Increment:
         return inertia
 
     def commit(self, q0: PETSc.Vec, q1: PETSc.Vec) -> None:
-        """Note what rounding took from q1 = q0 + (p + w), exactly: Knuth's sum of two numbers.
+        """Store what rounding took from q1 = q0 + (p + w), exactly, in `remainder` [m].
 
-        D. E. Knuth, The Art of Computer Programming, vol. 2, section 4.2.2, theorem B.
+        p + w is the increment of the step.  The remainder is added to the next increment, so that
+        it does not accumulate.  Knuth's sum of two numbers (The Art of Computer Programming, vol.
+        2, section 4.2.2, theorem B).
+
+        Args:
+            q0, q1: coordinates [m] at the start and the end of the accepted step.
         """
         start = q0.array_r
         end = q1.array_r

@@ -47,11 +47,18 @@ def check_vector(what: str, about: Vector) -> Array:
 
 
 def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Array, Array]:
-    """Force [N] and moment about a point [N m], (3,) each, that a support exerts in the last
-    solution.
+    """Force and moment that a support exerts in the last solution.  Collective.
+
+    Args:
+        system: the compiled scene, after a step or at rest.
+        support: an item that fixes or prescribes coordinates or rotations, e.g. `Fixed`.
+        about: point (3,) [m] of the moment.
+
+    Returns:
+        Force (3,) [N] and moment (3,) [N m], the same on every rank.
 
     Raises:
-        InputError: it is not in the scene, or holds nothing.
+        InputError: it is not in the scene, or holds nothing, or the point is not three numbers.
     """
     check(
         hasattr(support, "terms"),
@@ -90,13 +97,22 @@ def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Ar
 
 
 def joint_force(system: System, joint: Joint, about: Vector | None = None) -> tuple[Array, Array]:
-    """Force [N] and moment [N m], (3,) each, that a joint exerts on its second side `b`, in the
-    last solution.
+    """Force and moment that a joint exerts on its second side `b` in the last solution.
+    Collective.
 
-    The moment is about a point, by default the origin; side `a` feels the opposite.
+    Side `a` bears the opposite.
+
+    Args:
+        system: the compiled scene, after a step or at rest.
+        joint: a joint of two points or frames, with multipliers.
+        about: point (3,) [m] of the moment; default: the origin.
+
+    Returns:
+        Force (3,) [N] and moment (3,) [N m], the same on every rank.
 
     Raises:
-        InputError: it is not in the scene, or has no multipliers.
+        InputError: it is not in the scene, or has no multipliers, or the point is not three
+            numbers.
     """
     check(
         hasattr(joint, "b"),
@@ -136,10 +152,15 @@ def _bodies(side: Attached | Frame) -> Iterable[Any]:
 
 
 def _held(system: System, term: Support, centre: Array) -> Array:
-    """This rank's share of force and moment of held coordinates.
+    """This rank's share of force [N] and moment [N m], (2, 3), of coordinates that a support holds.
 
     Supports that hold one coordinate together bear equal parts of its force, so that all reactions
     balance the loads.
+
+    Args:
+        system: the compiled scene, after a step or at rest.
+        term: the coordinates that the support holds.
+        centre: point (3,) [m] of the moment.
     """
     owned = system.block(term.body).owned
     vectors = term.body.block.size // 3
@@ -184,15 +205,18 @@ def _tied(
 ) -> Array:
     """Force and moment that one constraint exerts on some of its ports: this rank's share.
 
+    A port is a point or direction of a body.  Collective.
+
     Args:
         system: the compiled scene, after a step or at rest.
-        measure: of the constraint, whose force is -De(q_mid)ᵀ λ.
-        λ: its multipliers (n, m).
+        measure: quadratic functions e = ½ X·H X + L·X + c of the stacked vectors X of the ports,
+            which the constraint holds at zero.  Its force is -∂e/∂X λ.
+        λ: its multipliers (n, m), [N] for distances of points.
         counts: whether the force on a port is part of the sum.
         centre: point of the moment (3,) [m].
 
     Returns:
-        force [N] and moment [N m], (2, 3).
+        Force [N] and moment [N m], as rows (2, 3).
     """
     α = system.rule.alpha
     total = np.zeros((2, 3))

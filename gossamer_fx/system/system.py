@@ -75,9 +75,16 @@ class System:
     """
 
     def __init__(self, start: InitialState, parts: Sequence[Part], rule: StressRule) -> None:
-        """Number the unknowns and compile the terms; `initialise` then sets the state.
+        """Number the unknowns and compile the terms; `initialise` then sets the state.  Collective.
 
-        Collective.
+        Args:
+            start: the initial state of all bodies, with initial conditions applied.
+            parts: the items of the scene with their terms (masses, energies, loads, constraints).
+            rule: how the stress of a step follows from the strains at its ends.
+
+        Raises:
+            InputError: terms that contradict each other, e.g. two supports that move one
+                coordinate.
         """
         self.comm = start.comm
         self._initial = start
@@ -138,8 +145,12 @@ class System:
         return np.concatenate([np.zeros(0), *marks])
 
     def _sort_by_role(self) -> None:
-        """Lists of the compiled kinds by role, so that nobody is asked for what it has no part
-        in."""
+        """Sort the compiled kinds of terms by the roles that they play, into lists of this object.
+
+        A kind holds all terms of one class, e.g. all springs; a role is a part in the equations,
+        e.g. to add forces or to store energy.  A kind is asked only for its roles; it may be in
+        several lists.
+        """
         compiled = self.compiled
         self.constraints = next((c for c in compiled if isinstance(c, CompiledConstraints)), None)
         self.active_sets = roles.playing(roles.ActiveSet, compiled)
@@ -188,7 +199,14 @@ class System:
     # ---- the initial state -----------------------------------------------------------------------
 
     def initialise(self) -> None:
-        """Take the initial state and set up the matrices, once scalar unknowns are attached."""
+        """Set the initial state and set up the matrices, once scalar unknowns are attached.
+        Collective.
+
+        Scalar unknowns, e.g. gas pressures, begin with the volumes of this state.
+
+        Raises:
+            InputError: a constraint does not hold in the initial state, or follows from others.
+        """
         self._initial.copy_to(self.q0, self.v0)
         self.v0.array[self.supports.at_rest] = 0
         if self.constraints:
@@ -218,8 +236,12 @@ class System:
             self._commit()
 
     def parameters_changed(self) -> None:
-        """Assemble again what depends on coefficients of forms: masses, constant stiffness and
-        loads."""
+        """Assemble again what depends on coefficients of forms: masses [kg], constant stiffness
+        [N/m] and loads.
+
+        The caller has changed their values.  Coordinates and velocities stay; quantities derived
+        from them, as strains, are updated.  Collective.
+        """
         for kind in self.compiled:
             if isinstance(kind, roles.ResidualForms):
                 kind.parameters_changed()
@@ -243,14 +265,14 @@ class System:
         """Set the system to the present step run backwards in time, for gradients of a run.
 
         A step of length h from t - h to t becomes one of length -h from t to t - h.  Terms with
-        active sets retain their pairs (`roles.ExchangesEnds`); all others start as from an accepted
-        state.
+        active sets (contact) retain their pairs (`roles.ExchangesEnds`); all others start as from
+        an accepted state.  Collective.
 
         Args:
-            start: coordinates of this rank at time t [s], where the reversed step begins.
-            rates: velocities there.
+            start: coordinates (n,) [m] of this rank at time t, where the reversed step begins.
+            rates: velocities (n,) [m/s] there.
             t: time [s] of the start.
-            end: coordinates of this rank where the reversed step ends.
+            end: coordinates (n,) [m] of this rank where the reversed step ends.
         """
         self.time = t
         self.v0.array[:] = rates
@@ -272,10 +294,12 @@ class System:
         self.set_end(end_vector)
 
     def _build_matrices(self) -> None:
-        """Mass matrix M, constant stiffness K if there is one, and tangent A, with one pattern.
+        """Make the mass matrix M, the constant stiffness K if there is one, and the tangent A.
+        Collective.
 
-        They are duplicates of one matrix: PETSc 3.22 multiplies those by BLAS, in half of the time
-        of its kernel for blocks of three.
+        All have one pattern and are duplicates of one matrix: PETSc 3.22 multiplies those by BLAS,
+        in half of the time of its kernel for blocks of three.  M [kg] and K [N/m] are assembled, A
+        is not.
         """
         pattern = self.numbering.matrix()
         for mass in self._masses:
@@ -363,10 +387,16 @@ class System:
         return self.increment.predict(increment, self.q0, self.time + self.h)
 
     def set_increment(self, w: PETSc.Vec, base: PETSc.Vec | None) -> None:
-        """Set q1 = q0 + p + w.
+        """Set the coordinates at the end of the step, q1 = q0 + p + w, and the strains there.
+        Collective.
 
-        With a `base`, strains follow linearly from those at w = `base`; without, they are the true
-        ones.
+        q0 are the coordinates at its start, p is the increment that the stepper predicts, w the
+        unknown.
+
+        Args:
+            w: unknown part of the increment [m].
+            base: w of the last iterate [m]: strains follow linearly from those there; None: they
+                are the true ones.
         """
         self.increment.end(w, self.q0, self.q1)
         self._spread(self.q1, "q1")
@@ -384,7 +414,18 @@ class System:
             observer.update(False)
 
     def residual(self, y: Array, r: PETSc.Vec) -> Array:
-        """Residual of the coordinates into r [N]; returns that of the scalar unknowns."""
+        """Evaluate the residual of the step at the present iterate.  Collective.
+
+        It is the sum of inertia, internal forces and forces of scalar unknowns, less the loads.
+
+        Args:
+            y: scalar unknowns, such as gas pressures [Pa], the same on every rank.
+            r: receives the residual of the coordinates [N]; in rows of Lagrange multipliers the
+                violation of their constraint, in rows of fixed coordinates zero.
+
+        Returns:
+            The residual of the scalar unknowns, as long as y, relative to what they balance.
+        """
         # First the gas: its pressure enters the forces on films.
         s = [scalars.residual(part) for scalars, part in self._split(y)]
         self.increment.add_inertia(self.M, r)
@@ -404,9 +445,11 @@ class System:
         return np.concatenate([np.zeros(0), *s])
 
     def stored_forces(self) -> PETSc.Vec:
-        """Derivatives ψ'(q0) [N] of all stored energies of bodies in the accepted state.
+        """Derivatives ψ'(q0) [N] of all stored energies of bodies in the accepted state, as a new
+        vector.
 
-        They are the forces of a step that goes nowhere.  The step that the terms know is set to q0.
+        They are the forces of a step that goes nowhere: the end of the present step is set to q0.
+        Collective.
         """
         out = self.numbering.vector()
         self.set_end(self.q0)
@@ -431,7 +474,11 @@ class System:
         return out
 
     def external_forces(self) -> PETSc.Vec:
-        """Forces [N] of loads, scalar unknowns and supports at the last residual."""
+        """Forces [N] of loads, scalar unknowns and supports at the last residual, as a new vector.
+
+        Scalar unknowns are gas pressures and the like; the force of a support is its reaction.
+        Collective.
+        """
         out = self.load_forces()
         with out as values:
             for scalars in self.scalar_unknowns:
@@ -456,7 +503,14 @@ class System:
         return self.assemble_tangent().whole()
 
     def assemble_tangent(self) -> Tangent:
-        """The same derivative, as the sum of a matrix of fixed pattern and coupling matrices."""
+        """Derivative [N/m] of the residual of the coordinates by q1, at the last residual.
+        Collective.
+
+        Returns:
+            The sum of a matrix of fixed pattern and coupling matrices, those of contact pairs.
+            Rows and columns of fixed coordinates are those of the unit matrix.  The object is the
+            same in every call.
+        """
         if self._base is None:
             # Without constant stiffness the base would be a copy of c M.
             self.M.copy(self.A, SAME_PATTERN)
@@ -477,7 +531,14 @@ class System:
         return self.coupled_tangent
 
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
-        """Columns and rows of all scalar unknowns, zero at fixed coordinates, and their corner."""
+        """Coupling of all m scalar unknowns, such as gas pressures, with the coordinates in the
+        tangent.
+
+        Returns:
+            m columns (derivatives of forces by the scalars) and m rows (derivatives of their
+            residuals by the coordinates), this rank's part (n,) of each or None where it is zero;
+            and the corner (m, m).  They are zero at fixed coordinates.
+        """
         columns: list[Array | None] = []
         rows: list[Array | None] = []
         corner = np.zeros((0, 0))
@@ -492,8 +553,14 @@ class System:
         return columns, rows, corner
 
     def commit(self, v1: PETSc.Vec) -> None:
-        """Accept the step: q1 and v1 are the state now, and its works and losses are added to the
-        totals."""
+        """Accept the step: its end is the state now, and its works and losses [J] are added to the
+        totals.
+
+        Collective.
+
+        Args:
+            v1: velocities [m/s] at the end of the step.
+        """
         change = self.q1.array_r - self.q0.array_r
         self.supplied_energy += self.supports.work(change)
         self.supplied_energy += sum(kind.supplied() for kind in self._supplying)
@@ -516,10 +583,15 @@ class System:
             recorder()
 
     def restore(self, q: Array, v: Array, t: float) -> None:
-        """Take an earlier accepted state: this rank's coordinates and velocities; totals do not
-        change.
+        """Set an earlier accepted state; totals of energies do not change.  Collective.
 
-        Kinds with history variables need theirs, too (`roles.StepHistory`).
+        History variables, such as the rest angles of creases that yield, are set by the caller
+        (`roles.StepHistory`).
+
+        Args:
+            q: this rank's coordinates (n,) [m].
+            v: this rank's velocities (n,) [m/s].
+            t: time [s].
         """
         self.time = t
         self.v0.array[:] = v
@@ -545,7 +617,14 @@ class System:
 
     def totals(self) -> Totals:
         """Energies and momenta of the accepted state, and what was supplied and lost since the
-        start."""
+        start.
+
+        Collective.
+
+        Returns:
+            The same on every rank: time [s], energies [J] (stored and lost ones by name), momentum
+            (3,) [kg m/s], angular momentum (3,) [kg m²/s] about the origin, and masses of gas [kg].
+        """
         self.M.mult(self.v0, self._momenta)
         size = 3 * len(self._is_position)  # without multipliers
         p = self._momenta.array_r[:size].reshape(-1, 3)
@@ -605,7 +684,17 @@ class System:
         return self.increment.round_off_energy(self.M, diagonal, self.q1)
 
     def imbalance(self, r: PETSc.Vec) -> tuple[float, float]:
-        """Norm of the forces in r [N], and the largest violation of a constraint."""
+        """Norm of the forces in a residual [N], and the largest violation of a constraint.
+        Collective.
+
+        Args:
+            r: residual of all unknowns, as `residual` returns it: rows of forces [N], then those of
+                multipliers, with the violations of their constraints.
+
+        Returns:
+            Both numbers, the same on every rank; a violation is in the unit of its constraint, [m]
+            for points that coincide.
+        """
         if self.constraints is None:
             return float(r.norm()), 0.0
         values = r.array_r
@@ -619,7 +708,16 @@ class System:
         return squares**0.5, worst
 
     def locate(self, r: PETSc.Vec) -> str:
-        """Where the residual r is largest, in words; the same on every rank."""
+        """Where a residual is largest, in words, e.g. "'film' at the node (0, 0, 1) m of the mesh".
+
+        Collective; the same on every rank.
+
+        Args:
+            r: residual of all unknowns [N].
+
+        Returns:
+            Empty if the largest entry does not belong to a body but to a constraint.
+        """
         values = abs(r.array_r)
         i = int(values.argmax()) if values.size else -1
         largest = float(values[i]) if i >= 0 else -1.0

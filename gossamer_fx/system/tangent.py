@@ -53,7 +53,14 @@ class Tangent:
         return self._sum(self._couplings)
 
     def for_preconditioner(self) -> PETSc.Mat:
-        """A and those couplings that a preconditioner needs: A itself if nothing is coupled."""
+        """The part of the tangent [N/m] that a preconditioner needs, as one matrix.  Collective.
+
+        It is A, of fixed pattern, and those couplings of contact pairs that are strong compared
+        with the diagonal of A.
+
+        Returns:
+            A itself if nothing is coupled, otherwise a new matrix.
+        """
         if not self._couplings:
             return self.A
         self._diagonal = self.A.getDiagonal(self._diagonal)
@@ -64,7 +71,16 @@ class Tangent:
         return total
 
     def _sum(self, couplings: Sequence[PETSc.Mat]) -> PETSc.Mat:
-        """A + Σ C [N/m] as a new matrix; A itself if nothing is coupled."""
+        """The tangent as one new matrix: the sum of A and coupling matrices of contact pairs.
+        Collective.
+
+        Args:
+            couplings: square matrices [N/m] of all unknowns, as A, with entries where A may have
+                none.
+
+        Returns:
+            A itself if nothing is coupled.
+        """
         if not couplings:
             return self.A
         # A copy: the pattern of A is fixed, and the couplings have entries elsewhere.

@@ -31,10 +31,11 @@ class Coordinates:
     """
 
     def __init__(self, space: fem.FunctionSpace, alpha: float) -> None:
-        """Make the functions and constants of one step.
+        """Make the functions and constants of one step.  Collective.
 
         Args:
-            space: of the coordinates.
+            space: of the coordinates: positions [m] and, for beams, section axes [-] at the nodes
+                of a mesh.
             alpha: share of the end of the step in the configuration of the forces: ½, or 1 at rest.
         """
         self.q0 = fem.Function(space)

@@ -114,10 +114,14 @@ class StressRule(Protocol):
         return []
 
     def function_of(self, law: CLaw) -> int:
-        """Address of the C function for S_mean of a law that is written in C.
+        """Address of the C function for the mean stress of a step, for a law that is written in C.
+
+        Args:
+            law: addresses of the law's C functions.
 
         Raises:
-            InputError: the rule has none; it then works only with laws in UFL.
+            InputError: this rule, by which stresses follow from strains, has no such function; it
+                then works only with laws in UFL.
         """
         raise InputError(
             f"{type(self).__name__} has no stress for laws in C (Orthotropic); use PathAverage() "
@@ -150,7 +154,19 @@ class PathAverage(StressRule):
         )
 
     def stress(self, energy: PathEnergy, e0: Expr, e1: Expr) -> Expr:
-        """Mean stress S_mean of the step from strain e0 to e1, which satisfies (2)."""
+        """Mean stress S_mean of a step with S_mean·(e1 - e0) = ψ(e1) - ψ(e0), averaged over the
+        strain path.
+
+        Args:
+            energy: stored energy: its density ψ as a function of the strain, whether it is
+                quadratic, and the pieces of a strain path on which it is smooth, each with its mean
+                stress.
+            e0: strain (m,) at the start of the step, dimensionless.
+            e1: strain (m,) at its end, a UFL variable, by which the result can be derived.
+
+        Returns:
+            UFL vector (m,), in the unit of ψ (per area [N/m], per length [N]).
+        """
         ψ = energy.density
         Δe = e1 - e0
         # The average (4) of a linear stress is that in the middle: exact, without a correction.
@@ -174,8 +190,23 @@ class PathAverage(StressRule):
         return law.path_average
 
     def cases(self, energy: PathEnergy, e0: Expr, e1: Expr) -> list[tuple[Expr, Expr]]:
-        """Paths that stay in one state: six of ten in the iterations of a film that flutters, seven
-        before it does."""
+        """Cheaper expressions of the mean stress, for paths on which the material stays in one
+        state.
+
+        They serve six of ten paths in the iterations of a film that flutters, seven before it does.
+
+        Args:
+            energy: stored energy: its density as a function of the strain, whether it is quadratic,
+                and the pieces of a strain path (shares `start` to `end` of it, from 0 to 1) on
+                which the material is in one state, each with its mean stress.
+            e0: strain (m,) at the start of the step, dimensionless.
+            e1: strain (m,) at its end, a UFL variable.
+
+        Returns:
+            Conditions, and mean stresses (m,) in the unit of the density (per area [N/m], per
+            length [N]), all UFL expressions; the first condition that holds counts.  Empty where
+            one expression serves all paths.
+        """
         if energy.quadratic or not energy.pieces:
             return []
         pieces = energy.pieces(e0, e1.expression())
@@ -225,9 +256,14 @@ def gonzalez_correction(
     not change in rigid motions, the correction keeps both momenta.
 
     Args:
-        missing: change of the energy, less the work of the approximate force.
-        changes: Δg_i, the changes of the measures in the step.
-        smallest: below this sum of squares the step is too small for a correction to mean anything.
+        missing: change of the energy (or its density), less the work of the approximate force, a
+            UFL scalar.
+        changes: Δg_i, the changes of the measures in the step, UFL scalars, e.g. of strains.
+        smallest: lower bound of the sum of squares Σ_j Δg_j², in its unit; below it the step is too
+            small for a correction to mean anything.
+
+    Returns:
+        UFL scalars, as many as there are changes, in the unit of `missing` over that of g_i.
     """
     squares = ufl.max_value(sum(change * change for change in changes), smallest)
     return [missing / squares * change for change in changes]
@@ -239,11 +275,19 @@ def defect(
     e0: Expr,
     e1: Expr,
 ) -> Expr:
-    """Gonzalez correction (5) of the stress S along Δe: ((Δψ - S·Δe)/|Δe|²) Δe.
+    """Gonzalez correction of the mean stress of a step: ((Δψ - S·Δe)/|Δe|²) Δe with Δe = e1 - e0.
 
-    It is zero within the round-off of the energies, and for |Δe| < 1e-5 |e|.  There it would only
-    amplify noise. A film that is taut over the whole step needs no correction, and the noise would
-    stop its convergence.
+    With it the work of the stress is the change of the energy.  It is zero within the round-off of
+    the energies, and for |Δe| < 1e-5 |e|.  There it would only amplify noise.  A film that is taut
+    over the whole step needs no correction, and the noise would stop its convergence.
+
+    Args:
+        ψ: energy density as a function of the strain (m,), e.g. per area [N/m].
+        S: approximate mean stress, a UFL vector (m,) in the unit of ψ.
+        e0, e1: strains (m,) at the start and the end of the step, dimensionless UFL vectors.
+
+    Returns:
+        UFL vector (m,), to be added to S.
     """
     Δe = e1 - e0
     # 1e-40 stands for a film at rest, both of whose strains are zero.

@@ -123,6 +123,16 @@ class ElementEnergies(
     def __init__(
         self, terms: Sequence[StoredEnergy | ViscousDissipation], system: Assembly
     ) -> None:
+        """Compile forces, tangents and energies of all terms on meshes.  Collective.
+
+        Args:
+            terms: what films, plates, cables and beams add to the equations: stored energies of
+                strains, and dissipation by their rates.
+            system: the compiled scene, which has the coordinates of the bodies as functions.
+
+        Raises:
+            InputError: a law is written in C, and the stress rule has no function for such laws.
+        """
         self._system = system
         self.elements = [ElementForces(t, system.fields[t.body], system.rule) for t in terms]
         self._dissipating = [
@@ -150,6 +160,12 @@ class ElementEnergies(
                 force.evaluate()
 
     def add_forces(self, r: PETSc.Vec) -> None:
+        """Add the internal forces of all terms on meshes at the present iterate to the residual.
+        Collective.
+
+        Args:
+            r: residual [N] of all unknowns, changed in place.
+        """
         for b in self._forces.values():
             b.array[:] = 0
         for force in self.elements:
@@ -182,6 +198,11 @@ class ElementEnergies(
         return {f.term.name: f.energy() for f in self.elements if isinstance(f.term, StoredEnergy)}
 
     def without_gradient(self) -> str:
+        """In words, which stored energy has no gradient by parameters, and what to do; empty if all
+        have one.
+
+        Laws that are written in C have no derivatives, and therefore no gradient in time steps.
+        """
         # At rest the stress is the derivative of the density, which is in UFL for all laws.
         if self._system.rule.alpha != MIDPOINT:
             return ""
@@ -261,6 +282,20 @@ class ElementForces:
     def __init__(
         self, term: StoredEnergy | ViscousDissipation, at: Coordinates, rule: StressRule
     ) -> None:
+        """Compile one stored energy or dissipation on a mesh: strains, stresses, residual and
+        tangent.
+
+        The strain at the quadrature points is an unknown in addition to the coordinates.
+        Collective.
+
+        Args:
+            term: measure (strain, m components) and density as functions of the coordinates.
+            at: coordinates of the body at the start and the end of a step, as functions for forms.
+            rule: how the stress of a step follows from the strains at its ends.
+
+        Raises:
+            InputError: the law is written in C, and the rule has no function for such laws.
+        """
         self.term = term
         self._at = at
         self._rule = rule
@@ -317,7 +352,17 @@ class ElementForces:
         self._one_response = compile_expression(with_derivative(stress, strain), self._points)
 
     def _compile_law(self, term: StoredEnergy, rule: StressRule, mesh: Any) -> None:
-        """The kernel of a law with several states, and its energy."""
+        """Compile the C kernel of a law with several states, as taut, wrinkled and slack, and its
+        energy.
+
+        Args:
+            term: the stored energy, with the pieces of a strain path on which it is smooth.
+            rule: how the stress of a step follows from the strains at its ends.
+            mesh: of the body.
+
+        Raises:
+            RuntimeError: dolfinx numbers quadrature points differently than the kernel expects.
+        """
         from gossamer_fx.terms.law_kernel.functions import law_functions
         from gossamer_fx.terms.law_kernel.point_law import PointLaw, PointValues
 
@@ -344,7 +389,16 @@ class ElementForces:
         self._energy = compile_form(self._density * term.dx)
 
     def _compile_forms(self, e: Expr, S: Expr, D: Expr, at: Coordinates, rule: StressRule) -> None:
-        """Residual and tangent of the mixed iteration."""
+        """Compile residual and tangent of the mixed iteration, in which the strain is a separate
+        unknown.
+
+        Args:
+            e: strain (m,) at the end of the step, an expression of the coordinates.
+            S: stress (m,) at the quadrature points at the separate strain.
+            D: its derivatives (m, m) by that strain.
+            at: coordinates of the body in the step.
+            rule: how the stress of a step follows from the strains at its ends.
+        """
         term = self.term
         first_variation = ufl.derivative(e, at.q1, at.w)
         at_middle = ufl.replace(first_variation, {at.q1: at.mid})
@@ -379,7 +433,12 @@ class ElementForces:
             self.thermal.commit()
 
     def linearise(self) -> None:
-        """Take ê from the strain at the last iterate and its linear change."""
+        """Set the strain ê at the quadrature points for the next iterate of Newton's method.
+
+        ê is an unknown in addition to the coordinates: it follows from the strain of the last
+        iterate and its linear change.  A law with several states (taut, wrinkled, slack) chooses ê
+        and evaluates stresses here; for others stresses are evaluated when they are needed.
+        """
         if self._law is not None:
             # The first guess is the strain of the last step's start: a film that flutters
             # alternates from step to step.
@@ -398,9 +457,13 @@ class ElementForces:
         self._has_response = False
 
     def respond(self) -> None:
-        """Evaluate (S, D) at the present ê, at the first use.
+        """Evaluate stress S and its derivative D by the strain at all quadrature points, at the
+        first use.
 
-        States that are only accepted or restored, as those of a tape, need strains and no stresses.
+        They are stored, m + m² numbers a point for m strains, in the unit of the density (per area
+        [N/m], per length [N]), for residual and tangent.  Later calls for the same strain do
+        nothing.  States that are only accepted or restored, as in the reversed run of a gradient,
+        need strains and no stresses.
         """
         if self._has_response:
             return
@@ -443,10 +506,14 @@ class ElementForces:
     # ---- sensitivities ---------------------------------------------------------------------------
 
     def residual_form(self, w: Expr) -> ufl.Form:
-        """The forces of the converged step, ∫ S̄·De(q_mid)[w] dx, with its true strains.
+        """The forces of the converged step, ∫ S_mean·De(q_mid)[w] dx [J], with its true strains, in
+        UFL.
 
         The compiled residual reads strains and stresses as numbers at points; here they are
         expressions, so that UFL can derive them with respect to anything.
+
+        Args:
+            w: test function on the space of the coordinates.
         """
         at = self._at
         term = self.term

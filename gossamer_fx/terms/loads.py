@@ -83,7 +83,11 @@ class Loads(
             load.forget()
 
     def supplied(self) -> float:
-        """Work [J] of the loads in the step, this rank's share."""
+        """Work [J] that the loads supply in the present step, this rank's share.
+
+        It is asked for before the step is accepted.  Collective for loads that follow the body, in
+        statics.
+        """
         work = 0.0
         Δq = self._system.q1.array_r - self._system.q0.array_r
         for load in self._loads:
@@ -95,8 +99,12 @@ class Loads(
         return work
 
     def resultants(self) -> dict[str, Array]:
-        """Force [N] and moment about the origin [N m] (2, 3) of each load in the last step, by
-        name.
+        """Force and moment of each load in the last accepted step, this rank's share.
+
+        They are those in the configuration in which the forces of the step acted.
+
+        Returns:
+            By name of the load: force [N] and moment about the origin [N m], as rows (2, 3).
         """
         system = self._system
         found = dict[str, Array]()
@@ -166,7 +174,13 @@ class LoadForces:
     """A load, compiled."""
 
     def __init__(self, term: Load, at: Coordinates) -> None:
-        """Compile the virtual work of the load, and its derivative if the load follows the body."""
+        """Compile the virtual work of the load, and its derivative if the load follows the body.
+        Collective.
+
+        Args:
+            term: the load, with its virtual work [J] as a form of the configuration.
+            at: coordinates of the body in a step.
+        """
         self.term = term
         self._at = at
         δW = term.work(at.mid, at.w)
@@ -194,11 +208,15 @@ class LoadForces:
         self._assembled = False
 
     def path_average(self) -> Array:
-        """The force whose product with Δq is the work of the step, owned and ghost.
+        """The force [N] whose product with the change Δq of the coordinates is the work of the
+        step.
 
-        The midpoint rule does its work with the force at q_mid.  Of a force at the end of the step,
-        the work along the straight path is taken, by Simpson's rule: exact for forces that are at
-        most cubic in q, such as pressure.
+        The midpoint rule does its work with the force at the middle of the step.  Of a force at the
+        end of the step, the work along the straight path is taken, by Simpson's rule: exact for
+        forces that are at most cubic in the coordinates, such as pressure.  Collective.
+
+        Returns:
+            Array (n,) over owned and ghost unknowns of the body.
         """
         end: Array = self.force.array.copy()
         α = self._at.α

@@ -47,8 +47,12 @@ class Masses(OnMeshes, Mass, MassForms, CompiledTerms["KineticEnergy"]):
             self._system.block(body).assemble(M, self.mass_forms(body))
 
     def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
-        """Add the matrix 2 w·M (spin × v) [kg/s] of a frame that turns with `spin` (3,) [rad/s] to
-        G.
+        """Add the matrix [kg/s] of the Coriolis force 2 M (spin × v) in a turning frame.
+        Collective.
+
+        Args:
+            G: matrix of all unknowns, changed in place.
+            spin: angular velocity (3,) [rad/s] of the frame.
         """
         for term in self._terms:
             at = self._system.fields[term.body]

@@ -13,18 +13,18 @@ def one_sided_energy(y: Array) -> Array:
 
 
 def one_sided_average(y0: Array, y1: Array) -> tuple[Array, Array]:
-    """Average of T along the straight path from y0 to y1, and its derivative with respect to y1.
+    """Average of T(y) = max(y, 0) along the straight path from y0 to y1, and its derivative by y1.
 
-    The average is exact, also where the path passes zero: T_mean (y1 - y0) = ψ(y1) - ψ(y0), so a
-    step with it conserves energy.  It does not divide by a small change: that is done only where
-    the path passes zero, and there |y1 - y0| >= |y1|.
+    The average is exact, also where the path passes zero: T_mean (y1 - y0) = ψ(y1) - ψ(y0) with ψ =
+    ½ max(y, 0)², so a step with it conserves energy.  It does not divide by a small change: that is
+    done only where the path passes zero, and there |y1 - y0| >= |y1|.
 
     Args:
-        y0, y1: arrays of one shape.
+        y0, y1: arrays of one shape, in any unit, e.g. stretches [m] of ropes.
 
     Returns:
-        T_mean and dT_mean/dy1, of that shape; ½ (T(y0) + T(y1)) and ½ where the law acts all the
-        way.
+        T_mean, in that unit, and dT_mean/dy1, dimensionless, of that shape; ½ (T(y0) + T(y1)) and ½
+        where the law acts all the way.
     """
     pull0 = np.maximum(y0, 0.0)
     pull1 = np.maximum(y1, 0.0)

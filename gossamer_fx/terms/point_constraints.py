@@ -99,7 +99,13 @@ class PointConstraints(
         return blocks
 
     def __init__(self, terms: Sequence[PointConstraint], system: Assembly) -> None:
-        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
+        """Compile all constraints between points: arrays and indices that stay the same in a run.
+        Collective.
+
+        Args:
+            terms: the constraints, in the same order on all ranks.
+            system: the compiled scene; multipliers are numbered behind its bodies.
+        """
         numbering = system.numbering
         self._system = system
         self._comm = system.comm
@@ -146,7 +152,10 @@ class PointConstraints(
         self._q0 = self._gather(self._system.q0)
 
     def supplied(self) -> float:
-        """Work [J] of the constraints that close, -λ·(e(q1) - e(q0)), this rank's share."""
+        """Work [J] that constraints supply while they close, -λ·(e(q1) - e(q0)); this rank's share.
+
+        Collective.  A seam that is drawn together is such a constraint; all others do no work.
+        """
         if not self._closes:
             return 0.0
         values = self._system.q1.array_r.copy()
@@ -165,13 +174,17 @@ class PointConstraints(
         return zip(range(len(self._measures)), self._measures, unknowns, strict=True)
 
     def _targets_at(self, t: float) -> list[Array]:
-        """Right-hand sides of the constraints e(q) = openness(t) e(q_start) at a time t [s].
+        """Right-hand sides of the constraints e(q) = openness(t) e(q_start) at a time.
 
         The openness of a seam that is drawn together falls from 1 to 0; that of all other
         constraints is 0.
 
+        Args:
+            t: time [s].
+
         Returns:
-            one array (constraints, equations) for each kind of constraint.
+            One array (constraints, equations) for each kind of constraint, in the unit of the
+            constraint ([m] for points that coincide).
         """
         openness = np.zeros(len(self._terms))
         for k, term in enumerate(self._terms):
@@ -199,7 +212,16 @@ class PointConstraints(
         r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the blocks of the tangent of the module's docstring to A."""
+        """Add the derivatives of constraint forces and of constraints, by coordinates and
+        multipliers.
+
+        With constraints e(q) = 0, multipliers λ and forces De(q_mid)ᵀ λ at q_mid = (1 - α) q0 + α
+        q1 the blocks are α λ·D²e [N/m], De(q_mid)ᵀ, and De(q1) in the rows of the multipliers.
+        Collective.
+
+        Args:
+            A: tangent of all unknowns, multipliers included, not yet assembled; changed in place.
+        """
         values = self._system.q1.array_r.copy()
         for k, at, q in self._at_end():
             λ = values[self._local[k]]
@@ -241,10 +263,20 @@ class PointConstraints(
     # ---- before the first step -------------------------------------------------------------------
 
     def idle(self, free: PETSc.Vec, q0: PETSc.Vec) -> npt.NDArray[np.int64]:
-        """Positions in this rank's part of a vector of the multipliers that touch fixed coordinates
-        only.
+        """Multipliers that have no equation: of constraints between fixed coordinates, or that
+        repeat others.
 
-        `free` is 1 at coordinates that may move and 0 at fixed ones.
+        Collective.
+
+        Args:
+            free: 1 at coordinates that may move and 0 at fixed ones.
+            q0: coordinates of the initial state.
+
+        Returns:
+            Their positions (n,) in this rank's part of a vector, sorted.
+
+        Raises:
+            InputError: a seam cannot close, since nodes on both of its sides are fixed.
         """
         found: list[npt.NDArray[np.int64]] = [np.zeros(0, dtype=np.int64)]
         stuck = 0
@@ -270,8 +302,18 @@ class PointConstraints(
         return zip(range(len(self._measures)), self._measures, unknowns, masks, strict=True)
 
     def _repeated(self, free: PETSc.Vec, q0: PETSc.Vec) -> npt.NDArray[np.int64]:
-        """Positions in this rank's part of a vector of the ties that follow from others.
-        Collective."""
+        """Multipliers of ties that follow from others, such as the third of three points tied in a
+        circle.
+
+        Only ties that allow it (`may_repeat`) are found.  Collective.
+
+        Args:
+            free: 1 at coordinates that may move and 0 at fixed ones.
+            q0: coordinates of the initial state.
+
+        Returns:
+            Their positions (n,) in this rank's part of a vector.
+        """
         none = np.zeros(0, dtype=np.int64)
         if not any(term.may_repeat for term in self._terms):
             return none
@@ -313,10 +355,15 @@ class PointConstraints(
 
     def validate(self, q0: PETSc.Vec, v0: PETSc.Vec, free: PETSc.Vec) -> None:
         """Check that the initial state satisfies all constraints, and that none follows from the
-        others.
+        others.  Collective.
+
+        Args:
+            q0: coordinates [m] of the initial state.
+            v0: velocities [m/s] of it.
+            free: 1 at coordinates that may move and 0 at fixed ones.
 
         Raises:
-            InputError: a constraint is violated or redundant, by name.
+            InputError: a constraint is violated, itself or its rate, or redundant; by name.
         """
         self._take_initial(q0)
         self._targets = self._targets_at(0.0)
@@ -350,8 +397,18 @@ class PointConstraints(
         self._refuse_redundant(q0, free)
 
     def _refuse_redundant(self, q0: PETSc.Vec, free: PETSc.Vec) -> None:
-        """Look for left null vectors of the gradient of all constraints, its rows gathered on rank
-        0."""
+        """Check that no constraint follows from the others: that their gradients are independent.
+
+        Collective; rank 0 computes.  Scenes with more than `MAX_CHECKED_CONSTRAINTS` are not
+        checked.
+
+        Args:
+            q0: coordinates of the initial state.
+            free: 1 at coordinates that may move and 0 at fixed ones.
+
+        Raises:
+            InputError: names the constraints that depend on each other.
+        """
         n = self._comm.allreduce(sum(at.n * at.m for at in self._measures))
         if n > MAX_CHECKED_CONSTRAINTS:
             return
@@ -377,9 +434,11 @@ class PointConstraints(
     def _redundancy(self, rows: list[tuple[int, Array, Array]]) -> str:
         """A sentence that names the constraints that depend on each other, or an empty one.
 
+        They take part in null vectors of the Gram matrix of the gradients, scaled to unit length.
+
         Args:
-            rows: for each constraint its term, and the indices (D,) and values (D,) of its
-                gradient.
+            rows: for each equation the index of its term, and the global indices (D,) and values
+                (D,) of its gradient.
         """
         if not rows:
             return ""

@@ -92,6 +92,16 @@ class Stencil:
         dissipates: bool,
         alpha: float,
     ) -> None:
+        """Take strains and law of n springs or the like, which are evaluated together.
+
+        The start of a step is set by `keep`, its length [s] by the attribute `h`.
+
+        Args:
+            at: n sets of m strains, quadratic functions of the unknowns.
+            density: stored energy or damping of all of them, see `PointDensity` and `PointDamping`.
+            dissipates: whether it is a damping.
+            alpha: the forces act at q_mid = (1 - α) q0 + α q1; ½ for the midpoint rule.
+        """
         self.at = at
         self.density = density
         self._dissipates = dissipates
@@ -109,9 +119,14 @@ class Stencil:
         self.e0 = self.at.measure(self._Y0)
 
     def force(self, q1: Array) -> Array:
-        """Forces S_mean·De(q_mid) (n, D) of a step to the unknowns q1 (n, D).
+        """Forces S_mean·De(q_mid) (n, D) [N] of a step on the unknowns of n springs or the like.
 
-        They are computed where there is stress: slack ropes and open stops cost little.
+        e are their strains, quadratic in the unknowns q, S_mean the mean stress of the step, and
+        q_mid the configuration in which forces act.  Forces are computed where there is stress:
+        slack ropes and open stops cost little.
+
+        Args:
+            q1: unknowns (n, D), positions [m] and directors [-], at the end of the step.
         """
         Y, _, (S, _) = self._end(q1)
         on = _all_or_some(S.any(axis=1))
@@ -135,7 +150,14 @@ class Stencil:
         return found
 
     def add_tangent(self, A: PETSc.Mat, q1: Array) -> None:
-        """Add `tangent` to a matrix."""
+        """Add the derivatives [N/m] of the forces by the unknowns at the end of the step to a
+        matrix.
+
+        Args:
+            A: PETSc matrix of all unknowns, not yet assembled; changed in place.
+            q1: unknowns (n, D), positions [m] and directors [-], of n springs or the like at the
+                end of the step.
+        """
         at = self.at
         if at.share_unknowns:
             # One block is entered instead of n at the same rows.
@@ -146,8 +168,17 @@ class Stencil:
             add_blocks(A, at.indices, at.indices, self.tangent(q1))
 
     def _stiffness(self, q1: Array) -> tuple[Array, Any]:
-        """Stiffness (r, 3k, 3k) of the measured vectors, and the indices of the r rows that have
-        one.
+        """Derivatives of the forces on the vectors that strains are made of, by these vectors.
+
+        Each of n springs or the like has strains that are quadratic in k vectors: points [m] or
+        directors [-].  Those without stress and stiffness are left out.
+
+        Args:
+            q1: unknowns (n, D), positions [m] and directors [-], at the end of the step.
+
+        Returns:
+            Stiffness (r, 3k, 3k) [N/m], and the indices (r,) of the r rows that have one, or a
+            slice if all have.
         """
         Y, _, (S, dS) = self._end(q1)
         on = _all_or_some(S.any(axis=1) | dS.any(axis=(1, 2)))
@@ -164,8 +195,14 @@ class Stencil:
         return (1 - self._α) * self._Y0[on] + self._α * Y[on]
 
     def _end(self, q1: Array) -> tuple[Array, Array, tuple[Array, Array]]:
-        """Vectors Y (n, 3k) and strain e1 (n, m) at the end of the step, and the pair of
-        `_average`.
+        """Quantities at the end of the step, which are kept for the next call with the same array.
+
+        Args:
+            q1: unknowns (n, D), positions [m] and directors [-], of n springs or the like.
+
+        Returns:
+            The k vectors (n, 3k) of which the strains are made, strains e1 (n, m), and the mean
+            stress (n, m) of the step with its derivatives (n, m, m) by e1.
         """
         # The same array object, not equal numbers: a comparison would cost as much as it saves.
         if self._known is None or self._known[0] is not q1:
@@ -191,9 +228,17 @@ class Stencil:
         return self.density.energy(self.e0)
 
     def force_by_number(self, q1: Array, key: str) -> Array:
-        """∂force/∂number (n, D) of a number of the density, by a complex step.
+        """Derivatives (n, D) of the forces of a step by a number of the law, by a complex step.
 
-        The densities are analytic in their numbers where they are smooth, so that nothing cancels.
+        The laws are analytic in their numbers where they are smooth, so that nothing cancels.
+
+        Args:
+            q1: unknowns (n, D), positions [m] and directors [-], of n springs or the like at the
+                end of the step.
+            key: name of the number, an attribute of the density, e.g. "k", a stiffness.
+
+        Returns:
+            Forces [N] over the unit of the number.
         """
         Y, e1, _ = self._end(q1)
         density = self.density
@@ -258,7 +303,15 @@ class PointEnergies(
     def __init__(
         self, terms: Sequence[PointStoredEnergy | PointDissipation], system: Assembly
     ) -> None:
-        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
+        """Compile all energies and dampers between points: arrays and indices that stay the same in
+        a run.
+
+        Terms of one kind, such as all springs, are evaluated as one array.  Collective.
+
+        Args:
+            terms: the energies and dampers, in the same order on all ranks.
+            system: the compiled scene, which has the numbering of the unknowns.
+        """
         self._system = system
         self._names = [term.name for term in terms if isinstance(term, PointStoredEnergy)]
         # Terms of one kind become arrays: a thousand ropes cost little more than one.
@@ -399,7 +452,15 @@ class PointDissipation:
 
 
 def _kind(term: PointStoredEnergy | PointDissipation) -> Any:
-    """What terms must have in common to be one array."""
+    """Key of the energies and dampers that are evaluated as one array: equal for those of one kind.
+
+    What they have in common: the class of the term and of its density (the law of the strains), the
+    numbers of the density except those named in its `stacks`, which may be arrays, and the shapes
+    of their strains.  A density without `stacks` has a key of its term alone.
+
+    Args:
+        term: a stored energy or damper between points.
+    """
     density = term.density
     stacks = getattr(density, "stacks", None)
     # A density that cannot be stacked is an array of one term.
@@ -414,7 +475,14 @@ def _kind(term: PointStoredEnergy | PointDissipation) -> Any:
 
 
 def _stacked(densities: Sequence[Any], of: Array) -> Any:
-    """One density for all rows; row k belongs to densities[of[k]]."""
+    """One law for all rows of an array of springs or the like, with arrays (n,) of the numbers that
+    differ.
+
+    Args:
+        densities: laws of one class.  If there are several, `stacks` names the numbers that may
+            differ.
+        of: index (n,) of the law to which each row belongs.
+    """
     first = densities[0]
     if len(densities) == 1:
         return first

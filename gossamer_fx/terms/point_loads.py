@@ -38,8 +38,14 @@ class PointForce(Protocol):
         X: Array,
         V: Array,
     ) -> None:
-        """Start a step at time t from the vectors X (3k,) and their rates V; forces act `lag`
-        seconds later."""
+        """Start a step from the state at its beginning.
+
+        Args:
+            t: time [s] at the start of the step.
+            lag: time [s] from there to the one at which forces act.
+            X: k attached vectors (3k,), points [m] or directors [-], one after the other.
+            V: their rates (3k,), [m/s] or [1/s].
+        """
         ...
 
     def force(self, X: Array) -> Array:
@@ -96,7 +102,17 @@ class PointLoads(
     - X0)."""
 
     def __init__(self, terms: Sequence[PointLoad], system: Assembly) -> None:
-        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
+        """Compile all loads on points and directions of bodies: maps and indices that stay the same
+        in a run.  Collective.
+
+        Args:
+            terms: the loads, in the same order on all ranks.
+            system: the compiled scene, which has the numbering of the unknowns.
+
+        Raises:
+            InputError: a point or direction whose nodes, weights and vectors do not belong
+                together.
+        """
         self._system = system
         self._terms = terms
         self._laws = [term.law for term in terms]
@@ -118,7 +134,12 @@ class PointLoads(
         return [(1 - α) * X0 + α * X1 for X0, X1 in ends]
 
     def begin_step(self, t: float) -> None:
-        """Give every law the state at the start of the step."""
+        """Give every load the vectors that it acts on, and their rates, at the start of the step.
+        Collective.
+
+        Args:
+            t: time [s] at which the forces of the step act; the loads get the time of its start.
+        """
         system = self._system
         self._X0 = self._vectors(system.q0)
         # Rates of the ports have no offset: the ground does not move.
@@ -175,8 +196,9 @@ class PointLoads(
         return law
 
     def without_gradient(self) -> str:
-        """Why the scene has no gradient: a load depends on velocities or on its history.  Empty if
-        none does.
+        """In words, why the scene has no gradient by parameters; empty if it has one.
+
+        A load that depends on velocities or on its history has none.
         """
         for term in self._terms:
             if not _is_of_position(term.law):
@@ -196,8 +218,12 @@ class PointLoads(
         return total
 
     def resultants(self) -> dict[str, Array]:
-        """Force [N] and moment about the origin [N m] (2, 3) of each load in the last step, by
-        name.
+        """Force and moment of each load in the last step, this rank's share.  Collective.
+
+        They are those in the configuration in which the forces of the step acted.
+
+        Returns:
+            By name of the load: force [N] and moment about the origin [N m], as rows (2, 3).
         """
         found: dict[str, Array] = {}
         for k, X in enumerate(self._middle()):

@@ -32,8 +32,14 @@ class AttachedMasses(Mass, CompiledTerms["AttachedKineticEnergy"]):
         self._add(G, 2 * cross)
 
     def _add(self, matrix: PETSc.Mat, each: Array) -> None:
-        """Add Σ_ij mass[i, j] w_i·(each v_j), with the same matrix `each` (3, 3) for all
-        vectors."""
+        """Add Σ_ij mass[i, j] w_i·(each v_j) of all terms to a matrix, v and w rates of attached
+        vectors.
+
+        Args:
+            matrix: PETSc matrix of all unknowns, not yet assembled; changed in place.
+            each: (3, 3), the same for all vectors: the unit matrix [-] for masses, or twice the
+                matrix of a cross product with an angular velocity [rad/s] for the Coriolis force.
+        """
         for term in self._terms:
             # Each tuple is added on one rank; the matrix adds up what ranks share.
             own = evaluated_here(term.ports)

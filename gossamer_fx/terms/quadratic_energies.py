@@ -24,7 +24,13 @@ class QuadraticEnergies(
     """All `QuadraticEnergy` terms of a scene: a constant matrix, and nothing in an iteration."""
 
     def __init__(self, terms: Sequence[QuadraticEnergy], system: Assembly) -> None:
-        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
+        """Compile the bilinear forms of all quadratic energies ½ a(q, q), such as bending.
+        Collective.
+
+        Args:
+            terms: the energies.
+            system: the compiled scene, which has the fields of their bodies.
+        """
         self._system = system
         self._terms = terms
         self._stiffness = []

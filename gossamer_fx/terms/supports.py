@@ -26,7 +26,15 @@ class Supports(CompiledTerms["Support"]):
     """
 
     def __init__(self, terms: Sequence[Support], system: Assembly) -> None:
-        """Compile the terms: forms, arrays and indices that stay the same in a run.  Collective."""
+        """Collect the coordinates that are fixed or prescribed on this rank.  Collective.
+
+        Args:
+            terms: the supports, in the same order on all ranks.
+            system: the compiled scene, which has the numbering of the unknowns.
+
+        Raises:
+            InputError: two supports have different values for one coordinate.
+        """
         self._numbering = system.numbering
         found = [np.zeros(0, dtype=np.int64)]
         self._moved: list[tuple[npt.NDArray[np.int64], Motion]] = []
@@ -43,7 +51,15 @@ class Supports(CompiledTerms["Support"]):
         self.hold(np.concatenate(found))
 
     def _refuse_contradictions(self, terms: Sequence[Support], system: Assembly) -> None:
-        """Raise `InputError` if two terms would have different values for one coordinate."""
+        """Check that no two supports have different values for one coordinate.  Collective.
+
+        Args:
+            terms: the supports; those with a motion contradict every other one.
+            system: the compiled scene.
+
+        Raises:
+            InputError: on all ranks, with the names of both.
+        """
         # Two that fix a coordinate at its initial value agree; one that moves it agrees with none.
         moved = [term for term in terms if term.motion is not None]
         for mover in moved:

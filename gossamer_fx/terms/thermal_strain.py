@@ -47,7 +47,19 @@ class ThermalStrain:
         in_time: bool,
         parameters: tuple[Parameter, ...],
     ) -> None:
-        """Make thermal strains at both ends of a step, from temperatures that are set later."""
+        """Make thermal strains at both ends of a step, from the temperatures at time zero.
+        Collective.
+
+        Args:
+            strain: thermal strain as a function of a temperature [K], both UFL expressions.
+            space: scalar function space of the temperatures.
+            temperature: sets a function of that space to the temperatures [K] of a time [s].
+            in_time: whether they change with time.
+            parameters: constants of the strain, e.g. a coefficient of expansion.
+
+        Raises:
+            InputError: a temperature that is not possible, or a user's function that fails.
+        """
         self.start_temperature = fem.Function(space)
         self.end_temperature = fem.Function(space)
         self.start = strain(self.start_temperature)

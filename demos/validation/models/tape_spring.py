@@ -6,11 +6,10 @@ In opposite sense the centres of curvature along and across lie on different sid
 equal sense on one.
 
 A tape that is bent from its straight state snaps, and in equal sense it finds other folds than the
-one that is sought.  So the search starts from a folded tape: a cylinder of the radius of the
-section, a transition in which the curvature across grows, and a straight tape.  Equilibria at a few
-larger turns then follow, over which the fold grows by the length of one cell.  On a mesh the moment
-ripples with that period: the steady moment is the mean M = ΔU/(2 Δφ) over it, with the stored
-energy U.
+one that is sought.  So each search starts from a folded tape: a cylinder of the radius of the
+section, a transition in which the curvature across grows, and a straight tape.  This is done at a
+few turns, over which the fold grows by the length of one cell.  On a mesh the moment ripples with
+that period: the steady moment is the mean M = ΔU/(2 Δφ) over it, with the stored energy U.
 
 Theory: a fold that is a cylinder of the radius of the section, of angle α, has M = (1 + ν) D α in
 opposite and (1 - ν) D α in equal sense.
@@ -51,10 +50,9 @@ MARGIN = 0.3
 
 # First turn [rad] of an end.  The fold is then 1.4 radii long, several cells.
 FIRST_TURN = math.radians(40.0)
-# Turns within which the fold grows by a cell.  With three of them some searches find a fold
-# elsewhere.
-STEPS = 6
-QUICK_STEPS = 4
+# Turns within which the fold grows by a cell: their energies show whether one of them is of another
+# fold.
+STEPS = 4
 # Length of the transition of the first guess over the radius.  Any from 2 to 4 leads to the same
 # fold.
 TRANSITION = 2.7
@@ -219,33 +217,54 @@ class FirstGuess:
         return x, -sense * down, sense * angle
 
 
-class Turning:
-    """The equilibria of a folded half tape whose end is turned.
+class FoldedTape:
+    """The equilibrium of a folded half tape whose end is turned, without axial force.
+
+    Each turn has its own search, from its own first guess.  A search that continued from another
+    turn would begin with the end turned and the tape beyond the fold not: cells next to the end
+    are then bent so sharply that the tape snaps there, to states of many times the energy.
 
     Args:
         tape: the tape.
         comm: its ranks.
-        across: cells across.
-        cell: length of a cell in the fold over the radius.
-        turns: turns of the end [rad], the first one first; negative in equal sense.
+        across: number of cells across.
+        places: ends of the cells along the half tape [m], from `cells_along`.
+        turn: turn φ of the end [rad]; negative in equal sense.
+        extra_shift: axial displacement of the end [m] in addition to that of the first guess, as
+            far as it is known.
+        stiffness: guess of the axial stiffness of the folded tape [N/m].
+
+    Attributes:
+        extra_shift: the one without axial force [m], after `solve`.
+        stiffness: the last secant of axial force over displacement [N/m].
+        unknowns: their number.
+        iterations: Newton's iterations so far.
+        seconds: CPU time of the searches so far [s].
     """
 
     def __init__(
-        self, tape: Tape, comm: MPI.Intracomm, across: int, cell: float, turns: Array
+        self,
+        tape: Tape,
+        comm: MPI.Intracomm,
+        across: int,
+        places: Array,
+        turn: float,
+        extra_shift: float,
+        stiffness: float,
     ) -> None:
-        R = tape.radius
-        guess = FirstGuess(tape, float(turns[0]))
-        self._shift = guess.end - tape.length
-        self._little = LITTLE_FORCE * tape.moment_scale / R
-        self._max_shift = MAX_SHIFT * R
-        self._stiffness = FIRST_STIFFNESS * tape.moment_scale / R**2
+        guess = FirstGuess(tape, turn)
+        shift_of_guess = guess.end - tape.length
+        self.extra_shift = extra_shift
+        self.stiffness = stiffness
+        self._tape = tape
+        self._turn = turn
 
         def turned(X: Array, φ: float) -> Array:
-            natural = np.full_like(X[1], 1 / R)
+            natural = np.full_like(X[1], 1 / tape.radius)
             y, above = tape.section(X[1] - tape.width / 2, natural)
             return np.stack(
                 [
-                    self._shift + above * math.sin(φ),
+                    shift_of_guess + self.extra_shift + above * math.sin(φ),
                     y + tape.width / 2 - X[1],
                     tape.mean_height + above * math.cos(φ),
                 ]
@@ -255,16 +274,11 @@ class Turning:
             ones = np.ones_like(X[0])
             return np.stack([math.cos(φ) * ones, 0 * ones, -math.sin(φ) * ones])
 
-        places = cells_along(
-            tape,
-            cell * R,
-            float(np.abs(turns).max()),
-        )
         mesh = graded_sheet(comm, places, across, tape.width)
         self.plate = gx.Plate(
             mesh,
             tape.law,
-            rest_curvature=np.diag((0.0, 1 / R, 0.0)),
+            rest_curvature=np.diag((0.0, 1 / tape.radius, 0.0)),
             displacement=guess.displacement,
         )
         middle = gx.Fixed(
@@ -278,53 +292,48 @@ class Turning:
         self._end = gx.Fixed(
             self.plate, "right", rotation=True, direction=direction, motion=turned, name="end"
         )
-        self._search = gx.Equilibrium(
-            gx.Scene(
-                self.plate,
-                middle,
-                self._end,
-            ),
-            SEARCH,
-        )
-        self._tape = tape
+        self._search = gx.Equilibrium(gx.Scene(self.plate, middle, self._end), SEARCH)
         self.unknowns = self._search.system.numbering.size
         self.iterations = 0
         self.seconds = 0.0
 
-    def energy(self, φ: float) -> float:
-        """Stored energy of both halves [J] at a turn without axial force."""
+    def solve(self) -> float:
+        """Shift the end until the axial force vanishes; returns the stored energy of both halves
+        [J].
+
+        Raises:
+            NoEquilibrium: a search ends without one.
+        """
+        R = self._tape.radius
+        little = LITTLE_FORCE * self._tape.moment_scale / R
+        least_stiffness = 1e-3 * FIRST_STIFFNESS * self._tape.moment_scale / R**2
         force_before = math.nan
         step = 0.0
         for _ in range(MAX_SECANT_STEPS):
-            found = self._search.find(at=φ)
+            # The time of the scene is the turn.
+            found = self._search.find(at=self._turn)
             self.iterations += found.iterations
             self.seconds += found.seconds
             force = float(self._search.reaction(self._end)[0][0])
             if math.isfinite(force_before) and force != force_before:
                 secant = (force - force_before) / step
                 # Where a fold jumps by a cell, a secant may be negative and lead away.
-                if secant > 1e-3 * self._stiffness:
-                    self._stiffness = secant
-            if abs(force) < self._little:
+                if secant > least_stiffness:
+                    self.stiffness = secant
+            if abs(force) < little:
                 break
             force_before = force
-            step = float(
-                np.clip(
-                    -force / self._stiffness,
-                    -self._max_shift,
-                    self._max_shift,
-                )
-            )
-            self._shift += step
+            step = float(np.clip(-force / self.stiffness, -MAX_SHIFT * R, MAX_SHIFT * R))
+            self.extra_shift += step
         return 2 * float(sum(found.totals.stored.values()))
 
-    def fold_radius(self, φ: float) -> float:
+    def fold_radius(self) -> float:
         """Radius [m] of the circle nearest to the middle line of the tape within the fold."""
         space = self.plate.space
         x = positions(self._search, self.plate)
         X = space.tabulate_dof_coordinates()[: len(x)]
         on_middle = np.isclose(X[:, 1], self._tape.width / 2)
-        in_fold = X[:, 0] <= MEASURED_SHARE * self._tape.radius * abs(φ)
+        in_fold = X[:, 0] <= MEASURED_SHARE * self._tape.radius * abs(self._turn)
         # A dozen points: all ranks have them.
         parts = space.mesh.comm.allgather(x[on_middle & in_fold][:, [0, 2]])
         points = np.concatenate(parts)
@@ -356,7 +365,7 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     )
     sense = inputs.word("sense", tuple(SENSES))
     cell = QUICK_CELL_OF_FOLD if quick else CELL_OF_FOLD
-    steps = QUICK_STEPS if quick else STEPS
+    steps = STEPS
     across = QUICK_CELLS_ACROSS if quick else CELLS_ACROSS
     if "cells_across" in inputs:
         across = inputs.whole("cells_across", least=2)
@@ -369,21 +378,26 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         cell = inputs.number("cell_of_fold", "1", above=0)
     turns = SENSES[sense] * (FIRST_TURN + np.linspace(0.0, cell, steps + 1))
 
-    turning = Turning(tape, comm, across, cell, turns)
+    places = cells_along(tape, cell * tape.radius, float(np.abs(turns).max()))
+    extra_shift = 0.0
+    stiffness = FIRST_STIFFNESS * tape.moment_scale / tape.radius**2
     energies = []
     radii = []
+    details = {"unknowns": 0.0, "iterations": 0.0, "seconds": 0.0}
     for φ in turns:
-        energies.append(turning.energy(float(φ)))
-        radii.append(turning.fold_radius(float(φ)))
+        folded = FoldedTape(tape, comm, across, places, float(φ), extra_shift, stiffness)
+        energies.append(folded.solve())
+        radii.append(folded.fold_radius())
+        # The next turn differs little in both.
+        extra_shift = folded.extra_shift
+        stiffness = folded.stiffness
+        details["unknowns"] = float(folded.unknowns)
+        details["iterations"] += folded.iterations
+        details["seconds"] += folded.seconds
     # Each half turns by the change of φ.
     moment = (energies[-1] - energies[0]) / (2 * cell)
     quantities = {
         "steady moment": Predicted(moment),
         "radius of the fold": Predicted(float(np.mean(radii))),
-    }
-    details = {
-        "unknowns": float(turning.unknowns),
-        "iterations": float(turning.iterations),
-        "seconds": turning.seconds,
     }
     return Prediction(quantities, details)

@@ -34,7 +34,15 @@ class BoxTree:
     """A tree over the boxes of n primitives."""
 
     def __init__(self, primitives: FilteredPrimitives) -> None:
-        """Sort the boxes along a Morton curve, and build the tree over them from its leaves."""
+        """Sort the boxes along a Morton curve, and build the tree over them from its leaves.
+
+        Args:
+            primitives: n vertices, edges or triangles with their boxes (n, 6): least, then greatest
+                coordinates [m].
+
+        Raises:
+            ValueError: an array is not contiguous, or not of the type that C takes.
+        """
         c = library()
         count = len(primitives.boxes)
         # The tree is complete: its leaves are the next power of two, its root is node 1.
@@ -63,15 +71,23 @@ class BoxTree:
         in_tree: bool = False,
         expected: int = 0,
     ) -> Int32Array:
-        """Return pairs (k, 2) of another primitive and one of the tree whose boxes overlap.
+        """Return the pairs of another primitive (vertex, edge or triangle) and one of the tree
+        whose boxes overlap.
 
-        Connected primitives, and those that are both fixed, are left out.
+        Primitives with a label in common, which are connected, and those that are both fixed form
+        no pair.
 
         Args:
             others: primitives that are asked for.
             which: numbers (q,) of those that are asked for by this rank.
             in_tree: whether they are the primitives of the tree; pairs (i, j) then have i < j.
             expected: number of pairs that are likely; zero: not known.
+
+        Returns:
+            numbers (k, 2) of the primitive in `others` and of that in the tree.
+
+        Raises:
+            ValueError: an array is not contiguous, or not of the type that C takes.
         """
         c = library()
         query = _query(others, which, in_tree)
@@ -94,7 +110,14 @@ class BoxTree:
 
 
 def _query(primitives: FilteredPrimitives, which: Int32Array, in_tree: bool) -> CStruct:
-    """The C structure of the primitives `which` (q,) whose overlaps are asked for."""
+    """Return the C structure of the primitives, vertices, edges or triangles, whose overlaps are
+    asked for.
+
+    Args:
+        primitives: n primitives with boxes (n, 6) [m].
+        which: numbers (q,) of those that are asked for.
+        in_tree: whether they are the primitives of the tree, so that each pair is found once.
+    """
     c = library()
     count = len(primitives.boxes)
     return c.struct(
@@ -109,7 +132,12 @@ def _query(primitives: FilteredPrimitives, which: Int32Array, in_tree: bool) -> 
 
 
 def _filter(primitives: FilteredPrimitives) -> CStruct:
-    """The C structure of labels (n, w) and of fixed primitives (n,), which form no pairs."""
+    """Return the C structure of what forms no pairs: connected primitives, and two fixed ones.
+
+    Args:
+        primitives: n primitives, with labels (n, w), of which connected ones share one, and with a
+            mark (n,) of those that contact does not move.
+    """
     c = library()
     count, label_count = primitives.labels.shape
     return c.struct(
@@ -123,8 +151,15 @@ def _filter(primitives: FilteredPrimitives) -> CStruct:
 
 
 def morton_order(boxes: Array) -> Int32Array:
-    """Return the order (n,) of boxes (n, 6) along a Morton curve, which keeps neighbours
-    together."""
+    """Return the order of boxes along a Morton curve, on which neighbours in space follow each
+    other.
+
+    Args:
+        boxes: least, then greatest coordinates (n, 6) [m].
+
+    Returns:
+        numbers of the boxes (n,) in this order; boxes with the same code stay in theirs.
+    """
     if not len(boxes):
         return np.zeros(0, dtype=np.int32)
     middle = (boxes[:, :3] + boxes[:, 3:]) / 2

@@ -74,12 +74,13 @@ class CandidateSearch:
         self._age += 1
 
     def find_at_rest(self, read: Callable[[], Array], time: float) -> None:
-        """Search about points that do not move; collective.
+        """Find the contact pairs whose gap is within the activation distance, for points that do
+        not move; collective.
 
         Args:
-            read: returns the points (m, 3) [m] of the mesh as it is when it is called: a search may
-                change which points this rank knows.
-            time: [s].
+            read: returns the points (m, 3) [m] of the contact as they are when it is called: a
+                search may change which points this rank knows.
+            time: of these points [s].
         """
 
         def at_rest() -> TrajectoryBounds:
@@ -90,10 +91,12 @@ class CandidateSearch:
         self._find(at_rest)
 
     def find(self, read: Callable[[], StepPoints], time: float, step: float) -> None:
-        """Search for the next steps; collective.
+        """Find the contact pairs whose gap can fall below the activation distance in the next
+        steps; collective.
 
         Args:
-            read: returns the points of the mesh as it is when it is called.
+            read: returns points, velocities and expected end of the step, as they are when it is
+                called: a search may change which points this rank knows.
             time: at which the step begins [s].
             step: its length [s].
         """
@@ -117,9 +120,7 @@ class CandidateSearch:
         return bool(self._mesh.comm.allreduce(self.bounds.hold(x, time), op=MPI.LAND))
 
     def _choose_horizon(self) -> None:
-        """Choose the number of steps for which the next search serves, from how long the last one
-        did.
-        """
+        """Choose for how many steps the next search serves, from how many the last one did."""
         if not self._age:
             return
         if self._age >= self._horizon:
@@ -134,7 +135,20 @@ class CandidateSearch:
         time: float,
         duration: float,
     ) -> TrajectoryBounds:
-        """Return bounds for a motion from points x (m, 3) with velocities v (m, 3)."""
+        """Return bounds of the trajectories of all points: a rigid drift and a uniform relative
+        motion.
+
+        Collective: the drift is that of all ranks' points.
+
+        Args:
+            x, v: points [m] and their velocities [m/s], (m, 3).
+            time: at which they are there [s].
+            duration: for which the velocities count [s].
+
+        Returns:
+            bounds whose margin is half of the activation distance and a part of each point's way;
+            infinite for points of walls, whose pairs are always candidates.
+        """
         mesh = self._mesh
         vertices = mesh.surface.vertices
         own = vertices[mesh.own_vertices]
@@ -148,7 +162,15 @@ class CandidateSearch:
         return TrajectoryBounds(drift, x, velocities, margin, duration)
 
     def _find(self, bounds_of_mesh: Callable[[], TrajectoryBounds]) -> None:
-        """Search within bounds, which are asked for again when this rank knows other points."""
+        """Find the candidates, contact pairs that can come near while points stay within bounds;
+        collective.
+
+        On several ranks, facets of other ranks that may come near are fetched first.
+
+        Args:
+            bounds_of_mesh: returns bounds for the points that this rank knows; it is called again
+                when these are other ones.
+        """
         mesh = self._mesh
         bounds = bounds_of_mesh()
         if mesh.comm.size > 1:
@@ -165,8 +187,19 @@ class CandidateSearch:
 def searched_boxes(
     mesh: CollisionMesh, bounds: TrajectoryBounds, activation_distance: float
 ) -> tuple[Array, Array]:
-    """Return the least and greatest coordinates (m, 3) [m] of points, with half of a gap [m]
-    around."""
+    """Return a box round the trajectory of each point, within which pairs are searched.
+
+    Boxes are larger by half of the activation distance and the radius of the point, so that those
+    of two points overlap if their gap can fall below the activation distance.
+
+    Args:
+        mesh: with the radii of the m points.
+        bounds: of their trajectories.
+        activation_distance: gap [m] below which pairs have energy.
+
+    Returns:
+        least and greatest coordinates (m, 3) [m] of each point, without the rigid drift of all.
+    """
     reach = (activation_distance / 2 + mesh.radius)[:, None]
     lower, upper = bounds.boxes()
     return lower - reach, upper + reach
@@ -178,7 +211,8 @@ def find_candidates(
     activation_distance: float,
     expected: tuple[int, int] = (0, 0),
 ) -> tuple[CandidatePairs, tuple[int, int]]:
-    """Return this rank's pairs whose gap can be below a distance [m] within the bounds.
+    """Return this rank's contact pairs whose gap can fall below a distance while points stay within
+    bounds.
 
     1. Boxes of primitives, with half of the distance and their radius around them, overlap.
     2. The gap at the beginning, less what the pair can come closer, is below the distance.
@@ -186,9 +220,18 @@ def find_candidates(
        pairs are the same after a restart.
     4. Each point of a body and each wall are a pair.
 
+    Args:
+        mesh: the points, edges and triangles that may touch.
+        bounds: of the trajectories of the points in the next steps.
+        activation_distance: gap [m] below which pairs have energy.
+        expected: numbers of triangle pairs and edge pairs that step 1 will find; zero: not known.
+
     Returns:
         the pairs, and how many triangle pairs and edge pairs step 1 has found, which the next
         search may take as `expected`.
+
+    Raises:
+        ValueError: a pair has a point that does not exist, which would be an error of this package.
     """
     lower, upper = searched_boxes(mesh, bounds, activation_distance)
     found = find_overlaps(mesh.surface, lower, upper, mesh.own_vertices, mesh.own_edges, expected)
@@ -219,12 +262,16 @@ def find_candidates(
 
 
 def nearest_gaps(pairs: CandidatePairs, gap: Array, mesh: CollisionMesh) -> Array:
-    """Return the gap (m,) [m] of each point of a mesh to what is nearest on any rank; collective.
+    """Return the gap (m,) [m] of each point of a contact to what is nearest on any rank;
+    collective.
 
     Args:
-        pairs: the candidates of this rank.
+        pairs: the n candidates of this rank, contact pairs that may come near.
         gap: of the candidates (n,) [m]; infinite ones are left out.
         mesh: with m points.
+
+    Returns:
+        gaps (m,), infinite for points without a pair.
     """
     nearest = np.full(mesh.points.count, np.inf)
     rows = np.isfinite(gap)

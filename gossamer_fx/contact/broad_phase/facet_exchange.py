@@ -24,8 +24,14 @@ GROUP_COUNT = 64
 
 
 def group_boxes(boxes: Array) -> Array:
-    """Return at most `GROUP_COUNT` boxes (g, 6) that hold n boxes (n, 6), each of which some
-    neighbours."""
+    """Return a few boxes that hold all of many boxes, each those of a group of neighbours.
+
+    Args:
+        boxes: least, then greatest coordinates (n, 6) [m].
+
+    Returns:
+        boxes (g, 6) [m], at most `GROUP_COUNT`; none if there are no boxes.
+    """
     if not len(boxes):
         return np.zeros((0, 6))
     ordered = boxes[morton_order(boxes)]
@@ -51,7 +57,14 @@ class SearchRegions:
     """
 
     def __init__(self, comm: MPI.Intracomm, boxes: Array) -> None:
-        """Exchange the boxes of groups; collective."""
+        """Exchange the boxes of groups, so that each rank knows where the others search;
+        collective.
+
+        Args:
+            comm: the ranks.
+            boxes: least, then greatest coordinates (n, 6) [m] of the primitives (vertices or edges)
+                for which this rank searches.
+        """
         of_ranks = comm.allgather(group_boxes(boxes))
         # What is near this rank's own region needs no sending.
         of_ranks[comm.rank] = np.zeros((0, 6))
@@ -60,7 +73,10 @@ class SearchRegions:
         self._boxes = np.ascontiguousarray(np.concatenate(of_ranks))
 
     def destinations(self, boxes: Array) -> tuple[Int64Array, Int64Array]:
-        """Return where to send primitives with boxes (n, 6) [m].
+        """Return where to send primitives (edges or triangles): to the ranks that search near them.
+
+        Args:
+            boxes: of this rank's primitives, least, then greatest coordinates (n, 6) [m].
 
         Returns:
             which primitive (k,) and to which rank (k,); one may go to several.
@@ -77,7 +93,13 @@ class SearchRegions:
 
 
 def _unfiltered(boxes: Array, first_label: int) -> FilteredPrimitives:
-    """Return primitives with boxes (n, 6) that are connected to nothing."""
+    """Return primitives (boxes) that are connected to nothing and not fixed: each has a label for
+    itself.
+
+    Args:
+        boxes: least, then greatest coordinates (n, 6) [m].
+        first_label: label of the first one; tables that are compared must not share labels.
+    """
     count = len(boxes)
     labels: Int32Array = np.arange(
         first_label,
@@ -93,12 +115,14 @@ def _unfiltered(boxes: Array, first_label: int) -> FilteredPrimitives:
 
 
 def import_facets(mesh: CollisionMesh, lower: Array, upper: Array) -> None:
-    """Let a mesh know the facets of other ranks that may come near its own; collective.
+    """Let this rank know the edges and triangles of other ranks that may come near its own;
+    collective.
 
-    After it the points of the mesh are other ones: its own, and those of the facets of other ranks.
+    After it the points of the mesh are other ones, with other numbers: its own, and those of what
+    it has received.
 
     Args:
-        mesh: of which this rank knows at least its own facets.
+        mesh: bodies and obstacles of a contact; it is changed.
         lower, upper: least and greatest coordinates (m, 3) [m] of its points, within which pairs
             shall be found.
     """

@@ -32,16 +32,25 @@ def find_overlaps(
     edges: Int32Array,
     expected: tuple[int, int] = (0, 0),
 ) -> OverlappingPairs:
-    """Return all pairs of primitives whose boxes overlap and that the collision filter lets
-    through.
+    """Return all pairs of vertex and triangle, or of two edges, whose boxes overlap and that may
+    touch.
+
+    Pairs that are connected, by a shared point, a tie or a joint, are left out.
 
     Args:
-        surface: all primitives.
+        surface: all vertices, edges and triangles that may touch.
         lower, upper: least and greatest coordinates (m, 3) [m] of the points; a primitive has the
             box of its points.
         vertices, edges: numbers of the surface's vertices and edges that this rank asks for;
             together the ranks ask for all.
-        expected: numbers of pairs of both kinds that are likely; zero: not known.
+        expected: numbers of vertex-triangle and of edge-edge pairs that are likely; zero: not
+            known.
+
+    Returns:
+        table of vertex-triangle pairs, then of edge-edge pairs.
+
+    Raises:
+        ValueError: an array is not contiguous, or not of the type that C takes.
     """
     vertex_points = np.ascontiguousarray(surface.vertices[:, None])
     with_triangles: Int32Array = np.zeros((0, 2), dtype=np.int32)

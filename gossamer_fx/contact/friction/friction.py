@@ -40,7 +40,17 @@ class Friction:
         law: ContactLaw,
         system: ContactAssembly,
     ) -> None:
-        """List the coefficients of bodies and obstacles."""
+        """List the coefficients of bodies and obstacles.
+
+        Args:
+            mesh: bodies and obstacles of a contact; obstacles with friction have an origin and
+                axes.
+            coefficient: μ [-] of bodies with each other.
+            of_obstacles: μ [-] of each obstacle with bodies.
+            slip_velocity: speed [m/s] below which what sticks may slide.
+            law: of the normal forces.
+            system: the equations of the scene, with the step.
+        """
         self._mesh = mesh
         self._points = mesh.points
         self._law = law
@@ -52,9 +62,14 @@ class Friction:
         self._groups: list[FrictionPairs] = []
 
     def _block_row_of_points(self) -> Int64Array:
-        """Return the block row (m,) of each point of bodies and frames; -1 where nothing moves it.
+        """Return the block row, a vector of three unknowns, that moves each point; -1 where none
+        does.
 
-        A frame is fixed in its rigid body, so that each of its vectors is one block row.
+        A frame, the origin and axes of an obstacle, is fixed in its rigid body, so that each of its
+        vectors is one block row.
+
+        Returns:
+            (m,) numbers of block rows; those of walls and solids of obstacles are -1, too.
         """
         weights = self._points.weights
         block_row = np.full(self._points.count, -1, dtype=np.int64)
@@ -69,14 +84,16 @@ class Friction:
     # ---- a step ----
 
     def begin_step(self, pairs: ActivePairs, x0: Array) -> list[Int64Array]:
-        """Choose those of a step's pairs that rub.
+        """Choose the contact pairs of a step that have friction, and the two directions in which
+        each slides.
 
         Args:
-            pairs: n active pairs with their column `start`.
+            pairs: n pairs that take part, with the column `start` of their closest points.
             x0: points (m, 3) [m] at the start.
 
         Returns:
-            the block rows (n, k) that each group of pairs couples.
+            for the pairs between bodies, and for those with obstacles, the block rows (n, k) that
+            each pair couples in the tangent; a kind without pairs is left out.
         """
         # A search may have changed which points this rank knows.
         self._block_row = self._block_row_of_points()
@@ -192,7 +209,13 @@ class Friction:
         return np.where(block_rows >= 0, block_rows, of_body[:, None])
 
     def _between_bodies(self, pairs: ActivePairs, x0: Array) -> FrictionPairs:
-        """Return pairs between bodies, which slide along two edges of the pair."""
+        """Return the friction of contact pairs between bodies, which slide along two edges of the
+        pair.
+
+        Args:
+            pairs: n pairs of bodies only, with the column `start` of their closest points.
+            x0: points (m, 3) [m] at the start of the step.
+        """
         points = pairs.points
         is_edges = (pairs.kind == PairKind.EDGE_EDGE)[:, None]
         geometry = BetweenBodies(pairs.kind)
@@ -209,7 +232,17 @@ class Friction:
         )
 
     def _with_obstacles(self, pairs: ActivePairs, x0: Array) -> FrictionPairs:
-        """Return pairs with an obstacle, which slide along two of its axes."""
+        """Return the friction of contact pairs with an obstacle, which slide along two of its axes.
+
+        The vector r of a pair, whose products with the two directions measure its sliding, leads
+        from the point of the obstacle that lies where the body's point is, fixed in the obstacle's
+        frame: so a ball on a rigid body rolls.
+
+        Args:
+            pairs: n pairs with the column `start` of their closest points, each with an obstacle
+                that has a frame: an origin and three axes that move with it.
+            x0: points (m, 3) [m] at the start of the step.
+        """
         is_of_body = np.asarray(pairs.points < self._points.body_count)
         points = self._with_frames(pairs.points)
         geometry = WithObstacles(pairs.kind, is_of_body)
@@ -232,8 +265,17 @@ class Friction:
         return np.hstack([points, first[:, None] + np.arange(FRAME_SIZE)]).astype(np.int32)
 
     def _weights_with_frames(self, points: Int32Array) -> Array:
-        """Return how the four points of pairs follow their own block row or the frame's (n, 4,
-        8)."""
+        """Return how the four points of contact pairs with obstacles follow the unknowns that
+        friction couples.
+
+        Args:
+            points: numbers (n, 8) of the four points of each pair and the four of its obstacle's
+                frame.
+
+        Returns:
+            weights (n, 4, 8) [-]: a point of a body follows itself, one of an obstacle the vectors
+            of its rigid body, and is zero where nothing moves it.
+        """
         own = points[:, :4]
         is_of_body = own < self._points.body_count
         weights = np.zeros((*own.shape, 4 + FRAME_SIZE))

@@ -133,14 +133,24 @@ class FrictionPairs:
     # ---- forces ----
 
     def loss(self, step: FrictionStep) -> float:
-        """Return the dissipated energy S·w [J] of a step."""
+        """Return the energy S·w [J] that the friction stresses S [N] dissipate over the sliding w
+        [m].
+
+        Args:
+            step: start and end of the step, and its creep h v_s [m].
+        """
         w = self.sliding(step).w
         normal_force, _ = self.normal_forces(step)
         grip = grip_of(w, step.creep)
         return float(np.sum(self.coefficient * normal_force * grip.factor * (w * w).sum(axis=1)))
 
     def add_forces(self, step: FrictionStep, point_forces: Array) -> None:
-        """Add the forces [N] of a step to those on points (m, 3)."""
+        """Add the friction forces [N] of a step to those on points.
+
+        Args:
+            step: start and end of the step, and its creep h v_s [m].
+            point_forces: (m, 3) [N], changed in place.
+        """
         sliding = self.sliding(step)
         normal_force, _ = self.normal_forces(step)
         grip = grip_of(sliding.w, step.creep)
@@ -155,9 +165,18 @@ class FrictionPairs:
         return r, t
 
     def sliding(self, step: FrictionStep) -> Sliding:
-        """Return w of (2), and the vectors r and t.
+        """Return how the pairs slide in a step: the change w of the measures m = r·t [m].
 
-        The change of a product is computed from its factors in the middle, without cancellation.
+        r leads between the two sides of a pair, t are two directions along the surface, both fixed
+        in the material.  The change of a product is computed from its factors in the middle,
+        without cancellation.
+
+        Args:
+            step: with the points at the start and at the end.
+
+        Returns:
+            w (n, 2) [m]; the vectors r (n, 3) [m] and directions t (n, 2, 3) [-], mid-step and at
+            the end.
         """
         r_start, t_start = self.vectors_at(step.x0)
         r_end, t_end = self.vectors_at(step.x1)
@@ -193,8 +212,17 @@ class FrictionPairs:
         return normal_force, forces
 
     def _pressing(self, step: FrictionStep, tangents: bool = False) -> tuple[Array, Array, Array]:
-        """Return N (n,) [N], its derivative (n, k, 3) [N/m] with respect to the points at the end
-        if it is asked for, and the forces (n, 4, 3) [N] of the contact potential."""
+        """Return the normal forces by which pairs press on each other, and their derivatives.
+
+        Args:
+            step: start and end of the step.
+            tangents: whether derivatives are computed.
+
+        Returns:
+            N (n,) [N], zero for pairs that do not press; its derivative (n, k, 3) [N/m] with
+            respect to the k points of each pair at the end, or an empty array without `tangents`;
+            and the forces (n, 4, 3) [N] of the contact potential.
+        """
         response = evaluate(
             self.pairs,
             step.x0,
@@ -221,7 +249,16 @@ class FrictionPairs:
         return np.where(presses, pressure, 0.0), derivative, forces
 
     def _forces(self, stress: Array, sliding: Sliding) -> Array:
-        """Return the forces Dm(q_mid)ᵀ S (n, k, 3) of a stress S (n, 2)."""
+        """Return the friction forces on the k points of each pair: a stress times the gradient of
+        sliding.
+
+        Args:
+            stress: S (n, 2) [N] in the two directions of sliding.
+            sliding: with r and t, of which the measures are m = r·t, in the middle of the step.
+
+        Returns:
+            (n, k, 3) [N].
+        """
         on_gaps = np.einsum("ni,nic->nc", stress, sliding.t_mid)
         on_directions = np.einsum("ni,nik->nk", stress, self.start.direction_weights)
         by_gaps = self.start.gap_weights[:, :, None] * on_gaps[:, None]
@@ -231,12 +268,13 @@ class FrictionPairs:
     # ---- tangents ----
 
     def add_tangents(self, step: FrictionStep, is_moved: Array, blocks: Array) -> None:
-        """Add the derivative of the forces with respect to x1 to blocks (b, 9).
+        """Add the derivative [N/m] of the friction forces with respect to the end of the step.
 
         Args:
             step: the last one for which forces were added.
             is_moved: 1 for points (m,) with unknowns, 0 for those without.
-            blocks: in which `block_index` counts.
+            blocks: 3 x 3 blocks of the tangent, row by row (b, 9) [N/m], changed in place;
+                `block_index` has the rows of each pair.
         """
         sliding = self.sliding(step)
         grip = grip_of(sliding.w, step.creep)
@@ -268,7 +306,20 @@ class FrictionPairs:
         pressing: Array,
         creep: float,
     ) -> Array:
-        """Return Dm(q_mid)ᵀ (∂S/∂w) Dm(q1) (n, k, k, 3, 3); pressing is μ N (n,)."""
+        """Return the tangent of the friction force for constant directions: Dm_midᵀ (∂S/∂w) Dm_end.
+
+        S = μ N g w is the friction stress, Dm the gradient of the measures m of sliding.
+
+        Args:
+            sliding: w, and the vectors r and t of the measures m = r·t in the middle and at the
+                end.
+            grip: the factor g [1/m] and its derivative by |w|.
+            pressing: μ N (n,) [N].
+            creep: h v_s [m], sliding up to which friction grows.
+
+        Returns:
+            (n, k, k, 3, 3) [N/m] between the k points of each pair.
+        """
         w = sliding.w
         self._update_steadiness(w)
         # Beyond the creep, friction is constant and its slope negative: a full Newton step
@@ -308,7 +359,14 @@ def parameters_at_start(pairs: ActivePairs) -> Array:
 
 
 def grip_of(w: Array, creep: float) -> Grip:
-    """Return the factor of friction for the sliding w (n, 2) [m]; creep is h v_s [m]."""
+    """Return the factor g of the friction stress S = μ N g w, and its derivative by |w|.
+
+    g |w| = φ(|w|/creep) with φ(y) = 2y - y² for y < 1, else 1.
+
+    Args:
+        w: sliding (n, 2) [m].
+        creep: h v_s [m], positive: the sliding up to which friction grows.
+    """
     ratio = np.linalg.norm(w, axis=1) / creep
     beyond = np.maximum(ratio, 1)
     factor = np.where(ratio < 1, 2 - ratio, 1 / beyond) / creep

@@ -46,13 +46,17 @@ def unit_vectors(vectors: Array) -> Array:
 
 
 def gap_weights(kind: ByteArray, parameters: Array) -> Array:
-    """Return the weights (n, 4) of a pair's points in the vector from its second side to its first.
+    """Return the weights of a contact pair's four points in the vector from its second side to its
+    first.
 
     It leads between the closest points of the start; of walls it is their first point.
 
     Args:
         kind: of the n pairs, a `PairKind`.
         parameters: (u, v) (n, 2) of the closest points.
+
+    Returns:
+        (n, 4) [-].
     """
     u = parameters[:, 0]
     v = parameters[:, 1]
@@ -67,15 +71,18 @@ def gap_weights(kind: ByteArray, parameters: Array) -> Array:
 
 
 def orthonormal_combinations(vectors: Array, lengths: Array) -> Array:
-    """Return combinations (n, 2, 2) of two vectors (n, 2, 3) that are orthonormal.
+    """Return combinations of two vectors that are orthonormal.
 
     The vector that has kept more of its length comes first; of the other one what is along the
     first is taken away.
 
     Args:
-        vectors: parts across the normal of two edges (n, 2, 3).
-        lengths: of the edges (n, 2).  A part that is shorter than a thousandth of its edge gives no
-            direction, and its combination is zero.
+        vectors: parts across the normal of two edges (n, 2, 3) [m].
+        lengths: of the edges (n, 2) [m].  A part that is shorter than a thousandth of its edge
+            gives no direction, and its combination is zero.
+
+    Returns:
+        coefficients (n, 2, 2) [1/m]: row i has those of both vectors in direction i.
     """
     count = len(vectors)
     combinations = np.zeros((count, 2, 2), dtype=vectors.dtype)

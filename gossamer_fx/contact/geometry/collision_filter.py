@@ -44,7 +44,16 @@ class TiedLabels:
     labels: Int64Array
 
     def labels_of(self, numbers: Int64Array) -> Int64Array:
-        """Return the labels (m, w) of points with some numbers (m,)."""
+        """Return the labels of points; two points with one in common are connected and form no
+        contact pair.
+
+        Args:
+            numbers: of the points (m,), the same on all ranks.
+
+        Returns:
+            labels (m, w), which are numbers of points; those of a point that is not tied are its
+            own number.
+        """
         row = np.minimum(np.searchsorted(self.numbers, numbers), len(self.numbers) - 1)
         is_tied = self.numbers[row] == numbers
         own = np.repeat(
@@ -62,14 +71,18 @@ class TiedLabels:
 def tied_labels(
     system: Assembly, bodies: Sequence[Body], points: SurfacePoints
 ) -> TiedLabels | None:
-    """Return the labels of all tied points, the same on every rank; None if nothing is tied.
+    """Return the labels of all points that ties or joints connect, the same on every rank.
 
-    Collective.  Ties are along lines: unlike facets, all ranks know them.
+    Two points with a label in common form no contact pair.  Collective.  Ties are along lines:
+    unlike facets, all ranks know them.
 
     Args:
         system: with the constraints of the scene.
         bodies: those of the contact.
-        points: that this rank knows; together the ranks know all.
+        points: of bodies that this rank knows; together the ranks know all.
+
+    Returns:
+        the labels, or None if nothing is tied.
     """
     ties = _ties(
         system,
@@ -110,11 +123,30 @@ def tied_labels(
 def _ties(
     system: Assembly, bodies: Sequence[Body], points: SurfacePoints
 ) -> list[tuple[list[int], list[int]]]:
-    """Return for each tie the points of both sides, the shorter list first; the same on every
-    rank."""
+    """Return the ties between bodies of a contact, the same on every rank; collective.
+
+    A tie is a constraint that two points coincide.  Points of the ground and of other bodies are
+    left out.
+
+    Args:
+        system: with the constraints of the scene.
+        bodies: those of the contact.
+        points: of these bodies that this rank knows; together the ranks know all.
+
+    Returns:
+        for each tie the numbers of the points of both sides, the shorter list first.  A side is one
+        node, or the nodes of an edge between which the tied point lies.
+    """
 
     def nodes(port: Attached) -> list[tuple[int, int]]:
-        """Bodies and nodes on whose positions a port depends; none if it is of another body."""
+        """Return number of the body and node, for each node on whose position a port depends.
+
+        Empty if the port is a direction, a point of the ground, or of a body that is not in the
+        contact.
+
+        Args:
+            port: point that is tied, a weighted sum of nodes of one body.
+        """
         # A tie to the ground or of directions connects no surfaces.
         if not isinstance(port, Port) or any(port.vectors):
             return []
@@ -157,12 +189,15 @@ def _ties(
 def _numbers_of(
     wanted: list[tuple[int, int]], points: SurfacePoints, comm: MPI.Intracomm
 ) -> dict[tuple[int, int], int]:
-    """Return the numbers of points that are some nodes of bodies; -1: no point.  Collective.
+    """Return the numbers of points that are some nodes of bodies; collective.
 
     Args:
-        wanted: body and node, the same list on every rank.
+        wanted: number of the body and global node of each, the same list on every rank.
         points: that this rank knows.
         comm: the ranks.
+
+    Returns:
+        number over all ranks by body and node; -1: no rank has a point there.
     """
     if not wanted:
         return {}
@@ -209,8 +244,15 @@ def _graph(pairs: list[tuple[int, int]], count: int) -> csr_matrix:
 
 
 def _padded(rows: csr_matrix, own: Int64Array) -> Int64Array:
-    """Return the columns (m, w) of the rows of a matrix; shorter rows repeat their own label
-    (m,)."""
+    """Return the labels of points as one array, of the width of the longest row.
+
+    Args:
+        rows: boolean matrix (m, k), true where a point has a label.
+        own: a label (m,) of each point, which fills the rows of those with fewer labels.
+
+    Returns:
+        labels (m, w), the columns that are true.
+    """
     widths = np.diff(rows.indptr)
     labels: Int64Array = np.repeat(
         own[:, None],

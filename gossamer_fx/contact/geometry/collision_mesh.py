@@ -93,9 +93,20 @@ class CollisionMesh:
         system: Assembly,
         has_friction: Sequence[bool] = (),
     ) -> None:
-        """Number the primitives of bodies, then of obstacles, alike on all ranks.
+        """Number the points, edges and triangles of bodies, then of obstacles, alike on all ranks.
 
         Collective.
+
+        Args:
+            bodies: films, cables and beams of a contact.
+            obstacles: what they touch.
+            radii: of each body [m], zero for films without a radius.
+            system: the equations, in which the bodies have unknowns.
+            has_friction: of each obstacle whether it needs an origin and axes that move with it;
+                empty: no obstacle does.
+
+        Raises:
+            InputError: an obstacle has a direction without a length.
         """
         self.comm = system.comm
         self.bodies = list(bodies)
@@ -130,9 +141,14 @@ class CollisionMesh:
     # ---- what this rank knows ----
 
     def show(self, known: SurfaceTables) -> None:
-        """Make points and primitives of those of bodies that this rank knows, and of all obstacles.
+        """Set the points, edges and triangles of bodies that this rank knows; collective.
 
-        Collective.
+        It computes areas [m²], radii [m], owners and labels of all points, edges and triangles, and
+        numbers the points: first those of bodies, then those of all obstacles.
+
+        Args:
+            known: points, edges and triangles of bodies, with all points of each; at least those
+                that this rank owns.
         """
         rank = self.comm.rank
         self.known = known
@@ -184,7 +200,17 @@ class CollisionMesh:
         self._wall_vertices = own_body_vertices.astype(np.int32)
 
     def _add_obstacles(self, start: int) -> CollisionPrimitives:
-        """Number the points of obstacles from `start` on; return the primitives of their solids."""
+        """Number the points of obstacles; set walls, frames, radii and owners of these points.
+
+        A wall has three points, a solid one for each corner, a frame four: an origin and three
+        axes.
+
+        Args:
+            start: number of the first one, which follows the points of bodies.
+
+        Returns:
+            vertices, edges and triangles of the solids, as numbers of points.
+        """
         self.walls: list[NumberedWall] = []
         self.frames = np.full(len(self.obstacles), -1, dtype=np.int32)
         vertices: list[Int32Array] = [np.zeros(0, dtype=np.int32)]
@@ -220,8 +246,8 @@ class CollisionMesh:
         return np.concatenate([self.known.points.number, of_obstacles])
 
     def own_points(self) -> tuple[Int64Array, Int64Array]:
-        """Return for which points this rank keeps history variables: those that it owns, and
-        obstacles'.
+        """Return for which points this rank keeps history variables: those of bodies that it owns,
+        and all points of obstacles.
 
         Returns:
             their indices (k,) among the points that are known, and their numbers (k,) on all ranks.
@@ -246,11 +272,17 @@ class CollisionMesh:
     # ---- identifiers of pairs ----
 
     def identifiers(self, kind: ByteArray, primitives: Int64Array) -> Int64Array:
-        """Return numbers (n,) that tell pairs apart, the same on every rank and in every search.
+        """Return numbers of contact pairs that are the same on every rank and in every search.
+
+        History variables, such as the stiffness of a pair, are found by them.
 
         Args:
-            kind: of the pairs (n,).
-            primitives: indices (n, 2): vertex and triangle, two edges, or wall and point.
+            kind: of the pairs (n,), values of `PairKind`.
+            primitives: indices (n, 2) among what this rank knows: vertex and triangle, two edges,
+                or wall and point.
+
+        Returns:
+            identifiers (n,), different for different pairs.
         """
         # A pair (i, j) has the number i n + j, n being the count of the second kind of primitive.
         second_count = np.full(len(kind), self._triangle_count, dtype=np.int64)
@@ -284,10 +316,14 @@ class CollisionMesh:
     # ---- pairs with walls, which need no search ----
 
     def wall_pairs(self) -> tuple[ByteArray, Int32Array, Int64Array, Array]:
-        """Return pairs of this rank's points and all walls: kind, points, identifier, radius of the
-        wall.
+        """Return contact pairs of this rank's points of bodies and all walls, which need no search.
 
-        The arrays are (n,), (n, 4), (n,) and (n,) [m]; planes have the radius zero.
+        A wall is a plane or the inside of a room.
+
+        Returns:
+            kind (n,), a `PairKind`; points (n, 4), that of the body and three that describe the
+            wall; identifier (n,); and radius of the sphere or cylinder (n,) [m], which is zero for
+            planes.
         """
         vertices = self.surface.vertices[self._wall_vertices]
         count = len(vertices)
@@ -313,14 +349,16 @@ class CollisionMesh:
     # ---- areas and masses ----
 
     def areas(self, kind: ByteArray, points: Int32Array, primitives: Int64Array) -> Array:
-        """Return the area [m²] (n,) for which triangle pairs and edge pairs stand.
+        """Return the area (n,) [m²] for which each pair of a point and a triangle, or of two edges,
+        stands.
 
         Both sides of a film are covered twice, by its points and by those of the other film, so
         that each takes a half.  The areas of edges and points overlap in the same way.
 
         Args:
-            kind, points: of the pairs (n,), (n, 4).
-            primitives: numbers (n, 2) of the two primitives of each pair.
+            kind, points: of the pairs: values (n,) of `PairKind`, and numbers (n, 4) of their
+                points.
+            primitives: indices (n, 2) of the two primitives of each pair.
         """
         area: Array = self.area[points[:, 0]] * 0.5
         edges = kind == PairKind.EDGE_EDGE
@@ -328,9 +366,16 @@ class CollisionMesh:
         return area
 
     def body_densities(self, system: ContactAssembly) -> Array:
-        """Return the mass per area [kg/m²] (k,) of each body and obstacle; infinite for obstacles.
+        """Return the mass per area [kg/m²] of each body and obstacle, in their order; collective.
 
-        A body has the same density everywhere: its mass over its area.  Collective.
+        A body has the same density everywhere: its mass over its area in the stress-free shape,
+        that of cables and beams being length times diameter.
+
+        Args:
+            system: with the mass matrix [kg], which is assembled.
+
+        Returns:
+            densities (k,); infinite for obstacles.
         """
         mass = self.body_masses(system)
         density = np.full(len(self.names), np.inf)
@@ -365,7 +410,15 @@ def _obstacle_points(
     solids: Sequence[ObstacleSolid],
     has_frame: bool,
 ) -> ObstaclePoints:
-    """Return the points and directions of an obstacle in the order of `CollisionMesh`."""
+    """Return the points and directions of an obstacle: first of walls, then of solids, then of its
+    frame.
+
+    Args:
+        obstacle: of which `walls` and `solids` are the parts.
+        walls: each brings an origin and two directions.
+        solids: each brings its corners.
+        has_frame: whether an origin and three axes follow, along which friction slides.
+    """
     vectors: list[Attached] = []
     is_point: list[bool] = []
     for wall in walls:
@@ -386,8 +439,13 @@ def _dealt(count: int, comm: MPI.Intracomm) -> Int64Array:
 
 
 def _numbers(indices: Int64Array, of_bodies: SurfacePrimitives, count: int) -> Int64Array:
-    """Return the numbers of primitives with some indices; `count` are of bodies, obstacles'
-    follow."""
+    """Return the numbers over all ranks of primitives: points, edges or triangles.
+
+    Args:
+        indices: (n,) among the primitives that this rank knows, those of obstacles last.
+        of_bodies: the primitives of bodies that this rank knows.
+        count: of those of bodies on all ranks; obstacles' primitives have the numbers that follow.
+    """
     known_count = len(of_bodies)
     # Obstacles' primitives are the last ones, on every rank.
     if not known_count:

@@ -48,11 +48,17 @@ class CollisionPrimitives:
     labels: Int32Array | None = None
 
     def filtered(self, primitives: Int32Array, lower: Array, upper: Array) -> FilteredPrimitives:
-        """Return primitives (n, k) with the boxes of their points.
+        """Return vertices, edges or triangles with their boxes and with what forms no pairs with
+        them.
 
         Args:
-            primitives: points of vertices (p, 1), edges or triangles.
+            primitives: points of vertices (n, 1), edges (n, 2) or triangles (n, 3), as numbers of
+                points.
             lower, upper: least and greatest coordinates (m, 3) [m] of each point.
+
+        Returns:
+            the primitives with the boxes (n, 6) [m] of their points, with their labels, of which
+            connected primitives share one, and fixed where all of their points are.
         """
         least = lower[primitives].min(axis=1)
         greatest = upper[primitives].max(axis=1)
@@ -61,7 +67,13 @@ class CollisionPrimitives:
         return FilteredPrimitives(boxes, self._labels_of(primitives), is_fixed)
 
     def _labels_of(self, primitives: Int32Array) -> Int32Array:
-        """Return the labels (n, l) of primitives (n, k): those of all their points."""
+        """Return the labels (n, l) of vertices, edges or triangles: those of all their points.
+
+        Two primitives with a label in common are connected and form no pair.
+
+        Args:
+            primitives: numbers (n, k) of their points, which are the labels if nothing is tied.
+        """
         if self.labels is None:
             return np.ascontiguousarray(primitives)
         count = primitives.shape[1] * self.labels.shape[1]

@@ -57,7 +57,12 @@ class _Map:
         self.constants: list[Array] = []
 
     def add(self, vector: Attached) -> int:
-        """Add a point or direction; return its number among those of obstacles."""
+        """Add a point or direction of an obstacle; return its number among those of obstacles.
+
+        Args:
+            vector: of the ground, which becomes a constant [m], or a combination of the vectors of
+                a rigid body, which becomes a row of weights [-].
+        """
         number = len(self.constants)
         if isinstance(vector, Ground):
             self.constants.append(np.array(vector.vector, dtype=float))
@@ -112,7 +117,13 @@ class ContactPoints:
         obstacles: Sequence[ObstaclePoints],
         system: Assembly,
     ) -> None:
-        """Find the unknowns that move obstacles; `set_nodes` names the points of bodies."""
+        """Find the unknowns that move obstacles; `set_nodes` adds the points of bodies.
+
+        Args:
+            bodies: films, cables and beams of a contact.
+            obstacles: points and directions of obstacles.
+            system: the equations, whose unknowns move them.
+        """
         self.comm = system.comm
         self._numbering = system.numbering
         self._blocks = [system.block(body) for body in bodies]
@@ -132,10 +143,14 @@ class ContactPoints:
         self._are_block_rows = not self._of_obstacles.rows
 
     def set_nodes(self, body: Int64Array, node: Int64Array) -> None:
-        """Let the first n points be some nodes of bodies; collective.
+        """Let the first n points of a contact be some nodes of bodies; points of obstacles follow.
+        Collective.
+
+        It also sets the map x = W q + c(t) from block rows q, vectors of three unknowns, to points
+        x.
 
         Args:
-            body: number (n,) of the body of each, ascending.
+            body: number (n,) of the body of each node, ascending.
             node: global number (n,) among the nodes of the body.
         """
         of_obstacles = self._of_obstacles
@@ -164,8 +179,19 @@ class ContactPoints:
         return csr_matrix((values, (rows, columns)), shape=(self.count, len(self.first_dof)))
 
     def at(self, q: PETSc.Vec, time: float) -> Array:
-        """Return the points (m, 3) [m] for coordinates q of the system at a time [s];
-        collective."""
+        """Return the points of a contact for given coordinates of the system at a time; collective.
+
+        Args:
+            q: coordinates of the whole system.
+            time: [s], at which prescribed obstacles are.
+
+        Returns:
+            positions (m, 3) [m]; directions of obstacles among them have no unit.
+
+        Raises:
+            InputError: on all ranks, the motion of an obstacle raises or returns other than three
+                numbers.
+        """
         x = self.of_block_rows(q)
         if not self._are_block_rows:
             x = np.asarray(self.weights @ x)
@@ -178,9 +204,18 @@ class ContactPoints:
         return np.ascontiguousarray(x)
 
     def rates(self, v: PETSc.Vec, time: float, step: float) -> Array:
-        """Return the velocities (m, 3) [m/s] for rates v of the coordinates; collective.
+        """Return the velocities (m, 3) [m/s] of the points of a contact for rates of the
+        coordinates; collective.
 
-        Prescribed points have their mean velocity from a time [s] to a step [s] later.
+        Args:
+            v: rates of the coordinates of the whole system.
+            time: start of the interval [s] over which prescribed obstacles have their mean
+                velocity.
+            step: its length [s].
+
+        Raises:
+            InputError: on all ranks, the motion of an obstacle raises or returns other than three
+                numbers.
         """
         rates: Array = np.asarray(self.weights @ self.of_block_rows(v))
         for points, motion in self._moved:
@@ -197,7 +232,9 @@ class ContactPoints:
             limit: largest deviation [m].
 
         Raises:
-            Inadmissible: names the obstacle, its deviation and the limit.
+            Inadmissible: names the obstacle, its deviation and the limit; the step is then tried in
+                parts.
+            InputError: the motion raises or returns other than three numbers.
         """
         for _, motion in self._moved:
             deviation = motion.deviation(time, step)
@@ -214,7 +251,14 @@ class ContactPoints:
         return self._gather(q)[0]
 
     def add(self, force: Array, r: PETSc.Vec) -> None:
-        """Add Wᵀ force to a vector r of the system; forces (m, 3) [N] on points.  Collective."""
+        """Add the forces on points of a contact to a vector of the system, as Wᵀ force; collective.
+
+        W are the weights of the unknowns in the points.
+
+        Args:
+            force: (m, 3) [N], this rank's share.
+            r: residual of the system, changed in place; the shares of several ranks add up.
+        """
         on_block_rows = force[: self.body_count]
         if not self._are_block_rows:
             on_block_rows = np.asarray(self.weights.T @ force)
@@ -227,12 +271,16 @@ class ContactPoints:
         self._gather.add(on_block_rows, r)
 
     def block_rows_of(self, points: Int32Array) -> tuple[Int64Array, Array]:
-        """Return the block rows that move the points (n, 4) of pairs, and how.
+        """Return the block rows, vectors of three unknowns, that move the points of contact pairs,
+        and how.
+
+        Args:
+            points: numbers (n, 4) of the points of n pairs.
 
         Returns:
             block rows (n, 4 w), where w is the largest number of block rows of a point, and the
-            weights (n, 4, 4 w) of each pair's block rows in its points.  Points with fewer block
-            rows repeat one of the pair with weight zero.
+            weights (n, 4, 4 w) [-] of each pair's block rows in its points.  Points with fewer
+            block rows repeat one of the pair with weight zero.
         """
         count = len(points)
         width = int(np.diff(self.weights.indptr).max(initial=1))

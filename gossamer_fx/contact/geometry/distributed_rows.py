@@ -28,7 +28,13 @@ class DistributedRows:
     """
 
     def __init__(self, comm: MPI.Intracomm, rows: Int64Array, bound: int) -> None:
-        """Number the rows of all ranks; collective."""
+        """Number the distinct rows of integers of all ranks in lexicographic order; collective.
+
+        Args:
+            comm: the ranks.
+            rows: (n, k) of this rank; each entry is at least 0.
+            bound: more than any first entry, the same on all ranks.
+        """
         # Ranges of first entries in the order of the ranks: so numbers are in the order of rows.
         meeting_rank = rows[:, 0] * comm.size // max(bound, 1)
         self._exchange = RankExchange(comm, meeting_rank)
@@ -53,8 +59,15 @@ class DistributedRows:
         self.owners: Int64Array = self._exchange.answer(owner[self._row_of])
 
     def sums(self, values: Array) -> Array:
-        """Return for each row (n,) the sum of the values (n,) that all ranks have for it;
-        collective."""
+        """Return for each row of integers the sum of the values that all ranks have for it;
+        collective.
+
+        Args:
+            values: (n,), one for each row of this rank.
+
+        Returns:
+            sums (n,), in the unit of the values.
+        """
         met = self._exchange.send(values)
         total = np.bincount(
             self._row_of,

@@ -55,7 +55,15 @@ class Facets:
 
 
 def facets_of(body: MeshBody) -> Facets:
-    """Return this rank's facets of a film, cable or beam; collective."""
+    """Return this rank's points of a film, cable or beam and the flat pieces between them;
+    collective.
+
+    Args:
+        body: on a mesh of lines or triangles, of order 1 or 2.
+
+    Raises:
+        KeyError: cells of another shape or order.
+    """
     space = body.space
     mesh = space.mesh
     dimension = mesh.topology.dim
@@ -92,12 +100,15 @@ def facets_of(body: MeshBody) -> Facets:
 def _names_of_dofs(
     vertices: Int64Array, dof_count: int, edges: list[tuple[int, int]]
 ) -> Int64Array:
-    """Return two numbers (c, d, 2) for each dof of cells: the vertices of the edge on which it is.
+    """Return two numbers (c, d, 2) for each degree of freedom of cells, by which ranks name it.
+
+    They are the vertices, in ascending order, of the edge on which it is; a vertex is twice itself.
 
     Args:
-        vertices: numbers (c, k) of the cells' vertices in the mesh file.  A vertex is its own edge.
-        dof_count: d.
-        edges: of the middle nodes, which follow the vertices.
+        vertices: numbers (c, k) of the cells' vertices in the mesh file.
+        dof_count: d, vertices and middles of edges together.
+        edges: the two vertices, 0 to k - 1, of the edge of each middle node; these nodes follow the
+            vertices.
     """
     count, vertex_count = vertices.shape
     names = np.zeros((count, dof_count, 2), dtype=np.int64)

@@ -44,7 +44,17 @@ class ObstacleMotion:
         self._known: dict[float, Array] = {}
 
     def at(self, time: float) -> Array:
-        """Return the displacement (3,) [m] at a time [s]; collective."""
+        """Return the displacement (3,) [m] at a time; collective.
+
+        The function of the user is called once for each of the last few times.
+
+        Args:
+            time: [s].
+
+        Raises:
+            InputError: on all ranks, if the function of the user raises, or returns something other
+                than three finite numbers, the same on all ranks.
+        """
         if time not in self._known:
             what = f"Motion of the obstacle '{self.name}' at t = {time:.6g} s"
             displacement = ask_numbers(self._comm, what, lambda: self._function(time), (3,))
@@ -57,12 +67,15 @@ class ObstacleMotion:
         """Return how far [m] the motion is from a straight and uniform one in a step; collective.
 
         A smooth motion deviates by its acceleration times step²/8, so that shorter steps bring it
-        below any limit.  A jump deviates by at least half of its length, however short the
-        step is.
+        below any limit.  A jump deviates by at least half of its length, however short the step is.
 
         Args:
             time: at the start of the step [s].
             step: its length [s].
+
+        Raises:
+            InputError: on all ranks, if the function of the user raises, or returns something other
+                than three finite numbers, the same on all ranks.
         """
         start = self.at(time)
         way = self.at(time + step) - start

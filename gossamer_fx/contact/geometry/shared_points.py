@@ -23,7 +23,12 @@ class SharedPoints:
     """
 
     def __init__(self, comm: MPI.Intracomm, points: SurfacePoints) -> None:
-        """Tell the owners which of their points this rank knows; collective."""
+        """Let the owners know which of their points this rank knows; collective.
+
+        Args:
+            comm: the ranks.
+            points: that this rank knows, ascending by number, each with its owner.
+        """
         self._comm = comm
         self.is_own = points.owner == comm.rank
         # The only rank owns all points.
@@ -41,7 +46,11 @@ class SharedPoints:
             values[self._borrowed] = self._exchange.answer(values[self._lent])
 
     def take_minimum(self, values: Array) -> None:
-        """Replace values (n,) by the least that any rank has for the same point; collective."""
+        """Replace values by the least that any rank has for the same point; collective.
+
+        Args:
+            values: (n,) of the points that this rank knows, in any unit; changed in place.
+        """
         if self._comm.size > 1:
             # The owner sees the values of all ranks, and spreads what it finds.
             received = self._exchange.send(values[self._borrowed])

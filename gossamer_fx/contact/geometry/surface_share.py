@@ -39,15 +39,25 @@ class SurfacePrimitives:
         return len(self.number)
 
     def received(self, which: Int64Array, exchange: RankExchange) -> Self:
-        """Return the rows that other ranks send: each rank sends those that it names (k,);
-        collective."""
+        """Return a table of the points, edges or triangles that other ranks send to this one;
+        collective.
+
+        Args:
+            which: indices (k,) of the rows that this rank sends.
+            exchange: with the rank that gets each of them.
+        """
         columns = self._columns()
         return type(self)(
             **{column: exchange.send(values[which]) for column, values in columns.items()}
         )
 
     def united(self, *others: Self) -> Self:
-        """Return the rows of all tables, each number once."""
+        """Return a table with the rows of all tables of points, edges or triangles, each once, by
+        number.
+
+        Args:
+            others: tables of the same kind; rows with the same number are equal.
+        """
         tables = [self, *others]
         numbers = np.concatenate([table.number for table in tables])
         # Rows with the same number are equal, whichever rank they come from.
@@ -140,7 +150,13 @@ class SurfaceShare:
     def of(
         cls, bodies: Sequence[MeshBody], radii: Sequence[float], comm: MPI.Intracomm
     ) -> SurfaceShare:
-        """Number the primitives of bodies with radii [m], one body after the other; collective."""
+        """Number the points, edges and triangles of bodies, one body after the other; collective.
+
+        Args:
+            bodies: films, cables and beams.
+            radii: of each [m]; a cable stands for the area length times diameter.
+            comm: the ranks.
+        """
         # Bodies are numbered one after the other, so that each kind of primitive has one range of
         # numbers.
         points: list[SurfacePoints] = []
@@ -164,7 +180,7 @@ class SurfaceShare:
 def _surface_of(
     facets: Facets, body: int, radius: float, first: Int64Array, comm: MPI.Intracomm
 ) -> tuple[SurfaceTables, list[int]]:
-    """Return the primitives of one body, and how many of each kind it has on all ranks.
+    """Return the points, edges and triangles of one body, numbered over all ranks; collective.
 
     Args:
         facets: this rank's.
@@ -172,6 +188,10 @@ def _surface_of(
         radius: [m].
         first: the lowest numbers (3,) of its points, edges and triangles.
         comm: the ranks.
+
+    Returns:
+        tables of this rank's primitives with their areas [m²], and how many of each kind the body
+        has on all ranks: points, edges, triangles.
     """
     ends, edge_area, point_area = _edges_and_areas(facets, radius)
     rows = facets.rows
@@ -204,10 +224,17 @@ def _surface_of(
 
 
 def _edges_and_areas(facets: Facets, radius: float) -> tuple[Int32Array, Array, Array]:
-    """Return the edges (e, 2) of facets, and the areas [m²] of edges (e,) and points (n,).
+    """Return the edges of facets, and the areas for which edges and points stand.
 
     A triangle gives each of its sides and corners a third of its area.  A line stands for the area
     of its shadow, length times diameter, and gives each end a half.
+
+    Args:
+        facets: this rank's n points of one body, with triangles or lines between them.
+        radius: of a cable or beam [m]; not used for films.
+
+    Returns:
+        edges (e, 2) as indices of points; areas [m²] of edges (e,) and of points (n,).
     """
     count = len(facets.nodes)
     if len(facets.lines):

@@ -20,10 +20,21 @@ from gossamer_fx.contact.pair_table import CandidatePairs, PairTable, is_room, i
 
 
 def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
-    """Return s (n,) [m²] of pairs at points x (m, 3), and (u, v) (n, 2) of their closest points.
+    """Return the squared distances of contact pairs, and the parameters of their closest points.
 
-    The closest points of two edges are at u and v of their lengths; the one on a triangle is
-    corner 0 + u (corner 1 - corner 0) + v (corner 2 - corner 0).  Walls have no parameters: zeros.
+    The closest points of two edges are at u and v of their lengths; the one on a triangle is corner
+    0 + u (corner 1 - corner 0) + v (corner 2 - corner 0).  Walls have no parameters: zeros.
+
+    Args:
+        pairs: n pairs: a point and a triangle, two edges, or a point and a wall.
+        x: points (m, 3) [m].
+
+    Returns:
+        s (n,) [m²]: the squared distance.  Of planes s is the signed distance [m], inside spheres
+        and cylinders minus the squared distance from the middle.  And (u, v) (n, 2) [-].
+
+    Raises:
+        ValueError: an array is not contiguous, or not of the shape above.
     """
     c = library()
     count = len(pairs)
@@ -39,9 +50,18 @@ def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
 
 
 def approach_bounds(pairs: PairTable, x0: Array, x1: Array, margin: Array | None = None) -> Array:
-    """Return by how much (n,) [m] pairs can come closer on straight lines from x0 to x1 (m, 3).
+    """Return by how much contact pairs can come closer on straight lines, at most.
 
-    Infinite for walls.  With a margin (m,) [m] points may end within these distances of x1.
+    Args:
+        pairs: n pairs: a point and a triangle, two edges, or a point and a wall.
+        x0, x1: points (m, 3) [m] at the start and at the end.
+        margin: distance (m,) [m] from x1 within which points may end; None: they end at x1.
+
+    Returns:
+        bounds (n,) [m]; infinite for walls.
+
+    Raises:
+        ValueError: an array is not contiguous, or not of the shape above.
     """
     c = library()
     points = len(x0)
@@ -57,7 +77,15 @@ def approach_bounds(pairs: PairTable, x0: Array, x1: Array, margin: Array | None
 
 
 def gaps_of(kind: ByteArray, squared_distance: Array, radius: Array, wall_radius: Array) -> Array:
-    """Return the gaps (n,) [m] of pairs from s (n,) and their radii (n,) [m]."""
+    """Return the gaps (n,) [m] of contact pairs: their distance less the radii of both sides.
+
+    Args:
+        kind: values (n,) of `PairKind`.
+        squared_distance: s (n,) of `closest_points`: a square [m²], of planes the signed distance
+            [m], inside spheres and cylinders minus the squared distance from the middle [m²].
+        radius: of both sides together (n,) [m].
+        wall_radius: of the sphere or cylinder that holds the point (n,) [m]; zero for other pairs.
+    """
     walls = is_wall(kind)
     rooms = is_room(kind)
     squares = np.where(walls, 0, squared_distance)
@@ -100,7 +128,11 @@ class PairDistances:
         return found
 
     def make_exact(self, rows: Any) -> None:
-        """Replace lower bounds of some rows by the exact gaps."""
+        """Compute the gaps [m] of some contact pairs, of which lower bounds were known.
+
+        Args:
+            rows: which pairs, as indices, a mask (n,) or a slice.
+        """
         self._compute(rows)
         table = self.candidates
         self.gap[rows] = gaps_of(
@@ -111,7 +143,15 @@ class PairDistances:
         )
 
     def closest_points(self, rows: MaskArray) -> tuple[Array, Array]:
-        """Return s (k,) and (u, v) (k, 2) of the rows of a mask (n,)."""
+        """Return squared distance and parameters of the closest points of some contact pairs.
+
+        Args:
+            rows: mask (n,) of the pairs, k of which are asked for.
+
+        Returns:
+            squared distance (k,) [m²], of planes a distance [m]; and (u, v) (k, 2) [-] along the
+            two sides.
+        """
         missing = np.flatnonzero(rows & ~self._is_known)
         if len(missing):
             self._compute(missing)

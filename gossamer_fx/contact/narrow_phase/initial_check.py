@@ -16,7 +16,18 @@ COINCIDENT = 1e-6
 
 
 def refuse_intersections(mesh: CollisionMesh, x: Array, comm: MPI.Intracomm) -> None:
-    """Raise `InputError` where edges intersect triangles at points x (m, 3) [m]; collective."""
+    """Raise `InputError` on all ranks where edges intersect triangles; collective.
+
+    Args:
+        mesh: bodies and obstacles of a contact; edges and triangles that are connected are left
+            out.
+        x: its points (m, 3) [m] at the start.
+        comm: the ranks.
+
+    Raises:
+        InputError: names the number of intersecting edges, and of the first one both bodies and its
+            middle.
+    """
     surface = mesh.surface
     found = find_intersections(surface, x, mesh.own_edges)
     first = None
@@ -46,10 +57,13 @@ def refuse_coincident(
     collective.
 
     Args:
-        mesh: with m points.
+        mesh: bodies and obstacles of a contact, with m points.
         x: points (m, 3) [m].
         nearest: gap (m,) [m] of each point to what is nearest on any rank.
-        activation_distance: [m].
+        activation_distance: gap [m] at which contact begins; a millionth of it counts as none.
+
+    Raises:
+        InputError: names a body, the number of such points and the first of them.
     """
     of_bodies = nearest[: mesh.points.body_count]
     is_close = of_bodies < COINCIDENT * activation_distance
@@ -65,12 +79,18 @@ def refuse_coincident(
 
 
 def refuse_points_inside(mesh: CollisionMesh, x: Array) -> None:
-    """Raise `InputError` where points (m, 3) [m] of bodies are inside a box at the start;
-    collective.
+    """Raise `InputError` where points of bodies are inside a box at the start; collective.
 
     The surface of a box keeps points apart on both sides, so that a body within it would be taken
     for one that is kept there.  Spheres and cylinders are a radius round a point or an axis:
     `refuse_coincident` finds their points.
+
+    Args:
+        mesh: bodies and obstacles of a contact.
+        x: its points (m, 3) [m] at the start.
+
+    Raises:
+        InputError: names a body, the box, the number of such points and the first of them.
     """
     triangles = mesh.surface.triangles
     is_of_box = triangles[:, 0] >= mesh.points.body_count
@@ -104,10 +124,11 @@ def _count_and_first(
     Args:
         mesh: with the points.
         x: points (m, 3) [m].
-        is_wrong: which of the points of bodies (n,).
+        is_wrong: mask of the points of bodies (n,) that this rank knows.
 
     Returns:
-        their number, and name of the body and position (3,) [m] of the one with the lowest number.
+        their number, each point counted once, and name of the body and position (3,) [m] of the one
+        with the lowest number; an empty name and zeros if there is none.
     """
     wrong = np.flatnonzero(is_wrong & mesh.shared.is_own)
     first: list[tuple[int, str, Array]] = []

@@ -26,12 +26,20 @@ UNSURE = 2
 def find_intersections(
     surface: CollisionPrimitives, x: Array, edges: Int32Array | None = None
 ) -> Int32Array:
-    """Return pairs (k, 2) of an edge and a triangle that intersect and are not connected.
+    """Return the pairs of an edge and a triangle that intersect and are not connected.
+
+    Signs that round-off makes uncertain are computed again in exact fractions.
 
     Args:
-        surface: all primitives.
+        surface: all edges and triangles.
         x: points (m, 3) [m].
-        edges: numbers of the edges that are asked for; None: all.
+        edges: numbers (q,) of the edges that are asked for; None: all.
+
+    Returns:
+        numbers (k, 2) of edge and triangle; empty if nothing intersects.
+
+    Raises:
+        ValueError: an edge or triangle has a point that does not exist.
     """
     if edges is None:
         edges = np.arange(len(surface.edges), dtype=np.int32)
@@ -49,8 +57,20 @@ def find_intersections(
 
 
 def _floating_point_answers(surface: CollisionPrimitives, x: Array, near: Int32Array) -> ByteArray:
-    """Return for pairs (k, 2) of edges and triangles whether they intersect (k,), as far as is
-    known."""
+    """Return for pairs of edges and triangles whether they intersect, as far as doubles can decide.
+
+    Args:
+        surface: all edges and triangles.
+        x: points (m, 3) [m].
+        near: numbers (k, 2) of edge and triangle.
+
+    Returns:
+        (k,): 0, `INTERSECTS`, or `UNSURE` where a sign is within round-off.
+
+    Raises:
+        ValueError: an edge or triangle has a point that does not exist, or an array is not
+            contiguous.
+    """
     c = library()
     check_indices("The points of edges", surface.edges, len(x))
     check_indices("The points of triangles", surface.triangles, len(x))
@@ -74,7 +94,14 @@ def _floating_point_answers(surface: CollisionPrimitives, x: Array, near: Int32A
 
 
 def intersects_exactly(ends: Array, corners: Array) -> bool:
-    """Return whether the edge between two points (2, 3) intersects the triangle (3, 3)."""
+    """Return whether an edge intersects a triangle, decided in exact fractions.
+
+    An edge that only touches the triangle does not intersect it.
+
+    Args:
+        ends: of the edge (2, 3) [m].
+        corners: of the triangle (3, 3) [m].
+    """
     below = sign_of_volume(np.vstack([corners, ends[:1]]))
     above = sign_of_volume(np.vstack([corners, ends[1:]]))
     # Both ends are on one side of the plane, or one end is on it.
@@ -88,7 +115,11 @@ def intersects_exactly(ends: Array, corners: Array) -> bool:
 
 
 def sign_of_volume(corners: Array) -> int:
-    """Return the exact sign of (b - a) × (c - a) · (d - a) of four points a, b, c, d (4, 3)."""
+    """Return the exact sign, -1, 0 or 1, of the volume (b - a) × (c - a) · (d - a).
+
+    Args:
+        corners: the points a, b, c, d as rows (4, 3), finite numbers.
+    """
     rows = [[Fraction(float(value)) for value in corner] for corner in corners]
     origin = rows[0]
     u = _difference(rows[1], origin)

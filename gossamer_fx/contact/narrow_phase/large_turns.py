@@ -44,7 +44,11 @@ class _Turn:
     centre: Array
 
     def angle_to(self, other: _Turn) -> float:
-        """Return by which angle [rad] one turns relative to the other."""
+        """Return the angle [rad], 0 to π, by which one body turns relative to another one.
+
+        Args:
+            other: rotation of the other body in the same step.
+        """
         cosine = (np.sum(self.rotation * other.rotation) - 1) / 2
         return float(
             np.arccos(
@@ -75,7 +79,13 @@ class LargeTurns:
         activation_distance: float,
         system: ContactAssembly,
     ) -> None:
-        """List points, rigid bodies and kinds of surfaces of all bodies and obstacles."""
+        """List rigid bodies and kinds of surfaces of all bodies and obstacles.
+
+        Args:
+            mesh: bodies and obstacles of a contact.
+            activation_distance: gap [m] at which contact begins.
+            system: the equations, with the rigid bodies of which obstacles are parts.
+        """
         self._mesh = mesh
         self._system = system
         self._activation_distance = activation_distance
@@ -91,11 +101,14 @@ class LargeTurns:
         ]
 
     def find(self, distances: PairDistances, x1: Array) -> str:
-        """Return in words which body turns too far past what in a step; else nothing.  Collective.
+        """Report which body turns too far past which other one in a step; collective.
 
         Args:
-            distances: of the candidates at the start of the step.
+            distances: gaps of the contact pairs that may touch, at the start of the step.
             x1: points (m, 3) [m] at its end.
+
+        Returns:
+            a clause with both names and the angle in degrees; empty if nothing turns too far.
         """
         count = len(self._mesh.names)
         body_count = len(self._mesh.bodies)
@@ -136,7 +149,15 @@ class LargeTurns:
         return ""
 
     def _turn(self, k: int, x0: Array, x1: Array) -> _Turn:
-        """Return how a body or obstacle turns in a step."""
+        """Return how a body or obstacle turns in a step; collective.
+
+        A body on a mesh turns by the best rotation of its points, an obstacle with its rigid body;
+        other obstacles do not turn.
+
+        Args:
+            k: its number, bodies first, then obstacles.
+            x0, x1: points (m, 3) [m] at the start and at the end of the step.
+        """
         if k < len(self._mesh.bodies):
             points = self._points[k]
             return _best_turn(
@@ -156,7 +177,18 @@ class LargeTurns:
     def _may_meet(
         self, one: int, other: int, turn: _Turn, distances: PairDistances, x1: Array
     ) -> bool:
-        """Return whether a body or obstacle that turns may meet another on its way; collective."""
+        """Return whether a body or obstacle that turns may meet another on its way; collective.
+
+        It may if a wall of the other one is within its radius from the centre of the turn, or if
+        the box round the other one is.
+
+        Args:
+            one: number of what turns, bodies first, then obstacles.
+            other: number of the other one; one of both is a body on a mesh.
+            turn: of `one`.
+            distances: gaps of the contact pairs that may touch, at the start of the step.
+            x1: points (m, 3) [m] at its end.
+        """
         touching = min(one, other)  # a body on a mesh
         gap = self._gap_to_walls(
             touching,
@@ -205,8 +237,16 @@ class LargeTurns:
         return float(self._mesh.comm.allreduce(own, op=MPI.MAX))
 
     def _gap_to_walls(self, body: int, obstacle: int, distances: PairDistances) -> float:
-        """Return the least gap [m] of a body to the walls of an obstacle at the start;
-        collective."""
+        """Return the least gap [m] of a body to the walls of an obstacle at the start; collective.
+
+        Args:
+            body: number of the body.
+            obstacle: number of the obstacle, which follow the bodies.
+            distances: gaps of the contact pairs that may touch, at the start of the step.
+
+        Returns:
+            the gap on all ranks; infinite if the obstacle has no walls.
+        """
         if not self._has_walls[obstacle]:
             return np.inf
         pairs = distances.candidates
@@ -217,10 +257,16 @@ class LargeTurns:
 
 
 def _best_turn(start: Array, end: Array, comm: MPI.Intracomm) -> _Turn:
-    """Return the rotation that brings points (n, 3) [m] of all ranks nearest to their end (n, 3)
-    [m].
+    """Return the rotation that brings the points of all ranks nearest to their end; collective.
 
-    Collective.  W. Kabsch, Acta Cryst. A 32 (1976) 922, doi:10.1107/S0567739476001873.
+    W. Kabsch, Acta Cryst. A 32 (1976) 922, doi:10.1107/S0567739476001873.
+
+    Args:
+        start, end: points (n, 3) [m] of this rank; n may be 0 on some ranks.
+        comm: the ranks.
+
+    Returns:
+        the rotation about the mean of the points.  Points on a line do not turn about it.
     """
     sums = comm.allreduce(np.concatenate([start.sum(axis=0), end.sum(axis=0), [len(start)]]))
     centre = sums[:6].reshape(2, 3) / sums[6]

@@ -67,7 +67,16 @@ class LawFunctions:
 
 
 def cell_function(expression: fem.Expression) -> CellFunction:
-    """The C function of an expression that was compiled by `compile_expression`."""
+    """The C function of a compiled UFL expression, with the functions and constants on which it
+    depends.
+
+    Args:
+        expression: made by `compile_expression`, of float values.
+
+    Returns:
+        Address of the function, the dolfinx functions whose values in a cell are its arguments, and
+        views of its constants.  The object keeps the expression alive.
+    """
     compiled = expression.ufcx_expression
     ufl_expression = expression.ufl_expression
     coefficients = extract_coefficients(ufl_expression)
@@ -92,12 +101,22 @@ def law_functions(
     start: fem.Function,
     strain: fem.Function,
 ) -> LawFunctions:
-    """Compile the functions of a stored energy for a stress rule.  Collective.
+    """Compile the C functions of a stored energy for a stress rule.  Collective.
 
     Args:
-        energy: density, and the pieces of a path on which it is smooth.
+        energy: density as a function of the strain, and the pieces of a strain path on which it is
+            smooth.
         rule: how the stress of a step follows from the strains at its ends.
-        start, strain: functions at the quadrature points.
+        start, strain: strains (m,), dimensionless, at the start of the step and of the iterate, as
+            functions at the quadrature points.
+
+    Returns:
+        Functions for the mean stress (m,) with its derivatives (m, m), for the density (per area
+        [N/m], per length [N]), and for the choice of the cheapest of several expressions of the
+        stress.
+
+    Raises:
+        InputError: the rule has no function for laws that are written in C.
     """
     # Rank 0 compiles the kernel here, where all ranks are.
     library(strain.function_space.mesh.comm)
@@ -128,7 +147,18 @@ def law_functions(
 
 
 def _in_c(c_law: CLaw, rule: StressRule, start: fem.Function, strain: fem.Function) -> LawFunctions:
-    """The functions of a law that is written in C; they take its numbers at the points."""
+    """The functions of a law that is written in C; they take its numbers at the quadrature points.
+
+    Args:
+        c_law: addresses of the C functions, and the numbers of the law as a UFL expression.
+        rule: how the stress of a step follows from the strains at its ends; it chooses the
+            function.
+        start, strain: strains (m,), dimensionless, at the start of the step and of the iterate, as
+            functions at the quadrature points.
+
+    Raises:
+        InputError: the rule has no function for laws that are written in C.
+    """
     space = strain.function_space
     mesh = space.mesh
     points = interpolation_points(space)

@@ -63,7 +63,19 @@ class PointLaw:
     def __init__(
         self, functions: LawFunctions, values: PointValues, cells: Indices, *, may_choose: bool
     ) -> None:
-        """Prepare the constants and values that the C kernel reads; no law is evaluated yet."""
+        """Prepare the constants and values that the C kernel reads; no law is evaluated yet.
+        Collective.
+
+        Args:
+            functions: of the law, compiled.
+            values: strains and responses at the quadrature points, which the kernel reads and
+                writes.
+            cells: local numbers (n,) of the cells.
+            may_choose: whether iterates of the strain may be chosen between strain and stress.
+
+        Raises:
+            ValueError: arrays do not fit the cells or the strains.
+        """
         self._functions = functions
         self._values = values
         self._cells = cells
@@ -84,7 +96,12 @@ class PointLaw:
     # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self) -> None:
-        """Start a step: read constants and functions again, and forget all choices."""
+        """Start a step: read constants and functions of the law again, and forget the choices of
+        strains.
+
+        Constants, such as moduli, and functions, such as a thickness [m] that differs from cell to
+        cell, may have been changed since the last step.
+        """
         self._functions.refresh()
         for constants, values in self._constants:
             if values:
@@ -99,10 +116,15 @@ class PointLaw:
     def linearise(
         self, linear_strain: Callable[[], Array], first_guess: Callable[[], Array]
     ) -> None:
-        """Set the strains of the next iterate from the linearised strains, then the responses.
+        """Set the strains of the next iterate, and evaluate stresses and their derivatives there.
+
+        The strains are the linearised ones.  Where a law with several states may choose, those of
+        the first iterate are a guess, and later ones are chosen point by point between the
+        linearised strain and the strain of the linearised stress.
 
         Args:
-            linear_strain: returns the strains (q, m) linearised about the last iterate.
+            linear_strain: returns the strains (q, m), dimensionless, of q quadrature points,
+                linearised about the last iterate.
             first_guess: returns the strains (q, m) of the first iterate of a step.
         """
         if not self._chooses:
@@ -141,7 +163,15 @@ class PointLaw:
 
     def _number_values(self) -> None:
         """Number the values in a cell of all functions on which the law depends; strains come
-        first."""
+        first.
+
+        The kernel copies these values into one array, from which each C function takes its
+        arguments.
+
+        Raises:
+            ValueError: the strains have another number of values in a cell than the quadrature
+                points.
+        """
         law = self._functions
         everything = [*law.responses, law.density]
         if law.sort is not None:
@@ -168,7 +198,17 @@ class PointLaw:
         self._others = np.zeros((len(self._cells), start - 2 * width))
 
     def _entry(self, function: CellFunction) -> dict[str, Any]:
-        """Members of a `cell_function` of law.h."""
+        """Members of the C struct `cell_function` of law.h, by name.
+
+        They are the address of the function, its constants, and the indices (int32) of its
+        arguments among all values of a cell.  The arrays are kept alive by this object.
+
+        Args:
+            function: compiled function of the law.
+
+        Raises:
+            ValueError: an argument is beyond the values of a cell.
+        """
         numbers: list[Indices] = [np.zeros(0, dtype=np.int32)]
         numbers += [self._numbers[coefficient] for coefficient in function.coefficients]
         arguments = np.concatenate(numbers)
@@ -185,8 +225,14 @@ class PointLaw:
         }
 
     def _members(self) -> dict[str, Any]:
-        """Members of the struct `point_law` of law.h; it points at arrays that stay where they
-        are."""
+        """Members of the C struct `point_law` of law.h, by name: sizes, functions, arrays and work
+        space.
+
+        The arrays must stay at their addresses as long as the kernel is used.
+
+        Raises:
+            ValueError: arrays do not fit the cells, or rows are beyond the points.
+        """
         ffi = self._c.ffi
         values = self._values
         law = self._functions
@@ -224,7 +270,11 @@ class PointLaw:
         }
 
     def _choice_members(self) -> dict[str, Any]:
-        """Members of the struct `strain_choice` of law.h."""
+        """Members of the C struct `strain_choice` of law.h, by name.
+
+        Besides limits they are arrays over the q points: linearised strains (q, m), the error of
+        the last choice (q,) and how many choices did not reduce it (q,).
+        """
         m = self._size
         points = self._values.rows.shape[1]
         self._last_error = np.full(self._count, np.inf)
