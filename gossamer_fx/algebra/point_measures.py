@@ -293,16 +293,18 @@ class PointMeasures:
         L: Array,
         offset: Array,
     ) -> Array:
-        """Points z (n, D) in the space of the unknowns about which the measures are expanded.
+        """Points z (n, D) in the space of the unknowns q, about which n sets of strains are
+        expanded.
 
-        z is zero where no port belongs to the ground; with ground it is the least-squares
-        stationary point of the measures ½ X·H X + L·X of X = P q + offset, so that no large numbers
-        cancel.
+        The m strains ½ X·H X + L·X + c of a set are quadratic in k vectors X = P q + offset: ports,
+        i.e.  points [m] and directions [-] of bodies or of the ground.  z is zero where no vector
+        belongs to the ground; with ground it is their least-squares stationary point, so that no
+        large numbers cancel.
 
         Args:
-            P: maps (n, 3k, D) from the unknowns to the vectors of k ports.
-            H, L: quadratic part (n, m, 3k, 3k) and linear part (n, m, 3k) of m measures.
-            offset: (n, 3k), nonzero for ports of the ground: [m] for points, [-] for directions.
+            P: maps (n, 3k, D) from the unknowns to the vectors.
+            H, L: quadratic part (n, m, 3k, 3k) and linear part (n, m, 3k) of the strains.
+            offset: (n, 3k), nonzero for vectors of the ground: [m] for points, [-] for directions.
         """
         z = np.zeros((self.n, self.D))
         slope_of_vectors = np.einsum("nmab,nb->nma", H, offset) + L

@@ -242,8 +242,8 @@ class Membrane(Meshed):
     def measure(self, x: Expr) -> Expr:
         """Strain (E11, E22, 2 E12) at the positions x: from the mesh, and the initial one.
 
-        Thermal strain is part of it: that depends on the time of a scene.  The fields
-        `elastic_strain1` and `elastic_strain2` of a run have it subtracted.
+        The thermal strain is not subtracted from it, since that depends on the time of a scene; the
+        fields `elastic_strain1` and `elastic_strain2` of a run have it subtracted.
 
         Args:
             x: positions (3,) [m] on the mesh, a UFL expression.

@@ -241,6 +241,10 @@ class TorsionSpring(AboutHinge):
 
         Args:
             start: initial state of the scene; the term does not depend on it.
+
+        Yields:
+            One energy ½ k φ² [J] of the angle φ [rad] from the rest angle, with stiffness and rest
+            angle as parameters of gradients.
         """
         yield PointStoredEnergy(
             self.name,

@@ -88,7 +88,9 @@ class Fixed:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the arguments, and name the item if it has no name.  Collective.
+        """Check the arguments of the support, and name it if it has no name.  Collective.
+
+        A support fixes or prescribes positions and rotations of the nodes of a named group.
 
         Raises:
             InputError: a group that the mesh does not have or that is empty, components other than

@@ -79,7 +79,10 @@ class RigidRegion:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the region, and name it after its group if it has no name.  Collective.
+        """Check the rigid region, and name it after its group if it has no name.  Collective.
+
+        A rigid region is a named group of nodes of a body that move as one rigid piece, or slide in
+        its plane.
 
         Raises:
             InputError: the body is a beam, the group does not exist or has one point, a component

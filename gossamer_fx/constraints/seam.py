@@ -88,7 +88,10 @@ class Seam:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the edges, the times `closing` [s] and `max_ease`, and name the seam.  Collective.
+        """Check the edges and numbers of the seam, and name it if it has no name.  Collective.
+
+        A seam draws two edges of films together from the first to the second time `closing` [s].
+        `max_ease` (dimensionless) is the allowed difference of their lengths, over the shorter one.
 
         Raises:
             InputError: an edge is sewn to itself, is not one line, or is closed while the other is
@@ -164,7 +167,8 @@ class Seam:
         """The constraint that nodes of the finer edge meet their points of the other one, during
         `closing`.
 
-        Collective.
+        It is x_a - x_b = (1 - s(t)) (X_a - X_b) for each pair of points, with the initial positions
+        X [m] and s rising from 0 to 1.  Collective.
 
         Args:
             start: initial state of the scene, in which the edges may be apart.

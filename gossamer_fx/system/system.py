@@ -414,6 +414,8 @@ class System:
     def residual(self, y: Array, r: PETSc.Vec) -> Array:
         """Evaluate the residual of the step at the present iterate.  Collective.
 
+        It is the sum of inertia, internal forces and forces of scalar unknowns, less the loads.
+
         Args:
             y: scalar unknowns, such as gas pressures [Pa], the same on every rank.
             r: receives the residual of the coordinates [N]; in rows of Lagrange multipliers the

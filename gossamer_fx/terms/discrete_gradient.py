@@ -157,14 +157,15 @@ class PathAverage(StressRule):
         """Mean stress S_mean of a step with S_mean·(e1 - e0) = ψ(e1) - ψ(e0), averaged over the
         strain path.
 
-        It is a UFL expression of the shape of the strain, in the unit of ψ (per area [N/m], per
-        length [N]).
-
         Args:
-            energy: density ψ as a function of the strain, whether it is quadratic, and the pieces
-                of a path on which it is smooth.
-            e0: strain at the start of the step, dimensionless.
-            e1: strain at its end, a UFL variable, by which the result can be derived.
+            energy: stored energy: its density ψ as a function of the strain, whether it is
+                quadratic, and the pieces of a strain path on which it is smooth, each with its mean
+                stress.
+            e0: strain (m,) at the start of the step, dimensionless.
+            e1: strain (m,) at its end, a UFL variable, by which the result can be derived.
+
+        Returns:
+            UFL vector (m,), in the unit of ψ (per area [N/m], per length [N]).
         """
         ψ = energy.density
         Δe = e1 - e0

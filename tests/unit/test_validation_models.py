@@ -186,7 +186,7 @@ def test_cells_are_small_in_the_fold_and_reach_the_end():
 
 @pytest.mark.mpi
 def test_a_shallow_tape_does_not_snap_between_turns(comm):
-    """A search that goes on from another turn finds 45 times the moment: the tape snaps at its end."""
+    """A search that goes on from another turn finds 45 times the moment: the tape snaps."""
     values = {
         "radius": {"value": 8, "unit": "mm"},
         "thickness": {"value": 0.08, "unit": "mm"},

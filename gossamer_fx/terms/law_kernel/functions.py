@@ -104,14 +104,16 @@ def law_functions(
     """Compile the C functions of a stored energy for a stress rule.  Collective.
 
     Args:
-        energy: density, and the pieces of a path on which it is smooth.
+        energy: density as a function of the strain, and the pieces of a strain path on which it is
+            smooth.
         rule: how the stress of a step follows from the strains at its ends.
         start, strain: strains (m,), dimensionless, at the start of the step and of the iterate, as
             functions at the quadrature points.
 
     Returns:
-        Functions for mean stress with its derivatives, for the density, and for the choice of the
-        cheapest of several expressions of the stress.
+        Functions for the mean stress (m,) with its derivatives (m, m), for the density (per area
+        [N/m], per length [N]), and for the choice of the cheapest of several expressions of the
+        stress.
 
     Raises:
         InputError: the rule has no function for laws that are written in C.

@@ -116,12 +116,11 @@ class PointLaw:
     def linearise(
         self, linear_strain: Callable[[], Array], first_guess: Callable[[], Array]
     ) -> None:
-        """Set the strains of the next iterate from linearised strains, then evaluate stresses
-        there.
+        """Set the strains of the next iterate, and evaluate stresses and their derivatives there.
 
-        Stresses and their derivatives by the strains are written to `response` (q, m + m²) of the
-        values.  In the first iterate of a step, and where the law may choose strains, others are
-        taken.
+        The strains are the linearised ones.  Where a law with several states may choose, those of
+        the first iterate are a guess, and later ones are chosen point by point between the
+        linearised strain and the strain of the linearised stress.
 
         Args:
             linear_strain: returns the strains (q, m), dimensionless, of q quadrature points,
