@@ -800,6 +800,9 @@ class ContactSet:
         """Add tangents of contact pairs with obstacles to the blocks of the unknowns that move
         their points.
 
+        A point of an obstacle is a weighted sum of vectors of three unknowns.  The 3 x 3 blocks
+        [N/m] between these vectors, `assembly.blocks`, are changed in place.
+
         Args:
             tangents: (n, 144) [N/m], derivative of the 12 force components of each pair by its 12
                 point coordinates, row by row.
