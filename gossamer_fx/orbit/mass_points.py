@@ -124,6 +124,9 @@ def equivalent_points(mass: Array, translation_weight: Array) -> tuple[Array, Ar
         points c (p, k), each an affine combination of the k vectors, and masses m (p,) [kg], such
         that Σ m c cᵀ is the mass matrix.
 
+    Raises:
+        numpy.linalg.LinAlgError: the body has no mass.
+
     >>> import numpy as np
     >>> points, masses = equivalent_points(np.diag([2.0, 8.0]), np.array([1.0, 0.0]))
     >>> (masses[:, None] * points).T @ points

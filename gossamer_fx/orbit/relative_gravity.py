@@ -95,8 +95,9 @@ def excess(
 ) -> Any:
     """γ = σ(R0, R1)/σ(X0, X1) - 1 without cancellation, dimensionless.
 
-    σ(b, c) = 2μ/(|b||c|(|b| + |c|)) is the factor of the mean gravity over a step, R the origin of
-    the frame and X a mass point.  Numbers, arrays or UFL scalars.
+    σ(b, c) = 2μ/(|b||c|(|b| + |c|)) is the factor of the mean gravity over a step, with the
+    gravitational parameter μ; R is the origin of the frame and X a mass point, from the attracting
+    centre.  Numbers, arrays or UFL scalars.
 
     Args:
         r0: |R0|, distance of the origin from the centre at the start of the step [m].

@@ -236,10 +236,11 @@ class ModeRun(StaticRun):
 
     @property
     def totals(self) -> Totals:
-        """Energies [J] of the vibration at the present phase: ½ M |v|², and the remainder as
+        """Energies [J] of the vibration at the present phase: ½ v·Mv as kinetic, the remainder as
         stored.
 
-        Momenta are zero, and nothing is supplied or dissipated.
+        M is the mass matrix and v the velocity.  Momenta are zero, and nothing is supplied or
+        dissipated.
         """
         zero = np.zeros(3)
         kinetic = self._energy * math.sin(self._phase) ** 2

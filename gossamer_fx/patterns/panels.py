@@ -88,14 +88,16 @@ class Gores:
         return PITCH * float(self.width(self.arc_lengths).max())
 
     def mesh(self, comm: MPI.Intracomm, *, along: int, across: int) -> Mesh:
-        """All gores in one mesh: the panels lie side by side in the plane z = 0.
+        """All gores, the flat panels of a body of revolution, in one mesh, side by side in the
+        plane z = 0.
 
-        Normals point outwards in place.  Groups: "film", of each panel "gore k", its edges "left k"
-        and "right k" and, where it does not end in a point, "first end k" and "last end k"; the
-        points "first k" and "last k" of pointed ends; k from 0 to n - 1.
+        Normals point outwards once the gores are moved to their positions.  Groups: "film", of each
+        panel "gore k", its edges "left k" and "right k" and, where it does not end in a point,
+        "first end k" and "last end k"; the points "first k" and "last k" of pointed ends; k from 0
+        to n - 1.
 
         Args:
-            comm: the ranks.
+            comm: the ranks to which the mesh is distributed.
             along: cells from end to end, two or more.
             across: cells from edge to edge, one or more.
 

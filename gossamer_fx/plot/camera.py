@@ -167,16 +167,19 @@ def render(
     scale: float,
     colours: Array,
 ) -> Iterator[Array]:
-    """Draw shapes.
+    """Draw shapes (a scene at one or more times) as images with shading and hidden surfaces.
 
     Args:
         camera: for these shapes.
-        shapes: the scene at one or more times, as many as the camera has centres.
+        shapes: as many as the camera has centres, with points [m].
         scale: pixels of the image per metre.
         colours: (kinds, 3), red, green and blue in [0, 1] of triangles of each kind.
 
     Yields:
         An image (height, width, 3) in [0, 1] of each shape.
+
+    Raises:
+        ValueError: there are not as many shapes as the camera has centres.
     """
     n = _SUPERSAMPLES
     width = round(camera.size[0] * scale) * n

@@ -99,18 +99,18 @@ def write_page(
     dpi: int = DPI,
     width: float = WIDTH,
 ) -> Place | None:
-    """Write a page as PNG.
+    """Write a page of images and curves as PNG.
 
     Args:
         path: of the file.
         title: on top; may be empty.
-        views: images, if there are any.
+        views: images of the scene with captions, if there are any.
         curves: panels below, if there are any.
         dpi: pixels per inch.
         width: of the page [inches]; letters have the same size in pages of any width.
 
     Returns:
-        Where the first image is, if there is one.
+        Where the first image is [pixels], and its scale [pixels/m]; None without images.
 
     Raises:
         OutputFailure: the file cannot be written.

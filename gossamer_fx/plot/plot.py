@@ -95,7 +95,8 @@ def field(
         view: camera and transparency; default: chosen for all times.
 
     Raises:
-        InputError: an unknown field, or a time outside the run.
+        InputError: no times, an unknown field, a time outside the run, files of the run that cannot
+            be read, or a path that is a folder.
         OutputFailure: the file cannot be written.
 
     Example:
@@ -136,7 +137,8 @@ def strip(
         view: camera and transparency; default: chosen for all times.
 
     Raises:
-        InputError: an unknown field, a count below one, or a run without fields.
+        InputError: an unknown field, a count below one, a run without fields, files of the run that
+            cannot be read, or a path that is a folder.
         OutputFailure: the file cannot be written.
 
     Example:
@@ -168,14 +170,15 @@ def _title(run: RunReader, field: str) -> str:
 
 @check_arguments
 def curves(run: RunReader, path: str | Path) -> None:
-    """Write a PNG of ledger, gas, states of films, iterations and probes over the time.
+    """Write a PNG of energies, gas, states of films, iterations and probes over the time.
 
     Args:
         run: a recorded run.
         path: of the file, ending in `.png`.
 
     Raises:
-        InputError: the run has fewer than two steps.
+        InputError: the run has fewer than two steps, its tables cannot be read, or the path is a
+            folder.
         OutputFailure: the file cannot be written.
 
     Example:
@@ -297,7 +300,7 @@ def modes(
         view: camera and transparency; default: chosen for all modes.
 
     Raises:
-        InputError: no folder, or one that holds no record of a mode.
+        InputError: no folder, one that holds no record of a mode, or files that cannot be read.
         OutputFailure: the file cannot be written.
 
     Example:
@@ -354,7 +357,8 @@ def animate(
             Default: a camera that stands still and sees the whole run.
 
     Raises:
-        InputError: a path with another ending, no ffmpeg for an MP4, or an unknown field.
+        InputError: a path with another ending, no ffmpeg for an MP4, a length that is not positive,
+            an unknown field, or files of the run that cannot be read.
         OutputFailure: the file cannot be written.
 
     Example:
@@ -432,6 +436,9 @@ def _images(
 
     Yields:
         bytes (height, width, 3), with even numbers of rows and columns.
+
+    Raises:
+        InputError: the files of the run cannot be read.
     """
     # Imported here, as most plots need no images in memory.
     from matplotlib import get_data_path
@@ -483,7 +490,7 @@ def _write_gif(path: Path, images: Iterable[Image], pause: float) -> None:
     Args:
         path: of the file.
         images: bytes (height, width, 3), all of one size, at least one.
-        pause: between two frames [s]; shorter ones than 0.02 s are not written.
+        pause: between two frames [s]; at least 0.02 s are written.
 
     Raises:
         OutputFailure: the file cannot be written.

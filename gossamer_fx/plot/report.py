@@ -79,7 +79,8 @@ def write_report(run: RunReader, path: str | Path) -> None:
         path: of the file, ending in `.html`.
 
     Raises:
-        InputError: nothing was recorded yet, or the path is a folder.
+        InputError: nothing was recorded yet, files of the run cannot be read, or the path is a
+            folder.
         OutputFailure: the file cannot be written.
 
     Example:

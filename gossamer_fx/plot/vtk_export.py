@@ -44,8 +44,8 @@ def export(run: RunReader, folder: str | Path) -> list[Path]:
         The PVD files; the first one has the whole scene.
 
     Raises:
-        InputError: the run has no fields, or the folder holds anything that an export has not
-            written.
+        InputError: the run has no fields, its files cannot be read, or the folder holds anything
+            that an export has not written.
         OutputFailure: a file cannot be written.
 
     Example:
@@ -90,8 +90,11 @@ def export(run: RunReader, folder: str | Path) -> list[Path]:
 def _earlier_export(folder: Path) -> list[Path]:
     """All that an earlier export has left in a folder: lists, and folders of the files they list.
 
+    Args:
+        folder: exists; it may be empty.
+
     Raises:
-        InputError: the folder holds anything else.
+        InputError: the folder holds anything else, or its list of files is damaged.
     """
     found = sorted(folder.iterdir())
     expected = set()

@@ -63,6 +63,8 @@ class ReducedCoordinates(Coordinates):
     def add_forces(self, b: Array, forces: Array) -> None:
         """Add the generalised forces Φᵀb [N] to the forces on the unknowns, on rank 0.  Collective.
 
+        Φ (n, r) are the values of the r modes at the nodes, so that x = Φ c with the unknowns c.
+
         Args:
             b: assembled forces [N] at owned and ghost nodes, flattened.
             forces: on this rank's unknowns (3r,) [N], changed in place; empty on other ranks than
@@ -75,6 +77,8 @@ class ReducedCoordinates(Coordinates):
 
     def assemble(self, A: PETSc.Mat, forms: Iterable[fem.Form], block: NumberedBlock) -> None:
         """Add the projected matrix ΦᵀKΦ of bilinear forms to a block of A, on rank 0.  Collective.
+
+        Φ (n, r) are the values of the r modes at the nodes, so that x = Φ c with the unknowns c.
 
         Args:
             A: matrix of the system.

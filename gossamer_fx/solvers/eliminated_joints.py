@@ -222,7 +222,7 @@ class EliminatedJoints:
         self._D = rows[:, self._rest]
 
     def _columns(self, matrix: PETSc.Mat) -> Array:
-        """The block B (films, k) that couples films to the k eliminated unknowns, as k rows.
+        """The block B (films, k) [N/m] that couples films to the k eliminated unknowns, as k rows.
 
         Args:
             matrix: of all unknowns.
@@ -255,8 +255,9 @@ class EliminatedJoints:
 
         Args:
             pc: PETSc's preconditioner; not used.
-            r: residual of all unknowns.
-            z: result; NaN if the factorisation failed, so that the Krylov iteration ends.
+            r: residual of all unknowns, forces [N] and violations of constraints [m or 1].
+            z: correction of all unknowns [m, or N for multipliers]; NaN if the factorisation
+                failed, so that the Krylov iteration ends.
         """
         self._applications += 1
         if self.problem:

@@ -110,8 +110,9 @@ class Composite:
         """Set x = (z, y) from coordinates and scalar unknowns.
 
         Args:
-            z: coordinates, distributed; None: the coordinates of x stay.
-            y: scalar unknowns (m,), the same on every rank; those of rank 0 count.
+            z: coordinates [m], distributed; None: the coordinates of x stay.
+            y: scalar unknowns (m,), e.g. pressures [Pa], the same on every rank; those of rank 0
+                count.
             x: vector of both.
         """
         if not self.scalars:
@@ -125,7 +126,7 @@ class Composite:
                 values[self.n :] = y
 
     def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
-        """Coordinates z and scalar unknowns y (m,) of x.  Collective.
+        """Coordinates z [m] and scalar unknowns y (m,), e.g. pressures [Pa], of x.  Collective.
 
         Args:
             x: vector of both.
@@ -317,8 +318,9 @@ class BorderedPreconditioner:
 
         Args:
             pc: PETSc's preconditioner; not used.
-            x: residuals of coordinates and scalar unknowns.
-            out: updates; NaN if Σ is singular, so that the step is repeated.
+            x: residuals r [N] of the coordinates and s of the scalar unknowns.
+            out: updates δz [m] and δy, e.g. [Pa]; NaN if Σ is singular, so that the step is
+                repeated.
         """
         operator = self._operator
         self._applications += 1

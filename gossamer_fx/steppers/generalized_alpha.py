@@ -214,7 +214,8 @@ class GeneralizedAlphaSolver:
             M dv/dt + De(q0)ᵀ λ = F - f(q0, v0)
             De(q0) dv/dt = -D²e[v0, v0]      (constraints differentiated twice)
 
-        Forces that depend on rates are evaluated in a trial step with the velocity v0.
+        with the mass matrix M, constraints e = 0 and their multipliers λ, loads F and internal
+        forces f. Forces that depend on rates are evaluated in a trial step with the velocity v0.
 
         Args:
             h: length of the first step [s]; the trial step has a thousandth of it.

@@ -46,6 +46,8 @@ _LINEAR = {
 def orthogonal_array(name: str) -> Levels:
     """An orthogonal array (runs, columns) of levels from 0.
 
+    A row is a run, a column a factor; in any two columns all pairs of levels occur equally often.
+
     Args:
         name: L4 (3 columns of two levels), L8 (7), L12 (11), L16 (15), L9 (4 columns of three
             levels), L27 (13), or L18 (1 column of two levels and 7 of three).

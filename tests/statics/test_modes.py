@@ -506,3 +506,21 @@ def test_a_film_that_buckles_is_advised_to_resist_less(comm, caplog):
     modes(equilibrium, 2)
     assert "Film 'film' resists compression with its full stiffness" in caplog.text
     assert "finer mesh" not in caplog.text
+
+
+@pytest.mark.mpi
+def test_effective_masses_of_free_motions_add_up_to_the_mass(comm):
+    """Six rigid motions have the frequency zero: any combinations of them are modes, and their
+    effective masses add up only if these are orthogonal."""
+    section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
+    free = gx.Beam(line(comm, [(0, 0, 0), (2.0, 0.5, 0)], 6), section, name="free")
+    equilibrium = Equilibrium(gx.Scene(free))
+    equilibrium.find()
+    found = modes(equilibrium, 8)
+    mass = section.line_density * np.hypot(2.0, 0.5)
+    total = sum(mode.effective_mass for mode in found[:6])
+    assert total == pytest.approx([mass] * 3, rel=1e-6)
+    bending = found[6:]
+    # Both bending modes have one frequency, and do not move the centre of mass.
+    assert bending[0].frequency == pytest.approx(bending[1].frequency, rel=1e-6)
+    assert max(abs(mode.effective_mass).max() for mode in bending) < 1e-6 * mass
