@@ -391,6 +391,50 @@ def roped(comm):
     return scene, 1e-2, 12
 
 
+def bundled(comm):
+    """A mass on three ropes, of which some get slack."""
+    mass = gx.PointMass(0.5, (0.0, 0.0, 0.0), velocity=(0.6, -0.4, 0.5), name="a")
+    ends = [gx.Ground(at) for at in ((1.0, 0.0, 0.0), (-0.6, 0.8, 0.0), (-0.6, -0.8, 0.3))]
+    bundle = gx.connectors.RopeBundle(
+        [(mass.port(), end) for end in ends],
+        lengths=[0.97, 0.98, 1.02],
+        stiffness=300.0,
+        damping=3.0,
+    )
+    return gx.Scene(bundle), 1e-2, 12
+
+
+def heated(comm):
+    """A film whose temperature rises in time and differs from point to point."""
+    warming = gx.materials.ThermalExpansion(
+        2e-5, temperature=lambda X, t: 300.0 + 2e4 * t * (1 + X[0])
+    )
+    body = film(gx.Linear(**FILM), comm, displacement=stretched, thermal=warming)
+    return gx.Scene(body, gx.Fixed(body, "left")), 5e-4, 15
+
+
+def warmed(comm):
+    """A film that is warmed evenly: no temperature moves with the nodes of its mesh."""
+    warming = gx.materials.ThermalExpansion(2e-5, temperature=lambda X, t: 300.0 + 2e4 * t)
+    body = film(gx.Linear(**FILM), comm, displacement=stretched, thermal=warming)
+    return gx.Scene(body, gx.Fixed(body, "left")), 5e-4, 15
+
+
+def blown(comm):
+    """A film in wind, which edge loads pull: one of given direction, one along its rim's normal."""
+    body = film(gx.Linear(**FILM), comm, displacement=stretched)
+    return (
+        gx.Scene(
+            gx.loads.AirDrag(body, 1.2, wind=(0.0, 0.5, 3.0)),
+            gx.loads.EdgeLoad(body, "right", force=(30.0, 5.0, 10.0), name="pull"),
+            gx.loads.EdgeLoad(body, "top", normal_force=20.0, following=True, name="stretch"),
+            gx.Fixed(body, "left"),
+        ),
+        5e-4,
+        15,
+    )
+
+
 PARAMETERS = {
     damped: [
         "film.E",
@@ -398,6 +442,8 @@ PARAMETERS = {
         "film.density",
         "film.thickness",
         "film.shape",
+        "damping.mass_factor",
+        "damping.stiffness_factor",
         "pressure.pressure",
         "pulse.factor",
         "pull.factor",
@@ -433,6 +479,10 @@ PARAMETERS = {
     prestressed: ["film.initial_stress", "cable.initial_tension", "strip.initial_strain"],
     creased: ["crease.stiffness", "crease.rest_angle", "plate.thickness", "plate.E"],
     wrinkling: ["film.E", "film.residual_stiffness"],
+    bundled: ["ropes.stiffness", "ropes.lengths", "ropes.damping"],
+    heated: ["film.alpha", "film.reference_temperature", "film.initial_velocity"],
+    warmed: ["film.shape"],
+    blown: ["pull.force", "stretch.normal_force", "film.density", "film.shape"],
     colliding: ["film.E", "film.thickness", "film.initial_velocity"],
     touching: ["contact.stiffness"],
     stopping: ["film.E", "film.density", "lower.thickness", "film.initial_velocity"],
