@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.algebra.rotations import cross_matrices
 from gossamer_fx.bodies.between import bodies_of
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.arguments import check_arguments
