@@ -294,8 +294,8 @@ class PointLoads(
             if not _is_of_position(term.law) and not isinstance(term.law, ForceOfStart):
                 return (
                     f"'{term.name}' depends on more than positions and time, without derivatives "
-                    "by the start of a step; give its law those of `terms.point_loads.ForceOfStart`, "
-                    "or leave it out of the scene"
+                    "by the start of a step; give its law those of "
+                    "`terms.point_loads.ForceOfStart`, or leave it out of the scene"
                 )
         return ""
 
