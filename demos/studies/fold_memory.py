@@ -113,6 +113,7 @@ ACCURACY = (
     "disc largest=0.0005",
     "disc rev=2 cells=2",
     "disc rev=2 crease=0.0002 set_angle_ratio=0 cells=2",
+    "disc rev=2 crease=0.002 set_angle_ratio=0 cells=2",
 )
 
 
@@ -251,7 +252,7 @@ def draw(results: list[Result], path: Path) -> None:
                         label="" if low else "no creases",
                     )
         delays.axhspan(-100 * VISIBLE, 100 * VISIBLE, color=GREY, alpha=0.15)
-        delays.annotate("×  does not open", (0.02, 0.96), xycoords="axes fraction", va="top")
+        delays.annotate("×  does not open", (0.02, 0.04), xycoords="axes fraction")
         delays.set_title(titles[sail], fontsize=10)
         delays.set_ylabel("opens later than without creases [%]")
         sizes.set_ylabel(size_labels[sail])

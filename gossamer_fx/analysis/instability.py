@@ -10,24 +10,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
 from gossamer_fx.bodies.beam import Beam
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.forms.compilation import compile_form
+from gossamer_fx.forms.compilation import compile_form, constant
+from gossamer_fx.materials.film import TAUT
 from gossamer_fx.mesh.quality import corner_points, sizes
 from gossamer_fx.system.system import System
+from gossamer_fx.terms.element_energies import thermal_strain_of
 
 Displacements = Mapping[str, npt.NDArray[np.complex128]]
 
 # Compression over the load π² EI/L² from which a beam may have buckled: that of a cantilever.
 CANTILEVER_SHARE = 0.25
 
-# Residual stiffness of films above which the advice is to lower it.
+# Residual stiffness that is recommended in place of a law that resists compression fully.
 SMALL_RESIDUAL_STIFFNESS = 1e-4
 
 
@@ -39,53 +43,105 @@ def advice(system: System, displacements: Displacements) -> str:
         displacements: of the mode that grows fastest, at this rank's nodes (n, 3), by the names of
             the bodies.
     """
-    sentences = [
-        "A small disturbance leads to another equilibrium.",
-        *_moved_most(system, displacements),
-        *_compressed_beams(system),
-        *_stiff_films(system, displacements),
-    ]
+    sentences = ["A small disturbance leads to another equilibrium."]
+    largest = {}
+    for name, values in displacements.items():
+        own = float(np.abs(values).max(initial=0.0))
+        largest[name] = system.comm.allreduce(own, op=MPI.MAX)
+    if len(largest) > 1:
+        moved_most = max(largest, key=lambda name: largest[name])
+        sentences.append(f"The fastest mode moves '{moved_most}' most.")
+    sentences += _compressed_films(system, largest)
+    sentences += _loaded_beams(system)
     return " ".join(sentences)
 
 
-def _moved_most(system: System, displacements: Displacements) -> Iterator[str]:
-    """The body that the mode moves farthest; nothing for a scene of one body."""
-    largest = _largest(system, displacements)
-    if len(largest) > 1:
-        yield f"The fastest mode moves '{max(largest, key=lambda name: largest[name])}' most."
+def _compressed_films(system: System, largest: Mapping[str, float]) -> Iterator[str]:
+    """Films that resist compression, and which the mode moves as far as anything.
 
-
-def _largest(system: System, displacements: Displacements) -> dict[str, float]:
-    """Largest displacement of each body over all ranks, by name."""
-    found = {}
-    for name, values in displacements.items():
-        own = float(np.abs(values).max(initial=0.0))
-        found[name] = system.comm.allreduce(own, op=MPI.MAX)
-    return found
-
-
-def _compressed_beams(system: System) -> Iterator[str]:
-    """Beams whose compression may buckle them."""
-    names = []
+    Args:
+        system: in the state of the equilibrium.
+        largest: displacement of each body in the mode, by name.
+    """
+    most = max(largest.values(), default=0.0)
     for body in system.bodies:
-        if not isinstance(body, Beam):
+        if not isinstance(body, Membrane) or body.bends or largest.get(body.name, 0.0) < most:
             continue
-        length = system.comm.allreduce(float(sizes(corner_points(body.space.mesh)).sum()))
-        stiffness = min(body.section.EI2, body.section.EI3)
-        pinned_load = math.pi**2 * stiffness / length**2
-        compression = -_mean_tension(system, body, length)
-        if compression >= CANTILEVER_SHARE * pinned_load:
-            names.append(body.name)
+        stiffness = getattr(body.law, "residual_stiffness", 0.0)
+        # A law whose energy is quadratic makes no difference between tension and compression.
+        if body.law.quadratic:
             yield (
-                f"Beam '{body.name}' bears a compression of {compression:.3g} N; it buckles at "
-                f"{pinned_load:.3g} N between hinges, and at a quarter of that as a cantilever."
+                f"Film '{body.name}' resists compression with its full stiffness but has no "
+                "bending stiffness, so that it buckles: take a law with a residual_stiffness of "
+                f"{SMALL_RESIDUAL_STIFFNESS:g} or less, or stretch the film more."
             )
-    if names:
+        elif stiffness > 0:
+            share = 1 - taut_share(system, body)
+            yield (
+                f"Film '{body.name}' is not taut on {100 * share:.0f} % of its area. There it "
+                f"resists compression with {stiffness:.0e} of its stiffness but has no bending "
+                "stiffness, so that it buckles: stretch it more, let its free edges be arcs with "
+                f"cords, or take a smaller residual_stiffness than {stiffness:.0e}."
+            )
+
+
+def taut_share(system: System, film: Membrane) -> float:
+    """Share of the stress-free area of a film that is taut."""
+    # Of a reduced film the mesh is that of the film which was reduced.
+    full: Any = film.full
+    q = fem.Function(full.space)
+    film.reconstruct(q, system.state[film].coordinates().ravel())
+    strain = full.measure(q)
+    thermal = None
+    if film.thermal is not None:
+        thermal = thermal_strain_of(system, film)
+    if thermal is not None:
+        strain -= thermal.start
+    # A law that never wrinkles has a number as its state; times `unit` it belongs to the mesh.
+    unit = constant(full.space.mesh, 1.0)
+    is_taut = ufl.eq(unit * full.law.state(strain, full.constants), TAUT * unit)
+    forms = (ufl.conditional(is_taut, unit, 0 * unit) * full.dx, unit * full.dx)
+    own = np.array([fem.assemble_scalar(compile_form(form)) for form in forms])
+    taut_area, area = system.comm.allreduce(own)
+    return float(taut_area / area)
+
+
+def _loaded_beams(system: System) -> Iterator[str]:
+    """Deflection and compression of each beam, and what to change if these are large."""
+    beams = [body for body in system.bodies if isinstance(body, Beam)]
+    if not beams:
+        return
+    is_buckling = False
+    for beam in beams:
+        length = system.comm.allreduce(float(sizes(corner_points(beam.space.mesh)).sum()))
+        stiffness = min(beam.section.EI2, beam.section.EI3)
+        pinned_load = math.pi**2 * stiffness / length**2
+        compression = -_mean_tension(system, beam, length)
+        is_buckling |= compression >= CANTILEVER_SHARE * pinned_load
         yield (
-            "Reduce what compresses it: cables that allow for the deflection of its tip (a larger "
-            "length), softer springs, a lower initial_stress of the film; or give it a stiffer "
-            "section. A finer mesh does not help."
+            f"Beam '{beam.name}' is deflected by up to {_deflection(system, beam):.3g} m and bears "
+            f"a compression of {compression:.3g} N; it buckles at {pinned_load:.3g} N between "
+            "hinges, and at a quarter of that as a cantilever."
         )
+    if is_buckling:
+        yield (
+            "Reduce the compression: softer springs, a larger length of the cables, a lower "
+            "initial_stress of the film; or take a stiffer section. A finer mesh does not help."
+        )
+    elif any(isinstance(body, Membrane) for body in system.bodies):
+        yield (
+            "If the deflection of the beams slackens the film, allow for it in the length of the "
+            "cables, take softer springs that are stretched more, or a stiffer section. A finer "
+            "mesh does not help."
+        )
+
+
+def _deflection(system: System, beam: Beam) -> float:
+    """Largest displacement of a beam from its mesh [m]."""
+    mesh_positions = beam.space.tabulate_dof_coordinates()[: beam.block.index_map.size_local]
+    moved = system.state[beam].positions() - mesh_positions
+    own = float(np.linalg.norm(moved, axis=1).max(initial=0.0))
+    return system.comm.allreduce(own, op=MPI.MAX)
 
 
 def _mean_tension(system: System, beam: Beam, length: float) -> float:
@@ -95,24 +151,3 @@ def _mean_tension(system: System, beam: Beam, length: float) -> float:
     tension = beam.constants.EA * beam.measure(q)[0] * beam.mass_dx
     own = float(fem.assemble_scalar(compile_form(tension)))
     return system.comm.allreduce(own) / length
-
-
-def _stiff_films(system: System, displacements: Displacements) -> Iterator[str]:
-    """Films that move and whose resistance to compression lets them buckle like plates."""
-    largest = _largest(system, displacements)
-    most = max(largest.values(), default=0.0)
-    for body in system.bodies:
-        if not isinstance(body, Membrane) or body.bends or largest.get(body.name, 0.0) < most:
-            continue
-        share = f"{getattr(body.law, 'residual_stiffness', 0.0):.0e} of its"
-        is_stiff = getattr(body.law, "residual_stiffness", 0.0) > SMALL_RESIDUAL_STIFFNESS
-        # A law whose energy is quadratic makes no difference between tension and compression.
-        if body.law.quadratic:
-            share = "its full"
-            is_stiff = True
-        if is_stiff:
-            yield (
-                f"Film '{body.name}' resists compression with {share} stiffness but has no bending "
-                "stiffness, so that it buckles: take a law with a residual_stiffness of "
-                f"{SMALL_RESIDUAL_STIFFNESS:g} or less, or stretch the film more."
-            )

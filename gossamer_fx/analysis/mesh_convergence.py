@@ -37,7 +37,7 @@ LOG = logging.getLogger("gossamer_fx")
 ONLY = "value"
 
 # What helps outside the asymptotic range.
-FINER = "give finer meshes, or `exact`"
+FINER = "give finer meshes, or as `exact` the value of a much finer one"
 
 # Orders between which (1) is solved.  Below the smallest, v* is farther from the finest value than
 # that is from the coarsest of the three, so that the estimate says more about p than about v*.
@@ -145,7 +145,15 @@ class Convergence:
                     "three finest meshes."
                 )
             elif name in self.remarks:
-                yield f"\n{name} has no errors: {self.remarks[name]}."
+                yield f"\n{name} has no errors: {self.remarks[name]}.{self._last_change(name)}"
+
+    def _last_change(self, name: str) -> str:
+        """A sentence with the relative change between the two finest meshes; nothing if it is 0."""
+        before, last = self.values[name][-2:]
+        change = abs(last - before) / (abs(last) or 1.0)
+        if change == 0:
+            return ""
+        return f"  The relative change between the two finest meshes is {change:.1e}."
 
     def plot(
         self, path: str | Path, *, others: Mapping[str, Convergence] | None = None, name: str = ""

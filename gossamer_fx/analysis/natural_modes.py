@@ -67,6 +67,13 @@ GAS_SHIFT_RATIO = 1e-4
 # Squares of frequencies up to this multiple of the shift count as zero.
 ZERO_FREQUENCY_FACTOR = 100.0
 
+# Relative difference of the squares of frequencies below which they count as equal: some ten times
+# what the eigenvalue solver leaves.
+EQUAL_SQUARES = 1e-8
+
+# Ratio of the eigenvalues of a Gram matrix below which its vectors count as dependent.
+DEPENDENT = 1e-8
+
 LOG = logging.getLogger("gossamer_fx")
 
 DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
@@ -197,10 +204,74 @@ def modes(
     nearest = sorted(found, key=distance)[:count]
     least = SHIFT_RATIO * K.norm() / M.norm()
     _warn_of_zeros(equilibrium, nearest, least)
+    if not any(spin):
+        nearest = _orthogonal(nearest, M, least)
     masses = ModalMasses(system, M)
     complete = [masses.complete(mode, is_turning=any(spin)) for mode in nearest]
     _warn_of_growth(equilibrium, complete, least)
     return sorted(complete, key=lambda mode: (mode.frequency, -mode.growth))
+
+
+def _orthogonal(found: Sequence[Mode], M: PETSc.Mat, least: float) -> list[Mode]:
+    """Modes at rest, with shapes of one frequency that are orthogonal with respect to the mass.
+
+    Modes of different frequencies are orthogonal, but of several modes of one frequency, as of a
+    symmetric structure or of free rigid motions, the solver finds any independent combinations.
+    Their effective masses would not add up.  Collective.
+
+    Args:
+        found: the modes.
+        M: mass matrix.
+        least: square of a frequency [rad²/s²] that is round-off.
+    """
+
+    def square(mode: Mode) -> float:
+        """Of λ [1/s²]: -ω² of a vibration."""
+        return mode.growth**2 - (2 * math.pi * mode.frequency) ** 2
+
+    ordered = sorted(found, key=square)
+    groups: list[list[Mode]] = []
+    for mode in ordered:
+        zero = ZERO_FREQUENCY_FACTOR * least
+        is_equal = False
+        if groups:
+            before = square(groups[-1][-1])
+            both_zero = max(abs(before), abs(square(mode))) <= zero
+            difference = abs(square(mode) - before)
+            is_equal = both_zero or difference <= EQUAL_SQUARES * abs(before)
+        if is_equal:
+            groups[-1].append(mode)
+        else:
+            groups.append([mode])
+    result = []
+    for group in groups:
+        if len(group) > 1:
+            result += _orthogonal_group(group, M)
+        else:
+            result += group
+    return result
+
+
+def _orthogonal_group(group: Sequence[Mode], M: PETSc.Mat) -> list[Mode]:
+    """Modes of one frequency whose shapes are orthogonal; as they are if they are dependent."""
+    # Round-off may make a pair of complex conjugates of two real vectors of one eigenvalue.
+    columns = [part for mode in group for part in (mode.shape.real, mode.shape.imag)]
+    V = np.array(columns).T
+    vector = M.createVecRight()
+    product = M.createVecLeft()
+    products = []
+    for column in columns:
+        vector.array[:] = column
+        M.mult(vector, product)
+        products.append(product.array_r.copy())
+    own: Array = V.T @ np.array(products).T
+    gram = M.comm.tompi4py().allreduce(own)
+    squares, combinations = np.linalg.eigh(gram)
+    kept = slice(len(columns) - len(group), None)
+    if squares[kept][0] < DEPENDENT * squares[-1]:
+        return list(group)
+    shapes = V @ combinations[:, kept] / np.sqrt(squares[kept])
+    return [replace(mode, shape=shapes[:, k].astype(complex)) for k, mode in enumerate(group)]
 
 
 def _gas_stiffnesses(system: System, is_turning: bool) -> list[tuple[Array, float]]:

@@ -22,6 +22,7 @@ from gossamer_fx.contact.potential import ContactLaw
 from gossamer_fx.contact.system_view import ContactAssembly
 from gossamer_fx.drawing.solids import Solid
 from gossamer_fx.model.body import Body, MeshBody
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.roles import (
     ActiveSet,
     Dissipation,
@@ -29,19 +30,27 @@ from gossamer_fx.model.roles import (
     ExchangesEnds,
     Forces,
     GradientLimits,
+    GradientNotes,
+    HistoryAdjoint,
+    MassDependence,
     NodeFields,
+    PointParameters,
     Reversible,
+    StartDerivatives,
     StateObserver,
     StepCheck,
     StepHistory,
     StoredEnergies,
     Supply,
     Tangents,
-    WithoutParameters,
 )
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 LOG = logging.getLogger("gossamer_fx")
+
+# Keys of the numbers of a contact by which results may be derived.
+FRICTION = "friction"
+STIFFNESS = "stiffness"
 
 
 class ContactItem(Protocol):
@@ -67,8 +76,12 @@ class CompiledContacts(
     Dissipation,
     NodeFields,
     Drawable,
-    WithoutParameters,
+    PointParameters,
     GradientLimits,
+    GradientNotes,
+    StartDerivatives,
+    HistoryAdjoint,
+    MassDependence,
     StepHistory,
     ExchangesEnds,
     Reversible,
@@ -102,6 +115,7 @@ class CompiledContacts(
             if contact_set.friction is not None
         }
         self.losses = list(self._with_friction)
+        self._is_static = system.rule.alpha == 1
 
     def update_active_set(self) -> None:
         for contact_set in self.contact_sets.values():
@@ -160,21 +174,77 @@ class CompiledContacts(
     def without_gradient(self) -> str:
         """Return in one sentence why a contact of the scene has no gradient; empty if all have one.
 
-        Gradients of a run with respect to parameters need contact without friction and with a given
-        stiffness.
+        In a run all have one.  At an equilibrium it takes a given stiffness.
         """
+        if not self._is_static:
+            return ""
         for item, contact_set in self.contact_sets.items():
-            if contact_set.friction is not None:
-                return (
-                    f"'{item.name}' has friction, which has no gradient yet; set its friction to "
-                    "zero"
-                )
             if not contact_set.has_given_stiffness:
                 return (
-                    f"'{item.name}' derives its stiffness from the motion, without a gradient; "
-                    "give it a stiffness"
+                    f"'{item.name}' derives its stiffness from the loads of the equilibrium, "
+                    "without a gradient; give it a stiffness"
                 )
         return ""
+
+    def gradient_notes(self) -> list[str]:
+        return [
+            f"friction of '{name}' is piecewise smooth: the gradient is that of the pairs that "
+            "stick and slide in this run"
+            for name in self._with_friction
+        ]
+
+    def get_number(self, term: ContactEnergy, key: str) -> Array:
+        """The present friction coefficient, or the given stiffness [N/m³], (1,)."""
+        contact_set = self.contact_sets[term.item]
+        if key == FRICTION:
+            # An equilibrium has no friction, whatever its coefficient.
+            friction = contact_set.friction
+            return np.array([term.friction if friction is None else friction.coefficient])
+        return np.array([contact_set.given_stiffness])
+
+    def set_number(self, term: ContactEnergy, key: str, value: Array) -> None:
+        """Give a contact another friction coefficient or stiffness (1,)."""
+        contact_set = self.contact_sets[term.item]
+        if key == STIFFNESS:
+            contact_set.scale_stiffness(float(value[0]))
+        elif contact_set.friction is not None:
+            contact_set.friction.set_coefficient(float(value[0]))
+
+    def work_by_number(self, term: ContactEnergy, key: str, w: PETSc.Vec) -> Array:
+        contact_set = self.contact_sets[term.item]
+        if key == FRICTION:
+            return np.array([contact_set.work_by_friction(w)])
+        return np.array([contact_set.work_by_stiffness(w)])
+
+    def energy_by_number(self, term: ContactEnergy, key: str) -> Array:
+        if key == FRICTION:
+            return np.zeros(1)
+        return np.array([self.contact_sets[term.item].energy_by_stiffness()])
+
+    def start_adjoint(self) -> None:
+        for contact_set in self.contact_sets.values():
+            contact_set.start_adjoint()
+
+    def add_start_derivatives(
+        self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        for contact_set in self.contact_sets.values():
+            contact_set.add_product_with_start_derivative(μ, by_position, by_velocity)
+
+    def add_energy_by_history(self, share: float) -> None:
+        for contact_set in self.contact_sets.values():
+            contact_set.add_energy_by_stiffness(share)
+
+    def masses_changed(self) -> None:
+        for contact_set in self.contact_sets.values():
+            contact_set.masses_changed()
+
+    def derivatives_by_mass(self) -> dict[MeshBody, float]:
+        found: dict[MeshBody, float] = {}
+        for contact_set in self.contact_sets.values():
+            for body, by_mass in contact_set.derivatives_by_mass().items():
+                found[body] = found.get(body, 0.0) + by_mass
+        return found
 
     def save_history(self) -> list[Any]:
         return [contact_set.save_history() for contact_set in self.contact_sets.values()]
@@ -314,6 +384,7 @@ class ContactEnergy:
         friction: coefficient of bodies with each other, and with obstacles without a coefficient.
         slip_velocity: speed [m/s] below which what sticks may creep.
         history: history variables.
+        parameters: by which results may be derived.
     """
 
     item: ContactItem
@@ -326,6 +397,7 @@ class ContactEnergy:
     friction: float = 0.0
     slip_velocity: float = 1e-3
     history: ContactHistory = field(default_factory=ContactHistory)
+    parameters: tuple[Parameter, ...] = ()
     compiler: ClassVar[Compiler] = CompiledContacts
 
 
@@ -340,10 +412,8 @@ def _contact_set(term: ContactEnergy, system: ContactAssembly) -> ContactSet:
         term: energy of one contact, with its bodies and obstacles.
         system: the equations of the scene, with masses and supports.
     """
-    of_obstacles = [
-        term.friction if obstacle.friction is None else obstacle.friction
-        for obstacle in term.obstacles
-    ]
+    own_coefficients = [obstacle.friction for obstacle in term.obstacles]
+    of_obstacles = [term.friction if own is None else own for own in own_coefficients]
     mesh = CollisionMesh(
         term.bodies,
         term.obstacles,
@@ -359,7 +429,7 @@ def _contact_set(term: ContactEnergy, system: ContactAssembly) -> ContactSet:
         friction = Friction(
             mesh,
             coefficient=term.friction,
-            of_obstacles=of_obstacles,
+            of_obstacles=own_coefficients,
             slip_velocity=term.slip_velocity,
             law=term.law,
             system=system,

@@ -11,12 +11,13 @@ from mpi4py import MPI
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
-from gossamer_fx.contact.compiled import ContactEnergy
+from gossamer_fx.contact.compiled import FRICTION, STIFFNESS, ContactEnergy
 from gossamer_fx.contact.geometry.collision_primitives import TRIANGLE_SIDES
 from gossamer_fx.contact.geometry.facets import facets_of
 from gossamer_fx.contact.obstacles import Obstacle, check_friction
 from gossamer_fx.contact.potential import ContactLaw
 from gossamer_fx.model.body import MeshBody, has_nodal_unknowns, is_body, is_on_mesh
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 
@@ -241,4 +242,12 @@ class Contact:
             stiffness=self.stiffness,
             friction=self.friction,
             slip_velocity=self.slip_velocity,
+            parameters=tuple(self._parameters()),
         )
+
+    def _parameters(self) -> Iterable[Parameter]:
+        """Yield the numbers by which results may be derived: those that the user gave."""
+        if self.friction > 0:
+            yield Parameter("friction", "", FRICTION)
+        if self.stiffness is not None:
+            yield Parameter("stiffness", "N/m³", STIFFNESS)

@@ -53,12 +53,15 @@ from gossamer_fx.contact.potential import (
     energy_of_pairs,
     evaluate,
     pair_starts,
+    reversed_pairs,
 )
 from gossamer_fx.contact.system_view import ContactAssembly
 
 if TYPE_CHECKING:
     # A scene without friction does not load it.
     from gossamer_fx.contact.friction.friction import Friction
+    from gossamer_fx.contact.stiffness_adjoint import StiffnessAdjoint
+    from gossamer_fx.model.body import MeshBody
 
 # Way of a node in one Newton update, over the activation distance, at most.  Longer updates put
 # layers on the wrong side of others, and the iteration does not come back: docs/theory/contact.md
@@ -152,6 +155,10 @@ class ContactSet:
         self._accepted_pairs: ActivePairs | None = None
         # Whether the pairs of the step are those of a tape, which are complete.
         self._is_recorded = False
+        # Whether the ends of the step were exchanged, in which friction has no part.
+        self._is_reversed = False
+        # Of a backward pass, if stiffness is derived from closing speeds.
+        self._stiffness_adjoint: StiffnessAdjoint | None = None
         # What both tables of pairs do at the last residual; None before the first one.
         self._last_states: tuple[ByteArray, ByteArray] | None = None
         # Distances at both ends of the last step: its end is the start of the next one.
@@ -296,6 +303,7 @@ class ContactSet:
     def _activate(self, pairs: ActivePairs) -> None:
         """Let pairs without starts take part in a step from x0."""
         pairs = replace(pairs, start=pair_starts(pairs, self.x0, *closest_points(pairs, self.x0)))
+        self._is_reversed = False
         self.pairs = pairs
         self._lay_out(pairs)
         self._last_end = self.x0
@@ -373,6 +381,7 @@ class ContactSet:
             RuntimeError: more blocks of the tangent on this rank than 32 bits can number.
         """
         self._is_recorded = False
+        self._is_reversed = False
         self._push_back = PUSH_BACK
         system = self._system
         self.stored_energy()
@@ -564,21 +573,21 @@ class ContactSet:
         stay.
 
         Gradients need the reversed step: its force is the same if pairs, stiffness and activation
-        distances are.  Nothing changes between steps.  Collective.
+        distances are.  Nothing changes between steps.  Friction differs, and is left out:
+        `add_product_with_start_derivative` has it.  Collective.
         """
+        self._is_reversed = True
         pairs = self.pairs
         if pairs is None:
             return
         self.x0 = self.points.at(self._system.q0, self._system.time)
         self._start_time = self._system.time
         self._end_time = self._system.time + self._system.h
-        start = pair_starts(pairs, self.x0, *closest_points(pairs, self.x0))
-        if pairs.start is not None:
-            # The closest points of the original start stay the origin of the pairs' vectors: the
-            # force depends on that origin where it is corrected along the change of the measures.
-            start[:, :2] = pairs.start[:, :2]
+        reversed_table = reversed_pairs(pairs, self.x0)
+        start = reversed_table.start
+        assert start is not None
         # The pattern of the tangent stays, too.
-        self.pairs = replace(pairs, start=start)
+        self.pairs = reversed_table
         self._body_pairs = replace(self._body_pairs, start=start[self._is_of_bodies])
         self._obstacle_pairs = replace(self._obstacle_pairs, start=start[~self._is_of_bodies])
         self._last_end = self.x0
@@ -734,8 +743,8 @@ class ContactSet:
         self._last_end = x1
         self._last_states = (of_bodies, of_obstacles)
         self.acting_count = int((of_bodies > 0).sum() + (of_obstacles > 0).sum())
-        if self.friction is not None:
-            self.friction.add_forces(self.x0, x1, self.point_forces)
+        if self._rubs:
+            self._rubs.add_forces(self.x0, x1, self.point_forces)
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         """Add the blocks on the diagonal of the tangent [N/m] to a matrix; `coupling` has the
@@ -778,13 +787,21 @@ class ContactSet:
                 push_back=self._push_back,
             )
             self._add_through_block_rows(np.asarray(response.tangents))
-        if self.friction is not None:
-            self.friction.add_tangents(self.x0, x1, blocks)
+        if self._rubs:
+            self._rubs.add_tangents(self.x0, x1, blocks)
         self.assembly.add_diagonal(A)
+
+    @property
+    def _rubs(self) -> Friction | None:
+        """Friction, unless there is none or the ends of the step are exchanged."""
+        return None if self._is_reversed else self.friction
 
     def _add_through_block_rows(self, tangents: Array) -> None:
         """Add tangents of contact pairs with obstacles to the blocks of the unknowns that move
         their points.
+
+        A point of an obstacle is a weighted sum of vectors of three unknowns.  The 3 x 3 blocks
+        [N/m] between these vectors, `assembly.blocks`, are changed in place.
 
         Args:
             tangents: (n, 144) [N/m], derivative of the 12 force components of each pair by its 12
@@ -815,3 +832,161 @@ class ContactSet:
         if self.pairs is None or self.friction is None:
             return 0.0
         return self.friction.loss(self.x0, self._end_points())
+
+    # ---- sensitivities ----
+
+    @property
+    def given_stiffness(self) -> float | None:
+        """K [N/m³] of the contact; None if stiffness is derived from the closing speed."""
+        return self._stiffness.given
+
+    def scale_stiffness(self, stiffness: float) -> None:
+        """Give the contact another K [N/m³]; pairs that have energy follow."""
+        assert self._stiffness.given is not None, "only a given stiffness is changed"
+        factor = stiffness / self._stiffness.given
+        self._stiffness.given = stiffness
+        self.history.stiffness = self.history.stiffness * factor
+        # The energy at q0 is that of the new stiffness.
+        self.history.restored += 1
+
+    def add_product_with_start_derivative(
+        self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add (∂f/∂q0)ᵀ μ and (∂f/∂v0)ᵀ μ of what the reversed step leaves out of the forces f;
+        collective.
+
+        It is friction, how the force of a pair depends on the origin of its vectors, and the
+        stiffness that pairs derive from their closing speed.
+        """
+        # Loaded for gradients only.
+        from gossamer_fx.contact.origin_derivative import add_product_through_origins
+
+        on_points = self._on_points(μ)
+        found = np.zeros((self.points.count, 3))
+        if self.pairs is not None:
+            x1 = self._end_points()
+            add_product_through_origins(
+                pairs=self.pairs,
+                x0=self.x0,
+                x1=x1,
+                law=self.law,
+                alpha=self._alpha,
+                μ=on_points,
+                found=found,
+            )
+            if self.friction is not None:
+                self.friction.add_product_with_start_derivative(self.x0, x1, on_points, found)
+        rates = np.zeros((self.points.count, 3))
+        if self._stiffness_adjoint is not None:
+            self._add_product_through_stiffness(on_points, found, rates)
+            self.points.add(rates, by_velocity)
+        self.points.add(found, by_position)
+
+    def start_adjoint(self) -> None:
+        """Begin a backward pass: forget the sums of pairs that derive their stiffness.
+        Collective."""
+        if self.has_given_stiffness:
+            return
+        from gossamer_fx.contact.stiffness_adjoint import StiffnessAdjoint
+
+        self._stiffness_adjoint = StiffnessAdjoint(self._stiffness.densities(), self._comm)
+
+    def _add_product_through_stiffness(self, μ: Array, found: Array, rates: Array) -> None:
+        """Add what the derived stiffness of pairs gives for the points at the start and their rates
+        (m, 3); collective.
+
+        Args:
+            μ: displacements (m, 3) of the points.
+            found, rates: to which the products are added.
+        """
+        from gossamer_fx.contact.stiffness_adjoint import closing_derivatives
+
+        adjoint = self._stiffness_adjoint
+        pairs = self.pairs
+        assert adjoint is not None and pairs is not None
+        x1 = self._end_points()
+        response = evaluate(
+            pairs, self.x0, x1, self.law, self._alpha, by_pair=True, push_back=self._push_back
+        )
+        forces = np.asarray(response.forces).reshape(-1, 4, 3)
+        work = np.einsum("nkc,nkc->n", forces, μ[pairs.points])
+        if self.friction is not None:
+            # Friction is proportional to the normal force of its pair.
+            identifier, of_friction = self.friction.works(self.x0, x1, μ)
+            order = np.argsort(pairs.identifier)
+            row = order[np.searchsorted(pairs.identifier[order], identifier)]
+            np.add.at(work, row, of_friction)
+        adjoint.add(pairs.identifier, work / pairs.stiffness)
+        had_energy, _ = self.history.stiffness_of(pairs.identifier)
+        new = pairs.rows(~had_energy)
+        by_stiffness = adjoint.take(new.identifier)
+        sides = np.column_stack([new.points[:, 0], new.second_point])
+        adjoint.add_densities(self.mesh.body[sides], by_stiffness, new.stiffness)
+        system = self._system
+        by_position, by_velocity = closing_derivatives(
+            pairs=new,
+            x0=self.x0,
+            v=self.points.rates(system.v0, system.time, system.h),
+            by_stiffness=by_stiffness,
+            reference_speed=self.history.reference_speed,
+            step=system.h,
+        )
+        np.add.at(found, new.points, by_position)
+        np.add.at(rates, new.points, by_velocity)
+
+    def add_energy_by_stiffness(self, share: float) -> None:
+        """Add a share of the derivative of the energy at q0 by the derived stiffness of pairs;
+        collective."""
+        if self._stiffness_adjoint is None:
+            return
+        from gossamer_fx.contact.stiffness_adjoint import unit_energies
+
+        self.stored_energy()
+        pairs = self.pairs_with_energy()
+        _, scaled = energy_of_pairs(pairs, self.x0, self.law)
+        # The sums are subtracted from the derivatives, as those of all forces are.
+        self._stiffness_adjoint.add(
+            pairs.identifier, -share * unit_energies(pairs.kind, scaled, self.law)
+        )
+
+    def masses_changed(self) -> None:
+        """Forget what was computed from the masses of bodies."""
+        self._stiffness.masses_changed()
+
+    def derivatives_by_mass(self) -> dict[MeshBody, float]:
+        """Return the derivative [1/kg] of the result by the mass of each body, through the
+        stiffness that pairs derived; collective."""
+        if self._stiffness_adjoint is None:
+            return {}
+        by_density = self._comm.allreduce(self._stiffness_adjoint.by_density)
+        masses = self.mesh.body_masses(self._system)
+        by_mass = -by_density[: len(masses)] * self._stiffness.densities()[: len(masses)] / masses
+        return dict(zip(self.mesh.bodies, map(float, by_mass), strict=True))
+
+    def work_by_friction(self, w: PETSc.Vec) -> float:
+        """Return w·∂r/∂c [J] by the coefficient c of friction, this rank's share; collective."""
+        on_points = self._on_points(w)
+        if self.friction is None or self.pairs is None:
+            return 0.0
+        return self.friction.work_by_coefficient(self.x0, self._end_points(), on_points)
+
+    def work_by_stiffness(self, w: PETSc.Vec) -> float:
+        """Return w·∂r/∂K [m³] by the given stiffness K, this rank's share; collective.
+
+        All forces are proportional to it, those of friction included.
+        """
+        assert self._stiffness.given is not None, "only a given stiffness is a parameter"
+        on_points = self._on_points(w)
+        if self.pairs is None:
+            return 0.0
+        self._compute_forces(self._end_points())
+        return float(np.sum(on_points * self.point_forces)) / self._stiffness.given
+
+    def energy_by_stiffness(self) -> float:
+        """Return ∂ψ/∂K [m³] of the energy at q0, this rank's share."""
+        assert self._stiffness.given is not None, "only a given stiffness is a parameter"
+        return self.stored_energy() / self._stiffness.given
+
+    def _on_points(self, w: PETSc.Vec) -> Array:
+        """Return a displacement w of the system at the points (m, 3); collective."""
+        return np.asarray(self.points.weights @ self.points.of_block_rows(w))

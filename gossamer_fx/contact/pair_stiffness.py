@@ -40,6 +40,7 @@ class PairStiffness:
         system: with the masses of the bodies.
 
     Attributes:
+        given: K [N/m³], or None.
         static_pressure: pressure [N/m²] of the loads of an equilibrium; zero in dynamics.
     """
 
@@ -60,7 +61,7 @@ class PairStiffness:
             system: the equations, with the masses of the bodies.
         """
         self._mesh = mesh
-        self._stiffness = stiffness
+        self.given = stiffness
         self._activation_distance = activation_distance
         self._system = system
         self._warning = StiffnessWarning(
@@ -97,15 +98,15 @@ class PairStiffness:
         """
         sides = np.column_stack([pairs.points[:, 0], pairs.second_point])
         bodies = self._mesh.body[sides]
-        density = self._densities()[bodies]
+        density = self.densities()[bodies]
         rate = self._rate_of_distance(pairs, squared_distance, x0, v)
-        if self._stiffness is not None:
+        if self.given is not None:
             self._warning.check(
                 bodies=bodies,
                 density=density.min(axis=1),
                 speed=np.maximum(-rate, 0),
             )
-            return self._stiffness * self._activation_distance**2 * pairs.area
+            return self.given * self._activation_distance**2 * pairs.area
         if self.static_pressure:
             return STATIC_FACTOR * self.static_pressure * self._activation_distance * pairs.area
         # The density that acts between two free sides, twice the harmonic sum; that of one side,
@@ -114,11 +115,15 @@ class PairStiffness:
         speed = np.maximum(reference_speed, SPEED_RESERVE * np.abs(rate))
         return STOPPING_FACTOR * both_sides * speed**2 * pairs.area
 
-    def _densities(self) -> Array:
-        """Return the area density (k,) [kg/m²] of bodies and obstacles; the masses never change."""
+    def densities(self) -> Array:
+        """Return the area density (k,) [kg/m²] of bodies and obstacles, computed once."""
         if self._density is None:
             self._density = self._mesh.body_densities(self._system)
         return self._density
+
+    def masses_changed(self) -> None:
+        """Forget the densities."""
+        self._density = None
 
     def _rate_of_distance(
         self,

@@ -54,7 +54,7 @@ Trans. Graph. 39 (2020) 49, doi:10.1145/3386569.3392425.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -200,6 +200,18 @@ def pair_starts(
     start[:, 2] = np.sqrt(np.maximum(squared_distance, 0))
     start[:, 3] = rounded
     return start
+
+
+def reversed_pairs(pairs: ActivePairs, x: Array) -> ActivePairs:
+    """Return pairs of the reversed step, which starts at the points x (m, 3) [m].
+
+    The closest points of the original start stay the origin of their vectors: the force depends on
+    that origin where it is corrected along the change of the measures.
+    """
+    start = pair_starts(pairs, x, *closest_points(pairs, x))
+    if pairs.start is not None:
+        start[:, :2] = pairs.start[:, :2]
+    return replace(pairs, start=start)
 
 
 def energy_of_pairs(

@@ -13,12 +13,13 @@ Integers = npt.NDArray[np.int64]
 
 
 def groups_of(films: Sequence[Membrane]) -> tuple[list[str], list[Integers]]:
-    """Names of the parts of films, and the part of each of this rank's own cells.  Collective.
+    """Return the names of the parts of films, and the part of each of this rank's own cells.
+    Collective.
 
-    The parts of a film are the groups of cells of its mesh, and "rest" for the cells in no group.
-    A cell in several groups belongs to the last of them; a group that has no cell left is not a
-    part. A film with one part only is called by the name of the film.  With several films, the
-    names of their groups follow that of the film.
+    The parts of a film are the groups of cells of its mesh, and "rest" for the cells in no group. A
+    cell in several groups belongs to the last of them; a group that has no cell left is not a part.
+    A film with one part only is called by the name of the film.  With several films, the names of
+    their groups follow that of the film.
 
     Args:
         films: films of a scene.

@@ -80,7 +80,8 @@ class AirDrag:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield the drag as a load that depends on velocities; its loss counts as dissipated.
+        """Yield the drag as a term of the equations: a load that depends on velocities, and
+        dissipates.
 
         Args:
             start: the initial state of the scene, which this load does not need.

@@ -92,8 +92,8 @@ class Centrifugal:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield the load on every mass: of meshes, nodes, and masses attached to the body.
-        Collective.
+        """Yield terms of the equations: the load on masses of meshes and nodes, and on those
+        attached to the body. Collective.
 
         Args:
             start: the initial state of the scene, from which the masses of the body follow.

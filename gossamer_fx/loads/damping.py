@@ -84,7 +84,8 @@ class Damping:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield the dissipation by the mass and by the stiffness, for factors above zero.
+        """Yield terms of the equations: dissipation by the mass and by the stiffness, for factors
+        above zero.
 
         With `tension_only` also the stiffness of the film at the start of each step, as a term.
 

@@ -135,7 +135,8 @@ class EdgeLoad:
         return measure(1)
 
     def _in_space(self) -> Term:
-        """Return the load of a force f [N/m] in space: δW = ∫f·w ds.  Collective.
+        """Return the load of a force f [N/m] in space as a term of the equations: δW = ∫f·w ds.
+        Collective.
 
         In a run a force that is a function of time is checked: InputError if it raises or returns
         other than three finite numbers.
@@ -170,7 +171,8 @@ class EdgeLoad:
         return Load(name, self.body, work, parameters=(Parameter("force", "N/m", f),))
 
     def _across(self) -> Term:
-        """Return the load of a force p ν normal to the rim, p [N/m]: δW = ∫p ν·w ds.  Collective.
+        """Return the load of a force p ν, p [N/m], along the normal ν of the rim, as a term: δW =
+        ∫p ν·w ds.  Collective.
 
         In a run a force that is a function of time is checked: InputError if it raises or returns
         other than a finite number.

@@ -76,7 +76,7 @@ class EdgeMoment:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield the moment as a load that follows the edge.
+        """Yield the moment [N] per length as a term of the equations: a load that follows the edge.
 
         In a run a moment that is a function of time is checked: InputError if it raises or returns
         other than a finite number.

@@ -261,7 +261,8 @@ class Force:
         yield self.port.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield the force as a load on its port, the point where it acts.
+        """Yield the force [N] as a term of the equations: a load on its port, the point where it
+        acts.
 
         A force that is given as three numbers, and a factor of a function of time, are parameters
         of gradients.
@@ -310,7 +311,8 @@ class Torque:
         yield from bodies_of(self.frame)
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield the torque as a load on the directors of its frame, or of its line.
+        """Yield the torque [N m] as a term of the equations: a load on the directors of its frame
+        or line.
 
         Args:
             start: the initial state of the scene, which this load does not need.

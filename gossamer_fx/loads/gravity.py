@@ -64,8 +64,8 @@ class Gravity:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield the weight of every mass: of meshes, nodes, and masses attached to the body.
-        Collective.
+        """Yield terms of the equations: the weight of masses of meshes and nodes, and of those
+        attached to the body. Collective.
 
         Args:
             start: the initial state of the scene, from which the masses of the body follow.

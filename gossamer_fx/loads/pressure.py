@@ -61,7 +61,8 @@ class Pressure:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield the pressure as a load that follows the film.
+        """Yield the pressure [Pa] as a term of the equations: a load that follows the deformed
+        film.
 
         In a run a pressure that is a function of time is checked: InputError if it raises or
         returns other than a finite number.

@@ -152,7 +152,7 @@ def _tagged(model: Any, dim: int) -> list[tuple[int, int]]:
 
 
 def _cells(model: Any, dim: int) -> Integers:
-    """Tags (m, nodes) of the nodes of all cells.
+    """Return the tags (m, nodes), gmsh's numbers, of the nodes of all cells.
 
     If named groups of the dimension exist, cells are the elements in them, else all elements.
 

@@ -135,7 +135,8 @@ class Mesh:
         return enclosed_by(self.domain, self.edges).volume
 
     def curve(self, name: str, user: str) -> npt.NDArray[np.int32]:
-        """Local edges (owned and ghost) of a named group of curves, in rising order.
+        """Return the local numbers (n,) of edges, owned and ghost, of a named group of curves, in
+        rising order.
 
         Args:
             name: name of the group.

@@ -387,6 +387,16 @@ class GradientLimits(Protocol):
         ...
 
 
+@runtime_checkable
+class GradientNotes(Protocol):
+    """Has forces of which a gradient has to be read with care, e.g. because they have kinks."""
+
+    @abstractmethod
+    def gradient_notes(self) -> list[str]:
+        """One sentence for each such part of the scene, with its name."""
+        ...
+
+
 class Reversible:
     """Marks a kind whose forces of a step stay the same when its ends change places and h changes
     sign.
@@ -423,6 +433,60 @@ class ExchangesEnds(Protocol):
     def exchange_ends(self) -> None:
         """Take q0 and the time of the system as the start of the reversed step, with the same
         pairs."""
+        ...
+
+
+@runtime_checkable
+class StartDerivatives(Protocol):
+    """Has forces that differ in the reversed step, and knows their derivatives by the start of a
+    step.
+
+    The reversed step leaves these forces out.
+    """
+
+    @abstractmethod
+    def add_start_derivatives(
+        self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add (∂f/∂q0)ᵀ μ and (∂f/∂v0)ᵀ μ of these forces f in the solved step to two vectors.
+
+        The system stands at the solution of the step, which has the adjoint vector μ.
+        """
+        ...
+
+
+@runtime_checkable
+class HistoryAdjoint(Protocol):
+    """Has history variables s that are set in a step and act in later ones, and sums up Σ μ·∂f/∂s.
+
+    The sums go from the last step to the first; `StartDerivatives` takes them to the start of the
+    step in which s was set.
+    """
+
+    @abstractmethod
+    def start_adjoint(self) -> None:
+        """Forget all sums: a backward pass begins."""
+        ...
+
+    @abstractmethod
+    def add_energy_by_history(self, share: float) -> None:
+        """Subtract a share of ∂ψ/∂s of the stored energy at q0 from the sums."""
+        ...
+
+
+@runtime_checkable
+class MassDependence(Protocol):
+    """Has forces that depend on the masses of bodies."""
+
+    @abstractmethod
+    def masses_changed(self) -> None:
+        """Forget what was computed from the mass matrix, which has other values now."""
+        ...
+
+    @abstractmethod
+    def derivatives_by_mass(self) -> dict[MeshBody, float]:
+        """Derivative of the result by the mass [kg] of bodies, after a backward pass; the same on
+        every rank."""
         ...
 
 

@@ -50,9 +50,13 @@ a, b and μ are zero.
 Cost.  For each step: the iterations that repeat it, one factorisation, one transposed solve, and
 one tangent of the reversed step.
 
-Limits.  The step must be symmetric in time.  Friction and yielding depend on the history and are
-refused. In chaotic motion the derivatives grow exponentially with the number of steps
-(`sensitivity.transient`).
+Forces that are not symmetric in time, e.g. friction, whose directions are those of the start of the
+step, are left out of the reversed step.  They give their products (∂f/∂q0)ᵀ μ and (∂f/∂v0)ᵀ μ
+themselves (`roles.StartDerivatives`).  Products by history variables, e.g. by a torque that is held
+over several steps, are summed up from the last step to the one in which the variable was set.
+
+Limits.  Yielding depends on the history and is refused.  In chaotic motion the derivatives grow
+exponentially with the number of steps (`sensitivity.transient`).
 """
 
 from __future__ import annotations
@@ -103,7 +107,24 @@ class BackwardSteps:
         self._scratch = numbering.vector()
         self._solver: TransposedSolver | None = None
         self._exchanging = roles.playing(roles.ExchangesEnds, self._system.compiled)
+        self._irreversible = roles.playing(roles.StartDerivatives, self._system.compiled)
+        self._with_history = roles.playing(roles.HistoryAdjoint, self._system.compiled)
+        # Only what such forces need.
+        self._by_position = numbering.vector() if self._irreversible else None
+        self._by_velocity = numbering.vector() if self._irreversible else None
         self.scalars = ScalarParts(self._system)
+
+    def start(self) -> None:
+        """Begin a new pass from the last step to the first."""
+        self.scalars.start()
+        for kind in self._with_history:
+            kind.start_adjoint()
+
+    def add_energy_by_history(self, share: float) -> None:
+        """Add a share of the derivative of the stored energy by history variables; the system
+        stands in the state.  Collective."""
+        for kind in self._with_history:
+            kind.add_energy_by_history(share)
 
     # ---- the step itself -------------------------------------------------------------------------
 
@@ -197,6 +218,8 @@ class BackwardSteps:
         h = end.h
         c = 2 / h**2
         system.M.mult(self.μ, self._Mμ)
+        # Before the step is reversed: these derivatives are those of the solved step.
+        by_position, by_velocity = self._irreversible_products()
         self._multiply_by_exchanged(start, end)
         a.set(0.0)
         a.axpy(c, self._Mμ)
@@ -204,12 +227,26 @@ class BackwardSteps:
         a.axpy(-2 / h, b)
         b.scale(-1.0)
         b.axpy(h * c, self._Mμ)
+        if by_position is not None and by_velocity is not None:
+            a.axpy(-1.0, by_position)
+            b.axpy(-1.0, by_velocity)
         if self.scalars.size:
             # The system stands in the reversed step now.
             with a as by_position, b as by_velocity:
                 self.scalars.carry(by_position, by_velocity)
         self.clear(a)
         self.clear(b)
+
+    def _irreversible_products(self) -> tuple[PETSc.Vec | None, PETSc.Vec | None]:
+        """(∂f/∂q0)ᵀ μ and (∂f/∂v0)ᵀ μ of the forces that differ in the reversed step; None if there
+        are none.  Collective."""
+        if self._by_position is None or self._by_velocity is None:
+            return None, None
+        self._by_position.set(0.0)
+        self._by_velocity.set(0.0)
+        for kind in self._irreversible:
+            kind.add_start_derivatives(self.μ, self._by_position, self._by_velocity)
+        return self._by_position, self._by_velocity
 
     def clear(self, vector: PETSc.Vec) -> None:
         """Set the entries of fixed coordinates and of multipliers to zero."""

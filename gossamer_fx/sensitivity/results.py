@@ -71,6 +71,8 @@ class Gradient:
         derivatives: in the order in which they were asked for.
         growth: of a run: by how much the adjoint grew from the end to the start, as a factor; None
             for an equilibrium.  See `gx.analysis.gradient`.
+        notes: one sentence for each part of the scene that makes the result piecewise smooth, e.g.
+            friction.
 
     Example:
         >>> by_length = gx.analysis.Derivative("spring.length", "m/m", np.array([-1.0]), None)
@@ -83,6 +85,7 @@ class Gradient:
     unit: str
     derivatives: tuple[Derivative, ...]
     growth: float | None = None
+    notes: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> Derivative:
         """The derivative by a parameter, named as in `by`; KeyError for another name."""
@@ -102,8 +105,16 @@ def collected(
     variables: Sequence[Variable],
     comm: MPI.Intracomm,
     growth: float | None = None,
+    notes: Sequence[str] = (),
 ) -> Gradient:
-    """The gradient that variables have summed up.  Collective."""
+    """The gradient that variables have summed up.  Collective.
+
+    Args:
+        value, unit: of the result.
+        variables: with their sums.
+        comm: of the scene.
+        growth, notes: as `Gradient` has them.
+    """
     derivatives = []
     for variable in variables:
         values = variable.sum.copy()
@@ -118,7 +129,7 @@ def collected(
                 comm if variable.is_distributed else None,
             )
         )
-    return Gradient(value, unit, tuple(derivatives), growth)
+    return Gradient(value, unit, tuple(derivatives), growth, tuple(notes))
 
 
 def _quotient(unit: str, by: str) -> str:

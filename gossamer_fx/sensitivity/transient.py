@@ -95,7 +95,7 @@ class TransientGradients:
         value, observed, shares = self._observed(objective)
         for variable in self.variables:
             variable.start()
-        self.steps.scalars.start()
+        self.steps.start()
         self._a.set(0.0)
         self._b.set(0.0)
         last = max(shares)
@@ -115,13 +115,24 @@ class TransientGradients:
                 self._add_result(observed, start, shares[start.index])
             self.norms.append(float(self._b.norm()))
         self._finish_scalars()
+        self._add_masses()
         for variable in self.variables:
             variable.add_start(self._a, self._b)
         self._tape.restore(present)
         remainder.copy(system.increment.remainder)
         growth = growth_of(self.norms)
         self._warn(growth, duration)
-        return collected(value, objective.unit, self.variables, system.comm, growth)
+        notes: list[str] = []
+        for kind in roles.playing(roles.GradientNotes, system.compiled):
+            notes += kind.gradient_notes()
+        return collected(
+            value=value,
+            unit=objective.unit,
+            variables=self.variables,
+            comm=system.comm,
+            growth=growth,
+            notes=notes,
+        )
 
     def _observed(self, objective: Objective) -> tuple[float, Objective, dict[int, float]]:
         """The value of a result, what is observed for it, and the share of each node in its
@@ -179,6 +190,7 @@ class TransientGradients:
         if isinstance(objective, Energy):
             for part in scalars.parts:
                 part.add_energy_derivative(share)
+            self.steps.add_energy_by_history(share)
 
     def _add_energy(self, variable: object, share: float) -> None:
         """Add a share of the derivative of the energy that is not in its forms: of points, and of
@@ -191,6 +203,23 @@ class TransientGradients:
             self._adjoint.set(system.v0)
             self._adjoint.set_inertia(system.v0)
             variable.sum += share * variable.inertia_derivative() / 2
+
+    def _add_masses(self) -> None:
+        """Add what forces that depend on the masses of bodies give for densities and thicknesses.
+
+        The mass of a body is v·M v of the unit velocity v along x.
+        """
+        system = self._system
+        for kind in roles.playing(roles.MassDependence, system.compiled):
+            for body, by_mass in kind.derivatives_by_mass().items():
+                unit = system.numbering.vector()
+                rows = unit.array[system.block(body).owned].reshape(-1, body.block.size)
+                rows[:, 0] = 1.0
+                self._adjoint.set(unit)
+                self._adjoint.set_inertia(unit)
+                for variable in self.variables:
+                    if isinstance(variable, FormVariable):
+                        variable.sum += by_mass * variable.inertia_derivative()
 
     def _warn(self, growth: float, duration: float) -> None:
         """Say for how long the gradient predicts anything, if that is shorter than the run."""

@@ -250,6 +250,8 @@ class System:
             mass.add_mass(self.M)
         self.M.assemble()
         self.increment.mass_changed()
+        for of_mass in roles.playing(roles.MassDependence, self.compiled):
+            of_mass.masses_changed()
         if self.K is not None:
             self.K.zeroEntries()
             for stiffness in self._stiffnesses:

@@ -15,6 +15,7 @@ from petsc4py import PETSc
 import gossamer_fx as gx
 from demos.studies.crease import folded
 from demos.studies.thrown_crease import thrown
+from gossamer_fx.model import roles
 from gossamer_fx.sensitivity.transient import TransientGradients
 from gossamer_fx.sensitivity.variables import AdjointFields, Variable, find_variables
 from meshes.creased_strip import creased_strip
@@ -94,6 +95,63 @@ def touching(comm):
     return scene, h, 24
 
 
+def stopping(comm):
+    """The colliding films, at a time at which they touch, with a stiffness that stops them."""
+    scene, h, _ = colliding(comm)
+    given = next(item for item in scene.items if isinstance(item, gx.Contact))
+    return gx.Scene(gx.Contact(*given.bodies, distance=1e-3)), h, 25
+
+
+def rubbing_while_stopping(comm):
+    """The same with friction, which is proportional to that stiffness."""
+    scene, h, _ = stopping(comm)
+    given = next(item for item in scene.items if isinstance(item, gx.Contact))
+    contact = gx.Contact(*given.bodies, distance=1e-3, friction=0.4, slip_velocity=0.05)
+    return gx.Scene(contact), h, 20
+
+
+def rubbing_on_floor(comm):
+    """A film that slides, tilts and turns on a plane that rubs."""
+    body = gx.Membrane(
+        sheet(comm, 4, 4, 0.2, 0.2),
+        gx.Linear(**SOFT),
+        displacement=lambda X: 0 * X + np.array([[0], [0], [0.95e-3]]),
+        velocity=lambda X: np.vstack([0.5 + X[1], 3 * X[0], -1 + X[1]]),
+    )
+    floor = gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1))
+    contact = gx.Contact(
+        body, floor, distance=1e-3, stiffness=5e6, friction=0.3, slip_velocity=0.05
+    )
+    return gx.Scene(contact), 5e-5, 24
+
+
+def rubbing(comm):
+    """The colliding films with friction, at a time at which they touch."""
+    scene, h, _ = colliding(comm)
+    frictionless = next(item for item in scene.items if isinstance(item, gx.Contact))
+    contact = gx.Contact(
+        *frictionless.bodies, distance=1e-3, stiffness=6e6, friction=0.4, slip_velocity=0.05
+    )
+    return gx.Scene(contact), h, 24
+
+
+def rubbing_on_a_ball(comm):
+    """A film that falls on a rigid ball, which it sets in rotation."""
+    ball = gx.RigidBody(
+        0.02, (1e-5, 1.2e-5, 1.5e-5), position=(0.1, 0.1, -0.0505), name="a", comm=comm
+    )
+    body = gx.Membrane(
+        sheet(comm, 5, 5, 0.2, 0.2),
+        gx.Linear(**SOFT),
+        velocity=lambda X: np.vstack([0.5 + X[1], 3 * X[0], -1 + X[1]]),
+    )
+    sphere = gx.contact.Sphere(centre=(0.1, 0.1, -0.0505), radius=0.05, body=ball)
+    contact = gx.Contact(
+        body, sphere, distance=1e-3, stiffness=5e6, friction=0.3, slip_velocity=0.05
+    )
+    return gx.Scene(contact), 5e-5, 24
+
+
 def hinged(comm):
     """Two rigid bodies on a hinge with a spring, and a cable that hangs on one of them."""
     axis = (0.0, 0.0, 1.0)
@@ -155,6 +213,7 @@ CONSERVING = {
     on_floor: 1e-10,
     colliding: 1e-9,
     touching: 1e-9,
+    stopping: 1e-9,
     hinged: 1e-10,
     creased: 1e-9,
 }
@@ -183,7 +242,7 @@ def test_the_gradient_of_the_last_energy_is_that_of_the_first(comm, make):
     """
     run, tape = recorded(*make(comm))
     system = run.system
-    if make is touching:
+    if make in (touching, stopping):
         assert run.totals.stored["contact"] > 1e-3 * run.totals.size
     energy = gx.analysis.Energy()
     names = [f"{body.name}.initial_velocity" for body in system.bodies]
@@ -208,72 +267,6 @@ def test_the_gradient_of_the_last_energy_is_that_of_the_first(comm, make):
     # The backward pass leaves the run where it was.
     assert energy(run) == found.value
     assert np.array_equal(system.q0.array_r, tape.nodes[-1].q)
-
-
-@pytest.mark.mpi
-@pytest.mark.parametrize(
-    "make",
-    [wrinkling, colliding, creased],
-    ids=lambda make: make.__name__,
-)
-def test_products_of_adjoint_and_tangent_linear_step(comm, make):
-    """μ-products of one step: (a, b)·T(δq0, δv0) = Tᵀ(a, b)·(δq0, δv0) to round-off, T by forward
-    solves."""
-    run, tape = recorded(*make(comm))
-    system = run.system
-    steps = TransientGradients(tape, [f"{system.bodies[0].name}.initial_velocity"]).steps
-    # A step in the middle of the run, where film wrinkles or contact acts.
-    k = len(tape.nodes) // 3
-    first, last = tape.nodes[k - 1 : k + 1]
-    a, b, δq0, δv0 = (_random(system.numbering.vector(), seed) for seed in range(4))
-    # 2/h² is the weight of the mass matrix in the step of the midpoint rule.
-    h = last.h
-    c = 2 / last.h**2
-    δq1, right_side, product = (system.numbering.vector() for _ in range(3))
-
-    steps.repeat(first, last)
-    A = system.tangent().copy()
-    steps.reverse(first, last)
-    B = system.tangent()
-    # A δq1 = c M (δq0 + h δv0) - B δq0,    δv1 = 2 (δq1 - δq0)/h - δv0
-    product.waxpy(h, δv0, δq0)
-    system.M.mult(product, right_side)
-    right_side.scale(c)
-    B.mult(δq0, product)
-    right_side.axpy(-1.0, product)
-    solver = PETSc.KSP().create(comm)
-    solver.setOperators(A)
-    solver.setType("preonly")
-    solver.getPC().setType("lu")
-    solver.getPC().setFactorSolverType("mumps")
-    solver.solve(right_side, δq1)
-    # Two corrections take the error of the factorisation away.
-    for _ in range(2):
-        A.mult(δq1, product)
-        product.aypx(-1.0, right_side)
-        correction = product.duplicate()
-        solver.solve(product, correction)
-        δq1.axpy(1.0, correction)
-    δv1 = δq1.copy()
-    δv1.axpy(-1.0, δq0)
-    δv1.scale(2 / h)
-    δv1.axpy(-1.0, δv0)
-    forward = a.dot(δq1) + b.dot(δv1)
-
-    steps.solve(first, last, a, b)
-    steps.carry(first, last, a, b)
-    # Reversed: Tᵀ (a, b) in the same two vectors.
-    backward = a.dot(δq0) + b.dot(δv0)
-    scale = a.norm() * δq0.norm() + b.norm() * δv0.norm()
-    # Round-off of scalar products of vectors of these sizes.
-    assert abs(forward - backward) < 1e-12 * scale
-
-
-def _random(vector: PETSc.Vec, seed: int) -> PETSc.Vec:
-    """Entries by global number, the same on any number of ranks."""
-    first, last = vector.getOwnershipRange()
-    vector.array[:] = np.random.default_rng(seed).normal(size=vector.getSize())[first:last]
-    return vector
 
 
 # ---- parameters ----------------------------------------------------------------------------------
@@ -418,15 +411,23 @@ PARAMETERS = {
     creased: ["crease.stiffness", "crease.rest_angle", "plate.thickness", "plate.E"],
     wrinkling: ["film.E", "film.residual_stiffness"],
     colliding: ["film.E", "film.thickness", "film.initial_velocity"],
+    touching: ["contact.stiffness"],
+    stopping: ["film.E", "film.density", "lower.thickness", "film.initial_velocity"],
+    rubbing_while_stopping: ["contact.friction", "film.thickness", "film.initial_velocity"],
+    rubbing_on_floor: ["contact.friction", "contact.stiffness", "film.E", "film.initial_velocity"],
+    rubbing: ["contact.friction", "contact.stiffness", "film.thickness", "film.initial_velocity"],
+    rubbing_on_a_ball: ["contact.friction", "a.velocity", "a.spin", "film.initial_velocity"],
 }
 CASES = [(make, name) for make, names in PARAMETERS.items() for name in names]
-# On several ranks, one of each kind: a field, the shape, a number of points, a start, with contact
-# and joints.
+# On several ranks, one of each kind: a field, the shape, a number of points, a start, with contact,
+# friction and joints.
 CASES_ON_RANKS = [
     (damped, "film.shape"),
     (roped, "rope.length"),
     (hinged, "torsion spring.stiffness"),
     (colliding, "film.thickness"),
+    (rubbing, "contact.friction"),
+    (stopping, "lower.thickness"),
 ]
 CASES = [
     pytest.param(
@@ -580,28 +581,119 @@ def _scattered(system, body, values: np.ndarray) -> np.ndarray:
     return found
 
 
+# ---- both modes of one step ----------------------------------------------------------------------
+
+
+# Scenes in a step of which adjoint and tangent-linear products are compared.
+PRODUCTS = [
+    wrinkling,
+    colliding,
+    rubbing,
+    rubbing_while_stopping,
+    creased,
+    prestressed,
+    damped,
+    roped,
+    hinged,
+]
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    "make",
+    PRODUCTS,
+    ids=lambda make: make.__name__,
+)
+def test_products_of_adjoint_and_tangent_linear_step(comm, make):
+    """μ-products of one step: (a, b)·T(δq0, δv0) = Tᵀ(a, b)·(δq0, δv0) to round-off, T by forward
+    solves."""
+    run, tape = recorded(*make(comm))
+    system = run.system
+    steps = TransientGradients(tape, [f"{system.bodies[0].name}.initial_velocity"]).steps
+    # A step in the middle of the run, where film wrinkles or contact acts.
+    k = len(tape.nodes) // 3
+    first, last = tape.nodes[k - 1 : k + 1]
+    a, b, δq0, δv0 = (_random(system.numbering.vector(), seed) for seed in range(4))
+    # The start does not contain fixed coordinates and multipliers.
+    for vector in (a, b, δq0, δv0):
+        steps.clear(vector)
+    # 2/h² is the weight of the mass matrix in the step of the midpoint rule.
+    h = last.h
+    c = 2 / last.h**2
+    δq1, right_side, product = (system.numbering.vector() for _ in range(3))
+
+    steps.repeat(first, last)
+    A = system.tangent().copy()
+    of_irreversible = _irreversible_product(system, δq0, δv0)
+    steps.reverse(first, last)
+    B = system.tangent()
+    # A δq1 = c M (δq0 + h δv0) - B δq0 - S,    δv1 = 2 (δq1 - δq0)/h - δv0,
+    # S of forces that the reversed step leaves out.
+    product.waxpy(h, δv0, δq0)
+    system.M.mult(product, right_side)
+    right_side.scale(c)
+    B.mult(δq0, product)
+    right_side.axpy(-1.0, product)
+    right_side.axpy(-1.0, of_irreversible)
+    steps.clear(right_side)
+    solver = PETSc.KSP().create(comm)
+    solver.setOperators(A)
+    solver.setType("preonly")
+    solver.getPC().setType("lu")
+    solver.getPC().setFactorSolverType("mumps")
+    solver.solve(right_side, δq1)
+    # Two corrections take the error of the factorisation away.
+    for _ in range(2):
+        A.mult(δq1, product)
+        product.aypx(-1.0, right_side)
+        correction = product.duplicate()
+        solver.solve(product, correction)
+        δq1.axpy(1.0, correction)
+    δv1 = δq1.copy()
+    δv1.axpy(-1.0, δq0)
+    δv1.scale(2 / h)
+    δv1.axpy(-1.0, δv0)
+    forward = a.dot(δq1) + b.dot(δv1)
+
+    steps.solve(first, last, a, b)
+    steps.carry(first, last, a, b)
+    # Reversed: Tᵀ (a, b) in the same two vectors.
+    backward = a.dot(δq0) + b.dot(δv0)
+    scale = a.norm() * δq0.norm() + b.norm() * δv0.norm()
+    # Round-off of scalar products of vectors of these sizes.
+    assert abs(forward - backward) < 1e-12 * scale
+
+
+def _irreversible_product(system, δq0: PETSc.Vec, δv0: PETSc.Vec) -> PETSc.Vec:
+    """∂f/∂q0 δq0 + ∂f/∂v0 δv0 of forces that differ in the reversed step, entry by entry."""
+    found, unit, by_position, by_velocity = (system.numbering.vector() for _ in range(4))
+    kinds = roles.playing(roles.StartDerivatives, system.compiled)
+    if not kinds:
+        return found
+    first, last = found.getOwnershipRange()
+    for k in range(found.getSize()):
+        for vector in (unit, by_position, by_velocity):
+            vector.set(0.0)
+        if first <= k < last:
+            unit.array[k - first] = 1.0
+        for kind in kinds:
+            if isinstance(kind, roles.HistoryAdjoint):
+                kind.start_adjoint()
+            kind.add_start_derivatives(unit, by_position, by_velocity)
+        entry = by_position.dot(δq0) + by_velocity.dot(δv0)
+        if first <= k < last:
+            found.array[k - first] = entry
+    return found
+
+
+def _random(vector: PETSc.Vec, seed: int) -> PETSc.Vec:
+    """Entries by global number, the same on any number of ranks."""
+    first, last = vector.getOwnershipRange()
+    vector.array[:] = np.random.default_rng(seed).normal(size=vector.getSize())[first:last]
+    return vector
+
+
 # ---- what a tape refuses, and what it drops ------------------------------------------------------
-
-
-def test_friction_and_derived_stiffness_are_refused(comm):
-    for more, words in (
-        ({"stiffness": 5e6, "friction": 0.3}, "'contact' has friction"),
-        ({}, "'contact' derives its stiffness"),
-    ):
-        body = gx.Membrane(
-            sheet(comm, 2, 2, 0.2, 0.2),
-            gx.Linear(**SOFT),
-            displacement=lambda X: 0 * X + np.array([[0], [0], [1.5e-3]]),
-        )
-        floor = gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1))
-        scene = gx.Scene(gx.Contact(body, floor, distance=1e-3, **more))
-        _, tape = recorded(scene, 1e-4, 2)
-        with pytest.raises(gx.InputError, match=words):
-            gx.analysis.gradient(
-                tape,
-                of=gx.analysis.Energy(),
-                by=["film.E"],
-            )
 
 
 def test_a_yielding_crease_is_refused(comm):

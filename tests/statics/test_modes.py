@@ -10,6 +10,8 @@ from scipy.optimize import brentq
 import gossamer_fx as gx
 from gossamer_fx import Equilibrium
 from gossamer_fx.analysis import modes
+from gossamer_fx.analysis.instability import taut_share
+from gossamer_fx.fields.fields import AreaFractions
 from gossamer_fx.loads import Centrifugal
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.disc import quarter_disc, ring
@@ -491,7 +493,7 @@ def test_a_buckled_boom_is_named_with_its_compression(comm, caplog):
     growth = (np.pi / length) ** 2 * np.sqrt(0.5 * section.EI2 / section.line_density)
     assert max(mode.growth for mode in found) == pytest.approx(growth, rel=0.02)
     if comm.rank == 0:
-        assert f"'boom' bears a compression of {1.5 * euler:.3g} N" in caplog.text
+        assert f"bears a compression of {1.5 * euler:.3g} N" in caplog.text
         assert f"buckles at {euler:.3g} N between hinges" in caplog.text
         assert "a larger length" in caplog.text
         assert "residual_stiffness" not in caplog.text
@@ -506,3 +508,35 @@ def test_a_film_that_buckles_is_advised_to_resist_less(comm, caplog):
     modes(equilibrium, 2)
     assert "Film 'film' resists compression with its full stiffness" in caplog.text
     assert "finer mesh" not in caplog.text
+
+
+@pytest.mark.mpi
+def test_the_share_of_a_film_that_is_not_taut_is_that_of_its_states(comm):
+    """A square whose left half is compressed along x and whose right half is stretched."""
+    film = gx.Membrane(
+        sheet(comm, 8, 2),
+        TENSIONED,
+        displacement=lambda X: STRETCH * np.vstack([abs(X[0] - 0.5), 3 * X[1], 0 * X[0]]),
+    )
+    equilibrium = Equilibrium(gx.Scene(film))
+    _, _, taut = AreaFractions([film])(equilibrium.system)
+    assert taut == pytest.approx(0.5, abs=0.01)
+    assert taut_share(equilibrium.system, film) == pytest.approx(taut, rel=1e-12)
+
+
+@pytest.mark.mpi
+def test_effective_masses_of_free_motions_add_up_to_the_mass(comm):
+    """Six rigid motions have the frequency zero: any combinations of them are modes, and their
+    effective masses add up only if these are orthogonal."""
+    section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
+    free = gx.Beam(line(comm, [(0, 0, 0), (2.0, 0.5, 0)], 6), section, name="free")
+    equilibrium = Equilibrium(gx.Scene(free))
+    equilibrium.find()
+    found = modes(equilibrium, 8)
+    mass = section.line_density * np.hypot(2.0, 0.5)
+    total = sum(mode.effective_mass for mode in found[:6])
+    assert total == pytest.approx([mass] * 3, rel=1e-6)
+    bending = found[6:]
+    # Both bending modes have one frequency, and do not move the centre of mass.
+    assert bending[0].frequency == pytest.approx(bending[1].frequency, rel=1e-6)
+    assert max(abs(mode.effective_mass).max() for mode in bending) < 1e-6 * mass

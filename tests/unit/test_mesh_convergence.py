@@ -63,6 +63,8 @@ def test_values_outside_the_asymptotic_range_have_no_limit(values, reason, caplo
     assert np.isnan(found.errors["value"]).all()
     assert reason in found.remarks["value"]
     assert f"value has no errors: {found.remarks['value']}." in found.table()
+    change = abs(values[-1] - values[-2])
+    assert ("change between the two finest meshes" in found.table()) == (change > 0)
     assert reason in caplog.text
 
 

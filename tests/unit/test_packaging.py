@@ -166,6 +166,9 @@ def test_the_installed_command_runs_a_scene_file(archives: Archives, tmp_path: P
     run = [programs / "gossamer", "run", "pillow.py", "cells=4", "until=2e-3"]
     assert "written to" in execute(*run, folder=tmp_path)
     assert (tmp_path / "out" / "pillow" / "ledger.csv").is_file()
+    # Its environment is not activated, so that neither it nor its mpirun is on the PATH.
+    assert "written to" in execute(*run, "--ranks", "2", "--output", "two", folder=tmp_path)
+    assert '"ranks": 2' in (tmp_path / "two" / "run.json").read_text()
 
 
 @pytest.mark.slow

@@ -7,14 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from gossamer_fx.contact.arrays import Array, Int32Array, Int64Array
-from gossamer_fx.contact.friction.friction_pairs import FrictionPairs, FrictionStep
-from gossamer_fx.contact.friction.tangent_directions import (
-    EDGE_WEIGHTS,
-    TINY,
-    gap_weights,
-    orthonormal_combinations,
-    unit_vectors,
+from gossamer_fx.contact.friction.friction_pairs import (
+    FrictionPairs,
+    FrictionStep,
+    parameters_at_start,
 )
+from gossamer_fx.contact.friction.sliding_geometry import BetweenBodies, WithObstacles
 from gossamer_fx.contact.geometry.collision_mesh import FRAME_SIZE, CollisionMesh
 from gossamer_fx.contact.pair_table import ActivePairs, PairKind
 from gossamer_fx.contact.potential import ContactLaw
@@ -27,7 +25,7 @@ class Friction:
     Args:
         mesh: what touches; obstacles with friction have a frame.
         coefficient: μ of bodies with each other.
-        of_obstacles: μ of each obstacle (k,) with bodies.
+        of_obstacles: μ of each obstacle (k,) with bodies; None: that of bodies.
         slip_velocity: v_s [m/s] below which what sticks may creep.
         law: of the normal forces.
         system: with the step.
@@ -37,7 +35,7 @@ class Friction:
         self,
         mesh: CollisionMesh,
         coefficient: float,
-        of_obstacles: Sequence[float],
+        of_obstacles: Sequence[float | None],
         slip_velocity: float,
         law: ContactLaw,
         system: ContactAssembly,
@@ -58,7 +56,9 @@ class Friction:
         self._law = law
         self._system = system
         self._slip_velocity = slip_velocity
-        self._coefficient = np.array([coefficient] * len(mesh.bodies) + list(of_obstacles))
+        own = [None] * len(mesh.bodies) + list(of_obstacles)
+        self._has_shared_coefficient = np.array([one is None for one in own])
+        self._coefficient = np.array([coefficient if one is None else one for one in own])
         self._groups: list[FrictionPairs] = []
 
     def _block_row_of_points(self) -> Int64Array:
@@ -130,6 +130,56 @@ class Friction:
         step = self._step(x0, x1)
         return sum(group.loss(step) for group in self._groups)
 
+    # ---- sensitivities ----
+
+    def add_product_with_start_derivative(
+        self, x0: Array, x1: Array, μ: Array, found: Array
+    ) -> None:
+        """Add (∂f/∂x0)ᵀ μ of the forces f of a step to `found` (m, 3); μ (m, 3) on the points."""
+        from gossamer_fx.contact.friction.start_derivative import (
+            add_product_with_start_derivative,
+        )
+
+        step = self._step(x0, x1)
+        for group in self._groups:
+            add_product_with_start_derivative(group, step, μ, found)
+
+    def work_by_coefficient(self, x0: Array, x1: Array, μ: Array) -> float:
+        """Return μ·∂f/∂c [J] by the coefficient c of bodies with each other, this rank's share.
+
+        Pairs with obstacles that have their own coefficient do not count.
+        """
+        from gossamer_fx.contact.friction.start_derivative import work_by_coefficient
+
+        step = self._step(x0, x1)
+        work = 0.0
+        for group in self._groups:
+            is_shared = self._has_shared_coefficient[self._partner(group.pairs.points)]
+            work += float(work_by_coefficient(group, step, μ)[is_shared].sum())
+        return work
+
+    def works(self, x0: Array, x1: Array, μ: Array) -> tuple[Int64Array, Array]:
+        """Return identifiers (n,) of pairs that may rub, and the work μ·f (n,) [J] of the friction
+        of each."""
+        from gossamer_fx.contact.friction.start_derivative import work_by_coefficient
+
+        step = self._step(x0, x1)
+        identifiers: list[Int64Array] = [np.zeros(0, dtype=np.int64)]
+        works: list[Array] = [np.zeros(0)]
+        for group in self._groups:
+            identifiers.append(group.pairs.identifier)
+            works.append(group.coefficient * work_by_coefficient(group, step, μ))
+        return np.concatenate(identifiers), np.concatenate(works)
+
+    @property
+    def coefficient(self) -> float:
+        """Coefficient of bodies with each other, and with obstacles that do not have one."""
+        return float(self._coefficient[0])
+
+    def set_coefficient(self, coefficient: float) -> None:
+        """Give bodies, and obstacles without an own coefficient, another coefficient."""
+        self._coefficient[self._has_shared_coefficient] = coefficient
+
     def _step(self, x0: Array, x1: Array) -> FrictionStep:
         """A step from points x0 to x1 (m, 3) [m] with the length and the weights of the system."""
         return FrictionStep(
@@ -167,29 +217,15 @@ class Friction:
             x0: points (m, 3) [m] at the start of the step.
         """
         points = pairs.points
-        r = gap_weights(pairs)
-        edge_weights = EDGE_WEIGHTS[np.minimum(pairs.kind, PairKind.EDGE_EDGE)]
-        gap = np.einsum("nk,nkc->nc", r, x0[points])
-        edges = np.einsum("nik,nkc->nic", edge_weights, x0[points])
-        normal = unit_vectors(gap)
-        along_normal = np.einsum("nic,nc->ni", edges, normal)
-        across = edges - along_normal[:, :, None] * normal[:, None]
-        # With half of its part along the gap taken off an edge, the gradient of r·t by r, which is
-        # t plus what t changes by r, is across the normal.
-        gap_length = np.maximum(np.linalg.norm(gap, axis=1), TINY)
-        half = along_normal / (2 * gap_length[:, None])
-        corrected = edge_weights - half[:, :, None] * r[:, None]
-        # Edges are neither unit vectors nor perpendicular to each other.
-        combinations = orthonormal_combinations(across, np.linalg.norm(edges, axis=2))
         is_edges = (pairs.kind == PairKind.EDGE_EDGE)[:, None]
+        geometry = BetweenBodies(pairs.kind)
         return FrictionPairs(
             pairs=pairs,
             law=self._law,
             side_weights=np.where(is_edges, [1.0, 1, 0, 0], [1.0, 0, 0, 0]),
-            normal=normal,
+            geometry=geometry,
+            start=geometry.at(x0[points], parameters_at_start(pairs)),
             points=points,
-            gap_weights=r,
-            direction_weights=np.einsum("nij,njk->nik", combinations, corrected),
             point_weights=np.broadcast_to(np.eye(4), (len(points), 4, 4)),
             coefficient=self._coefficient_of(points),
             block_rows=self._block_rows_of(points),
@@ -207,32 +243,16 @@ class Friction:
                 that has a frame: an origin and three axes that move with it.
             x0: points (m, 3) [m] at the start of the step.
         """
-        is_of_body = pairs.points < self._points.body_count
-        weights = gap_weights(pairs)
-        of_body = np.abs(weights) * is_of_body
+        is_of_body = np.asarray(pairs.points < self._points.body_count)
         points = self._with_frames(pairs.points)
-        origin = x0[points[:, 4]]
-        axes = x0[points[:, 5:]]
-        touched = np.einsum("nk,nkc->nc", of_body, x0[pairs.points])
-        sign = np.where((weights * is_of_body).sum(axis=1) < 0, -1, 1)
-        normal = unit_vectors(_towards_body(pairs, weights * sign[:, None], x0))
-
-        # Two directions across the normal, in the axes of the obstacle: the first is also across
-        # the axis that is farthest from the normal.
-        in_axes = np.einsum("nic,nc->ni", axes, normal)
-        farthest_axis = np.eye(3)[np.abs(in_axes).argmin(axis=1)]
-        directions = np.zeros((len(points), 2, 4 + FRAME_SIZE))
-        directions[:, 0, 5:] = unit_vectors(np.cross(in_axes, farthest_axis))
-        directions[:, 1, 5:] = np.cross(in_axes, directions[:, 0, 5:])
-        position = np.einsum("nic,nc->ni", axes, touched - origin)
+        geometry = WithObstacles(pairs.kind, is_of_body)
         return FrictionPairs(
             pairs=pairs,
             law=self._law,
             side_weights=is_of_body.astype(float),
-            normal=normal,
+            geometry=geometry,
+            start=geometry.at(x0[points], parameters_at_start(pairs)),
             points=points,
-            gap_weights=np.hstack([of_body, -np.ones((len(points), 1)), -position]),
-            direction_weights=directions,
             point_weights=self._weights_with_frames(points),
             coefficient=self._coefficient_of(pairs.points),
             block_rows=self._block_rows_of(points),
@@ -267,28 +287,3 @@ class Friction:
             entries = self._points.weights[rows[is_of_frame], frame_rows[is_of_frame]]
             weights[:, :, 4:][is_of_frame] = np.asarray(entries).ravel()
         return weights
-
-
-def _towards_body(pairs: ActivePairs, weights: Array, x0: Array) -> Array:
-    """Return a vector from the obstacle of each contact pair towards its body, of any length.
-
-    Args:
-        pairs: n active pairs with an obstacle.
-        weights: (n, 4) of the pair's points in the vector between the closest points, for pairs
-            that are not of walls.
-        x0: points (m, 3) [m] at the start of the step.
-
-    Returns:
-        vectors (n, 3): the normal of a plane, for rooms the direction towards their middle.
-    """
-    x = x0[pairs.points]
-    to_origin = x[:, 1] - x[:, 0]
-    from_axis = np.einsum("nkc,nc->nk", x[:, 2:], to_origin)
-    by_kind = {
-        PairKind.POINT_PLANE: x[:, 2],
-        PairKind.POINT_IN_SPHERE: to_origin,
-        PairKind.POINT_IN_CYLINDER: np.einsum("nk,nkc->nc", from_axis, x[:, 2:]),
-    }
-    conditions = [(pairs.kind == kind)[:, None] for kind in by_kind]
-    between_points = np.einsum("nk,nkc->nc", weights, x)
-    return np.select(conditions, list(by_kind.values()), between_points)

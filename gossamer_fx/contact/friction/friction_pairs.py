@@ -29,10 +29,16 @@ by side, only the direction along them has friction.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from gossamer_fx.contact.arrays import Array, Int32Array, Int64Array
+from gossamer_fx.contact.friction.sliding_geometry import (
+    BetweenBodies,
+    SlidingGeometry,
+    WithObstacles,
+)
 from gossamer_fx.contact.pair_table import ActivePairs
 from gossamer_fx.contact.potential import ContactLaw, PairState, evaluate
 
@@ -63,7 +69,7 @@ class FrictionStep:
 
 
 @dataclass(frozen=True)
-class _Sliding:
+class Sliding:
     """How n pairs slide in a step: w (n, 2), and r (n, 3) and t (n, 2, 3) in its middle and at its
     end."""
 
@@ -75,7 +81,7 @@ class _Sliding:
 
 
 @dataclass(frozen=True)
-class _Grip:
+class Grip:
     """The factor g of S = μ N g w.
 
     Attributes:
@@ -97,10 +103,9 @@ class FrictionPairs:
         pairs: the pairs whose normal force presses.
         law: of their normal force.
         side_weights: weights (n, 4) of the pairs' points in the force on the pressed side.
-        normal: unit normal at the start (n, 3).
+        geometry: how r and t follow from the points at the start.
+        start: normals, and weights of r and t, at the start of this step.
         points: numbers (n, k) of the points of which r and t are combinations.
-        gap_weights: weights (n, k) of these points in r.
-        direction_weights: weights (n, 2, k) in t.
         point_weights: weights (n, 4, k) in the four points of the pair.
         coefficient: μ (n,).
         block_rows: that move the points (n, k).
@@ -110,10 +115,9 @@ class FrictionPairs:
     pairs: ActivePairs
     law: ContactLaw
     side_weights: Array
-    normal: Array
+    geometry: BetweenBodies | WithObstacles
+    start: SlidingGeometry
     points: Int32Array
-    gap_weights: Array
-    direction_weights: Array
     point_weights: Array
     coefficient: Array
     block_rows: Int64Array
@@ -135,9 +139,9 @@ class FrictionPairs:
         Args:
             step: start and end of the step, and its creep h v_s [m].
         """
-        w = self._sliding(step).w
-        normal_force = self._normal_force(step)
-        grip = _grip(w, step.creep)
+        w = self.sliding(step).w
+        normal_force, _ = self.normal_forces(step)
+        grip = grip_of(w, step.creep)
         return float(np.sum(self.coefficient * normal_force * grip.factor * (w * w).sum(axis=1)))
 
     def add_forces(self, step: FrictionStep, point_forces: Array) -> None:
@@ -147,20 +151,20 @@ class FrictionPairs:
             step: start and end of the step, and its creep h v_s [m].
             point_forces: (m, 3) [N], changed in place.
         """
-        sliding = self._sliding(step)
-        normal_force = self._normal_force(step)
-        grip = _grip(sliding.w, step.creep)
+        sliding = self.sliding(step)
+        normal_force, _ = self.normal_forces(step)
+        grip = grip_of(sliding.w, step.creep)
         stress = (self.coefficient * normal_force * grip.factor)[:, None] * sliding.w
         np.add.at(point_forces, self.points, self._forces(stress, sliding))
 
-    def _vectors(self, x: Array) -> tuple[Array, Array]:
+    def vectors_at(self, x: Array) -> tuple[Array, Array]:
         """Return r (n, 3) and t (n, 2, 3) at points x."""
         at = x[self.points]
-        r = np.einsum("nk,nkc->nc", self.gap_weights, at)
-        t = np.einsum("nik,nkc->nic", self.direction_weights, at)
+        r = np.einsum("nk,nkc->nc", self.start.gap_weights, at)
+        t = np.einsum("nik,nkc->nic", self.start.direction_weights, at)
         return r, t
 
-    def _sliding(self, step: FrictionStep) -> _Sliding:
+    def sliding(self, step: FrictionStep) -> Sliding:
         """Return how the pairs slide in a step: the change w of the measures m = r·t [m].
 
         r leads between the two sides of a pair, t are two directions along the surface, both fixed
@@ -174,19 +178,40 @@ class FrictionPairs:
             w (n, 2) [m]; the vectors r (n, 3) [m] and directions t (n, 2, 3) [-], mid-step and at
             the end.
         """
-        r_start, t_start = self._vectors(step.x0)
-        r_end, t_end = self._vectors(step.x1)
+        r_start, t_start = self.vectors_at(step.x0)
+        r_end, t_end = self.vectors_at(step.x1)
         r_mid = (r_start + r_end) / 2
         t_mid = (t_start + t_end) / 2
         by_directions = np.einsum("nc,nic->ni", r_mid, t_end - t_start)
         by_gaps = np.einsum("nic,nc->ni", t_mid, r_end - r_start)
-        return _Sliding(by_directions + by_gaps, r_mid, t_mid, r_end, t_end)
+        return Sliding(by_directions + by_gaps, r_mid, t_mid, r_end, t_end)
 
-    def _normal_force(self, step: FrictionStep) -> Array:
-        """Return N (n,) [N]; zero for pairs that do not press."""
-        return self._pressing(step)[0]
+    def rows(self, which: Any) -> FrictionPairs:
+        """Return some of the pairs, given by indices or by a mask (n,), without their blocks."""
+        start = self.start
+        return FrictionPairs(
+            pairs=self.pairs.rows(which),
+            law=self.law,
+            side_weights=self.side_weights[which],
+            geometry=self.geometry.rows(which),
+            start=SlidingGeometry(
+                normal=start.normal[which],
+                gap_weights=start.gap_weights[which],
+                direction_weights=start.direction_weights[which],
+            ),
+            points=self.points[which],
+            point_weights=self.point_weights[which],
+            coefficient=self.coefficient[which],
+            block_rows=self.block_rows[which],
+        )
 
-    def _pressing(self, step: FrictionStep, tangents: bool = False) -> tuple[Array, Array]:
+    def normal_forces(self, step: FrictionStep) -> tuple[Array, Array]:
+        """Return N (n,) [N], zero for pairs that do not press, and the forces (n, 4, 3) [N] of the
+        contact potential on the points of the pairs."""
+        normal_force, _, forces = self._pressing(step)
+        return normal_force, forces
+
+    def _pressing(self, step: FrictionStep, tangents: bool = False) -> tuple[Array, Array, Array]:
         """Return the normal forces by which pairs press on each other, and their derivatives.
 
         Args:
@@ -194,8 +219,9 @@ class FrictionPairs:
             tangents: whether derivatives are computed.
 
         Returns:
-            N (n,) [N], zero for pairs that do not press; and its derivative (n, k, 3) [N/m] with
-            respect to the k points of each pair at the end, or an empty array without `tangents`.
+            N (n,) [N], zero for pairs that do not press; its derivative (n, k, 3) [N/m] with
+            respect to the k points of each pair at the end, or an empty array without `tangents`;
+            and the forces (n, 4, 3) [N] of the contact potential.
         """
         response = evaluate(
             self.pairs,
@@ -207,22 +233,22 @@ class FrictionPairs:
             tangents_by_pair=tangents,
         )
         forces = np.asarray(response.forces).reshape(-1, 4, 3)
-        pressure = -np.einsum("nk,nc,nkc->n", self.side_weights, self.normal, forces)
+        pressure = -np.einsum("nk,nc,nkc->n", self.side_weights, self.start.normal, forces)
         presses = (response.state == PairState.TOUCHES) & (pressure > 0)
         derivative = np.zeros((0, 4, 3))
         if tangents:
             derivative = -np.einsum(
                 "nk,nc,nkcld,n->nld",
                 self.side_weights,
-                self.normal,
+                self.start.normal,
                 np.asarray(response.tangents).reshape(-1, 4, 3, 4, 3),
                 presses.astype(float),
                 optimize=True,
             )
             derivative = np.einsum("npd,npk->nkd", derivative, self.point_weights)
-        return np.where(presses, pressure, 0.0), derivative
+        return np.where(presses, pressure, 0.0), derivative, forces
 
-    def _forces(self, stress: Array, sliding: _Sliding) -> Array:
+    def _forces(self, stress: Array, sliding: Sliding) -> Array:
         """Return the friction forces on the k points of each pair: a stress times the gradient of
         sliding.
 
@@ -234,8 +260,8 @@ class FrictionPairs:
             (n, k, 3) [N].
         """
         on_gaps = np.einsum("ni,nic->nc", stress, sliding.t_mid)
-        on_directions = np.einsum("ni,nik->nk", stress, self.direction_weights)
-        by_gaps = self.gap_weights[:, :, None] * on_gaps[:, None]
+        on_directions = np.einsum("ni,nik->nk", stress, self.start.direction_weights)
+        by_gaps = self.start.gap_weights[:, :, None] * on_gaps[:, None]
         forces: Array = by_gaps + on_directions[:, :, None] * sliding.r_mid[:, None]
         return forces
 
@@ -250,17 +276,17 @@ class FrictionPairs:
             blocks: 3 x 3 blocks of the tangent, row by row (b, 9) [N/m], changed in place;
                 `block_index` has the rows of each pair.
         """
-        sliding = self._sliding(step)
-        grip = _grip(sliding.w, step.creep)
-        normal_force, of_normal_force = self._pressing(step, tangents=True)
+        sliding = self.sliding(step)
+        grip = grip_of(sliding.w, step.creep)
+        normal_force, of_normal_force, _ = self._pressing(step, tangents=True)
         pressing = self.coefficient * normal_force
         K = self._material_part(sliding, grip, pressing, step.creep)
 
         # Geometric part: S·D²m, which couples r and t.
         stress = (pressing * grip.factor)[:, None] * sliding.w
-        of_directions = np.einsum("ni,nik->nk", stress, self.direction_weights)
-        one = self.gap_weights[:, :, None] * of_directions[:, None]
-        other = of_directions[:, :, None] * self.gap_weights[:, None]
+        of_directions = np.einsum("ni,nik->nk", stress, self.start.direction_weights)
+        one = self.start.gap_weights[:, :, None] * of_directions[:, None]
+        other = of_directions[:, :, None] * self.start.gap_weights[:, None]
         share = step.alpha * step.geometric_share
         K += share * (one + other)[..., None, None] * np.eye(3)
 
@@ -275,8 +301,8 @@ class FrictionPairs:
 
     def _material_part(
         self,
-        sliding: _Sliding,
-        grip: _Grip,
+        sliding: Sliding,
+        grip: Grip,
         pressing: Array,
         creep: float,
     ) -> Array:
@@ -320,12 +346,19 @@ class FrictionPairs:
 
     def _gradient(self, r: Array, t: Array) -> Array:
         """Return Dm (n, 2, k, 3) where the vectors are r and t."""
-        by_gaps = self.gap_weights[:, None, :, None] * t[:, :, None]
-        gradient: Array = by_gaps + self.direction_weights[..., None] * r[:, None, None]
+        by_gaps = self.start.gap_weights[:, None, :, None] * t[:, :, None]
+        gradient: Array = by_gaps + self.start.direction_weights[..., None] * r[:, None, None]
         return gradient
 
 
-def _grip(w: Array, creep: float) -> _Grip:
+def parameters_at_start(pairs: ActivePairs) -> Array:
+    """Return (u, v) (n, 2) of the closest points of pairs at the start of their step."""
+    assert pairs.start is not None, "a step has the starts of its pairs"
+    parameters: Array = pairs.start[:, :2]
+    return parameters
+
+
+def grip_of(w: Array, creep: float) -> Grip:
     """Return the factor g of the friction stress S = μ N g w, and its derivative by |w|.
 
     g |w| = φ(|w|/creep) with φ(y) = 2y - y² for y < 1, else 1.
@@ -338,4 +371,4 @@ def _grip(w: Array, creep: float) -> _Grip:
     beyond = np.maximum(ratio, 1)
     factor = np.where(ratio < 1, 2 - ratio, 1 / beyond) / creep
     slope = np.where(ratio < 1, -1.0, -1 / beyond**2) / creep**2
-    return _Grip(ratio, factor, slope)
+    return Grip(ratio, factor, slope)

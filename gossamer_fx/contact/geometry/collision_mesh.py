@@ -377,11 +377,20 @@ class CollisionMesh:
         Returns:
             densities (k,); infinite for obstacles.
         """
+        mass = self.body_masses(system)
+        density = np.full(len(self.names), np.inf)
+        own = self.shared.is_own
+        for k in range(len(self.bodies)):
+            own_area = float(self.known.points.area[own & (self.known.points.body == k)].sum())
+            density[k] = mass[k] / system.comm.allreduce(own_area)
+        return density
+
+    def body_masses(self, system: ContactAssembly) -> Array:
+        """Return the mass [kg] (k,) of each body, with what is attached to it.  Collective."""
         numbering = system.numbering
         direction = numbering.vector()
         momentum = numbering.vector()
-        density = np.full(len(self.names), np.inf)
-        own = self.shared.is_own
+        mass = np.zeros(len(self.bodies))
         for k, body in enumerate(self.bodies):
             owned = system.block(body).owned
             size = body.block.size
@@ -391,9 +400,8 @@ class CollisionMesh:
                 values[owned].reshape(-1, size)[:, 0] = 1.0
             system.M.mult(direction, momentum)
             own_mass = float(momentum.array_r[owned].reshape(-1, size)[:, 0].sum())
-            own_area = float(self.known.points.area[own & (self.known.points.body == k)].sum())
-            density[k] = system.comm.allreduce(own_mass) / system.comm.allreduce(own_area)
-        return density
+            mass[k] = system.comm.allreduce(own_mass)
+        return mass
 
 
 def _obstacle_points(
