@@ -281,6 +281,7 @@ STUDY = Study(
     problem,
     {"scene": ["tube", "damped tube", "disc"]},
     lambda case: 1.0,
+    quick={"scene": ["tube"]},
     quick_options={"share": 0.1},
     columns=(
         *(f"predicts {change:g} [ms]" for change in CHANGES),

@@ -195,7 +195,7 @@ STUDY = Study(
         Measure("number", LENGTH / (2 * math.sqrt(2) * LAMBDA), 3 / 21.3),
         Measure("force/film's", 1.0, 0.05),
     ),
-    quick={"start": ["theory"], "cells": [2]},
+    quick={"start": ["theory"], "cells": [1]},
     columns=(
         "counted",
         "force [N]",

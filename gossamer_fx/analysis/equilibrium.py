@@ -49,7 +49,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.analysis.remedies import collapsing_pressures, remedies
-from gossamer_fx.analysis.rigid_motions import free_motions
+from gossamer_fx.analysis.rigid_motions import free_motions, listed
 from gossamer_fx.analysis.search_progress import SearchProgress, SearchState
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import NoEquilibrium, check
@@ -233,7 +233,7 @@ class EquilibriumResult:
         if not self.within_tolerance:
             words.append("not within its tolerance")
         if self.free:
-            words.append(f"nothing resists {', '.join(self.free)}")
+            words.append(f"nothing resists {listed(self.free)}")
         elif not self.regular:
             words.append("not unique")
         return f"<EquilibriumResult: {', '.join(words)}>"
@@ -544,7 +544,7 @@ class Equilibrium:
             LOG.warning(
                 "The equilibrium is not unique: nothing resists %s; hold it by gx.Fixed if it must "
                 "not move.",
-                ", ".join(result.free),
+                listed(result.free),
             )
         elif not result.regular:
             LOG.warning(

@@ -52,7 +52,7 @@ def advice(system: System, displacements: Displacements) -> str:
         moved_most = max(largest, key=lambda name: largest[name])
         sentences.append(f"The fastest mode moves '{moved_most}' most.")
     sentences += _compressed_films(system, largest)
-    sentences += _loaded_beams(system)
+    sentences += loaded_beams(system)
     return " ".join(sentences)
 
 
@@ -106,7 +106,7 @@ def taut_share(system: System, film: Membrane) -> float:
     return float(taut_area / area)
 
 
-def _loaded_beams(system: System) -> Iterator[str]:
+def loaded_beams(system: System) -> Iterator[str]:
     """Deflection and compression of each beam, and what to change if these are large."""
     beams = [body for body in system.bodies if isinstance(body, Beam)]
     if not beams:

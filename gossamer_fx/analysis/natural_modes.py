@@ -41,6 +41,8 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from gossamer_fx.analysis.equilibrium import Equilibrium
+from gossamer_fx.analysis.rigid_motions import listed
+from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import NoEquilibrium, check
 from gossamer_fx.model.body import Array
@@ -317,23 +319,33 @@ def _least_gas_square(M: PETSc.Mat, stiffnesses: Sequence[tuple[Array, float]]) 
 
 def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
     """Warn of frequencies that are zero within round-off [rad²/s²]: slack film and free motions
-    have them."""
+    have them.  Collective."""
     result = equilibrium.result
     assert result is not None
     limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least) / (2 * math.pi)
     zeros = sum(mode.frequency <= limit for mode in found)
-    if zeros and not result.regular and equilibrium.comm.rank == 0:
+    if not zeros or result.regular:
+        return
+    # Imported here, as for equilibria that are not stable.
+    from gossamer_fx.analysis.instability import loaded_beams
+
+    # Booms that are bent too far slacken the film between them; without film nothing is slack.
+    beams = ""
+    if any(isinstance(body, Membrane) for body in equilibrium.system.bodies):
+        beams = "".join(f" {sentence}" for sentence in loaded_beams(equilibrium.system))
+    if equilibrium.comm.rank == 0:
         reason = "film is slack"
         if result.free:
-            reason = f"nothing resists {', '.join(result.free)}, or film is slack"
+            reason = f"nothing resists {listed(result.free)}, or film is slack"
         LOG.warning(
             "modes: %d of %d frequencies are zero within round-off (below %.1e Hz), as %s; "
-            "prestress the film, give it "
-            "a residual stiffness, hold what is free, or ask for modes above a frequency.",
+            "prestress the film, give it a residual stiffness, hold what is free, or ask for modes "
+            "above a frequency.%s",
             zeros,
             len(found),
             limit,
             reason,
+            beams,
         )
 
 

@@ -25,7 +25,7 @@ Cost.  Six products with K, and a QR decomposition of six columns for each part.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -537,3 +537,12 @@ def _numbers(values: Array) -> str:
     rounded = np.where(is_zero, 0.0, values)
     # Adding zero turns -0.0 into 0.0.
     return ", ".join(f"{value + 0.0:.3g}" for value in rounded)
+
+
+def listed(motions: Iterable[str]) -> str:
+    """Names of free motions, each once: every node of a slack film has the same three.
+
+    >>> listed(("translation x of 'film'", "translation x of 'film'"))
+    "translation x of 'film'"
+    """
+    return ", ".join(dict.fromkeys(motions))

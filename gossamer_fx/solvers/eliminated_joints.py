@@ -50,9 +50,12 @@ from gossamer_fx.model.body import Array, Indices
 if TYPE_CHECKING:
     from gossamer_fx.system.system import System
 
-# Levels of fill of F̃: of the packed sail with 30 thousand unknowns none takes 2 to 194 Krylov
-# iterations, two 1 to 8.
-ILU_LEVELS = 2
+# Levels of fill of F̃.  In the packed sail with 30 thousand unknowns solves take 2 to 194 Krylov
+# iterations with none, 1 to 8 with two.  When the sail opens and long steps meet slack film, two
+# levels take more than `MAX_APPLICATIONS` so often that half of the run's time goes into complete
+# factorisations; with three none is needed, and 28 steps take 26 instead of 33 s of CPU time.  Five
+# take 29 s.
+ILU_LEVELS = 3
 
 # Largest number of unknowns g: an application of F̃⁻¹ for each, once a step.
 MAX_ELIMINATED = 60

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -508,6 +510,29 @@ def test_a_film_that_buckles_is_advised_to_resist_less(comm, caplog):
     modes(equilibrium, 2)
     assert "Film 'film' resists compression with its full stiffness" in caplog.text
     assert "finer mesh" not in caplog.text
+
+
+@pytest.mark.mpi
+def test_slack_film_beside_a_boom_is_reported_with_the_deflection_of_the_boom(comm, caplog):
+    """A cantilever under a force F at its tip: F L³/(3 EI)."""
+    length = 2.0
+    section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
+    boom = gx.Beam(line(comm, [(0, 0, 0), (length, 0, 0)], 6), section, name="boom")
+    pull = gx.loads.Force(boom.port("end"), (0.0, 1.0, 0.0))
+    slack = gx.TensionField(E, NU, density=0.028 / THICKNESS, thickness=THICKNESS)
+    film = gx.Membrane(sheet(comm, 3, 3), slack, displacement=lambda X: -0.01 * X)
+    held = [gx.Fixed(film, edge) for edge in EDGES]
+    scene = gx.Scene(film, *held, boom, pull, gx.Fixed(boom, "start", rotation=True))
+    equilibrium = Equilibrium(scene)
+    equilibrium.find()
+    caplog.clear()
+    modes(equilibrium, 2)
+    deflection = length**3 / (3 * section.EI2)
+    if comm.rank == 0:
+        assert "frequencies are zero within round-off" in caplog.text
+        found = re.search(r"'boom' is deflected by up to ([\d.e-]+) m", caplog.text)
+        assert float(found[1]) == pytest.approx(deflection, rel=0.02)
+        assert "If the deflection of the beams slackens the film" in caplog.text
 
 
 @pytest.mark.mpi
