@@ -111,4 +111,5 @@ class RopeBundle:
             yield PointStoredEnergy(self.name, measure, density, numbers)
             if self.damping:
                 loss = RopeDamper(self.damping, self.stiffness, float(length))
-                yield PointDissipation(f"{self.name} damping", measure, loss, numbers)
+                of_loss = (*numbers, Parameter("damping", "N s/m", "c"))
+                yield PointDissipation(f"{self.name} damping", measure, loss, of_loss)

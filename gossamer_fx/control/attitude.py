@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.algebra.rotations import cross_matrices
 from gossamer_fx.bodies.between import bodies_of
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.arguments import check_arguments
@@ -81,14 +80,18 @@ class _SampledTorque(Couple):
         reference: the frame's vectors at the start, (k, 3).
     """
 
-    # What is held depends on earlier states, so that it has no gradient.
-    depends_on_position_only = False
+    # The force follows the position, by a torque that is a history variable.
+    depends_on_position_only = True
 
     def __init__(self, control: AttitudeControl, reference: Array) -> None:
         super().__init__()
         self._control = control
         self._reference = reference
         self._next_sample: float | None = None  # time [s]; None before the first sample
+        # Vectors and rates of the sample that the present step has taken; None: it took none.
+        self._sampled: tuple[Array, Array] | None = None
+        # Of a backward pass: sum of w·∂force/∂torque (3,) over the later steps with this torque.
+        self._by_torque: Array = np.zeros(3)
 
     def begin(
         self,
@@ -97,21 +100,91 @@ class _SampledTorque(Couple):
         X: Array,
         V: Array,
     ) -> None:
-        """Start a step: compute a new torque (3,) [N m] if a sample is due, else hold the last one.
-
-        Args:
-            t: time [s] at the start of the step.
-            lag: time [s] from there to the one at which forces act; not used.
-            X: vectors of the control's frame (3k,) at the start of the step, one after the other.
-            V: their rates (3k,), per second.
-        """
+        """Start a step at time t [s]: compute a new torque if a sample is due."""
+        # The reversed step of a gradient has the torque of the step.
+        if lag < 0:
+            return
         control = self._control
+        self._sampled = None
         if self._next_sample is None:
             self._next_sample = t
         if t >= self._next_sample - SAMPLE_ROUND_OFF * control.period:
             # From the time at which it was due, so that lateness does not accumulate.
             self._next_sample += control.period
             self.torque = control.sample(X, V, self._reference)
+            self._sampled = X, V
+
+    def get_number(self, key: str) -> Array:
+        """The gains (3,) named `key`."""
+        return np.array(getattr(self._control, key))
+
+    def with_number(self, key: str, value: Array) -> _SampledTorque:
+        """The same torque: gains belong to the control, whose angles and torques users read."""
+        setattr(self._control, key, np.array(value))
+        return self
+
+    def start_adjoint(self) -> None:
+        """Forget the sum of a backward pass."""
+        self._by_torque = np.zeros(3)
+
+    def work_by_number(self, key: str, X: Array, w: Array) -> Array:
+        """Derivative (3,) by the gains of the work w·force of all steps with the torque of this
+        sample; zero in steps without one.
+
+        Args:
+            key: "stiffness" or "damping".
+            X: the vectors (3k,) in the configuration in which forces act.
+            w: displacement (3k,) of the vectors.
+        """
+        if self._sampled is None:
+            return np.zeros(3)
+        control = self._control
+        angles, rates = self._angles_and_rates(*self._sampled)
+        by_gain = -rates
+        if key == "stiffness":
+            by_gain = wrapped(control.target - angles)
+        axes = euler_axes(angles) @ control.axes.T
+        by_torque = self._by_torque + self.forces_by_torque(X).T @ w
+        found: Array = (axes @ by_torque) * by_gain
+        return found
+
+    def products_at_start(self, X: Array, w: Array) -> tuple[Array, Array]:
+        """Derivatives (3k,), (3k,) of that work by the vectors at the start of the step and by
+        their rates; arguments as those of `work_by_number`."""
+        self._by_torque = self._by_torque + self.forces_by_torque(X).T @ w
+        if self._sampled is None:
+            return np.zeros(X.size), np.zeros(X.size)
+        by_position, by_rate = self._torque_derivatives(*self._sampled)
+        by_torque = self._by_torque
+        # Steps before have another torque.
+        self.start_adjoint()
+        return by_position.T @ by_torque, by_rate.T @ by_torque
+
+    def _angles_and_rates(self, X: Array, V: Array) -> tuple[Array, Array]:
+        """Angles (3,) [rad] and their rates [rad/s], as `AttitudeControl.sample` takes them."""
+        control = self._control
+        dt = short_time(X, V)
+        ahead = control.angles_of(X + dt * V, self._reference)
+        behind = control.angles_of(X - dt * V, self._reference)
+        return control.angles_of(X, self._reference), wrapped(ahead - behind) / (2 * dt)
+
+    def _torque_derivatives(self, X: Array, V: Array) -> tuple[Array, Array]:
+        """Derivatives (3, 3k), (3, 3k) of the sampled torque by the vectors and by their rates."""
+        control = self._control
+        angles, rates = self._angles_and_rates(X, V)
+        torques = control.law(angles, rates)
+        dt = short_time(X, V)
+        of_ahead = control.angles_by_vectors(X + dt * V, self._reference)
+        of_behind = control.angles_by_vectors(X - dt * V, self._reference)
+        of_angles = control.angles_by_vectors(X, self._reference)
+        of_torques = -control.stiffness[:, None] * of_angles
+        of_torques -= control.damping[:, None] * (of_ahead - of_behind) / (2 * dt)
+        by_position = control.torque_derivative(angles, torques, of_angles, of_torques)
+        # Rates turn no axes.
+        by_rates = -control.damping[:, None] * (of_ahead + of_behind) / 2
+        nothing = np.zeros_like(of_angles)
+        by_rate = control.torque_derivative(angles, torques, nothing, by_rates)
+        return by_position, by_rate
 
     def get_state(self) -> dict[str, Any]:
         """History variables for a checkpoint; the keys belong to its file format."""
@@ -201,15 +274,9 @@ class _ContinuousTorque(Couple):
         of_end = 2 * control.angles_by_vectors(2 * X - self._X0, self._reference)
         of_torques = -control.stiffness[:, None] * of_middle
         of_torques -= (control.damping / self._h)[:, None] * of_end
-        axes = euler_axes(angles) @ control.axes.T
-        # The axes of the first two angles turn with the angles behind them.
-        turn_of_second = np.outer(axes[2], of_middle[2])
-        turn_of_first = turn_of_second + np.outer(axes[1], of_middle[1])
-        change_of_torque = axes.T @ of_torques
-        change_of_torque += torques[0] * np.cross(turn_of_first, axes[0], axisa=0, axisc=0)
-        change_of_torque += torques[1] * np.cross(turn_of_second, axes[1], axisa=0, axisc=0)
+        change_of_torque = control.torque_derivative(angles, torques, of_middle, of_torques)
         self.torque = control.in_space(angles, torques)
-        return super().tangent(X) + self._forces_of_torque(X) @ change_of_torque
+        return super().tangent(X) + self.forces_by_torque(X) @ change_of_torque
 
     def _torques(self, X: Array) -> tuple[Array, Array]:
         """Torques (3,) [N m] about the axes of the angles, and the rates (3,) [rad/s] of the
@@ -220,14 +287,6 @@ class _ContinuousTorque(Couple):
         after = control.angles_of(2 * X - self._X0, self._reference)
         rates = wrapped(after - before) / self._h
         return control.law(middle, rates), rates
-
-    def _forces_of_torque(self, X: Array) -> Array:
-        """The matrix (3k, 3) of the forces on the vectors X (3k,) for torques in space."""
-        r = X.reshape(-1, 3)
-        inverse, _ = self._spread(r)
-        arms = np.hstack(tuple(cross_matrices(r)))
-        forces: Array = arms.T @ inverse
-        return forces
 
     def get_number(self, key: str) -> Array:
         """The gains (3,) named `key`."""
@@ -246,7 +305,12 @@ class _ContinuousTorque(Couple):
         if key == "damping":
             by_gain = -self._torques(X)[1]
         axes = euler_axes(angles) @ control.axes.T
-        return self._forces_of_torque(X) @ (axes.T * by_gain)
+        return self.forces_by_torque(X) @ (axes.T * by_gain)
+
+
+def short_time(X: Array, V: Array) -> float:
+    """Time [s] in which vectors X (3k,) with the rates V hardly change."""
+    return float(RATE_DIFFERENCE * np.abs(X).max() / max(float(np.abs(V).max()), TINY_VELOCITY))
 
 
 def wrapped(angles: Array) -> Array:
@@ -377,14 +441,13 @@ class AttitudeControl:
             InputError: the vectors of the frame are parallel.
         """
         reference = self.reference()
-        if self.period > 0:
-            yield PointLoad(self.name, self.frame.directors, _SampledTorque(self, reference))
-            return
-        torque = _ContinuousTorque(self, reference)
         gains = (
             Parameter("stiffness", "N m/rad", "stiffness"),
             Parameter("damping", "N m s/rad", "damping"),
         )
+        torque: _SampledTorque | _ContinuousTorque = _ContinuousTorque(self, reference)
+        if self.period > 0:
+            torque = _SampledTorque(self, reference)
         yield PointLoad(self.name, self.frame.directors, torque, gains)
 
     def reference(self) -> Array:
@@ -431,7 +494,7 @@ class AttitudeControl:
         """
         self.angles = self.angles_of(X, reference)
         # Rates of angles by central differences over a time in which the vectors hardly change.
-        dt = RATE_DIFFERENCE * np.abs(X).max() / max(float(np.abs(V).max()), TINY_VELOCITY)
+        dt = short_time(X, V)
         ahead = self.angles_of(X + dt * V, reference)
         behind = self.angles_of(X - dt * V, reference)
         rates = wrapped(ahead - behind) / (2 * dt)
@@ -443,6 +506,26 @@ class AttitudeControl:
         [rad/s]."""
         torques: Array = self.stiffness * wrapped(self.target - angles) - self.damping * rates
         return torques
+
+    def torque_derivative(
+        self, angles: Array, torques: Array, of_angles: Array, of_torques: Array
+    ) -> Array:
+        """Derivatives (3, m) of `in_space` for given changes.
+
+        Args:
+            angles: (θ, β, γ) [rad].
+            torques: about the axes of the angles (3,) [N m].
+            of_angles: m changes of the angles (3, m).
+            of_torques: the changes of the torques with them (3, m).
+        """
+        axes = euler_axes(angles) @ self.axes.T
+        # The axes of the first two angles turn with the angles behind them.
+        turn_of_second = np.outer(axes[2], of_angles[2])
+        turn_of_first = turn_of_second + np.outer(axes[1], of_angles[1])
+        change: Array = axes.T @ of_torques
+        change += torques[0] * np.cross(turn_of_first, axes[0], axisa=0, axisc=0)
+        change += torques[1] * np.cross(turn_of_second, axes[1], axisa=0, axisc=0)
+        return change
 
     def in_space(self, angles: Array, torques: Array) -> Array:
         """Sum in space axes [N m], (3,), of torques about the axes of the angles [rad]."""

@@ -16,6 +16,7 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.element_energies import ViscousDissipation
@@ -107,9 +108,11 @@ class Damping:
                 lambda x: x,
                 lambda v: α / 2 * sum(inertia[i] * v[i] ** 2 for i in range(len(inertia))),
                 body.mass_dx,
+                parameters=(Parameter("mass_factor", "1/s", α),),
             )
         if self.stiffness_factor > 0:
             β = constant(body.space.mesh, self.stiffness_factor)
+            factor = (Parameter("stiffness_factor", "s", β),)
             if self.tension_only and isinstance(body, Membrane):
                 # Imported here: few scenes need it, and it compiles another form.
                 from gossamer_fx.loads.present_stiffness import PresentStiffness
@@ -117,13 +120,13 @@ class Damping:
                 yield (now := PresentStiffness(body, body.measure, body.density, body.dx))
                 C = now.matrix
                 viscous = lambda e_rate: β / 2 * ufl.dot(e_rate, ufl.dot(C, e_rate))  # noqa: E731
-                yield ViscousDissipation(by_stiffness, body, body.measure, viscous, body.dx)
+                yield ViscousDissipation(by_stiffness, body, body.measure, viscous, body.dx, factor)
                 return
             # The energy ψ of the taut body at the rates of its measures: β ψ(ė) is the dissipation
             # potential of the Kelvin-Voigt stress β C ė.
             measure, energy = _unwrinkled(body)
             yield ViscousDissipation(
-                by_stiffness, body, measure, lambda e_rate: β * energy(e_rate), body.dx
+                by_stiffness, body, measure, lambda e_rate: β * energy(e_rate), body.dx, factor
             )
 
 

@@ -167,6 +167,15 @@ class Couple:
         inverse = np.linalg.inv(matrix)
         return inverse, inverse @ self.torque
 
+    def forces_by_torque(self, X: Array) -> Array:
+        """The matrix (3k, 3) of the forces on the vectors X (3k,), which are linear in the
+        torque."""
+        r = X.reshape(-1, 3)
+        inverse, _ = self._spread(r)
+        arms = np.hstack(tuple(cross_matrices(r)))
+        forces: Array = arms.T @ inverse
+        return forces
+
     def force(self, X: Array) -> Array:
         r = X.reshape(-1, 3)
         forces: Array = np.cross(self._spread(r)[1], r).ravel()

@@ -34,6 +34,7 @@ from gossamer_fx.sensitivity.variables import (
     AdjointFields,
     FormVariable,
     PointVariable,
+    brought_by,
     find_variables,
 )
 
@@ -67,9 +68,8 @@ class TransientGradients:
             is_reversible = isinstance(kind, roles.Reversible | roles.Mass)
             check(
                 is_reversible,
-                f"gradient: '{type(kind).__name__}' of the scene has forces that differ in the "
-                "reversed step; "
-                "leave it out of the scene.",
+                f"gradient: '{brought_by(system, kind)}' has forces that differ in the reversed "
+                "step, without derivatives; leave it out of the scene.",
             )
         self._tape = tape
         self._system = system

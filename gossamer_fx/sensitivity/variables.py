@@ -378,7 +378,7 @@ def refuse_unknown_kinds(system: System) -> None:
         words = ""
         if not is_known:
             words = (
-                f"'{_brought_by(system, kind)}' has no gradient, as the derivatives of its forces "
+                f"'{brought_by(system, kind)}' has no gradient, as the derivatives of its forces "
                 "are not known; "
                 "leave it out of the scene"
             )
@@ -387,8 +387,11 @@ def refuse_unknown_kinds(system: System) -> None:
         check_on_all(system.comm, not words, f"gradient: {words}.")
 
 
-def _brought_by(system: System, kind: object) -> str:
-    """Name of the first item of a scene that has a term of a compiled kind."""
+def brought_by(system: System, kind: object) -> str:
+    """Return the name of the first item of a scene that has a term of a compiled kind.
+
+    The name of the class stands for an item without a name, and for a kind without an item.
+    """
     for item in system.items:
         for term in system.terms_of(item):
             if type(kind) is term.compiler:
@@ -492,7 +495,7 @@ def _shape(system: System, name: str, body: MeshBody, adjoint: AdjointFields) ->
         is_form = isinstance(kind, roles.ResidualForms)
         if not (is_form or isinstance(kind, roles.Mass | roles.IndependentOfShape)):
             raise InputError(
-                f"gradient: '{_brought_by(system, kind)}' is measured on the mesh when the scene "
+                f"gradient: '{brought_by(system, kind)}' is measured on the mesh when the scene "
                 "is made, so that "
                 f"there is no derivative by '{name}'; leave it out of the scene."
             )

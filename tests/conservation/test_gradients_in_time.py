@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from petsc4py import PETSc
 import gossamer_fx as gx
 from demos.studies.crease import folded
 from demos.studies.thrown_crease import thrown
+from gossamer_fx.extend import PointLoad
 from gossamer_fx.model import roles
 from gossamer_fx.sensitivity.transient import TransientGradients
 from gossamer_fx.sensitivity.variables import AdjointFields, Variable, find_variables
@@ -287,6 +289,21 @@ def steered(comm):
     return gx.Scene(control, spring), 1e-2, 20
 
 
+def sampled(comm):
+    """The same body, with torques that are computed in every third step and held in between."""
+    hub = gx.RigidBody(1.0, (0.6, 1.1, 1.5), name="a", spin=(0.3, -0.5, 1.0), comm=comm)
+    control = gx.control.AttitudeControl(
+        hub.frame(),
+        (0.4, -0.3, 0.5),
+        stiffness=(20.0, 25.0, 30.0),
+        damping=(0.5, 0.7, 1.0),
+        period=0.03,
+    )
+    arm = hub.port((0.5, 0.2, 0.1))
+    spring = gx.connectors.Spring(arm, gx.Ground((1.0, 1.0, 1.0)), stiffness=50.0, length=0.4)
+    return gx.Scene(control, spring), 1e-2, 20
+
+
 def held_patch(comm):
     """A film, of which torques hold the attitude of a patch."""
     sail = film(gx.Linear(**FILM), comm, displacement=stretched)
@@ -374,6 +391,50 @@ def roped(comm):
     return scene, 1e-2, 12
 
 
+def bundled(comm):
+    """A mass on three ropes, of which some get slack."""
+    mass = gx.PointMass(0.5, (0.0, 0.0, 0.0), velocity=(0.6, -0.4, 0.5), name="a")
+    ends = [gx.Ground(at) for at in ((1.0, 0.0, 0.0), (-0.6, 0.8, 0.0), (-0.6, -0.8, 0.3))]
+    bundle = gx.connectors.RopeBundle(
+        [(mass.port(), end) for end in ends],
+        lengths=[0.97, 0.98, 1.02],
+        stiffness=300.0,
+        damping=3.0,
+    )
+    return gx.Scene(bundle), 1e-2, 12
+
+
+def heated(comm):
+    """A film whose temperature rises in time and differs from point to point."""
+    warming = gx.materials.ThermalExpansion(
+        2e-5, temperature=lambda X, t: 300.0 + 2e4 * t * (1 + X[0])
+    )
+    body = film(gx.Linear(**FILM), comm, displacement=stretched, thermal=warming)
+    return gx.Scene(body, gx.Fixed(body, "left")), 5e-4, 15
+
+
+def warmed(comm):
+    """A film that is warmed evenly: no temperature moves with the nodes of its mesh."""
+    warming = gx.materials.ThermalExpansion(2e-5, temperature=lambda X, t: 300.0 + 2e4 * t)
+    body = film(gx.Linear(**FILM), comm, displacement=stretched, thermal=warming)
+    return gx.Scene(body, gx.Fixed(body, "left")), 5e-4, 15
+
+
+def blown(comm):
+    """A film in wind, which edge loads pull: one of given direction, one along its rim's normal."""
+    body = film(gx.Linear(**FILM), comm, displacement=stretched)
+    return (
+        gx.Scene(
+            gx.loads.AirDrag(body, 1.2, wind=(0.0, 0.5, 3.0)),
+            gx.loads.EdgeLoad(body, "right", force=(30.0, 5.0, 10.0), name="pull"),
+            gx.loads.EdgeLoad(body, "top", normal_force=20.0, following=True, name="stretch"),
+            gx.Fixed(body, "left"),
+        ),
+        5e-4,
+        15,
+    )
+
+
 PARAMETERS = {
     damped: [
         "film.E",
@@ -381,6 +442,8 @@ PARAMETERS = {
         "film.density",
         "film.thickness",
         "film.shape",
+        "damping.mass_factor",
+        "damping.stiffness_factor",
         "pressure.pressure",
         "pulse.factor",
         "pull.factor",
@@ -406,10 +469,20 @@ PARAMETERS = {
         "a.spin",
     ],
     steered: ["attitude control.stiffness", "attitude control.damping", "a.spin"],
+    sampled: [
+        "attitude control.stiffness",
+        "attitude control.damping",
+        "spring.length",
+        "a.spin",
+    ],
     held_patch: ["hold.stiffness", "hold.damping"],
     prestressed: ["film.initial_stress", "cable.initial_tension", "strip.initial_strain"],
     creased: ["crease.stiffness", "crease.rest_angle", "plate.thickness", "plate.E"],
     wrinkling: ["film.E", "film.residual_stiffness"],
+    bundled: ["ropes.stiffness", "ropes.lengths", "ropes.damping"],
+    heated: ["film.alpha", "film.reference_temperature", "film.initial_velocity"],
+    warmed: ["film.shape"],
+    blown: ["pull.force", "stretch.normal_force", "film.density", "film.shape"],
     colliding: ["film.E", "film.thickness", "film.initial_velocity"],
     touching: ["contact.stiffness"],
     stopping: ["film.E", "film.density", "lower.thickness", "film.initial_velocity"],
@@ -427,6 +500,7 @@ CASES_ON_RANKS = [
     (hinged, "torsion spring.stiffness"),
     (colliding, "film.thickness"),
     (rubbing, "contact.friction"),
+    (sampled, "attitude control.damping"),
     (stopping, "lower.thickness"),
 ]
 CASES = [
@@ -595,6 +669,7 @@ PRODUCTS = [
     damped,
     roped,
     hinged,
+    sampled,
 ]
 
 
@@ -750,11 +825,67 @@ def test_steps_that_an_event_undid_leave_the_tape(comm):
     assert found["mass.initial_velocity"].values == pytest.approx([1.0, 0.0, 0.0])
 
 
-def test_sampled_control_is_refused(comm):
-    hub = gx.RigidBody(1.0, (0.6, 1.1, 1.5), name="a", comm=comm)
-    control = gx.control.AttitudeControl(
-        hub.frame(), (0.4, 0.0, 0.0), stiffness=2.0, damping=0.5, period=0.05
-    )
-    _, tape = recorded(gx.Scene(control), 1e-2, 2)
-    with pytest.raises(gx.InputError, match="'attitude control' depends on more than positions"):
-        gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["a.spin"])
+class Resistance:
+    """A force -c V against the velocity V at the start of a step, which knows no derivatives."""
+
+    def begin(self, t: float, lag: float, X: np.ndarray, V: np.ndarray) -> None:
+        self.value = -0.8 * V
+
+    def force(self, X: np.ndarray) -> np.ndarray:
+        return self.value
+
+    def tangent(self, X: np.ndarray) -> np.ndarray:
+        return np.zeros((3, 3))
+
+
+class DerivedResistance(Resistance):
+    """The same force with its derivative by the start; the reversed step keeps it."""
+
+    def begin(self, t: float, lag: float, X: np.ndarray, V: np.ndarray) -> None:
+        if lag > 0:
+            super().begin(t, lag, X, V)
+
+    def start_adjoint(self) -> None:
+        """It holds nothing over several steps."""
+
+    def work_by_number(self, key: str, X: np.ndarray, w: np.ndarray) -> np.ndarray:
+        return np.zeros(1)
+
+    def products_at_start(self, X: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.zeros(3), -0.8 * w
+
+
+@dataclass(frozen=True, eq=False)
+class Brake:
+    """An own load on a mass, by a law."""
+
+    mass: gx.PointMass
+    law: Resistance
+    name: str = "brake"
+
+    def requires(self):
+        yield self.mass
+
+    def terms(self, start):
+        yield PointLoad(self.name, (self.mass.port(),), self.law)
+
+
+def braked(law: Resistance, speed: float) -> tuple[gx.Simulation, gx.analysis.RunTape]:
+    mass = gx.PointMass(1.0, (0.0, 0.0, 0.0), velocity=(speed, 0.0, 0.0))
+    top = gx.Ground((0.0, 0.0, 1.0))
+    spring = gx.connectors.Spring(mass.port(), top, stiffness=30.0, length=0.5)
+    return recorded(gx.Scene(Brake(mass, law), spring), 2e-2, 10)
+
+
+def test_a_load_that_depends_on_velocities_needs_its_derivatives():
+    _, tape = braked(Resistance(), 1.0)
+    energy = gx.analysis.Energy()
+    with pytest.raises(gx.InputError, match="'brake' depends on more than positions"):
+        gx.analysis.gradient(tape, of=energy, by=["mass.initial_velocity"])
+    _, tape = braked(DerivedResistance(), 1.0)
+    found = gx.analysis.gradient(tape, of=energy, by=["mass.initial_velocity"])
+    # Central differences of an analytic function: their error is of second order.
+    δ = 1e-4
+    ends = [energy(braked(DerivedResistance(), 1.0 + sign * δ)[0]) for sign in (1, -1)]
+    difference = (ends[0] - ends[1]) / (2 * δ)
+    assert found["mass.initial_velocity"].values[0] == pytest.approx(difference, rel=1e-7)
