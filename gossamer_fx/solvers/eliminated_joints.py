@@ -103,6 +103,21 @@ def eliminated_unknowns(system: System) -> Indices | None:
     return eliminated
 
 
+def max_applications(unknowns: int) -> float:
+    """Krylov iterations of a solve that cost as much as a complete factorisation.
+
+    Args:
+        unknowns: their number, on one rank.
+
+    Returns:
+        30 up to 30 thousand unknowns, then 30 (unknowns/30 000)^½, but less than the limit of 60
+        iterations: a solve that reaches it has not converged, so that a factorisation pays for any
+        number of unknowns.
+    """
+    growth = math.sqrt(max(1.0, unknowns / UNKNOWNS_OF_MAX_APPLICATIONS))
+    return min(MAX_APPLICATIONS * growth, MAX_KSP_ITERATIONS - 1)
+
+
 class EliminatedJoints:
     """The preconditioner (2) and (3), as PETSc's Python preconditioner.
 
@@ -113,6 +128,8 @@ class EliminatedJoints:
     Attributes:
         needs_couplings: all couplings of contact are part of its matrix.
         problem: why the last factorisation failed; empty if it did not.
+        max_applications: Krylov iterations of a solve after which matrices are factorised
+            completely for some steps.
     """
 
     needs_couplings = True
@@ -135,12 +152,7 @@ class EliminatedJoints:
         factorisation.choose(self._complete)
         self._is_complete = False
         self._complete_steps = 0  # left before F̃ is tried again
-        size_ratio = system.numbering.size_local / UNKNOWNS_OF_MAX_APPLICATIONS
-        # A solve that reaches the limit of iterations has not converged: then a factorisation pays
-        # for any number of unknowns.
-        self._max_applications = min(
-            MAX_APPLICATIONS * max(1.0, math.sqrt(size_ratio)), MAX_KSP_ITERATIONS - 1
-        )
+        self.max_applications = max_applications(system.numbering.size_local)
         self._step: tuple[float, float] | None = None  # time and length of the step of Z
         self._applications = 0  # since the last set-up
         self._is_kept = False  # whether the factors are those of an earlier matrix
@@ -185,7 +197,7 @@ class EliminatedJoints:
             self._complete_steps -= 1
         # With factors of an earlier matrix, many iterations say nothing about those of the present
         # one.
-        if self._applications > self._max_applications and not self._is_kept:
+        if self._applications > self.max_applications and not self._is_kept:
             self._complete_steps = FACTORISED_STEPS
         self._applications = 0
         self._is_kept = False
