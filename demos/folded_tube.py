@@ -277,8 +277,8 @@ def main(
 
     Returns the figures of `run_figures` and `dissipation`, mass_error (of the gas, relative),
     opening times of the rings [ms], pressures at the end [Pa], the largest speed [m/s] of the tip,
-    its distance from the clamp at the end [m], the time [s] at which that first is `ARRIVED` of the
-    length, and with creases the figures of `crease_figures`.
+    its distance from the clamp at the end and its largest one [m], the time [s] at which that first
+    is `ARRIVED` of the length, and with creases the figures of `crease_figures`.
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.08, 0.2, 0.35, 0.6, 1.0)
@@ -300,6 +300,7 @@ def main(
         "mass_error": abs(run.mass_error),
         "tip_speed": float(series["tip speed [m/s]"].max()),
         "tip_distance": float(distance[-1]),
+        "farthest": float(distance.max()),
         "arrived": first_time(series.time, distance, ARRIVED * length),
         **{f"opening_{i + 1}_ms": 1e3 * t for i, t in enumerate(opened)},
         **{f"pressure_{name[1:]}": p for name, p in ends.items()},

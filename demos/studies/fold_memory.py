@@ -80,32 +80,40 @@ DISC = [
 PLASTIC_DISC = [
     f"disc crease={k} set_angle_ratio=1 yield_angle={YIELD_ANGLE}" for k in ("0.002", "0.02")
 ]
+# At a quarter of the spin Π is 16 times as large: creases of 2e-4 N m/m/rad, which film of 7.5 µm
+# has, store a third of the kinetic energy.
+SLOW_DISC = [
+    "disc rev=2",
+    "disc rev=2 crease=0.0002 set_angle_ratio=0",
+    "disc rev=2 crease=0.0002 set_angle_ratio=1",
+    "disc rev=2 crease=0.002 set_angle_ratio=0",
+    "disc rev=2 crease=0.002 set_angle_ratio=1",
+]
 # Π of the tube is 0.4 times the stiffness at full pressure.  Creases of more than 0.2 N m/m/rad
 # snap in steps of microseconds: a larger Π is that of less pressure.
 TUBE_CASES = [
     "tube",
-    "tube crease=0.02 set_angle_ratio=1",
-    "tube crease=0.2 set_angle_ratio=0",
-    "tube crease=0.2 set_angle_ratio=1",
     "tube crease=0.2 set_angle_ratio=1 yield_angle=0.35",
     f"tube pressure={LOW:g}",
+    f"tube pressure={LOW:g} crease=0.02 set_angle_ratio=0",
     f"tube pressure={LOW:g} crease=0.02 set_angle_ratio=1",
     f"tube pressure={LOW:g} crease=0.2 set_angle_ratio=0",
     f"tube pressure={LOW:g} crease=0.2 set_angle_ratio=1",
-    f"tube pressure={LOW:g} crease=0.2 set_angle_ratio=1 yield_angle=0.35",
 ]
 # Starts that are nudged, and the accuracy of mesh and step.
 REPEATED = (
     "disc nudge=1",
     "disc crease=0.002 set_angle_ratio=1 nudge=1",
-    "tube nudge=1",
-    "tube crease=0.2 set_angle_ratio=1 nudge=1",
+    "disc rev=2 nudge=1",
+    "disc rev=2 crease=0.0002 set_angle_ratio=0 nudge=1",
+    "disc rev=2 crease=0.0002 set_angle_ratio=0 nudge=2",
+    f"tube pressure={LOW:g} nudge=1",
 )
 ACCURACY = (
     "disc largest=0.0005",
-    "tube dt=5e-05",
-    "tube cells=6",
-    "tube crease=0.2 set_angle_ratio=1 cells=6",
+    "disc rev=2 cells=2",
+    "disc rev=2 crease=0.0002 set_angle_ratio=0 cells=2",
+    "disc rev=2 crease=0.002 set_angle_ratio=0 cells=2",
 )
 
 
@@ -244,7 +252,7 @@ def draw(results: list[Result], path: Path) -> None:
                         label="" if low else "no creases",
                     )
         delays.axhspan(-100 * VISIBLE, 100 * VISIBLE, color=GREY, alpha=0.15)
-        delays.annotate("×  does not open", (0.02, 0.96), xycoords="axes fraction", va="top")
+        delays.annotate("×  does not open", (0.02, 0.04), xycoords="axes fraction")
         delays.set_title(titles[sail], fontsize=10)
         delays.set_ylabel("opens later than without creases [%]")
         sizes.set_ylabel(size_labels[sail])
@@ -286,7 +294,7 @@ STUDY = Study(
     "fold_memory",
     "Memory of folds: when it hinders a deployment, and when it helps",
     problem,
-    {"case": ["disc", *DISC, *PLASTIC_DISC, *TUBE_CASES, *REPEATED, *ACCURACY]},
+    {"case": ["disc", *DISC, *PLASTIC_DISC, *SLOW_DISC, *TUBE_CASES, *REPEATED, *ACCURACY]},
     lambda case: 1.0,
     quick={
         "case": [

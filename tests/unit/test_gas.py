@@ -342,3 +342,21 @@ def test_scene_of_gas_alone_has_no_field():
     )
     assert run.system.numbering.size == 0 and run.totals.kinetic == 0
     assert list(run.totals.stored) == ["chamber"]
+
+
+def test_a_dead_volume_is_zero_or_positive(comm):
+    from gossamer_fx.meshes.sphere import sphere
+
+    law = gx.Miyazaki(1e9, 0.3, density=1400.0, thickness=1e-4)
+    film = gx.Membrane(sphere(comm, 1.0, 6), law)
+
+    def chamber(dead_volume):
+        return gx.Chamber(
+            film, gas=AIR, pressure=1e5, temperature=300.0, dead_volume=dead_volume, name="ball"
+        )
+
+    refusal = r"'ball': its dead volume is -1e-06 m³; give zero or a positive number"
+    with pytest.raises(gx.InputError, match=refusal):
+        chamber(-1e-6)
+    _, (state,) = start(film, chamber(0.0), dt=1e-4)
+    assert state.volume == pytest.approx(film.mesh.enclosed_volume(), rel=1e-12)
