@@ -55,8 +55,12 @@ step, are left out of the reversed step.  They give their products (∂f/∂q0)�
 themselves (`roles.StartDerivatives`).  Products by history variables, e.g. by a torque that is held
 over several steps, are summed up from the last step to the one in which the variable was set.
 
-Limits.  Yielding depends on the history and is refused.  In chaotic motion the derivatives grow
-exponentially with the number of steps (`sensitivity.transient`).
+History variables that follow from the end of a step, e.g. the rest angle of a fold that slips, add
+to a before (3) is solved (`roles.HistoryAdjoint`).
+
+Limits.  Friction and yielding are piecewise smooth: derivatives are those of the pairs and folds
+that slip in the run.  In chaotic motion the derivatives grow exponentially with the number of steps
+(`sensitivity.transient`).
 """
 
 from __future__ import annotations
@@ -181,6 +185,8 @@ class BackwardSteps:
         """Repeat a step and solve (3) for μ.  Collective."""
         system = self._system
         self.repeat(start, end)
+        for kind in self._with_history:
+            kind.add_end_derivatives(a)
         A = system.tangent()
         if self._solver is None:
             self._solver = TransposedSolver(A)
