@@ -816,7 +816,7 @@ def test_a_scene_in_orbit_is_refused(comm):
     run = gx.Simulation(gx.Scene(hub, orbit), gx.Midpoint(dt=1.0))
     tape = gx.analysis.RunTape(run)
     run.run(until=2.0)
-    with pytest.raises(gx.InputError, match="'low orbit' has .* leave it out of the scene"):
+    with pytest.raises(gx.InputError, match=r"'low orbit' has .* leave it out of the scene"):
         gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["a.spin"])
 
 
