@@ -802,6 +802,33 @@ def _random(vector: PETSc.Vec, seed: int) -> PETSc.Vec:
 # ---- what a tape refuses, and what it drops ------------------------------------------------------
 
 
+def test_a_damper_that_follows_the_film_is_refused(comm):
+    body = film(gx.Linear(**FILM), comm, displacement=stretched)
+    damping = gx.Damping(body, stiffness_factor=1e-6, tension_only=True, name="tension damping")
+    _, tape = recorded(gx.Scene(damping), 1e-4, 2)
+    with pytest.raises(gx.InputError, match="'tension damping' has"):
+        gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["film.E"])
+
+
+def test_a_scene_in_orbit_is_refused(comm):
+    hub = gx.RigidBody(1.0, (0.6, 1.1, 1.5), name="a", comm=comm)
+    orbit = gx.orbit.Orbit(gx.orbit.Elements(6.8e6, i=0.9), name="low orbit")
+    run = gx.Simulation(gx.Scene(hub, orbit), gx.Midpoint(dt=1.0))
+    tape = gx.analysis.RunTape(run)
+    run.run(until=2.0)
+    with pytest.raises(gx.InputError, match=r"'low orbit' has .* leave it out of the scene"):
+        gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["a.spin"])
+
+
+def test_friction_and_yielding_are_noted_in_the_result(comm):
+    _, tape = recorded(*rubbing_on_floor(comm))
+    found = gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["contact.friction"])
+    assert found.notes[0].startswith("friction of 'contact' is piecewise smooth")
+    _, tape = recorded(*yielding(comm))
+    found = gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["crease.stiffness"])
+    assert found.notes[0].startswith("yielding of 'crease' is piecewise smooth")
+
+
 def test_a_tape_is_of_conserving_steps(comm):
     mass = gx.PointMass(1.0, (0.0, 0.0, 0.0), velocity=(1.0, 0.0, 0.0))
     dissipating = gx.Simulation(gx.Scene(mass), gx.steppers.GeneralizedAlpha(dt=0.1))
