@@ -470,8 +470,13 @@ class HistoryAdjoint(Protocol):
 
     @abstractmethod
     def add_energy_by_history(self, share: float) -> None:
-        """Subtract a share of ∂ψ/∂s of the stored energy at q0 from the sums."""
+        """Take a share of ∂ψ/∂s of the stored energy at q0 into the sums."""
         ...
+
+    # Most history variables follow from the start of a step only.
+    def add_end_derivatives(self, by_position: PETSc.Vec) -> None:
+        """Add what later steps give for the end of the solved step, of which s is a function."""
+        return
 
 
 @runtime_checkable
