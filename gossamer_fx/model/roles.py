@@ -437,6 +437,17 @@ class ExchangesEnds(Protocol):
 
 
 @runtime_checkable
+class TabulatedCoefficients(Protocol):
+    """Fills functions of forms with values at quadrature points."""
+
+    @abstractmethod
+    def expressions(self) -> dict[fem.Function, Any]:
+        """UFL expressions of which the functions have the values, so that forms with them can be
+        derived."""
+        ...
+
+
+@runtime_checkable
 class StartDerivatives(Protocol):
     """Has forces that differ in the reversed step, and knows their derivatives by the start of a
     step.

@@ -73,11 +73,16 @@ class AdjointFields:
             self._system.fields[body].take(function, vector.array_r[owned])
 
     def residual_forms(self) -> list[ufl.Form]:
-        """μ·r of all forces that are forms."""
+        """μ·r of all forces that are forms, complete: with expressions for tabulated functions."""
+        expressions: dict[fem.Function, Any] = {}
+        for tabulated in roles.playing(roles.TabulatedCoefficients, self._system.compiled):
+            expressions.update(tabulated.expressions())
         found = []
         for kind in roles.playing(roles.ResidualForms, self._system.compiled):
             for body, μ in self.of.items():
                 found += kind.residual_forms(body, μ)
+        if expressions:
+            found = [ufl.replace(form, expressions) for form in found]
         return found
 
     def inertia_forms(self) -> list[ufl.Form]:
