@@ -213,8 +213,12 @@ class EliminatedJoints:
 
         It sets Z = F̃⁻¹ B and the Schur complement, or `problem` if the factorisation fails.
 
+        The matrix has the blocks F (films), B (columns of g in the rows of the films), C (rows of
+        g) and D (g by g); F̃ is the incomplete factorisation of F. The Schur complement of g is D -
+        C Z.
+
         Args:
-            matrix: of all unknowns.
+            matrix: of all unknowns, on one rank; `_take_rows` copies C and D from it.
             is_new_step: whether Z, which costs most, has to be computed again.
         """
         F = matrix.createSubMatrix(self._film_set, self._film_set)
