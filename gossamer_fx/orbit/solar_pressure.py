@@ -169,7 +169,7 @@ def face_coefficients(
     """Optical coefficients of front and back: constants, or functions where groups of triangles
     differ.
 
-    Each rank sets the values of its own triangles and ghosts.
+    Each rank sets the values of the triangles that it owns, and of its ghosts.
 
     Args:
         film: the film.
