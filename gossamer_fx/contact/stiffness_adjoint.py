@@ -57,6 +57,10 @@ class StiffnessAdjoint:
         """Add contributions (n,) of this rank's pairs; collective.
 
         All ranks have all sums: in an earlier step another rank may have the pair.
+
+        Args:
+            identifier: global numbers (n,) of the pairs, the same in all steps and on all ranks.
+            contribution: for each pair (n,), the derivative of the objective by its stiffness.
         """
         of_ranks = self._comm.allgather((identifier, contribution))
         identifiers = np.concatenate([self._identifier, *(part for part, _ in of_ranks)])
@@ -67,7 +71,11 @@ class StiffnessAdjoint:
 
     def take(self, identifier: Int64Array) -> Array:
         """Return the sums (n,) of this rank's pairs that chose their stiffness in the present step,
-        and forget them on all ranks; collective."""
+        and forget them on all ranks; collective.
+
+        Args:
+            identifier: global numbers (n,) of the pairs; sums of pairs unknown here are zero.
+        """
         found = np.zeros(len(identifier))
         order = np.argsort(identifier)
         known = np.isin(self._identifier, identifier)
@@ -150,7 +158,17 @@ def _distances(pairs: ActivePairs, x: Array) -> tuple[Array, Array]:
 
 def _distances_of_walls(kind: PairKind, at: Array) -> tuple[Array, Array]:
     """Return D (n,) [m] of pairs of one kind of wall from their points (n, 4, 3), and its
-    derivatives (n, 4, 3)."""
+    derivatives (n, 4, 3).
+
+    D is the signed distance from a plane, or the distance from the middle of a sphere or axis; r
+    (n, 3) [m] is the vector from the origin to the point.
+
+    Args:
+        kind: of the pairs, one kind for all of them.
+        at: point, origin of the wall and two more points or directions, (n, 4, 3) [m, -]; a plane
+            has its unit normal as the third one, a cylinder its two unit directions across the axis
+            as the third and fourth.
+    """
     r = at[:, 0] - at[:, 1]
     gradient = np.zeros_like(at)
     if kind == PairKind.POINT_IN_SPHERE:
