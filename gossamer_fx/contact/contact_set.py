@@ -1023,6 +1023,16 @@ class ContactSet:
         """Return w·∂r/∂K [m³] by the given stiffness K, this rank's share; collective.
 
         All forces are proportional to it, those of friction included.
+
+        r is the residual of the system. The forces of the pairs are computed again, so that
+        `point_forces` changes; without pairs the result is zero.
+
+        Args:
+            w: vector of the system, one number for each unknown, by which the residual is
+                multiplied.
+
+        Raises:
+            AssertionError: the stiffness is derived from closing speeds, not given.
         """
         assert self._stiffness.given is not None, "only a given stiffness is a parameter"
         on_points = self._on_points(w)

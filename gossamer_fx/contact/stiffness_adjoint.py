@@ -112,8 +112,10 @@ def closing_derivatives(
     reference_speed: float,
     step: float,
 ) -> tuple[Array, Array]:
-    """Return the derivatives (n, 4, 3) of Σ by_stiffness k by the points at the start of a step,
-    and by their velocities.
+    """Return how a weighted sum of stiffnesses of contact pairs depends on the start of a step.
+
+    A pair without a given stiffness takes k = 4 σ v² A, with the area density σ [kg/m²], the area A
+    [m²], and the closing speed v = 1.25 |dD/dt| [m/s] of its distance D [m], or a lower bound.
 
     Args:
         pairs: n pairs that chose their stiffness k [J] in this step, by (1).
@@ -121,6 +123,10 @@ def closing_derivatives(
         by_stiffness: factors (n,).
         reference_speed: lower bound of v [m/s].
         step: length of the step [s].
+
+    Returns:
+        derivatives of Σ by_stiffness k by the four points of each pair (n, 4, 3), and by their
+        velocities (n, 4, 3); zero where the lower bound counts.
     """
     duration = SHORT_TIME * step
     later = np.ascontiguousarray(x0 + duration * v)

@@ -262,6 +262,10 @@ class GasAdjoint:
 
         The sums are derivatives of a result of the run by numbers of chambers, openings and walls.
 
+        V0 [m³], p0 [Pa] and m0 [kg] are volumes, pressures and masses of the chambers at the start
+        of the step, V [m³] volumes at its end, W [m³] those swept; the derivatives by them have to
+        be computed by `linearise` before.
+
         Args:
             ν: adjoint of the scaled gas balance (2n,), for n chambers.
             μ: this rank's part of the adjoint of the bodies.

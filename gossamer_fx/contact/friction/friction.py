@@ -178,6 +178,9 @@ class Friction:
             x0, x1: points (m, 3) [m] at the start and at the end of the step, those that this rank
                 knows.
             μ: adjoint displacements (m, 3) of these points.
+
+        Returns:
+            identifiers and works of this rank's pairs with friction, those between bodies first.
         """
         from gossamer_fx.contact.friction.start_derivative import work_by_coefficient
 
@@ -229,6 +232,9 @@ class Friction:
     def _between_bodies(self, pairs: ActivePairs, x0: Array) -> FrictionPairs:
         """Return the friction of contact pairs between bodies, which slide along two edges of the
         pair.
+
+        The result has one row for each pair, all of this rank; `_law` is the energy law of the
+        contact.
 
         Args:
             pairs: n pairs of bodies only, with the column `start` of their closest points.

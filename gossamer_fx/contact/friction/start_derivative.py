@@ -47,6 +47,9 @@ def add_product_with_start_derivative(
 ) -> None:
     """Add (∂f/∂x0)ᵀ μ of the friction forces f of pairs.
 
+    x0 (m, 3) [m] are the points at the start of the step. Only pairs of this rank add; pairs
+    without a normal force add nothing.
+
     Args:
         group: pairs of a step.
         step: the step, solved.
@@ -96,6 +99,13 @@ class _Product:
         displacements `_μ` (n, k, 3), and `_by_P` and `_by_w` (n, 2) the derivatives of the power W
         by P and by the sliding w; r is the vector between the sides of a pair, t are its two
         directions of sliding.
+
+        Args:
+            group: n pairs of this rank, with k points each, whose normal forces are positive.
+            step: the solved step.
+            μ: adjoint displacements (m, 3) of all points that this rank knows.
+            normal_force: of the pairs (n,) [N].
+            forces: of the contact potential on the four points of each pair (n, 4, 3) [N].
         """
         self._group = group
         self._step = step
