@@ -256,7 +256,7 @@ PROBLEMS = {
         unit="times the run",
         cases={
             f"{scene}, {n} x {n} cells": {SELF: {"scene": scene, "n": n}}
-            for scene in ("sheet", "contact", "gas")
+            for scene in ("sheet", "contact", "friction", "gas")
             # Parameters are the thickness and the velocities of every node.
             for n in (10, 20, 40)
         },

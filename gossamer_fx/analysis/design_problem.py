@@ -107,6 +107,7 @@ class RunSource:
         start: Mapping[str, Any],
         comm: MPI.Intracomm,
     ) -> None:
+        """Copy the first values; the class describes the arguments."""
         self.comm = comm
         self._evaluate = evaluate
         self._values = {}
@@ -253,7 +254,16 @@ class DesignProblem:
         LOGGER.info("%s: %d numbers, value %.9g", who, self.size, self.history[0])
 
     def _variable(self, name: str, values: Array, columns: Any) -> DesignVariable:
-        """A part of the vector; collective."""
+        """Return the part of the vector that varies one parameter; collective.
+
+        Args:
+            name: "item.parameter".
+            values: of the parameter at the start (k,), in its unit.
+            columns: basis (k, m) whose amounts are varied; None: all values are.
+
+        Raises:
+            InputError: a basis that is not a matrix with a row for each value of this rank.
+        """
         is_field = self._source.is_distributed(name)
         if columns is None:
             # On all ranks one scale, also where one of them has no entry of a field.
@@ -310,7 +320,15 @@ class DesignProblem:
         return found
 
     def bounds(self, given: Mapping[str, tuple[Any, Any]]) -> tuple[Array, Array]:
-        """Smallest and largest values of the scaled numbers of this rank."""
+        """Return the smallest and the largest scaled numbers (n,), (n,) of this rank.
+
+        Args:
+            given: bounds of parameters by name, in their units: one number for all entries, or one
+                for each; parameters without bounds get infinite ones.
+
+        Raises:
+            InputError: a name that is not a parameter, or a lower bound above the upper one.
+        """
         names = [variable.name for variable in self.variables]
         for name in given:
             check(name in names, f"{self.who}: bounds has '{name}', which is not in by.")

@@ -26,11 +26,15 @@ from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.roles import (
     CellFields,
     Dissipation,
+    ExchangesEnds,
     Forces,
     GradientLimits,
+    GradientNotes,
+    HistoryAdjoint,
     HistoryVariables,
     PointParameters,
     Reversible,
+    StartDerivatives,
     StateObserver,
     StepCheck,
     StepHistory,
@@ -61,6 +65,10 @@ class CreaseEnergies(
     HistoryVariables,
     PointParameters,
     GradientLimits,
+    GradientNotes,
+    ExchangesEnds,
+    StartDerivatives,
+    HistoryAdjoint,
     StepHistory,
     Reversible,
     CompiledTerms["CreaseEnergy"],
@@ -185,6 +193,10 @@ class CreaseEnergies(
         q = self._gather(self._system.q1)[k]
         by_number = points.forces_by_number(q, key, float(self.get_number(term, "stiffness")[0]))
         work = np.sum(by_number * self._gather(w)[k], axis=1)
+        if key == "rest":
+            # Where a fold slips, the rest angle of later steps does not depend on that before.
+            work += points.by_rest * points.forgotten_share(q)
+            work *= points.follows_input
         return np.array([work[points.owner == i].sum()])
 
     def energy_by_number(self, term: CreaseEnergy, key: str) -> Array:
@@ -192,10 +204,66 @@ class CreaseEnergies(
         points, i = self._find(term)
         q = self._gather(self._system.q1)[self._arrays.index(points)]
         by_number = points.energy_by_number(q, key, float(self.get_number(term, "stiffness")[0]))
+        if key == "rest":
+            by_number = by_number * points.follows_input
         return np.array([by_number[points.owner == i].sum()])
+
+    def start_adjoint(self) -> None:
+        for points in self._arrays:
+            points.by_rest = np.zeros(len(points.rest))
+
+    def add_energy_by_history(self, share: float) -> None:
+        for points in self._arrays:
+            points.by_rest = points.by_rest - share * points.energy_slope()
+
+    def add_end_derivatives(self, by_position: PETSc.Vec) -> None:
+        if not self._yielding:
+            return
+        for points, q in self._at_end():
+            by_unknowns = points.slip_products(q)
+            by_position.setValues(
+                points.indices.ravel(), by_unknowns.ravel(), addv=PETSc.InsertMode.ADD_VALUES
+            )
+        by_position.assemble()
+
+    def add_start_derivatives(
+        self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Carry the sums for rest angles to the start of the step; the reversed step has all
+        forces."""
+        if not self._yielding:
+            return
+        displacements = self._gather(μ)
+        for (points, q), of_points in zip(self._at_end(), displacements, strict=True):
+            work = np.sum(points.forces_by_number(q, "rest", 1.0) * of_points, axis=1)
+            points.by_rest = points.by_rest * (1 - points.forgotten_share(q)) - work
+
+    def gradient_notes(self) -> list[str]:
+        return [
+            f"yielding of '{self.terms[i].name}' is piecewise smooth: the gradient is that of the "
+            "folds that slip in this run"
+            for i in self._yielding
+        ]
+
+    def save_active_set(self) -> None:
+        """Return nothing: all folds act in all steps."""
+
+    def load_active_set(self, saved: None) -> None:
+        """Nothing to load."""
+
+    def activate_present(self) -> None:
+        """All folds act already."""
+
+    def exchange_ends(self) -> None:
+        """Reverse the step; rest angles and moments stay those of the step."""
+        for points, q in zip(self._arrays, self._gather(self._system.q0), strict=True):
+            points.exchange_ends(q)
 
     def without_gradient(self) -> str:
         """Why the scene has no gradient: a fold yields.  Empty if none does."""
+        # In a run rest angles are history variables.
+        if self._system.rule.alpha < 1:
+            return ""
         for i in self._yielding:
             return (
                 f"'{self.terms[i].name}' yields, so that its rest angle depends on the path; give "
@@ -203,14 +271,15 @@ class CreaseEnergies(
             )
         return ""
 
-    def save_history(self) -> list[Array]:
-        """Angles (n,) [rad] of each array of points at the start of the step."""
-        return [points.θ.copy() for points in self._arrays]
+    def save_history(self) -> list[tuple[Array, Array]]:
+        """Angles and rest angles (n,) [rad] of each array of points at the start of the step."""
+        return [(points.θ.copy(), points.rest.copy()) for points in self._arrays]
 
-    def load_history(self, saved: list[Array]) -> None:
-        """Set the angles to those of `save_history`."""
-        for points, angles in zip(self._arrays, saved, strict=True):
+    def load_history(self, saved: list[tuple[Array, Array]]) -> None:
+        """Set angles and rest angles to those of `save_history`."""
+        for points, (angles, rest) in zip(self._arrays, saved, strict=True):
             points.θ = angles.copy()
+            points.rest = rest.copy()
 
     def _find(self, term: CreaseEnergy) -> tuple[_Points, int]:
         """The array of points of a term, and the number of the term."""
@@ -334,6 +403,13 @@ class _Points:
         self.indices = np.concatenate([_unknowns(system, term) for term in mine])
         self.rest = self._first_rest.copy()
         self._begun = False
+        # Moments and their derivatives (n,) of a step whose ends are exchanged.
+        self._exchanged: tuple[Array, Array] | None = None
+        # Of a backward pass: derivative (n,) of the result by the present rest angles, through
+        # later steps.
+        self.by_rest: Array = np.zeros(len(self.rest))
+        # Which rest angles (n,) are at first those of the input, and not set by the yield angle.
+        self.follows_input = np.ones(len(self.rest), dtype=bool)
 
     def vectors(self, q: Array) -> Array:
         """X (n, 3, 3), dimensionless, at positions q (n, D) [m] of the nodes of n points.
@@ -354,6 +430,7 @@ class _Points:
             q: positions (n, D) [m] of the nodes of each of the n points of creases.
         """
         X = self.vectors(q)
+        self._exchanged = None
         if self._begun:
             θ1 = self._end(X)
             self.rest = self.rest + self._slipped(θ1)
@@ -362,6 +439,7 @@ class _Points:
             self.θ = self._principal(X)
             # No fold starts beyond its yield angle: it would have slipped before.
             self.rest = np.clip(self.rest, self.θ - self._slip, self.θ + self._slip)
+            self.follows_input = self.rest == self._first_rest
             self._begun = True
         self._X = X
 
@@ -383,7 +461,8 @@ class _Points:
         X = self.vectors(q)
         n = len(X)
         θ1 = self._end(X)
-        moment, slope = self._moment(θ1)
+        # In a reversed step both are those of the step.
+        moment, slope = self._exchanged or self._moment(θ1)
         G = self._direction(X, θ1).reshape(n, 9)
         gradient = dihedral_angle.gradient(X).reshape(n, 9)
         K = slope[:, None, None] * G[:, :, None] * gradient[:, None, :]
@@ -401,14 +480,59 @@ class _Points:
         return blocks.reshape(n, D, D)
 
     def forces_by_number(self, q: Array, key: str, stiffness: float) -> Array:
-        """Derivatives (n, D) of the forces of folds that do not yield; their moment is k (θ_mean -
-        θr)."""
+        """Derivatives (n, D) of the forces of a step by the stiffness or by the rest angle at its
+        start.
+
+        Args:
+            q: positions (n, D) [m] of the nodes of each point at the end of the step.
+            key: "stiffness" or "rest".
+            stiffness: of the term per length [N m/m/rad], to which forces are proportional.
+        """
         X = self.vectors(q)
         θ1 = self._end(X)
-        moment = -self._k
+        # While a fold slips, its moment does not depend on the rest angle.
+        moment = -self._k * (1 - self._slipping_share(θ1))
         if key == "stiffness":
             moment = self._moment(θ1)[0] / stiffness
         return self._to_nodes(moment[:, None, None] * self._direction(X, θ1))
+
+    def exchange_ends(self, q: Array) -> None:
+        """Let a step start where it ended, for gradients of a run.
+
+        A fold that slips has another moment on the way back.  Its moment, and the derivative by the
+        angle at the start, ½ k (1 - s²) for the share s of the path on which it slips, are kept for
+        the tangent.
+
+        Args:
+            q: positions (n, D) [m] of the nodes of each point at the end of the step.
+        """
+        X = self.vectors(q)
+        θ1 = self._end(X)
+        moment, _ = self._moment(θ1)
+        by_start = self._k * (1 - self._slipping_share(θ1) ** 2) / 2
+        self._exchanged = moment, by_start
+        self._X = X
+        self.θ = θ1
+
+    def forgotten_share(self, q: Array) -> Array:
+        """1 (n,) for points that slip in a step to the positions q (n, D) [m], else 0.
+
+        The rest angle of a fold that slips follows the angle at the end: θr = θ1 ∓ φ.
+        """
+        return np.asarray(self._slipped(self._end(self.vectors(q))) != 0, dtype=float)
+
+    def slip_products(self, q: Array) -> Array:
+        """Derivative (n, D) of the later steps by the positions q (n, D) at the end of a step,
+        through the rest angles of folds that slip in it."""
+        weight = self.by_rest * self.forgotten_share(q)
+        gradient = np.asarray(dihedral_angle.gradient(self.vectors(q)))
+        return self._to_nodes(weight[:, None, None] * gradient)
+
+    def energy_slope(self) -> Array:
+        """Derivative k (θ - θr) (n,) [N m/rad] of the stored energy at the start of a step by the
+        angle; by the rest angle it has the opposite sign."""
+        slope: Array = self._k * (self.θ - self.rest)
+        return slope
 
     def energy_by_number(self, q: Array, key: str, stiffness: float) -> Array:
         """Derivatives (n,) of ½ k (θ - θr)² at the end of the step."""
@@ -543,14 +667,19 @@ class _Points:
         elastic_end = θ1 - self.rest - slipped
         if self._α == 1.0:
             return self._k * elastic_end, self._k * (slipped == 0)
-        # Share of the path on which the fold slips.  There the moment is that at the end; before,
-        # it grows linearly.  The bound of 1 is for round-off.
-        path = np.abs(θ1 - self.θ)
-        divisor = np.where(path > 0, path, 1.0)
-        share = np.minimum(np.abs(slipped) / divisor, 1.0)
-        share = np.where(slipped == 0, 0.0, share)
+        # While the fold slips, the moment is that at the end; before, it grows linearly.
+        share = self._slipping_share(θ1)
         mean = share * elastic_end + (1 - share) * (elastic_start + elastic_end) / 2
         return self._k * mean, self._k * (1 - share) ** 2 / 2
+
+    def _slipping_share(self, θ1: Array) -> Array:
+        """Share (n,) of the path of a step to the angles θ1 (n,) [rad] on which folds slip."""
+        slipped = self._slipped(θ1)
+        path = np.abs(θ1 - self.θ)
+        divisor = np.where(path > 0, path, 1.0)
+        # The bound of 1 is for round-off.
+        share = np.minimum(np.abs(slipped) / divisor, 1.0)
+        return np.where(slipped == 0, 0.0, share)
 
     def _to_nodes(self, F: Array) -> Array:
         """Forces (n, D) on the nodes of forces F (n, 3, 3) on the vectors X."""

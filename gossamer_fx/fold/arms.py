@@ -201,9 +201,12 @@ class Ikaros(FoldMap):
         far = np.maximum(np.abs(i) - self.bends, 0) * self.column
         # The gap changes smoothly from that on the hub to that of the arm, over the length `ramp`.
         w = np.clip(far / self.ramp, 0, 1)
+        # w is the share of this length, 0 to 1.
         gap = self.hub_gap + (self.gap - self.hub_gap) * w * w * (3 - 2 * w)
         η = gap * layer  # distance from the innermost layer [m]
 
+        # Unit vectors: `out` along the arm, `across` perpendicular to it, `radial` from the axis of
+        # the hub
         half = math.pi / self.n
         cos = np.full_like(i, -math.cos(half))
         sin = np.full_like(i, -math.sin(half))
@@ -263,6 +266,9 @@ class Ikaros(FoldMap):
         together, the seams outside. Of the turns, which enclose each other, the inner ones are
         shorter.  Tips stand out radially; outer layers bend outwards earlier, so that layers stay
         apart and none is stretched.
+
+        N is the number of columns on an arm, p the column on the hub, counted from where the
+        trapezoid begins, and r [m] the distance from the axis of the hub.
 
         Args:
             i: column of each point (n,), 0 in the middle of its trapezoid.

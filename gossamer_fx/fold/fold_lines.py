@@ -110,6 +110,9 @@ def find_lines(folds: Map, mesh: Mesh) -> list[FoldLine]:
 
     Collective.
 
+    X (n, 3) [m] are the points of the mesh on this rank, ghosts included; `shut` and `ajar` are
+    their positions [m] on the closed map and on the map that is opened a little.
+
     Args:
         folds: map from the flat film to a folded shape.
         mesh: of the flat film.
@@ -177,6 +180,7 @@ def _check_mesh(folds: Map, mesh: Mesh) -> None:
         f"{folds.called}: the mesh has no plane triangles; mesh the flat film with triangles of "
         "order 1.",
     )
+    # Coordinates (n, 3) [m] of this rank's points, ghosts included
     X = domain.geometry.x
     height = np.abs(X[:, 2]).max(initial=0.0)
     size = np.abs(X).max(initial=0.0)

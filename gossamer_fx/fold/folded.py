@@ -62,6 +62,8 @@ class Folded:
     def positions(self) -> Array:
         """Return the folded positions (n, 3) [m] of this rank's nodes of the film.  Collective.
 
+        X (n, 3) [m] are the nodes on the flat film, R (3, 3) is the rotation by `turn`.
+
         Raises:
             InputError: on all ranks, if the map is for a film of another size, or gives positions
                 that are not finite.

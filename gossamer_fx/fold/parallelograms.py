@@ -80,6 +80,9 @@ class Miura(FoldMap):
         """Sizes of a folded parallelogram: height H, length S along x and L along y, shift V [m].
 
         Schenk & Guest, Proc. Natl. Acad. Sci. 110 (2013) 3276, equations 1 to 4.
+
+        a and b are the sides [m] of the parallelogram, γ is the angle between them, and θ is 0 for
+        a flat and π/2 for a closed sheet, both [rad].
         """
         cos_θ = math.cos(self.theta)
         tan_γ = math.tan(self.gamma)
@@ -108,6 +111,7 @@ class Miura(FoldMap):
         Returns:
             both ends (x, y) [m] of each segment; lines along x may reach beyond the rectangle.
         """
+        # b is the length [m] of the sides that form the zigzags, a of those along y.
         width = self.b * math.sin(self.gamma)
         rise = self.b * math.cos(self.gamma)
         first_column = math.floor(low[0] / width)
@@ -131,6 +135,9 @@ class Miura(FoldMap):
         """Unit directions (3, 3), as columns, into which the first parallelogram is folded.
 
         They are those of x, of y and of the normal on the flat sheet.
+
+        H, S, L and V are height, lengths along x and y and shift [m] of a folded parallelogram, see
+        `sizes`; a and b are its sides [m].
         """
         H, S, L, V = self.sizes
         along = np.array([0.0, L, H]) / self.a
@@ -142,6 +149,10 @@ class Miura(FoldMap):
 
     def place(self, X: Array, side: Array) -> Array:
         """Return the folded positions of points of a flat sheet of parallelograms, Miura's fold.
+
+        H, S, L and V are height, lengths along x and y and shift [m] of a folded parallelogram, see
+        `sizes`; u and v are the coordinates of the points in parallelograms, and p their folded
+        positions (n, 3) [m].
 
         Args:
             X: points (n, 3) [m] in the plane z = 0.

@@ -135,6 +135,9 @@ class Star(FoldMap):
         """Return the coordinates of points of a ring in the sector of the polygon's corner that
         they belong to.
 
+        In the code c and d are cosine and sine of the turn of a sector, ρ [m] and ψ [rad] the polar
+        coordinates of a point about the corner.
+
         Args:
             X: points (n, 3) [m] of the flat ring.
 
@@ -201,6 +204,7 @@ class Star(FoldMap):
         from_outside = np.where(is_behind > 0, 2 - depth, depth)
         layer = 2 * j - from_outside * np.minimum(j, 1.0)
         angle = 2 * math.pi / self.n * (k + j + 0.5)
+        # Distance from the axis [m]
         r = self.radius + self.gap * layer
         result: Array = r[:, None] * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
         return result

@@ -81,6 +81,7 @@ class Bent:
         )
         length = np.linalg.norm(normal, axis=1, keepdims=True)
         safe_length = np.where(length > SMALLEST_NORMAL, length, 1.0)
+        # Positions on the bent line
         p = positions[after] + (x - starts[after])[:, None] * t_after
         return p, normal / safe_length
 
@@ -115,6 +116,7 @@ class Strip(FoldMap):
         Returns:
             positions (n, 3) [m].
         """
+        # p are positions (n, 2) [m] on the bent line.
         p, normal = self.bent.at(X[:, 0])
         p = p + (side * self.thickness(X))[:, None] * normal
         z = p[:, 1] + side * self.shift(X)

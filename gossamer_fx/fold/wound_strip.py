@@ -129,6 +129,7 @@ class Spiral(FoldMap):
             layer: layers (n,) from the innermost one of its turn.
         """
         turns = i / self.around
+        # Distance from the axis of the hub [m]
         r = self.radius + self.gap * (layer + (self.rows + 1) * turns)
         angle = 2 * math.pi * turns
         corner: Array = r[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)

@@ -158,6 +158,10 @@ class OrthotropicBending:
     def moment(self, H: Expr) -> Expr:
         """Return the moments (2, 2) [N] of curvatures, both in the frame of the mesh.
 
+        Q (2, 2) has the axes of the material as columns, κ [1/m] and M1, M2, M12 [N] are curvature
+        and moments in these axes; D11, D12, D22, D66 [N m] are the bending stiffnesses, M12 the
+        twisting moment.
+
         Args:
             H: curvatures (2, 2) [1/m], a symmetric UFL expression.
         """
@@ -176,6 +180,9 @@ class OrthotropicBending:
 
 def curvature(x: Expr, B: Expr) -> Expr:
     """Return the curvature κ = n·D²x (2, 2) [1/m] of the moved surface, n its unit normal.
+
+    F (3, 2) [-] has the derivatives of x along the two vectors of B as columns, H (3, 2, 2) [1/m]
+    its second derivatives; a and b number the vectors of B.
 
     Args:
         x: positions (3,) [m] of order 2; with those of order 1 it is zero.
@@ -236,6 +243,9 @@ class Bending:
 
         The bending energy is half of the form with w = x.
 
+        H and G are the second derivatives (3, 2, 2) of x and w in the frame `_B` (3, 2) of the
+        mesh.
+
         Args:
             x: positions (3,) [m] of order 2.
             w: test function (3,), like x.
@@ -254,6 +264,8 @@ class Bending:
 
         It has moments times jumps of slopes, and a penalty on the jumps: second term of (1) of the
         module.
+
+        In the code s [N] is the factor of the penalty in (1) of the module.
 
         Args:
             x: positions (3,) [m] of order 2.
@@ -283,6 +295,8 @@ class Bending:
         direction.
 
         With a rest curvature it has the part of `rest_clamp`, too.
+
+        In the code s [N] is the factor of the penalty in (1) of the module.
 
         Args:
             x: positions (3,) [m] of order 2.
@@ -339,6 +353,9 @@ class Bending:
 
         M0 [N] is the moment of the rest curvature, n = x,1 × x,2 the normal in the frame of the
         mesh.
+
+        F (3, 2) are the first and H (3, 2, 2) the second derivatives of x in the frame `_B` of the
+        mesh; a and b number its two directions.
 
         Args:
             x: positions (3,) [m] of order 2.
@@ -401,6 +418,9 @@ class Bending:
 
     def _edge_moment(self, x: Expr) -> Expr:
         """Bending moment m(x) (3,) [N] across the edge, for each component of the positions.
+
+        H are the second derivatives (3, 2, 2) of x in the frame `_B` (3, 2) of the mesh, M (2, 2)
+        the moment of one component.
 
         Args:
             x: positions (3,) [m] of order 2, or a test function like it.

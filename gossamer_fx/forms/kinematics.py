@@ -38,6 +38,7 @@ def frame(mesh: Mesh) -> Expr:
     >>> frame(triangles).ufl_shape
     (3, 2)
     """
+    # Jacobian (3, 2): its columns are the edges of the cell; t1 and t2 are the columns of B.
     J = ufl.Jacobian(mesh)
     normal = ufl.cross(J[:, 0], J[:, 1])
     t1 = J[:, 0] / ufl.sqrt(ufl.dot(J[:, 0], J[:, 0]))
@@ -69,6 +70,7 @@ def green_lagrange(F: Expr) -> Expr:
     >>> [round(component(()), 3) for component in green_lagrange(stretched)]
     [0.105, 0.0, 0.0]
     """
+    # Right Cauchy-Green tensor (2, 2)
     C = ufl.dot(F.T, F)
     return ufl.as_vector(
         [
@@ -120,6 +122,8 @@ def tension(S: Expr) -> Expr:
     """
     # `half_trace_and_radius` takes a strain, whose third component is twice the shear.
     h, r = half_trace_and_radius(ufl.as_vector([S[0], S[1], 2 * S[2]]))
+    # h and r are centre and radius of Mohr's circle of the stress; `high` and `low` the tensile
+    # parts of the principal stresses.
     high = ufl.max_value(h + r, 0.0)
     low = ufl.max_value(h - r, 0.0)
     # The principal directions stay: the deviator is scaled by the ratio of the new radius to the
@@ -165,6 +169,7 @@ def beam_strain(q: Expr) -> Expr:
     Args:
         q: x [m], d2 and d3 [-], one after the other, shape (9,), on a mesh of line elements.
     """
+    # Derivatives along the beam of x, d2 and d3, named dx, dd2 and dd3
     dq = line_derivative(q)
     dx, dd2, dd3 = _three_vectors(dq)
     _, d2, d3 = _three_vectors(q)

@@ -135,6 +135,7 @@ def with_derivative(S: Expr, e: Expr) -> Expr:
     (6,)
     """
     m = S.ufl_shape[0]
+    # Derivative (m, m): D[i, j] = dS_i/de_j
     D = ufl.diff(S, e)
     components = [S[i] for i in range(m)]
     components += [D[i, j] for i in range(m) for j in range(m)]
@@ -150,6 +151,9 @@ def within_cone(
     """Interval (start, end) of the path from e0 to e1 on which h + margin ≥ m r.
 
     Here h and r are centre and radius of Mohr's circle of the strain.  All are UFL expressions.
+
+    h0, d0 and h1, d1 are centre and deviator (2,) of both ends, |d| = r. With s from 0 to 1, q(s) =
+    (h + margin)² - m² r² = A s² + 2 B s + C is positive inside the cone and its opposite one.
 
     Args:
         e0: strain (3,) at s = 0, as (E11, E22, 2 E12), dimensionless.
@@ -248,6 +252,10 @@ def mean_gradient(ea: Expr, eb: Expr) -> Expr:
 
     Here h and r are centre and radius of Mohr's circle; equations (4) to (8) of the module.  The
     result is finite also for ea = eb and for paths through r = 0.
+
+    In the code a and b denote both ends: h is the centre and (x, y) the deviator, whose norm is r.
+    J0, J1 and J2 are the averages of 1/r, t/r and t²/r over -1 ≤ t ≤ 1, kx and ky half the change
+    of the deviator, k its norm.
 
     Args:
         ea: strain (3,) at the beginning, as (E11, E22, 2 E12), dimensionless.

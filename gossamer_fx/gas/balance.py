@@ -194,6 +194,10 @@ class Balance:
 
         θ says at which part of the step flows are taken: ½ is the middle, 1 the end.
 
+        The start values are kept, without a copy, as `_p0`, `_m0` and `_U0`; `_cv` is the specific
+        heat at constant volume [J/(kg K)]. It must be called before `residual` and the other
+        functions of a step.
+
         Args:
             h: length of the step [s].
             t: time of its middle [s], at which apertures are taken.
@@ -225,6 +229,9 @@ class Balance:
 
         A chamber gains mass by flows, and energy by flows, heat and the work of its enclosure: (1)
         and (2) of the module.
+
+        `_p0` [Pa], `_m0` [kg] and `_U0` [J] are the start values (n,) that `begin` stored, p1 and
+        m1 pressure and mass at the end, and `h` [s] is the length of the step.
 
         Args:
             y: pressures [Pa] and masses [kg] at the end of the step (2n,).
@@ -293,6 +300,8 @@ class Balance:
         volume, and that of flows, which long steps through wide openings amplify.  Nothing is lost
         by this, since the accepted state is summed from the flows.
 
+        `_U0` [J] and `_m0` [kg] are energy and mass (n,) of the chambers at the start of the step.
+
         Args:
             y: pressures [Pa] and masses [kg] (2n,).
             V: volumes (n,) [m³].
@@ -347,6 +356,9 @@ class Balance:
     ) -> None:
         """Subtract step length times the derivatives of the flows from those of the balance.
 
+        p [Pa] and T [K] (n,) are the pressures and temperatures that determine the flows; `_m0`
+        [kg] are the masses at the start, `_cv` [J/(kg K)] the specific heat at constant volume.
+
         Args:
             by_y, by_V: derivatives of the residual (2n, 2n) and (2n, n), changed in place.
             y: pressures [Pa] and masses [kg] at the end of the step (2n,).
@@ -391,6 +403,9 @@ class Balance:
     ) -> None:
         """Subtract step length times the derivatives of the heat of the walls from those of the
         balance.
+
+        p1 [Pa] and m1 [kg] are pressure and mass of a chamber at the end, `_cv` [J/(kg K)] the
+        specific heat at constant volume; Q [W] is the heat flow and U1 [J] the energy at the end.
 
         Args:
             by_y, by_V: derivatives of the residual (2n, 2n) and (2n, n), changed in place.
@@ -515,6 +530,7 @@ class Balance:
         upstream_temperature = T[0]
         if p[0].real < p[1].real:
             upstream_temperature = T[1]
+        # `_cp` is the specific heat of the gas at constant pressure [J/(kg K)].
         return mass_flow, self._cp * upstream_temperature * mass_flow
 
     def _heat(
@@ -527,6 +543,9 @@ class Balance:
     ) -> Number:
         """Return the heat flow [W] from a wall into a chamber, at a weighted mean of its
         temperature.
+
+        `_U0` [J] and `_m0` [kg] are energy and mass of the chambers at the start, `_cv` [J/(kg K)]
+        the specific heat of the gas at constant volume.
 
         Args:
             wall: with its temperature [K] and conductance [W/K].
@@ -556,6 +575,10 @@ class Balance:
         The weights are ½ for short steps and near 1 for steps in which pressures equalise, (4) and
         (5) of the module.  The conductances at rest are summed too: they amplify the round-off of
         pressures, see `scales`.
+
+        `_m0` [kg] are the masses at the start, `_cv` [J/(kg K)] is the specific heat at constant
+        volume. Sets `_weights` (n,), `_wall_weights` (one for each wall) and `_amplification` (n,),
+        all dimensionless.
 
         Args:
             p: pressure at the start (n,) [Pa].

@@ -209,6 +209,10 @@ class Loop:
     def __init__(self, ring: Ring, system: Assembly) -> None:
         """Walk once around a ring of film edges, and tabulate the strips that close it; collective.
 
+        `_X0` and `_X1` are the positions [m] (nodes, 3) at the start and at the end of a step, the
+        same on every rank, zero until the first evaluation; `_c` is the compiled C library of the
+        kernels.
+
         Args:
             ring: the closed line of edges.
             system: the equations of the scene, with the coordinates of the film.
@@ -253,6 +257,10 @@ class Loop:
         They are values, times the weight of the point, and derivatives along and across the strip,
         (points, nodes of a strip) each, all dimensionless.
 
+        In the code s and r are the points along and across the strip, from 0 to 1, N and dN values
+        and derivatives of the shape functions along it. Sets `_ds` and `_dr`, the derivatives by s
+        and by r, `_test`, the weighted values, and `_weights`.
+
         Args:
             order: of the film's positions, 1 or 2.
         """
@@ -281,6 +289,9 @@ class Loop:
 
     def _strips_for_kernel(self, nodes: int) -> CStruct:
         """Return the strips that close a ring of film edges as the C structure `ring_strips`.
+
+        `_c` is the C library of the kernels; `_ds` and `_dr` are the derivatives of the shape
+        functions along and across a strip, `_test` their weighted values.
 
         Args:
             nodes: number of the ring's nodes.
@@ -315,6 +326,9 @@ class Loop:
     def _rows_for_kernel(self, strip: Indices, node: Indices) -> CStruct:
         """Return the rows of a ring's tangent that this rank adds as the C structure `ring_rows`.
 
+        A row belongs to one node of one strip, and stands for its three coordinates; `_c` is the C
+        library of the kernels.
+
         Args:
             strip: number of the strip of each row (n,).
             node: which node of that strip the row belongs to (n,).
@@ -344,6 +358,10 @@ class Loop:
 
         With e = a/|a| the change of |a| is e·δa, and with the tangents x,s and x,r of the ring's
         strips e·δa = ∫∫ δx,s·(x,r × e) + δx,r·(e × x,s) ds dr.
+
+        In the code xs and xr are these tangents [m] at the quadrature points of all strips, `_ds`
+        and `_dr` the derivatives of the shape functions by s and r. X are the positions (nodes, 3)
+        [m] predicted from the start of the step, at which the area is taken.
 
         Args:
             h: length of the step [s].
@@ -398,6 +416,9 @@ class Loop:
         They are G(q1)·q1, three times its volume, G the gradient of the volume; the sum of the
         sizes of the terms of that, for round-off; and G(q̄)·(q1 - q0), the volume that it sweeps in
         the step.
+
+        `_X0` and `_X1` are the positions (nodes, 3) [m] at the start and at the end of the step.
+        The result, the same on every rank, is stored for the next call.
         """
         if self._products is None:
             at_middle, at_end = self.gradients
@@ -417,6 +438,7 @@ class Loop:
             For each edge +1 if the walk passes it from the first to the second vertex, -1 for the
             opposite direction, 0 if it is not an edge of the ring; (m,).
         """
+        # a and b are the first and second vertex of an edge.
         passed = {(int(a), int(b)) for a, b in self.vertices}
         signs = np.zeros(len(vertices), dtype=np.int64)
         for i in range(len(vertices)):
@@ -450,6 +472,9 @@ class Loop:
         The force is scale · G(q̄), with the gradient G [m²] of the ring's volume and positions q̄ =
         (1 - α) q0 + α q1; its derivative is scale · α · ∂G/∂q.
 
+        X are the positions q̄ (nodes, 3) [m], a_ij a vector [m] for each pair of nodes i and j,
+        `_c` the C library of the kernels.
+
         Args:
             A: tangent of the system [N/m], changed in place.
             scale: pressure on the strips [Pa], with its sign.
@@ -480,6 +505,8 @@ class Loop:
     def _gradient(self, X: Array) -> Array:
         """Return the gradient of the volume that the ring's strips close, by the positions of its
         nodes.
+
+        G is the gradient, `_c` the C library of the kernels. All ranks compute the whole ring.
 
         Args:
             X: positions (nodes, 3) [m] of the nodes.
@@ -559,6 +586,7 @@ def _cross(a: Array, b: Array) -> Array:
     Args:
         a, b: arrays (..., 3) of one shape.
     """
+    # Components x, y, z of a and of b, each of shape (...).
     ax, ay, az = np.moveaxis(a, -1, 0)
     bx, by, bz = np.moveaxis(b, -1, 0)
     products = [

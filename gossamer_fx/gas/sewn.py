@@ -72,6 +72,10 @@ class SeamStrip:
         """Divide the strip between two edges at the nodes of both, and tabulate its shape
         functions.
 
+        `_X0` and `_X1` (n, k, 3) are the positions [m] of the nodes of the segments at the start
+        and at the end of a step, zero until they are set; volumes and gradients are those of
+        `follow`. Collective.
+
         Args:
             line_a, line_b: nodes along both edges of a seam, in the same direction, with their
                 fractions of arc length [-].
@@ -131,6 +135,11 @@ class SeamStrip:
         """Tabulate the shape functions of a strip along a seam: n segments, g points, k nodes, (n,
         g, k).
 
+        s and r are the points along and across a segment, from 0 to 1; ξ0 and ξ1 are the local
+        coordinates of its ends on an edge, ξ those of its points. N and dN are shape functions and
+        their derivatives. Sets `_test`, the weighted values, `_ds` and `_dr`, the derivatives along
+        and across, and the ends of the segments.
+
         Args:
             line_a, line_b: both edges of the seam.
             cuts: fractions of arc length [-], ascending from 0 to 1, at which segments begin and
@@ -165,6 +174,9 @@ class SeamStrip:
     def follow(self) -> None:
         """Evaluate volume [m³], swept volume [m³] and gradients [m²] of the strip for the iterate's
         end q1. Collective.
+
+        `_X0` and `_X1` (n, k, 3) are the positions [m] of the nodes at the start and at the end of
+        the step. The attributes are the same on every rank.
         """
         self._X1 = self._gather(self._system.q1)[0]
         self._at_end = self._gradient(self._X1)
@@ -212,6 +224,9 @@ class SeamStrip:
 
         The force is scale · G(q_mid), with the gradient G [m²] of the strip's volume and positions
         q_mid = (1 - α) q0 + α q1; its derivative is scale · α · ∂G/∂q.
+
+        xs and xr are the tangents [m] along and across the strip at its points, `_ds` and `_dr` the
+        derivatives of the shape functions in these directions.
 
         Args:
             A: tangent of the system [N/m], changed in place.
@@ -328,6 +343,7 @@ class SewnEnclosure:
                 the surface is open.
         """
         passed = self._directions(lines)
+        # a and b number the films on both sides of a seam.
         numbers = {id(film): k for k, film in enumerate(self.films)}
         signs = [0.0] * len(self.films)
         signs[0] = 1.0
@@ -384,6 +400,7 @@ class SewnEnclosure:
             count, directions = table.tally(self.cells(film))
             is_twisted += int(((count == 2) & (directions != 0)).sum())
             ends = table.ends
+            # Number of the edge of this rank from its first to its second vertex, a and b
             at = {(int(ends[i, 0]), int(ends[i, 1])): i for i in range(table.owned)}
             for k, both in enumerate(lines):
                 for side, line in enumerate(both):

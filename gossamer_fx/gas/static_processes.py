@@ -101,6 +101,7 @@ class HeldPressureBalance(Balance):
         """
         n = self._n
         heat_factor = self._gas.gamma - 1
+        # `_p0` (n,) [Pa] are the pressures at the start of the step, which are held.
         excess_pressure = y[:n] - self._p0
         # Each chamber's equations contain its own pressure, mass and volume only.
         by_y = np.diag(np.concatenate([V / heat_factor, np.ones(n)]))

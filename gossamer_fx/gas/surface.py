@@ -132,6 +132,7 @@ class FilmSurface:
         self._x = fem.Function(film.space)
         self._pressure = fem.Function(constants)
 
+        # w is a test function, or another vector field, on the film.
         def flux(x: Any, w: Any) -> Any:
             return ufl.dot(area_vector(film.deformation(x)), w)
 
@@ -199,6 +200,10 @@ class FilmSurface:
         iterated. Collective.
 
         The rings of the chambers have to be evaluated before.  The first call compiles the forms.
+
+        q0 and q1 are the positions [m] of the nodes at the start and at the end of the step, c is
+        the index of a chamber. Sets `volume`, `magnitude` and `swept` (chambers,) [m³], summed over
+        all ranks, and clears the stored totals of gradients.
         """
         if self._form is None:
             self._compile()
@@ -250,6 +255,9 @@ class FilmSurface:
     def _gradient(self, share: float) -> Array:
         """Return the gradient of enclosed volumes from this rank's triangles, at the nodes of each
         chamber.
+
+        The vector of parts is one of this rank, ghost values included; `_sum` is the sparse matrix
+        that adds the parts of the cells at each node.
 
         Args:
             share: of the end q1 in the positions (1 - share) q0 + share q1 [-].

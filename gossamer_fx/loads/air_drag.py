@@ -90,6 +90,8 @@ class AirDrag:
         mesh = film.space.mesh
         half_ρC = constant(mesh, self.density * self.drag_coefficient / 2)
         # Still air has no term for the work of a wind, which would cost an integral a step.
+        # u is the velocity of the wind (3,) [m/s], v that of the film, ρ the density and C the drag
+        # coefficient.
         u = None
         if any(self.wind):
             u = fem.Constant(mesh, tuple(map(float, self.wind)))

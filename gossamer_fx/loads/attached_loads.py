@@ -48,6 +48,10 @@ class AttachedLoads(
         """Compile accelerations of bodies, e.g. gravity, as loads on masses that are attached to
         these bodies.  Collective.
 
+        P, offsets and M are the matrices of `attach_all` from coordinates to attached vectors, its
+        constants, and the masses [kg] of these vectors. `_X0` has the attached vectors [m] at the
+        start of a step.
+
         Args:
             terms: accelerations a + A (x - c) of bodies; a [m/s²], A [1/s²], c [m].
             system: the equations of the scene, with the attached masses.
@@ -69,6 +73,10 @@ class AttachedLoads(
     def _add(self, term: AttachedLoad, masses: AttachedKineticEnergy, system: Assembly) -> None:
         """Prepare the acceleration of a body as a load on masses that are attached to it, if any
         is.
+
+        In the code P and o give the k attached vectors (3k,) of a tuple from its coordinates, as P
+        q + o; M (n, 3k, 3k) [kg] are the masses, A (n, 3k, 3k) [1/s²] and a (n, 3k) [m/s²] the
+        acceleration of these vectors. n counts the tuples that this rank evaluates.
 
         Args:
             term: the acceleration a + A (x - c) of the body.
@@ -109,8 +117,12 @@ class AttachedLoads(
         return [np.einsum("nax,nx->na", P, values) + o for (P, o, _, _), values in pairs]
 
     def _forces(self) -> list[Array]:
-        """Return the forces on the attached vectors of each term in the middle of the step.
-        Collective.
+        """Return the forces on the attached vectors of each term at the point of the
+        step where forces act.  Collective.
+
+        M [kg] are the masses, a [m/s²] and A [1/s²] the constant and the linear part of the
+        acceleration. α is the weight of the end of the step, ½ for the midpoint rule and 1 for
+        forces at the end.
 
         Returns:
             for each term (n, 3k) [N]: n masses with k vectors each.

@@ -95,6 +95,9 @@ class Centrifugal:
         """Yield terms of the equations: the load on masses of meshes and nodes, and on those
         attached to the body. Collective.
 
+        Ω is the angular velocity [rad/s], c the centre (3,) [m], r = x - c, and A (3, 3) [1/s²] the
+        matrix from r to the acceleration.
+
         Args:
             start: the initial state of the scene, from which the masses of the body follow.
         """
@@ -130,6 +133,7 @@ class Centrifugal:
         rotation = fem.Constant(mesh, A)
         centre = fem.Constant(mesh, np.concatenate([c, np.zeros(size - 3)]))
 
+        # q are coordinates of the body, w test functions and r = q - centre.
         def work(q: Expr, w: Expr) -> ufl.Form:
             """Virtual work [J] at coordinates q along test functions w."""
             r = q - centre

@@ -90,6 +90,9 @@ class Damping:
 
         With `tension_only` also the stiffness of the film at the start of each step, as a term.
 
+        α [1/s] is the factor on the mass, β [s] that on the stiffness, v are the rates of the
+        coordinates; e_rate or ė is the rate of the strain measures, C the stiffness.
+
         Args:
             start: the initial state of the scene, which damping does not need.
         """

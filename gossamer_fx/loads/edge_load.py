@@ -140,6 +140,9 @@ class EdgeLoad:
 
         In a run a force that is a function of time is checked: InputError if it raises or returns
         other than three finite numbers.
+
+        ds and dS are the measures of the edges on the rim and of those inside the film, w test
+        functions, and `at` sets f at a time.
         """
         force = self.force
         name = self.name
@@ -176,6 +179,8 @@ class EdgeLoad:
 
         In a run a force that is a function of time is checked: InputError if it raises or returns
         other than a finite number.
+
+        In the code f has the value of p, and `at` sets it at a time.
         """
         film = self.body
         value = self.normal_force

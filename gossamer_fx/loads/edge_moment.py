@@ -81,8 +81,14 @@ class EdgeMoment:
         In a run a moment that is a function of time is checked: InputError if it raises or returns
         other than a finite number.
 
+        In the code m is the moment per length of the edge [N], x are positions of the plate and w
+        test functions.
+
         Args:
             start: the initial state of the scene, which this load does not need.
+
+        Raises:
+            InputError: the mesh has no group of curves with the name of the edges.
         """
         plate = self.body
         value = self.moment

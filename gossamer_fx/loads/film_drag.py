@@ -44,6 +44,7 @@ class Drags(Loads, Dissipation):
         self._lost: list[fem.Form] = []
         self._given: list[fem.Form] = []
         for term, at in zip(terms, coordinates, strict=True):
+            # Mean velocity [m/s] of the step
             v = rate_of(at)
             relative = v
             if term.wind is not None:

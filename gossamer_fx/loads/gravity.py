@@ -76,6 +76,7 @@ class Gravity:
             elif isinstance(part, NodeKineticEnergy):
                 yield from self._on_points(part)
         # Masses that other items attach are not among the terms of the body; the system knows them.
+        # Acceleration of gravity (3,) [m/s²]
         g = np.asarray(self.g, dtype=float)
         yield AttachedLoad(f"{self.name} (attached)", self.body, g, np.zeros((3, 3)), np.zeros(3))
 
@@ -89,6 +90,7 @@ class Gravity:
         size = part.body.block.size
         # Directors of a beam are directions: a uniform acceleration does not turn them.
         on_directors = (0.0,) * (size - 3)
+        # g (3,) [m/s²] is the acceleration of gravity; w below are test functions.
         g = tuple(float(c) for c in self.g)
         # A constant, so that another g needs no new kernel.
         acceleration = fem.Constant(part.body.space.mesh, g + on_directors)
@@ -110,6 +112,7 @@ class Gravity:
                 nodes.
         """
         # Point loads name global nodes and are the same on every rank; such bodies have few nodes.
+        # `g` (3,) [m/s²] is the acceleration of gravity.
         masses = np.concatenate(part.body.comm.allgather(part.mass))
         for node, mass in enumerate(masses):
             ports = tuple(

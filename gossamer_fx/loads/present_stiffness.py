@@ -5,54 +5,162 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import basix.ufl
 import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, la
+from petsc4py import PETSc
 
 from gossamer_fx.forms.backend import interpolation_points, tabulate
-from gossamer_fx.forms.compilation import compile_expression
+from gossamer_fx.forms.compilation import compile_expression, compile_form
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.strain_path import gradient
-from gossamer_fx.model.body import MeshBody
-from gossamer_fx.model.roles import OnMeshes, StateObserver
+from gossamer_fx.model.body import Array, MeshBody
+from gossamer_fx.model.roles import (
+    ExchangesEnds,
+    OnMeshes,
+    ResidualForms,
+    Reversible,
+    StartDerivatives,
+    StateObserver,
+    TabulatedCoefficients,
+    WithoutParameters,
+    playing,
+)
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.element_energies import thermal_strain_of
 
 STRAINS = 3  # E11, E22, 2 E12
 
 
-class PresentStiffnesses(OnMeshes, StateObserver, CompiledTerms["PresentStiffness"]):
+class PresentStiffnesses(
+    OnMeshes,
+    StateObserver,
+    TabulatedCoefficients,
+    ExchangesEnds,
+    StartDerivatives,
+    Reversible,
+    WithoutParameters,
+    CompiledTerms["PresentStiffness"],
+):
     """All `PresentStiffness` terms of a scene: evaluated whenever a state is accepted."""
 
     def __init__(self, terms: Sequence[PresentStiffness], system: Assembly) -> None:
         """Compile the stiffness C = ∂S/∂e [N/m] at the present strain, for each term.  Collective.
 
         Args:
-            terms: each stores C at the quadrature points of one film; `commit` sets it.
-            system: the equations of the scene, with coordinates and thermal strains at the start of
-                a step.
+            terms: of the scene.
+            system: the compiled scene.
         """
+        self._system = system
+        self._terms = terms
         self._made = []
         for term in terms:
-            strain = term.measure(system.fields[term.body].q0)
-            thermal = thermal_strain_of(system, term.body)
-            if thermal is not None:
-                strain -= thermal.start
-            e = ufl.variable(strain)
-            S = gradient(term.density, e)
-            C = ufl.diff(S, e)
-            entries = ufl.as_vector([C[i, j] for i in range(STRAINS) for j in range(STRAINS)])
+            entries = self._entries(term, system.fields[term.body].q0)
             points = interpolation_points(term.values.function_space)
             cells = term.body.space.mesh.topology.index_map(2)
             every = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
             self._made.append((term, compile_expression(entries, points), every))
+        # Of gradients, made at the first use.
+        self._products: list[_StartProduct] | None = None
+
+    def _entries(self, term: PresentStiffness, q: Expr) -> Expr:
+        """The nine entries of C at coordinates q of the body, row by row, as a UFL vector."""
+        strain = term.measure(q)
+        thermal = thermal_strain_of(self._system, term.body)
+        if thermal is not None:
+            strain -= thermal.start
+        e = ufl.variable(strain)
+        C = ufl.diff(gradient(term.density, e), e)
+        return ufl.as_vector([C[i, j] for i in range(STRAINS) for j in range(STRAINS)])
 
     def commit(self) -> None:
         for term, expression, cells in self._made:
             tabulate(expression, term.values, cells)
+
+    # ---- sensitivities ---------------------------------------------------------------------------
+
+    def expressions(self) -> dict[fem.Function, Expr]:
+        """C at the start of the step by the function that has its values."""
+        found = {}
+        for term in self._terms:
+            found[term.values] = self._entries(term, self._system.fields[term.body].q0)
+        return found
+
+    def save_active_set(self) -> None:
+        """Return nothing: C follows from the start of a step."""
+
+    def load_active_set(self, saved: None) -> None:
+        """Nothing to load."""
+
+    def activate_present(self) -> None:
+        """C is that of the accepted state already."""
+
+    def exchange_ends(self) -> None:
+        """Keep C: that of the reversed step is the one of the step."""
+
+    def add_start_derivatives(
+        self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        system = self._system
+        if self._products is None:
+            self._products = []
+            for term in self._terms:
+                stand_in = fem.Function(term.body.space)
+                entries = self._entries(term, stand_in)
+                self._products.append(_StartProduct(term, stand_in, entries, system))
+        for product in self._products:
+            body = product.term.body
+            owned = system.block(body).owned
+            at = system.fields[body]
+            at.take(product.μ, μ.array_r[owned])
+            forces = product.assemble(at.q0)
+            with by_position as values:
+                at.add_forces(forces, values[owned])
+
+
+class _StartProduct:
+    """(∂f/∂C ∂C/∂q0)ᵀ μ of the forces f that use the stiffness C of one term, compiled.
+
+    Args:
+        term: whose stiffness it is.
+        stand_in: function in place of q0, so that other parts of the forces are not derived.
+        entries: of C at this function.
+        system: the compiled scene, with the forms of all forces.
+
+    Attributes:
+        μ: the adjoint vector as a function on the body.
+    """
+
+    def __init__(
+        self, term: PresentStiffness, stand_in: fem.Function, entries: Expr, system: Assembly
+    ) -> None:
+        """Compile the derivatives of all forms with C."""
+        self.term = term
+        self.μ = fem.Function(term.body.space)
+        self._stand_in = stand_in
+        self._forms = []
+        test = ufl.TestFunction(term.body.space)
+        # All kinds are compiled when a gradient asks.
+        compiled = cast(Any, system).compiled
+        for kind in playing(ResidualForms, compiled):
+            for form in kind.residual_forms(term.body, self.μ):
+                if any(function is term.values for function in form.coefficients()):
+                    with_entries = ufl.replace(form, {term.values: entries})
+                    self._forms.append(compile_form(ufl.derivative(with_entries, stand_in, test)))
+        dofs = term.body.space.dofmap
+        self._vector = la.vector(dofs.index_map, dofs.index_map_bs)
+
+    def assemble(self, q0: fem.Function) -> Array:
+        """Return the product on the nodes of this rank, owned and ghost; q0 at the start."""
+        self._stand_in.x.array[:] = q0.x.array
+        self._vector.array[:] = 0
+        for form in self._forms:
+            fem.assemble_vector(self._vector.array, form)
+        self._vector.scatter_reverse(la.InsertMode.add)
+        return self._vector.array
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,6 +73,7 @@ class Pressure:
         film = self.body
         value = self.pressure
         mesh = film.space.mesh
+        # p [Pa] is the given pressure; `at` below sets it at a time.
         p = constant(mesh, 0.0 if callable(value) else value)
         # A function of time belongs to its user; a gradient has the number that multiplies it.
         factor = constant(mesh, 1.0) if callable(value) else None

@@ -207,6 +207,9 @@ class Elastica(IsotropicFilm):
         """Check the arguments, and fit the cubic of the buckled strip, whose wrinkles the law
         describes.
 
+        Sets `onset`, the strain at which the strip buckles [-], and the coefficients c1, c2, c3 [-]
+        of the cubic law of its load, see `cubic`.
+
         Raises:
             InputError: a modulus, density or thickness that is not positive, nu outside (-1, 0.5],
                 or a half wavelength [m] of not more than 10 π thicknesses.
@@ -229,6 +232,10 @@ class Elastica(IsotropicFilm):
 
     def energy(self, e: Expr, c: Any) -> Expr:
         """Stored energy W per reference area [J/m²] of a strain, as a UFL expression.
+
+        h and r are centre and radius of Mohr's circle of e, γ1 ≥ γ2 the principal strains; f = γ2 +
+        ν γ1 is the strain [-] across the direction of the larger stress, with ν the ratio of
+        Poisson.
 
         Args:
             e: Green-Lagrange strain (E11, E22, 2 E12) [-].
@@ -254,6 +261,10 @@ class Elastica(IsotropicFilm):
 
     def state(self, e: Expr, c: Any) -> Expr:
         """State of the film at a strain, `TAUT`, `WRINKLED` or `SLACK`, as a UFL expression.
+
+        h and r are centre and radius of Mohr's circle of e, γ1 ≥ γ2 the principal strains; f = γ2 +
+        ν γ1 is the strain [-] across the direction of the larger stress, with ν the ratio of
+        Poisson.
 
         Args:
             e: Green-Lagrange strain (E11, E22, 2 E12) [-].

@@ -303,6 +303,10 @@ class Miyazaki(IsotropicFilm):
         Taut strains, f1 ≥ 0, are the cone h ≥ (1-ν)/(1+ν) r; slack strains, f2 ≤ 0, the cone -h ≥
         (1-uν)/(1+uν) r, with centre h and radius r of Mohr's circle.  The rest is wrinkled.
 
+        ν is Poisson's ratio and u the residual stiffness, the ratio of the stiffness in
+        compression to that in tension; f1 = γ2 + ν γ1 and f2 = γ1 + u ν γ2 with the principal
+        strains γ1 ≥ γ2. a and b are the ends of a piece.
+
         Args:
             e0, e1: strains (E11, E22, 2 E12) [-] at the start and at the end of a step.
             c: the numbers of the law as UFL constants.
@@ -347,6 +351,9 @@ class Miyazaki(IsotropicFilm):
         With γ1 = h + r the energy is quadratic except for a multiple of h r, with centre h and
         radius r of Mohr's circle.
 
+        ν is Poisson's ratio, u the residual stiffness [-], γ1 the larger principal strain; tr is
+        the trace of a strain and det its determinant.
+
         Args:
             ea, eb: strains (E11, E22, 2 E12) [-] at both ends of the path.
             c: the numbers of the law as UFL constants.
@@ -389,6 +396,10 @@ class Miyazaki(IsotropicFilm):
 
     def _by_state(self, e: Expr, c: Any, taut: Expr, wrinkled: Expr, slack: Expr) -> Expr:
         """One of three expressions, by the state of the film at a strain.
+
+        h and r are centre and radius of Mohr's circle, γ1 ≥ γ2 the principal strains. The film is
+        taut if f1 = γ2 + ν γ1 ≥ 0, to round-off, and otherwise wrinkled if f2 = γ1 + u ν γ2 > 0,
+        with u the residual stiffness [-].
 
         Args:
             e: strain (E11, E22, 2 E12) [-].

@@ -346,6 +346,10 @@ class Orthotropic(LinearOrthotropic):
         The direction of tension is found by a grid of directions and bracketed steps of Newton; one
         further step carries its derivative.
 
+        t is the direction of tension, `strain` and F are its strain [-] and compliance [m/N] with
+        two derivatives by the angle, φ is a quantity that is zero at the direction of tension, and
+        u is the residual stiffness [-].
+
         Args:
             e: Green-Lagrange strain (E11, E22, 2 E12) [-] in the film's frame.
             c: the numbers of the law as UFL constants, with cosine and sine of the angle of its
@@ -414,6 +418,7 @@ def in_axes(e: Expr, c: Any) -> Expr:
         e: strain (3,), dimensionless; of a stress give twice the shear.
         c: with cosine and sine of the angle of the first axis in the film's frame.
     """
+    # Squares and product of cosine and sine
     c2 = c.cosine**2
     s2 = c.sine**2
     cs = c.cosine * c.sine
@@ -448,6 +453,9 @@ def _taut_stress(e: Expr, c: Any) -> Expr:
 def _by_state(e: Expr, c: Any, taut: Expr, wrinkled: Expr, slack: Expr) -> Expr:
     """Choose one of three expressions by the state of the film: taut, wrinkled or slack.
 
+    S is the stress [N/m] of a taut film, S1 and S2 its normal components raised by a margin for
+    round-off. It is tensile if trace and determinant of S are not negative.
+
     Args:
         e: strain (E11, E22, 2 E12) [-] in the axes of the film.
         c: the numbers of the law as UFL constants.
@@ -474,6 +482,8 @@ def _without_variables(e: Expr) -> Expr:
 def _strain_along(e: Expr, t: tuple[Expr, Expr]) -> tuple[Expr, Expr, Expr]:
     """Strain e_tt along a direction t, and its first and second derivatives by the angle of t.
 
+    In the code c and s are the cosine and sine.
+
     Args:
         e: strain (E11, E22, 2 E12) [-] in the axes of the law.
         t: cosine and sine of the angle of the direction.
@@ -493,6 +503,9 @@ def _compliance_along(t: tuple[Expr, Expr], c: Any) -> tuple[Expr, Expr, Expr]:
 
     F is the inverse of the stiffness C of taut film; F_tt is the strain along t of a unit stress
     t⊗t.
+
+    F11, F22 and K [m/N] are the coefficients of c⁴, s⁴ and c² s² in F_tt; c2 and s2 are the squares
+    of cosine c and sine s.
 
     Args:
         t: cosine and sine of the angle of the direction in the axes of the law.
@@ -524,6 +537,9 @@ def _tension_direction(e: Expr, c: Any) -> tuple[Expr, Expr]:
 
     e_tt > 0 is the strain along t, F_tt the compliance [m/N] along t.  The angle is found about the
     best one of a grid, by bracketed steps of Newton.
+
+    φ has the sign of the derivative of e_tt²/F_tt by the angle and is zero at the maximum. `strain`
+    and F are the values of e_tt and F_tt with their first and second derivatives by the angle.
 
     Args:
         e: strain (E11, E22, 2 E12) [-] in the axes of the law, without variables of UFL.

@@ -437,6 +437,17 @@ class ExchangesEnds(Protocol):
 
 
 @runtime_checkable
+class TabulatedCoefficients(Protocol):
+    """Fills functions of forms with values at quadrature points."""
+
+    @abstractmethod
+    def expressions(self) -> dict[fem.Function, Any]:
+        """UFL expressions of which the functions have the values, so that forms with them can be
+        derived."""
+        ...
+
+
+@runtime_checkable
 class StartDerivatives(Protocol):
     """Has forces that differ in the reversed step, and knows their derivatives by the start of a
     step.
@@ -470,8 +481,13 @@ class HistoryAdjoint(Protocol):
 
     @abstractmethod
     def add_energy_by_history(self, share: float) -> None:
-        """Subtract a share of ∂ψ/∂s of the stored energy at q0 from the sums."""
+        """Take a share of ∂ψ/∂s of the stored energy at q0 into the sums."""
         ...
+
+    # Most history variables follow from the start of a step only.
+    def add_end_derivatives(self, by_position: PETSc.Vec) -> None:
+        """Add what later steps give for the end of the solved step, of which s is a function."""
+        return
 
 
 @runtime_checkable

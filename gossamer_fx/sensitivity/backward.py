@@ -55,8 +55,12 @@ step, are left out of the reversed step.  They give their products (∂f/∂q0)�
 themselves (`roles.StartDerivatives`).  Products by history variables, e.g. by a torque that is held
 over several steps, are summed up from the last step to the one in which the variable was set.
 
-Limits.  Yielding depends on the history and is refused.  In chaotic motion the derivatives grow
-exponentially with the number of steps (`sensitivity.transient`).
+History variables that follow from the end of a step, e.g. the rest angle of a fold that slips, add
+to a before (3) is solved (`roles.HistoryAdjoint`).
+
+Limits.  Friction and yielding are piecewise smooth: derivatives are those of the pairs and folds
+that slip in the run.  In chaotic motion the derivatives grow exponentially with the number of steps
+(`sensitivity.transient`).
 """
 
 from __future__ import annotations
@@ -132,6 +136,10 @@ class BackwardSteps:
         """Make the system stand at the end of a recorded step that it has not accepted.
         Collective.
 
+        Args:
+            start: state at the start of the step, with its history variables.
+            end: state at its end, with the length of the step and its contact pairs.
+
         Raises:
             StepFailure: the recorded states do not solve the equations of the scene as it is now.
         """
@@ -159,7 +167,16 @@ class BackwardSteps:
         self.inertia.array[:] = 2 / end.h**2 * self._right_side.array_r
 
     def _check_residual(self, start: Node, end: Node) -> None:
-        """Compare the residual of the repeated step to the change of momentum in it."""
+        """Compare the residual of the repeated step [N] to the change of momentum in it over its
+        length.
+
+        Args:
+            start, end: states at both ends of the step.
+
+        Raises:
+            StepFailure: the residual is more than `MAX_RESIDUAL` of that, as after an event that
+                changed the scene between two steps.
+        """
         system = self._system
         forces, _ = system.imbalance(self._scratch)
         # Without change of momentum nothing can be compared; both velocities are then a fair scale.
@@ -178,9 +195,23 @@ class BackwardSteps:
     # ---- its adjoint -----------------------------------------------------------------------------
 
     def solve(self, start: Node, end: Node, a: PETSc.Vec, b: PETSc.Vec) -> None:
-        """Repeat a step and solve (3) for μ.  Collective."""
+        """Repeat a step and solve (3), with scalar unknowns (7), for the adjoint vector μ.
+        Collective.
+
+        Args:
+            start, end: states at both ends of the step.
+            a, b: derivatives of the result with respect to positions [1/m] and velocities [s/m] at
+                the end of the step, times the unit of the result.  What later steps give through
+                history variables is added to `a`.
+
+        Raises:
+            StepFailure: the recorded states do not solve the step.
+            InputError: the tangent is singular.
+        """
         system = self._system
         self.repeat(start, end)
+        for kind in self._with_history:
+            kind.add_end_derivatives(a)
         A = system.tangent()
         if self._solver is None:
             self._solver = TransposedSolver(A)
@@ -192,7 +223,12 @@ class BackwardSteps:
             self._solve_with_scalars(end.h)
 
     def _solve_with_scalars(self, h: float) -> None:
-        """Replace μ, the solution without scalar unknowns, by that of (7).  Collective."""
+        """Replace μ, the solution without scalar unknowns (e.g. pressures of gas), by that of (7).
+        Collective.
+
+        Args:
+            h: length of the step [s].
+        """
         assert self._solver is not None
         system = self._system
         scalars = self.scalars
@@ -212,8 +248,13 @@ class BackwardSteps:
         scalars.take(ν, self.μ.array_r, h)
 
     def carry(self, start: Node, end: Node, a: PETSc.Vec, b: PETSc.Vec) -> None:
-        """Replace (a, b) by the derivatives with respect to the start of the step; after `solve`.
-        Collective."""
+        """Replace the derivatives with respect to the end of a step by those with respect to its
+        start, by (4) and (5); after `solve`.  Collective.
+
+        Args:
+            start, end: states at both ends of the step.
+            a, b: derivatives with respect to positions and velocities, changed in place.
+        """
         system = self._system
         h = end.h
         c = 2 / h**2
@@ -296,7 +337,11 @@ class ScalarParts:
     """
 
     def __init__(self, system: System) -> None:
-        """Collect the adjoints of the scalar unknowns, and set c to zero."""
+        """Collect the adjoints of the scalar unknowns, and set c to zero.
+
+        Raises:
+            InputError: scalar unknowns without derivatives.
+        """
         self.parts: list[ScalarsAdjoint] = []
         self._sizes: list[int] = []
         for scalars in system.scalar_unknowns:

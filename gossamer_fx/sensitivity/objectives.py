@@ -101,8 +101,18 @@ class Integral:
         self._compiled: tuple[fem.Form, fem.Form] | None = None
 
     def _prepare(self, system: System) -> tuple[fem.Form, fem.Form]:
-        """Value and derivative, compiled at the first use; they read the present positions.
-        Collective."""
+        """Return the forms of the integral and of its derivative, which read the present positions.
+        Collective.
+
+        Args:
+            system: the compiled scene, in the state of which the integral is taken.
+
+        Returns:
+            both forms, compiled at the first use.
+
+        Raises:
+            InputError: the body is not in the scene.
+        """
         check(
             self.body in system.bodies,
             f"Integral: '{self.body.name}' is not in the scene; add it.",
@@ -123,7 +133,13 @@ class Integral:
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Add the derivative by the positions."""
+        """Add the derivative by the positions.  Collective.
+
+        Args:
+            system: the compiled scene in its present state.
+            by_position: vector of the system, to which the derivative is added [unit/m].
+            by_velocity: vector of the system; the integral does not depend on velocities.
+        """
         _, derivative = self._prepare(system)
         dofs = self.body.space.dofmap
         b = la.vector(dofs.index_map, dofs.index_map_bs)
@@ -190,7 +206,12 @@ class Energy:
     ) -> None:
         """Add ψ'(q), the forces of stored energies in a step of no length, and M v.
 
-        The internal energy U = p V/(γ - 1) of a chamber adds p/(γ - 1) ∂V/∂q.
+        The internal energy U = p V/(γ - 1) of a chamber adds p/(γ - 1) ∂V/∂q.  Collective.
+
+        Args:
+            system: the compiled scene in its present state.
+            by_position: vector of the system, to which forces [N] are added.
+            by_velocity: vector of the system, to which momenta [kg m/s] are added.
         """
         forces = system.stored_forces()
         by_position.axpy(1.0, forces)
@@ -340,7 +361,16 @@ class Functional:
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Add the given derivative."""
+        """Add the derivative that the function of the user returns.
+
+        Args:
+            system: the compiled scene in its present state.
+            by_position: vector of the system, to which the derivative is added.
+            by_velocity: vector of the system; the result does not depend on velocities.
+
+        Raises:
+            InputError: an array has not one entry for each coordinate of its body on this rank.
+        """
         found = self._derivative(SceneView(system))
         with by_position as values:
             for body, by_coordinates in found.items():

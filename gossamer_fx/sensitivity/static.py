@@ -53,6 +53,9 @@ class StaticGradients:
     def __init__(self, equilibrium: SolvedEquilibrium, by: Sequence[str]) -> None:
         """Check that the scene has a gradient at an equilibrium, and find the variables.
         Collective.
+
+        Raises:
+            InputError: as the class says.
         """
         system = equilibrium.system
         check(
@@ -87,7 +90,12 @@ class StaticGradients:
         self._solver.factorise(K)
 
     def of(self, objective: Objective) -> Gradient:
-        """The gradient of one result at the equilibrium of the last `factorise`.  Collective."""
+        """Return the gradient of one result at the equilibrium of the last `factorise`.
+        Collective.
+
+        Args:
+            objective: the result, with its derivatives by the coordinates.
+        """
         system = self._system
         assert self._solver is not None
         self._by_position.set(0.0)
@@ -109,8 +117,15 @@ class StaticGradients:
         return collected(value, objective.unit, self.variables, system.comm)
 
     def _explicit_derivatives(self, objective: Objective) -> list[list[FormDerivative]]:
-        """∂J/∂θ of each variable, compiled at the first use; empty where J does not depend on
-        it."""
+        """Return the direct derivatives ∂J/∂θ of a result J by each variable θ, as forms.
+
+        Args:
+            objective: the result J.
+
+        Returns:
+            for each variable the derivatives of the forms of J, compiled at the first use; empty
+            where J does not depend on the variable directly.
+        """
         known = self._explicit.get(id(objective))
         if known is not None:
             return known

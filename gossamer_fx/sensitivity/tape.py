@@ -117,7 +117,12 @@ class RunTape:
     """
 
     def __init__(self, run: RunToRecord, *, memory: float = DEFAULT_MEMORY) -> None:
-        """Check the arguments, which the class describes, and record every step from now on."""
+        """Check the arguments, which the class describes, and record every step from now on.
+        Collective.
+
+        Raises:
+            InputError: as the class says.
+        """
         stepper = run.stepper
         check(
             isinstance(stepper, Midpoint) and isinstance(stepper.rule, PathAverage),
@@ -168,7 +173,12 @@ class RunTape:
             scalars.set_state(state)
 
     def _present(self, index: int, h: float) -> Node:
-        """The accepted state of the system, as a node."""
+        """Return the accepted state of the system as a node of the tape.
+
+        Args:
+            index: number of steps before it.
+            h: length of the step that led to it [s]; zero for the first node.
+        """
         system = self.system
         active_sets = []
         if h > 0:
@@ -288,8 +298,12 @@ class RunTape:
             known.pop()
 
     def _advance(self, node: Node, index: int) -> Node:
-        """Make the recorded steps from a state to the one with a number; returns that one.
+        """Make the recorded steps again from a known state to a later one, and return that one.
         Collective.
+
+        Args:
+            node: the known state.
+            index: number of the step that leads to the wanted state.
 
         Raises:
             StepFailure: a step of the run cannot be made again.

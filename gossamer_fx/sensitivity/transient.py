@@ -58,7 +58,11 @@ class TransientGradients:
     """
 
     def __init__(self, tape: RunTape, by: Sequence[str]) -> None:
-        """Check that the scene has a gradient of runs, and find the variables.  Collective."""
+        """Check that the scene has a gradient of runs, and find the variables.  Collective.
+
+        Raises:
+            InputError: as the class says.
+        """
         system = tape.system
         check(
             tape.steps > 0,
@@ -83,7 +87,10 @@ class TransientGradients:
         self.norms: list[float] = []
 
     def of(self, objective: Objective) -> Gradient:
-        """The gradient of one result; the system is as before afterwards.  Collective.
+        """Return the gradient of one result; the system is as before afterwards.  Collective.
+
+        Args:
+            objective: the result at the last step of the tape, or a `CrossingTime`.
 
         Raises:
             InputError: a result that was never reached.
@@ -135,8 +142,19 @@ class TransientGradients:
         )
 
     def _observed(self, objective: Objective) -> tuple[float, Objective, dict[int, float]]:
-        """The value of a result, what is observed for it, and the share of each node in its
-        derivative."""
+        """Return the value of a result, and which states of the tape it depends on.
+
+        Args:
+            objective: the result; a `CrossingTime` depends on the two states before and after the
+                crossing, others on the last state.
+
+        Returns:
+            the value; the result that is observed in these states; and the derivative of the value
+            by the observed result, by the number of the state.
+
+        Raises:
+            InputError: a value that was never passed.
+        """
         view = SceneView(self._system)
         if not isinstance(objective, CrossingTime):
             return objective(view), objective, {self._tape.steps: 1.0}
@@ -164,8 +182,14 @@ class TransientGradients:
         self.steps.clear(self._a)
 
     def _add_result(self, objective: Objective, node: Node, share: float) -> None:
-        """Add a share of the derivatives of a result in the state of a node, also those by
-        parameters."""
+        """Add a share of the derivatives of a result in a state, also those by parameters.
+        Collective.
+
+        Args:
+            objective: the result.
+            node: the state, which becomes that of the system.
+            share: derivative of the value by the result in this state.
+        """
         system = self._system
         self._tape.restore(node)
         by_position = system.numbering.vector()
@@ -193,8 +217,13 @@ class TransientGradients:
             self.steps.add_energy_by_history(share)
 
     def _add_energy(self, variable: object, share: float) -> None:
-        """Add a share of the derivative of the energy that is not in its forms: of points, and of
-        masses."""
+        """Add the part of the derivative of the energy that is not in its forms: of energies
+        between points, and of kinetic energy by masses.
+
+        Args:
+            variable: to whose sum it is added.
+            share: derivative of the value by the energy of the present state.
+        """
         system = self._system
         if isinstance(variable, PointVariable):
             variable.sum += share * variable.energy_derivative()
@@ -222,7 +251,12 @@ class TransientGradients:
                         variable.sum += by_mass * variable.inertia_derivative()
 
     def _warn(self, growth: float, duration: float) -> None:
-        """Say for how long the gradient predicts anything, if that is shorter than the run."""
+        """Log for how long the gradient predicts finite changes, if that is shorter than the run.
+
+        Args:
+            growth: of the adjoint over the run, as a factor; see `growth_of`.
+            duration: of the run [s].
+        """
         if growth < GROWTH_TO_WARN_OF:
             return
         rate = math.log(growth) / duration

@@ -31,7 +31,10 @@ class TransposedSolver:
         self._correction, self._residual = A.createVecs()
 
     def factorise(self, A: PETSc.Mat) -> None:
-        """Factorise a matrix.
+        """Factorise a matrix.  Collective.
+
+        Args:
+            A: matrix with the pattern of the first one, square.
 
         Raises:
             InputError: it is singular.

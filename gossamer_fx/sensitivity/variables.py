@@ -73,11 +73,16 @@ class AdjointFields:
             self._system.fields[body].take(function, vector.array_r[owned])
 
     def residual_forms(self) -> list[ufl.Form]:
-        """μ·r of all forces that are forms."""
+        """μ·r of all forces that are forms, complete: with expressions for tabulated functions."""
+        expressions: dict[fem.Function, Any] = {}
+        for tabulated in roles.playing(roles.TabulatedCoefficients, self._system.compiled):
+            expressions.update(tabulated.expressions())
         found = []
         for kind in roles.playing(roles.ResidualForms, self._system.compiled):
             for body, μ in self.of.items():
                 found += kind.residual_forms(body, μ)
+        if expressions:
+            found = [ufl.replace(form, expressions) for form in found]
         return found
 
     def inertia_forms(self) -> list[ufl.Form]:
@@ -213,6 +218,13 @@ class PointVariable(Variable):
         unit: str,
         uses: Sequence[tuple[roles.PointParameters, Any, Parameter]],
     ) -> None:
+        """Count the values of a parameter that terms without forms share.
+
+        Args:
+            name: "item.parameter".
+            unit: SI unit.
+            uses: the compiled kind, the term and its parameter, for each term that has it.
+        """
         self._uses = uses
         entries = [parameter.entry or 0 for _, _, parameter in uses]
         kind, term, first = uses[0]
@@ -350,7 +362,14 @@ def find_variables(
     in_time: bool,
     scalars: Sequence[ScalarsAdjoint] = (),
 ) -> list[Variable]:
-    """The variables of a scene with these names; `scalars` are the adjoints of its scalar unknowns.
+    """Return the variables of a scene with these names.  Collective.
+
+    Args:
+        system: the compiled scene.
+        names: "item.parameter" of each.
+        adjoint: fields of the adjoint vector, which derivatives of forms read.
+        in_time: whether the result is one of a run, which also has initial conditions.
+        scalars: adjoints of the scalar unknowns of the scene, e.g. of its gas.
 
     Raises:
         InputError: a name that the scene has not, with those that it has; a part of the scene
@@ -365,7 +384,10 @@ def find_variables(
 
 
 def refuse_unknown_kinds(system: System) -> None:
-    """Check that the derivatives of all forces of a scene are known.
+    """Check that the derivatives of all forces of a scene are known.  Collective.
+
+    Args:
+        system: the compiled scene.
 
     Raises:
         InputError: names the first part of the scene without a gradient.
@@ -406,8 +428,19 @@ def _find(
     in_time: bool,
     scalars: Sequence[ScalarsAdjoint],
 ) -> Variable:
-    """The variable of a parameter that is named 'item.parameter'; refuses unknown items and
-    parameters."""
+    """Return the variable of a parameter.
+
+    Args:
+        system: the compiled scene.
+        name: "item.parameter".
+        adjoint: fields of the adjoint vector, which derivatives of forms read.
+        in_time: whether the result is one of a run, which also has initial conditions.
+        scalars: adjoints of the scalar unknowns of the scene, e.g. of its gas.
+
+    Raises:
+        InputError: a name without a dot, an item that the scene has not or has twice, or a
+            parameter that the item has not; the message lists what there is.
+    """
     check(
         isinstance(name, str) and "." in name,
         f"gradient: by has {name!r}; give 'item.parameter', e.g. 'film.thickness'.",
@@ -486,7 +519,13 @@ def _has_shape(item: object) -> bool:
 
 
 def _shape(system: System, name: str, body: MeshBody, adjoint: AdjointFields) -> Variable:
-    """The stress-free positions of the nodes of a body.
+    """Return the variable of the stress-free positions [m] of the nodes of a body.
+
+    Args:
+        system: the compiled scene.
+        name: of the variable, "body.shape".
+        body: a film, plate, cable or beam.
+        adjoint: fields of the adjoint vector, which derivatives of forms read.
 
     Raises:
         InputError: a part of the scene measures the stress-free shape in another way than by forms.

@@ -153,6 +153,10 @@ def basis(body: MeshBody, is_free: Array) -> tuple[Indices, Indices, Array, int]
     """The part of one body in the prolongation: orthonormal affine functions on patches of its
     nodes.
 
+    P is the prolongation, the matrix whose columns are the coarse functions. In the code X are the
+    coordinates (n, 3) [m] of the nodes, f the affine functions at them, and g these functions with
+    zeros at fixed coordinates.
+
     Args:
         body: with n nodes of this rank and s unknowns a node.
         is_free: 1 at free coordinates and 0 at fixed ones, (n s,).

@@ -37,6 +37,7 @@ Limits.  One rank, and bodies whose nodes have three unknowns.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,6 +47,7 @@ from scipy.linalg import lu_factor, lu_solve
 import gossamer_fx.solvers.factorisation as factorisation
 from gossamer_fx.algebra.numbering import PREFIX
 from gossamer_fx.model.body import Array, Indices
+from gossamer_fx.solvers.linear import MAX_KSP_ITERATIONS
 
 if TYPE_CHECKING:
     from gossamer_fx.system.system import System
@@ -60,8 +62,12 @@ ILU_LEVELS = 3
 # Largest number of unknowns g: an application of F̃⁻¹ for each, once a step.
 MAX_ELIMINATED = 60
 
-# Krylov iterations of a solve that cost as much as a complete factorisation.
+# Krylov iterations of a solve that cost as much as a complete factorisation of as many unknowns.
+# In films the work of a factorisation grows with the power 1.5 of their number, that of an
+# application with the power 1 (George, SIAM J. Numer. Anal. 10 (1973) 345), so that this number
+# grows with the square root.
 MAX_APPLICATIONS = 30
+UNKNOWNS_OF_MAX_APPLICATIONS = 30_000
 
 # Krylov iterations of the last solve up to which F̃ is kept for the next matrix of the same step: a
 # new one costs as much as eight or nine.
@@ -97,6 +103,21 @@ def eliminated_unknowns(system: System) -> Indices | None:
     return eliminated
 
 
+def max_applications(unknowns: int) -> float:
+    """Krylov iterations of a solve that cost as much as a complete factorisation.
+
+    Args:
+        unknowns: their number, on one rank.
+
+    Returns:
+        30 up to 30 thousand unknowns, then 30 (unknowns/30 000)^½, but less than the limit of 60
+        iterations: a solve that reaches it has not converged, so that a factorisation pays for any
+        number of unknowns.
+    """
+    growth = math.sqrt(max(1.0, unknowns / UNKNOWNS_OF_MAX_APPLICATIONS))
+    return min(MAX_APPLICATIONS * growth, MAX_KSP_ITERATIONS - 1)
+
+
 class EliminatedJoints:
     """The preconditioner (2) and (3), as PETSc's Python preconditioner.
 
@@ -107,6 +128,8 @@ class EliminatedJoints:
     Attributes:
         needs_couplings: all couplings of contact are part of its matrix.
         problem: why the last factorisation failed; empty if it did not.
+        max_applications: Krylov iterations of a solve after which matrices are factorised
+            completely for some steps.
     """
 
     needs_couplings = True
@@ -129,6 +152,7 @@ class EliminatedJoints:
         factorisation.choose(self._complete)
         self._is_complete = False
         self._complete_steps = 0  # left before F̃ is tried again
+        self.max_applications = max_applications(system.numbering.size_local)
         self._step: tuple[float, float] | None = None  # time and length of the step of Z
         self._applications = 0  # since the last set-up
         self._is_kept = False  # whether the factors are those of an earlier matrix
@@ -173,7 +197,7 @@ class EliminatedJoints:
             self._complete_steps -= 1
         # With factors of an earlier matrix, many iterations say nothing about those of the present
         # one.
-        if self._applications > MAX_APPLICATIONS and not self._is_kept:
+        if self._applications > self.max_applications and not self._is_kept:
             self._complete_steps = FACTORISED_STEPS
         self._applications = 0
         self._is_kept = False
@@ -189,8 +213,12 @@ class EliminatedJoints:
 
         It sets Z = F̃⁻¹ B and the Schur complement, or `problem` if the factorisation fails.
 
+        The matrix has the blocks F (films), B (columns of g in the rows of the films), C (rows of
+        g) and D (g by g); F̃ is the incomplete factorisation of F. The Schur complement of g is D -
+        C Z.
+
         Args:
-            matrix: of all unknowns.
+            matrix: of all unknowns, on one rank; `_take_rows` copies C and D from it.
             is_new_step: whether Z, which costs most, has to be computed again.
         """
         F = matrix.createSubMatrix(self._film_set, self._film_set)

@@ -338,6 +338,9 @@ def is_singular(A: PETSc.Mat) -> bool:
     |A⁻¹| is estimated by two steps of inverse iteration from a random vector.  A matrix whose
     factorisation fails counts as singular.
 
+    ε is the machine precision; b is the right-hand side of a step of the iteration and x its
+    solution.
+
     Args:
         A: square matrix.
     """

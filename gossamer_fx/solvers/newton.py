@@ -122,11 +122,16 @@ def _weak_method[**P, T](method: Callable[P, T]) -> Callable[P, T]:
     The garbage collector does not see references held by a solver of PETSc, so an ordinary bound
     method would make a reference cycle that is never freed.
 
+    P and T are the types of its arguments and of its result.
+
     Args:
         method: bound method of an object that must outlive the calls.
 
     Returns:
         a function with the same arguments and result.
+
+    Raises:
+        AssertionError: on a call after the object is gone.
     """
     reference = weakref.WeakMethod(method)
 
@@ -179,6 +184,9 @@ class Newton:
     ) -> None:
         """Make vectors and PETSc's solvers for the system; no equation is solved yet.  Collective.
 
+        It allocates vectors of the unknowns `_x` and of the residual `_F`, both of coordinates and
+        scalar unknowns, and `_r` of coordinates alone.
+
         Args:
             system: compiled scene.
             tolerances: when a step counts as solved.
@@ -213,6 +221,9 @@ class Newton:
 
     def _set_up(self) -> None:
         """Make PETSc's solvers for the matrices of the system.  Collective.
+
+        J is the matrix of the linear systems: the stored tangent, or one that also contains scalar
+        unknowns and couplings of contact. `_F` is the vector of the residual.
 
         Raises:
             InputError: PETSc's options ask for a line search.
@@ -258,6 +269,9 @@ class Newton:
     def _set_up_bordered(self) -> PETSc.Mat:
         """Set up linear solvers with scalar unknowns (gas pressures) or couplings of contact.
 
+        J is that matrix; its preconditioner acts on the stored tangent of the coordinates and
+        eliminates the scalar unknowns.
+
         Returns:
             the matrix of coordinates and scalar unknowns, whose product is computed without storing
             it. Collective.
@@ -288,6 +302,8 @@ class Newton:
 
     def solve(self, increment: PETSc.Vec, y: Array) -> tuple[PETSc.Vec, Array, int]:
         """Solve the equations of a step; q1 is then in the system.  Collective.
+
+        `_r` is a work vector of all coordinates; here it has the first guess of w.
 
         Args:
             increment: predicted p = q1 - q0 [m], one entry for each unknown.
@@ -408,6 +424,8 @@ class Newton:
         iterations of a step, far from the solution, the tangent may be without geometric stiffness,
         which would make it indefinite.
 
+        A is the stored tangent [N/m] of the coordinates.
+
         Args:
             snes: PETSc's nonlinear solver, which has the number of the iteration.
             x: iterate; not used, since the system has the state that the residual has set.
@@ -501,6 +519,10 @@ class Newton:
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         """The test of convergence; called by PETSc after each iteration.  Collective.
 
+        w is the correction of the coordinates, y are the scalar unknowns of the iterate. It updates
+        the norms of the last two iterates, and evaluates the residual again where the first test
+        passes.
+
         Args:
             snes: PETSc's nonlinear solver.
             iteration: number of the iterate, 0 for the first guess.
@@ -575,6 +597,9 @@ class Newton:
         while it falls, the work of the residual must be small compared with the largest energy.
         Violations of constraints [m or 1] and relative residuals of scalar unknowns must be below
         their tolerances, too.
+
+        `_s` are the relative residuals of the scalar unknowns, `_norm` [N] and `_previous_norm` [N]
+        the norms of the forces now and one iteration before.
         """
         residual = self._force_imbalance
         stagnates = self._norm > STAGNATION_RATIO * self._previous_norm
@@ -632,6 +657,9 @@ class Newton:
 
     def _failure_message(self, reason: int, iterations: int) -> str:
         """Why the iteration failed, how far it came, and where the residual is largest, in words.
+
+        `_r` is the residual of the coordinates [N] that was evaluated last; k and v are names and
+        values of PETSc's codes.
 
         Args:
             reason: PETSc's negative code.

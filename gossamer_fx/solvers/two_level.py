@@ -98,6 +98,7 @@ class TwoLevel:
         Args:
             pc: PETSc's preconditioner, whose first operator is the matrix.
         """
+        # `_A` is the matrix to be preconditioned.
         self._A = pc.getOperators()[0]
         self._set_up_coarse_space()
         self._set_up_local_part()
@@ -162,6 +163,7 @@ class TwoLevel:
         if self._local.getType() == "asm":
             self._local.setUp()
             factorisations = [ksp.getPC() for ksp in self._local.getASMSubKSP()]
+        # pc is PETSc's preconditioner of one subdomain.
         for pc in factorisations:
             pc.setType("ilu")
             # Reverse Cuthill-McKee: a small bandwidth makes the incomplete factors more accurate.
