@@ -200,7 +200,8 @@ def discrete_gradient_derivative(
     Raises:
         LinAlgError: the three vectors of a fold are parallel at the middle of the step.
     """
-    # θ is θ1 with the complex step that follows from that of X1; `_v` adds an axis.  The angle at the end depends on X1 too.
+    # θ is θ1 with the complex step that follows from that of X1; `_v` adds an axis.  The angle at
+    # the end depends on X1 too.
     change_of_angle = gradient(X1).reshape(-1, 9).T
     θ = _v(θ1).T + 1j * STEP * change_of_angle
     return _derivative(discrete_gradient(X0, _stepped(X1), θ0, θ))

@@ -270,7 +270,7 @@ class GeneralizedAlphaSolver:
 
         The coordinates at the end of the step are q0 + h v0 [m], with those of the last committed
         state, q0, and its velocity v0 [m/s].  Fixed and prescribed coordinates have their values at
-        that time instead.  The step is not committed; the system keeps its iterate and an inertia
+        that time instead.  The step is not committed; the system retains the iterate and an inertia
         of zero until the next step begins.
 
         Args:

@@ -195,7 +195,8 @@ class MidpointSolver:
         system = self._system
         # The vector of unknowns in which the iteration starts.
         y = system.begin_step(h)
-        # Predictor of constant velocity, p = h v0, which w [m] corrects; its inertia is M (v1 - v0)/h = (2/h²) M w.
+        # Predictor of constant velocity, p = h v0, which w [m] corrects; its inertia is M (v1 -
+        # v0)/h = (2/h²) M w.
         system.v0.copy(self._increment)
         self._increment.scale(h)
         system.set_inertia(2 / h**2)

@@ -329,7 +329,8 @@ class System:
         has_stiffness = bool(self._stiffnesses)
         self.K = pattern.duplicate() if has_stiffness else None
         # c M + α K, with the factor c [1/s²] of the inertia and the weight α [-] of the end of a
-        # step in the point at which forces act: it is the same for all tangents of steps of one length.
+        # step in the point at which forces act: it is the same for all tangents of steps of one
+        # length.
         self._base = pattern.duplicate() if has_stiffness else None
         self._base_inertia = 0.0
         self.A.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)

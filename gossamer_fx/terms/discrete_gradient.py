@@ -182,7 +182,8 @@ class PathAverage(StressRule):
                 e0 + piece.start * Δe, e0 + piece.end * Δe
             )
         if not pieces:
-            # Gauss points p and weights w are on [-1, 1] with weights that add up to 2; the path is on [0, 1].
+            # Gauss points p and weights w are on [-1, 1] with weights that add up to 2; the path is
+            # on [0, 1].
             for p, w in zip(*np.polynomial.legendre.leggauss(self.points), strict=True):
                 S += float(w) / 2 * gradient(ψ, e0 + float(1 + p) / 2 * Δe)
         return S + defect(ψ, S, e0, e1)
