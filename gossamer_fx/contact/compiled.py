@@ -344,6 +344,7 @@ def _examine_repeated_contacts(terms: Sequence[ContactEnergy], system: Assembly)
             shared = [body for body in term.bodies if body in other.bodies]
             obstacles = [_arguments(obstacle) for obstacle in term.obstacles]
             others = [_arguments(obstacle) for obstacle in other.obstacles]
+            # o is an obstacle, given by its arguments.
             has_all = len(shared) == len(term.bodies) and all(o in others for o in obstacles)
             is_in_all = len(shared) == len(other.bodies) and all(o in obstacles for o in others)
             check(

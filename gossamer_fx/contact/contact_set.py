@@ -177,6 +177,8 @@ class ContactSet:
         The activation distance of a point is the gap [m] below which its pairs have energy; it is
         at most nine tenths of the initial gap.  Collective.
 
+        `x0` (m, 3) [m] are the points that this rank knows, at the start of the run.
+
         Raises:
             InputError: layers intersect or coincide, or a point of a body is inside a box.
         """
@@ -197,6 +199,9 @@ class ContactSet:
 
         The first call finds the initial candidates.  Later ones note the stored energy [J], and
         which contact pairs have energy, with their stiffness [J].  Collective.
+
+        `x0` (m, 3) [m] are set to the points that this rank knows, at q0. Between steps of a run
+        `pairs` is then None.
 
         Raises:
             InputError: in the first call, if layers intersect or coincide, or a point is inside a
@@ -346,6 +351,9 @@ class ContactSet:
 
         After a checkpoint was restored, candidates are searched again, and the pairs of this rank
         are taken from those of all ranks.
+
+        `x0` (m, 3) [m] are the points that this rank knows, in the accepted state. The sum over
+        ranks is not taken; the energy is zero where no pair of this rank has any.
         """
         history = self.history
         if history.restored != self._restored:
@@ -374,6 +382,9 @@ class ContactSet:
         have left the bounds of the last search.  Activation distances, the gaps [m] below which
         pairs have energy, grow as layers part.  The pairs that take part are those of the end that
         is predicted from the velocities.
+
+        `x0` (m, 3) [m] are the points that this rank knows, `_v` (m, 3) [m/s] their velocities, at
+        the start.
 
         Raises:
             Inadmissible: the motion of an obstacle jumps in the step, which is then tried in parts.
@@ -427,6 +438,9 @@ class ContactSet:
 
         The search may change which points this rank knows: whatever has a row for each point is
         asked for again.
+
+        Sets `x0` (m, 3) [m] and `_v` (m, 3) [m/s], the points that this rank knows and their
+        velocities at the start of the step, and the candidates.
 
         Args:
             end: returns the points (m, 3) [m] at the end of the step, as they are when it is
@@ -515,6 +529,10 @@ class ContactSet:
 
         Collective.
 
+        Sets `pairs`. `x0` (m, 3) [m] are the points that this rank knows, `_v` (m, 3) [m/s] their
+        velocities, at the start of the step. `_alpha` is the weight of the end in the positions
+        where forces act; 1 means statics.
+
         Args:
             active: mask (n,) of the candidates.
 
@@ -549,6 +567,9 @@ class ContactSet:
         Pairs between bodies couple their four points.  Points of obstacles are combinations of
         block rows, vectors of three unknowns, which are coupled instead.
 
+        `x0` (m, 3) [m] are the points at the start of the step. Blocks are 3 x 3 parts of the
+        tangent.
+
         Args:
             pairs: all contact pairs of this rank that take part in the step, with the column
                 `start` of their closest points.
@@ -575,6 +596,8 @@ class ContactSet:
         Gradients need the reversed step: its force is the same if pairs, stiffness and activation
         distances are.  Nothing changes between steps.  Friction differs, and is left out:
         `add_product_with_start_derivative` has it.  Collective.
+
+        `x0` (m, 3) [m] becomes the points at the accepted state, the former end.
         """
         self._is_reversed = True
         pairs = self.pairs
@@ -600,6 +623,9 @@ class ContactSet:
 
         They were left out because the end was predicted only.  A step with recorded pairs is
         complete. Collective.
+
+        `x0` and `x1` (m, 3) [m] are the points that this rank knows, at the start and at the end of
+        the step. A step needs `begin_step` before.
 
         Returns:
             whether any rank has added one: the step is then solved again from where it ended.
@@ -638,6 +664,8 @@ class ContactSet:
 
     def find_penetration(self) -> str:
         """Report what passed through something else in the step, or all but did; collective.
+
+        `x1` (m, 3) [m] are the points that this rank knows, at the end of the step.
 
         Returns:
             a clause that names two bodies and a point [m] near which they meet, or a body that
@@ -724,6 +752,9 @@ class ContactSet:
 
         The forces are in `point_forces` (m, 3) [N] afterwards.
 
+        `x0` (m, 3) [m] are the points at the start of the step. Forces at a point are partial sums,
+        over the pairs of this rank.
+
         Args:
             x1: points (m, 3) [m] at the end of the step.
         """
@@ -751,6 +782,9 @@ class ContactSet:
         others.
 
         Collective.  Between steps it enters zeros, which reserve these blocks in the pattern.
+
+        `x0` and `x1` (m, 3) [m] are the points that this rank knows, at the start and at the end of
+        the step.
 
         Args:
             A: tangent of the system with respect to the end of the step; changed in place.
@@ -857,6 +891,14 @@ class ContactSet:
 
         It is friction, how the force of a pair depends on the origin of its vectors, and the
         stiffness that pairs derive from their closing speed.
+
+        `x0` and `x1` (m, 3) [m] are the points that this rank knows, at the start and at the end of
+        the step.
+
+        Args:
+            μ: vector of the system with the adjoint displacements, one for each unknown.
+            by_position, by_velocity: vectors of the system to which the products with respect to
+                the start positions q0 and velocities v0 are added.
         """
         # Loaded for gradients only.
         from gossamer_fx.contact.origin_derivative import add_product_through_origins
@@ -894,6 +936,9 @@ class ContactSet:
     def _add_product_through_stiffness(self, μ: Array, found: Array, rates: Array) -> None:
         """Add what the derived stiffness of pairs gives for the points at the start and their rates
         (m, 3); collective.
+
+        f are the contact forces, `x0` and `x1` (m, 3) [m] are the points that this rank knows, at
+        the start and at the end of the step.
 
         Args:
             μ: displacements (m, 3) of the points.
@@ -936,7 +981,11 @@ class ContactSet:
 
     def add_energy_by_stiffness(self, share: float) -> None:
         """Add a share of the derivative of the energy at q0 by the derived stiffness of pairs;
-        collective."""
+        collective.
+
+        `x0` (m, 3) [m] are the points that this rank knows, in the accepted state. Nothing happens
+        where the stiffness is given as a number.
+        """
         if self._stiffness_adjoint is None:
             return
         from gossamer_fx.contact.stiffness_adjoint import unit_energies
@@ -974,6 +1023,16 @@ class ContactSet:
         """Return w·∂r/∂K [m³] by the given stiffness K, this rank's share; collective.
 
         All forces are proportional to it, those of friction included.
+
+        r is the residual of the system. The forces of the pairs are computed again, so that
+        `point_forces` changes; without pairs the result is zero.
+
+        Args:
+            w: vector of the system, one number for each unknown, by which the residual is
+                multiplied.
+
+        Raises:
+            AssertionError: the stiffness is derived from closing speeds, not given.
         """
         assert self._stiffness.given is not None, "only a given stiffness is a parameter"
         on_points = self._on_points(w)

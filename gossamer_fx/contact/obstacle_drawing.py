@@ -54,6 +54,7 @@ def solid_of(obstacle: Obstacle, near: Array) -> Solid | None:
     surface = _surface_of(obstacle, near)
     if surface is None:
         return None
+    # X (k, 3) [m] are the points that triangles and lines connect.
     X, triangles, lines = surface
     if obstacle.body is not None:
         # Points of a rigid body are given by their components along its directors.
@@ -111,6 +112,7 @@ def _grid(point: Array, normal: Array, near: Array) -> DrawnSurface:
     # Projected onto the plane.
     middle = middle - (middle - point) @ normal * normal
     half = GRID_SIZE * float(np.ptp(near, axis=0).max()) / 2
+    # Unit directions of both families of lines, within the plane
     u, v = perpendicular_pair(normal)
     ends = []
     for position in np.linspace(-half, half, GRID_FIELDS + 1):
@@ -118,6 +120,7 @@ def _grid(point: Array, normal: Array, near: Array) -> DrawnSurface:
             start = position * across - half * along
             end = position * across + half * along
             ends.append([start, end])
+    # X are the ends of all lines.
     X = middle + np.concatenate(ends)
     lines = np.arange(len(X), dtype=np.int32).reshape(len(ends), 2)
     return X, NO_TRIANGLES, lines
@@ -136,6 +139,7 @@ def _box(box: Box) -> DrawnSurface:
     axes = np.asarray(box.axes, dtype=float)
     half = np.asarray(box.sizes, dtype=float) / 2
     signs = np.array(list(product((-1, 1), repeat=3)))
+    # X are the corners; a, b, c, d below number those of a face.
     X = np.asarray(box.centre, dtype=float) + signs * half @ axes
     # The number of a corner has a bit for each axis; two corners of an edge differ in one bit.
     lines = []
@@ -174,6 +178,7 @@ def _capsule(
         points (n, 3) [m] on its circles; triangles (t, 3) and lines (l, 2) as indices of points.
     """
     angles = np.linspace(0, 2 * np.pi, CIRCLE_POINTS, endpoint=False)
+    # Unit vectors u and v across the axis, orthogonal to each other
     u, v = perpendicular_pair(axis)
     circle = np.outer(np.cos(angles), u) + np.outer(np.sin(angles), v)
     # Circles from the pole behind the start to the pole beyond the end, by their latitude.
@@ -184,6 +189,7 @@ def _capsule(
     for centre, latitude in circles:
         outward = np.cos(latitude) * circle + np.sin(latitude) * axis
         points.append(centre + radius * outward)
+    # X are the points of all circles, one circle after the other.
     X = np.vstack(points)
 
     number = np.arange(len(X), dtype=np.int32).reshape(len(circles), CIRCLE_POINTS)

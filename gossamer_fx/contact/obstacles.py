@@ -346,6 +346,8 @@ class Box(Obstacle):
         walls = []
         for k in range(3):
             for sign in (-1, 1):
+                # `_at` and `_along` attach a point and a direction to the body that carries the
+                # obstacle, or to the ground.
                 origin = self._at(centre + sign * half[k] * axes[k])
                 normal = self._along(-sign * axes[k])
                 walls.append(ObstacleWall(PairKind.POINT_PLANE, (origin, normal, origin)))

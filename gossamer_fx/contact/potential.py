@@ -184,6 +184,7 @@ def pair_starts(
     Raises:
         ValueError: an array is not contiguous, or not of the shape above.
     """
+    # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)
     rounded = np.empty(count)
@@ -236,6 +237,7 @@ def energy_of_pairs(
     Raises:
         ValueError: an array is not contiguous, or not of the shape above.
     """
+    # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)
     if parameters is None:
@@ -295,6 +297,7 @@ def evaluate(
         ValueError: an array is not contiguous, read-only though it is written to, or not of the
             shape above.
     """
+    # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)
     points = len(x0)
@@ -348,6 +351,7 @@ def _active_pairs(pairs: ActivePairs, start: Array | None, law: ContactLaw) -> C
     Raises:
         ValueError: a column is not contiguous, or not of the type that C takes.
     """
+    # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)
     return c.struct(

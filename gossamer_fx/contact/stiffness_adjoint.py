@@ -57,6 +57,10 @@ class StiffnessAdjoint:
         """Add contributions (n,) of this rank's pairs; collective.
 
         All ranks have all sums: in an earlier step another rank may have the pair.
+
+        Args:
+            identifier: global numbers (n,) of the pairs, the same in all steps and on all ranks.
+            contribution: for each pair (n,), the derivative of the objective by its stiffness.
         """
         of_ranks = self._comm.allgather((identifier, contribution))
         identifiers = np.concatenate([self._identifier, *(part for part, _ in of_ranks)])
@@ -67,7 +71,11 @@ class StiffnessAdjoint:
 
     def take(self, identifier: Int64Array) -> Array:
         """Return the sums (n,) of this rank's pairs that chose their stiffness in the present step,
-        and forget them on all ranks; collective."""
+        and forget them on all ranks; collective.
+
+        Args:
+            identifier: global numbers (n,) of the pairs; sums of pairs unknown here are zero.
+        """
         found = np.zeros(len(identifier))
         order = np.argsort(identifier)
         known = np.isin(self._identifier, identifier)
@@ -104,8 +112,10 @@ def closing_derivatives(
     reference_speed: float,
     step: float,
 ) -> tuple[Array, Array]:
-    """Return the derivatives (n, 4, 3) of Σ by_stiffness k by the points at the start of a step,
-    and by their velocities.
+    """Return how a weighted sum of stiffnesses of contact pairs depends on the start of a step.
+
+    A pair without a given stiffness takes k = 4 σ v² A, with the area density σ [kg/m²], the area A
+    [m²], and the closing speed v = 1.25 |dD/dt| [m/s] of its distance D [m], or a lower bound.
 
     Args:
         pairs: n pairs that chose their stiffness k [J] in this step, by (1).
@@ -113,6 +123,10 @@ def closing_derivatives(
         by_stiffness: factors (n,).
         reference_speed: lower bound of v [m/s].
         step: length of the step [s].
+
+    Returns:
+        derivatives of Σ by_stiffness k by the four points of each pair (n, 4, 3), and by their
+        velocities (n, 4, 3); zero where the lower bound counts.
     """
     duration = SHORT_TIME * step
     later = np.ascontiguousarray(x0 + duration * v)
@@ -150,7 +164,17 @@ def _distances(pairs: ActivePairs, x: Array) -> tuple[Array, Array]:
 
 def _distances_of_walls(kind: PairKind, at: Array) -> tuple[Array, Array]:
     """Return D (n,) [m] of pairs of one kind of wall from their points (n, 4, 3), and its
-    derivatives (n, 4, 3)."""
+    derivatives (n, 4, 3).
+
+    D is the signed distance from a plane, or the distance from the middle of a sphere or axis; r
+    (n, 3) [m] is the vector from the origin to the point.
+
+    Args:
+        kind: of the pairs, one kind for all of them.
+        at: point, origin of the wall and two more points or directions, (n, 4, 3) [m, -]; a plane
+            has its unit normal as the third one, a cylinder its two unit directions across the axis
+            as the third and fourth.
+    """
     r = at[:, 0] - at[:, 1]
     gradient = np.zeros_like(at)
     if kind == PairKind.POINT_IN_SPHERE:

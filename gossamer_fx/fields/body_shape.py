@@ -52,6 +52,7 @@ class BodyShape:
         self._of = system.state[body]
         self._reconstruct = body.reconstruct
         self.body: Any = body.full
+        # Positions q [m] and velocities v [m/s] of the body
         self.q = fem.Function(self.body.space)
         self.v = fem.Function(self.body.space)
         self.thermal_strain: Expr | None = None

@@ -330,6 +330,10 @@ class FieldFunctions:
         Returns:
             a function without arguments: a map of wrinkles, the interpolation of a compiled
             expression, or the collection of values from the scene.
+
+        Raises:
+            InputError: no C compiler was found, or a map of wrinkles is asked for and the law of
+                the film has none.
         """
         field = FIELDS[function.name]
         if function.name in WRINKLE_MAPS:
@@ -398,7 +402,7 @@ def _collect_cell_values(function: fem.Function, body: MeshBody, system: System)
     without a value are zero.
 
     Args:
-        function: named as its field; changed in place, ghosts not included.
+        function: named as its field; changed in place; ghosts are not updated.
         body: on whose mesh the function is.
         system: the compiled scene.
     """
@@ -460,7 +464,7 @@ def _collect_temperature(function: fem.Function, body: MeshBody, system: System)
     Collective.
 
     Args:
-        function: changed in place, ghosts not included.
+        function: changed in place; ghosts are not updated.
         body: the film.
         system: the compiled scene.
     """

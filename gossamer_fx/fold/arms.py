@@ -143,6 +143,9 @@ class Ikaros(FoldMap):
         Each trapezoid is folded at its rows to a strip that stands on edge; the strip lies round
         the hub and out along an arm, or its arms are wound round the hub, too.
 
+        In the code u is the coordinate along the trapezoid in columns, i the column before the
+        point, and p (n, 2) [m] the position in the frame of the trapezoid.
+
         Args:
             X: points (n, 3) [m] of the flat sail, in the plane z = 0, centre at the origin.
             side: sheet of each point (n,), which makes no difference here.

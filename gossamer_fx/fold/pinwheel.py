@@ -112,6 +112,9 @@ class Star(FoldMap):
         """Return the folded positions of points of a flat ring, whose pleats wind round a polygonal
         hub.
 
+        s [m] is the distance of a point from the corner of its sector, i the column before it, p
+        (n, 2) [m] its position seen from above.
+
         Args:
             X: points (n, 3) [m] in the plane z = 0, outside the polygon round the origin.
             side: sheet of each point (n,), which makes no difference here.

@@ -102,6 +102,9 @@ class Spiral(FoldMap):
         """Return the folded positions of points of a flat strip: folded at its rows, and wound
         round a hub.
 
+        u is the coordinate along the strip in columns, i the column before a point, p (n, 2) [m]
+        its position seen along the axis of the hub.
+
         Args:
             X: points (n, 3) [m] in the plane z = 0, x along the strip, y across from 0 on.
             side: sheet of each point (n,), which makes no difference here.

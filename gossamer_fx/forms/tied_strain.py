@@ -41,6 +41,10 @@ def tied_strain(domain: Mesh, x: Expr, B: Expr) -> Expr:
     mean over the cell (M. Neunteufel & J. Schöberl, Comput. Methods Appl. Mech. Eng. 373 (2021)
     113524).
 
+    In the code X is a point of the cell, F and H are the first and second derivatives of x there, τ
+    is the vector along an edge, c = ∂x/∂τ at its middle, d = ∂²x/∂τ², b half the difference of the
+    strain between its ends; λ are the barycentric coordinates of X.
+
     Args:
         domain: plane triangles with straight edges.
         x: positions (3,) [m] of order 2.

@@ -117,6 +117,7 @@ class GasAdjoint:
         self.units = self._find_parameters()
         self.sums: dict[Key, float] = {}
         self.start()
+        # Derivatives of the last step, by the name of the quantity
         self._by: dict[str, Array] = {}
         self._to_volumes: Array = np.zeros(self._n)
         self._to_swept: Array = np.zeros(self._n)
@@ -250,6 +251,7 @@ class GasAdjoint:
             )
             walls.append((stand_in, k))
         balance = Balance(gas=network.gas, passages=passages, walls=walls, n=self._n)
+        # Internal energy [J] at the start
         U0 = x["p0"] * x["V0"] / (network.gas.gamma - 1)
         # The areas of the step are given, so the time at which apertures are taken does not count.
         balance.begin(h, 0.0, p=x["p0"], m=x["m0"], U=U0, V=x["V0"])
@@ -259,6 +261,10 @@ class GasAdjoint:
         """Add a step to the sums of all parameters; return derivatives by its start.  Collective.
 
         The sums are derivatives of a result of the run by numbers of chambers, openings and walls.
+
+        V0 [m³], p0 [Pa] and m0 [kg] are volumes, pressures and masses of the chambers at the start
+        of the step, V [m³] volumes at its end, W [m³] those swept; the derivatives by them have to
+        be computed by `linearise` before.
 
         Args:
             ν: adjoint of the scaled gas balance (2n,), for n chambers.

@@ -162,6 +162,9 @@ class Orifice:
         t is the middle of the step.  The function is collective, and raises InputError if a valve's
         area is negative or not a number.
 
+        C_d is the discharge coefficient [-] and A the area [m²], by a ring the area of the film's
+        opening at that time.
+
         Args:
             geometry: of the running scene, with the rings whose area may be that of the orifice.
         """

@@ -218,7 +218,8 @@ class Loop:
             system: the equations of the scene, with the coordinates of the film.
 
         Raises:
-            InputError: the edges of the ring do not form one closed line.
+            InputError: the edges of the ring do not form one closed line, or no C compiler was
+                found.
         """
         walk = ring.loop()
         order = ring.body.order

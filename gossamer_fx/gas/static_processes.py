@@ -73,11 +73,17 @@ class HeldPressureBalance(Balance):
         """Residual (2n,): excess of the pressure as energy (p1 - p0) V/(γ - 1) [J], then of the
         mass [kg].
 
+        p1 and p0 (n,) [Pa] are the pressures at the end of the step and the held ones, those at its
+        start; γ is the ratio of specific heats.
+
         Args:
             y: pressures [Pa], then masses [kg] of the n chambers.
             V: volumes (n,) [m³].
             W: volumes that the enclosures sweep in the step; not used.
             known: flows of this state; not used.
+
+        Returns:
+            residual (2n,), energies and then masses; zero at the solution.
         """
         n = self._n
         pressures = y[:n]

@@ -204,6 +204,9 @@ class FilmSurface:
         q0 and q1 are the positions [m] of the nodes at the start and at the end of the step, c is
         the index of a chamber. Sets `volume`, `magnitude` and `swept` (chambers,) [m³], summed over
         all ranks, and clears the stored totals of gradients.
+
+        Raises:
+            InputError: in the first call, if no C compiler was found.
         """
         if self._form is None:
             self._compile()

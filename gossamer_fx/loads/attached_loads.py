@@ -55,6 +55,10 @@ class AttachedLoads(
         Args:
             terms: accelerations a + A (x - c) of bodies; a [m/s²], A [1/s²], c [m].
             system: the equations of the scene, with the attached masses.
+
+        Raises:
+            InputError: a port of an attached mass has nodes, weights and vectors that do not belong
+                together.
         """
         self._system = system
         self._name = terms[0].name
@@ -83,6 +87,9 @@ class AttachedLoads(
             masses: masses [kg] at points or directions (ports) of bodies; each tuple of ports is
                 evaluated on one rank.
             system: the equations of the scene.
+
+        Raises:
+            InputError: a port has nodes, weights and vectors that do not belong together.
         """
         if not any(port.body is term.body for place in masses.ports for port in place):
             return

@@ -103,6 +103,9 @@ class EdgeLoad:
         """Return measures ds of the edges on the rim, and dS of those inside.  Collective.
 
         Each is None where no rank has such edges.
+
+        Raises:
+            InputError: the mesh has no such group of curves, or the group has another dimension.
         """
         film = self.body
         domain = film.mesh.domain

@@ -32,6 +32,9 @@ class Drags(Loads, Dissipation):
         Args:
             terms: forces against velocities, each on one body.
             system: the equations of the scene.
+
+        Raises:
+            InputError: no C compiler was found.
         """
         coordinates = [system.fields[term.body] for term in terms]
         loads = []

@@ -137,7 +137,12 @@ class _StartProduct:
     def __init__(
         self, term: PresentStiffness, stand_in: fem.Function, entries: Expr, system: Assembly
     ) -> None:
-        """Compile the derivatives of all forms with C."""
+        """Compile the derivatives of all forms with C.
+
+        Raises:
+            InputError: no C compiler was found.
+            InputError: no C compiler was found.
+        """
         self.term = term
         self.μ = fem.Function(term.body.space)
         self._stand_in = stand_in

@@ -84,6 +84,10 @@ def buckled_strip(e_E: float, α: float) -> tuple[float, float]:
     """Return the shortening and the relative load of a buckled strip, equations (3), (4) of the
     module.
 
+    θ is the slope of the strip, of at most α, and φ with sin(θ/2) = sin(α/2) sin φ the variable of
+    integration, from 0 to π/2. p is the load over the plane-strain stiffness of the strip [-], c a
+    factor of (3), and I[f] the integral (4).
+
     Args:
         e_E: Euler's strain π² t²/(12 L²) [-] of a strip of thickness t and half wavelength L; > 0
             and at most 1/4.
@@ -133,6 +137,8 @@ def cubic(e_E: float) -> tuple[float, float, float]:
 
     They fit the relative loads P/P_c of `buckled_strip` over the shortening δ by least squares, for
     δ < `FITTED_UP_TO`; e_c is the strain at the onset of buckling.
+
+    α are the end slopes [rad] of the buckled strips whose loads are fitted.
 
     Args:
         e_E: Euler's strain π² t²/(12 L²) [-], > 0 and at most 1/4.

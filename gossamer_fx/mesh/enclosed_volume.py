@@ -111,6 +111,7 @@ def volumes(corners: Array) -> Array:
     >>> volumes(np.eye(3)[None]).round(4)
     array([0.1667])
     """
+    # The three vertices (n, 3) [m]
     x0, x1, x2 = corners.transpose(1, 0, 2)
     result: Array = np.einsum("ij,ij->i", x0, np.cross(x1, x2)) / 6
     return result

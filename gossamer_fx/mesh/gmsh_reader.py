@@ -95,6 +95,7 @@ def extract(model: Any) -> RawMesh:
     """
     tags, coordinates, _ = model.mesh.getNodes()
     tags = np.asarray(tags, dtype=np.int64)
+    # d is the dimension of an entity of the geometry: 0 to 3.
     meshed = [d for d, _ in model.getEntities() if model.mesh.getElements(d)[0].size]
     dim = max(meshed, default=0)
     _check(dim in (1, 2), "The mesh has no triangles or line elements; mesh a surface or a curve.")
@@ -164,6 +165,7 @@ def _cells(model: Any, dim: int) -> Integers:
         BadMesh: the named groups hold no cell, or elements of several kinds.
     """
     surfaces = set()
+    # d is the dimension of a group.
     for d, group in _tagged(model, dim):
         if d == dim:
             surfaces.update(model.getEntitiesForPhysicalGroup(d, group))
@@ -198,6 +200,7 @@ def _groups(model: Any, dim: int, used: Integers) -> dict[str, tuple[int, Intege
         BadMesh: an entity has one node twice, or a group elements of several kinds.
     """
     groups = {}
+    # d is the dimension of a group.
     for d, group in _tagged(model, dim):
         entities = [_elements(model, d, e) for e in model.getEntitiesForPhysicalGroup(d, group)]
         not_empty = [nodes for nodes in entities if len(nodes)]

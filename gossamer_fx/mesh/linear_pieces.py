@@ -66,6 +66,7 @@ def middles(corners: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
     Returns:
         (n, 6, ...) in the order of dolfinx: corners, then middles of the edges opposite to them.
     """
+    # Values at the three corners a, b, c
     a = corners[:, 0]
     b = corners[:, 1]
     c = corners[:, 2]

@@ -433,6 +433,7 @@ def _segment_meets(start: Array, end: Array, triangle: Array) -> npt.NDArray[np.
         mask (n,); false for triangles without area and segments in their plane.
     """
     origin = triangle[:, 0]
+    # a and b are two edge vectors of the triangle.
     a = triangle[:, 1] - origin
     b = triangle[:, 2] - origin
     normal = np.cross(a, b)

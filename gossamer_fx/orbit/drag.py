@@ -211,6 +211,9 @@ class Drag:
         how = self.accommodation
         # Constants, whose values `prepare` sets before each step: literals in a form would compile
         # a new kernel for every value.
+        # U (3,): velocity of the air relative to the origin of the frame [m/s]; ρ: its density
+        # [kg/m³]; thermal: its thermal speed [m/s]; wall: √(T_wall/T_air) [-]; σn, σt:
+        # accommodation coefficients of normal and tangential momentum [-].
         U = fem.Constant(mesh, np.zeros(3))
         ρ = constant(mesh, 1.0)
         thermal = constant(mesh, 1.0)
@@ -252,6 +255,9 @@ class _FlowOnFaces(FacesForce):
     def on_faces(self, areas: Array, positions: Array, rates: Array) -> Array:
         """Forces of the air on n flat faces of a rigid body.
 
+        `prepare` must have set the air and the wind of the step. A face without area or without
+        relative flow gives NaN.
+
         Args:
             areas: area vectors (..., n, 3) [m²] of the faces, pointing away from their fronts.
             positions: of their centres (..., n, 3) [m]; not used, since the air is uniform.
@@ -262,6 +268,7 @@ class _FlowOnFaces(FacesForce):
         """
         how, air = self._drag.accommodation, self._air
         wall = math.sqrt(how.wall_temperature / air.temperature)
+        # Velocity of the air relative to each face (..., n, 3) [m/s].
         U = self._wind - rates
         f: Array = air.density * flow_force(
             areas, U, air.thermal_speed, how.normal, how.tangential, wall, self._two_sided, Rows

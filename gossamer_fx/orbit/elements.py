@@ -88,9 +88,13 @@ class Elements:
         """Position (3,) [m] and velocity (3,) [m/s] at the true anomaly, relative to the central
         body.
 
+        The default of `mu` is the value of the Earth. Elements were checked at construction.
+
         Args:
             mu: gravitational parameter of the central body [m³/s²].
         """
+        # p: semi-latus rectum [m]; r, v: position [m] and velocity [m/s] in the axes of the orbit;
+        # R: rotation to the axes of the scene.
         p = self.a * (1 - self.e**2)
         cosine = math.cos(self.anomaly)
         sine = math.sin(self.anomaly)
@@ -144,6 +148,7 @@ def elements_of(r: Array, v: Array, mu: float = MU) -> Elements:
     r = np.asarray(r, dtype=float)
     v = np.asarray(v, dtype=float)
     distance = float(np.linalg.norm(r))
+    # Angular momentum per mass (3,) [m²/s].
     L = np.cross(r, v)
     check(
         float(np.linalg.norm(L)) > 1e-9 * distance * float(np.linalg.norm(v)),
@@ -201,6 +206,7 @@ def _about(axis: int, angle: float) -> Array:
     sine = math.sin(angle)
     i = (axis + 1) % 3
     j = (axis + 2) % 3
+    # R turns vectors right-handed about the axis.
     R = np.eye(3)
     R[i, i] = cosine
     R[i, j] = -sine
@@ -221,6 +227,7 @@ def _true_anomaly(M: float, e: float) -> float:
         iterations, without an error.
     """
     if e < 1:
+        # E: eccentric anomaly [rad] of an ellipse; H below: that of a hyperbola.
         M = math.remainder(M, 2 * math.pi)
         E = M
         # Kepler's equation is nearly singular at perigee of such an ellipse.

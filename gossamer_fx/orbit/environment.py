@@ -149,6 +149,7 @@ class Environment:
             f"Orbit '{self.name}': start is {start!r}; give Elements, or a position [m] and a "
             "velocity [m/s].",
         )
+        # Position [m] and velocity [m/s] from the attracting centre.
         r, v = (np.asarray(s, dtype=float) for s in start)
         check(
             bool(np.linalg.norm(r) > 0),
@@ -242,7 +243,15 @@ class Environment:
 
     def light(self, r: Array, t: float) -> tuple[Array, float]:
         """Direction (3,) in which sunlight goes at r, and its pressure on a black surface
-        [N/m²]."""
+        [N/m²].
+
+        The direction is a unit vector away from the Sun; `r` (3,) [m] is from the attracting centre
+        and t [s] from the start of the run. The pressure is reduced by the shadow, to zero in the
+        umbra.
+
+        Raises:
+            InputError: the position of the Sun is not known or not three finite numbers, see `sun`.
+        """
         sun = self.sun(t)
         way = r - sun
         distance = float(np.linalg.norm(way))

@@ -86,6 +86,7 @@ class Flight:
         h = system.h
         self.time = system.time + h / 2
         self.pushed = self._return(h)
+        # Origin at the start of the step (3,) [m], from the attracting centre.
         R0 = origin.R0
         self.R = R0 + h / 2 * origin.V0
         while True:

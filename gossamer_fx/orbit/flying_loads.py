@@ -102,6 +102,8 @@ class _ByComplexSteps:
     ) -> None:
         """Start a step from the vectors of the ports; the force acts on them `lag` seconds later.
 
+        The vectors X are stored as `_X0`; mean rates are (X - X0)/lag.
+
         Args:
             t: time at the start of the step [s]; not used, since the orbit knows it.
             lag: time from the start of the step to that of the force [s], positive.
@@ -124,6 +126,8 @@ class _ByComplexSteps:
 
         Units are N/m for points [m], N for directors [-].  Before the first step the matrix is
         zero.
+
+        K_ij is the derivative of force i; `begin` stored the vectors X0 at the start of the step.
         """
         if not self._X0.size:  # before the first step only the pattern of the matrix is asked for
             return np.zeros((X.size, X.size))

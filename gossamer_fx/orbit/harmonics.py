@@ -76,6 +76,8 @@ class SolidHarmonics:
         """∇∇Φ (..., 3, 3) at positions r (..., 3) [m], in the unit of `scale` per square metre.
 
         It is symmetric, and its trace is zero.  At the origin the result is not finite.
+
+        Y are the solid harmonics at the positions, G [-] the result before scaling.
         """
         Y = solid_harmonics(
             len(self._second[0][0]) - 1,
@@ -127,6 +129,7 @@ def solid_harmonics(degree: int, r: Array, radius: float) -> Coefficients:
     Returns:
         array (degree + 1, degree + 1, ...), with Y_nm at [n, m] and zeros where m > n.
     """
+    # r2: |r|² [m²]; x, y, z: a/r² times the coordinates [-]; ρ: (a/r)² [-]; xy: x + i y.
     r2 = np.sum(np.asarray(r, dtype=float) ** 2, axis=-1)
     x, y, z = (radius * np.asarray(r)[..., k] / r2 for k in range(3))
     ρ = radius**2 / r2
@@ -158,6 +161,8 @@ def differentiate(c: Coefficients, axis: int) -> Coefficients:
         c: coefficients of Φ, complex, c_nm at [n, m]; dimensionless, without normalisation.
         axis: 0, 1 or 2 for x, y or z.
     """
+    # d: the result; n and m: degrees and orders as a column and a row; up, down: factors of the
+    # terms Y_{n+1,m+1} and Y_{n+1,m-1}.
     N = len(c)
     d = np.zeros((N + 1, N + 1), dtype=complex)
     n = np.arange(N)[:, None]

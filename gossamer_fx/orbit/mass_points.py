@@ -45,6 +45,9 @@ class MassPoints:
     def __init__(self, terms: Sequence[Kinetic], system: Assembly) -> None:
         """Replace each mass by points, and find the unknowns that move them.  Collective.
 
+        The points are those of this rank's ports; B (n, 3, D) and o (n, 3) [m] give their positions
+        B q + o from the unknowns q.
+
         Args:
             terms: kinetic energies of bodies without a mesh, and of masses attached to bodies; each
                 with mass matrices in kg and kg m² for positions and directors.
@@ -59,6 +62,8 @@ class MassPoints:
             own = evaluated_here(ports)
             if not own:
                 continue
+            # k: number of vectors (position, directors) of a body; P (3k, D), offset (3k,): the
+            # vectors of a port are P times its D unknowns plus the offset.
             k = masses.shape[1]
             own_ports = [ports[j] for j in own]
             unknowns, P, offset = attach_all(system.numbering, system.bodies, own_ports, 3 * k)

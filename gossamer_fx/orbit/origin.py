@@ -100,6 +100,9 @@ class Origin:
         R is the position [m] and V the velocity [m/s] of the origin at the start (0) and the end
         (1) of the step; σ = 2μ/(|R0||R1|(|R0| + |R1|)) gives the exact average of 1/r gravity.
 
+        The step starts from the state that `keep` accepted last; R1 and V1 are replaced at each
+        call.
+
         Args:
             h: length of the step [s].
             a: acceleration (3,) in addition to 1/r gravity [m/s²].
@@ -108,6 +111,8 @@ class Origin:
             InputError: the step is so long that the iteration does not converge.
         """
         with localcontext(_DIGITS):
+            # Decimals: H the step length [s]; R0, R1, V0 positions [m] and velocity [m/s]; r0, r1
+            # the lengths |R0| and |R1| [m].
             H = Decimal(h)
             acceleration = exact(a)
             R0 = self._R0

@@ -159,6 +159,9 @@ class MeshGravity:
         mesh = at.q0.function_space.mesh
         size = len(at.w)
         # Constants, so that the forms are compiled once for all steps.
+        # R0, R1: origin of the frame at the ends of the step [m]; A: acceleration [m/s²]; σ [1/s²];
+        # μ: gravitational parameter [m³/s²]; G: gradient of the attraction other than 1/r [1/s²];
+        # T: derivative of the force per mass by the position at the end of the step [1/s²].
         self.R0 = fem.Constant(mesh, np.zeros(3))
         self.R1 = fem.Constant(mesh, np.zeros(3))
         self.A = fem.Constant(mesh, np.zeros(3))
@@ -177,6 +180,7 @@ class MeshGravity:
             return ufl.as_vector([q[i] for i in range(3)])
 
         x = point(at.mid)
+        # r0, r1: distance |R| of the origin; d0, d1: distance |X| of the point less |R| [m].
         r0, d0 = growth(self.R0, point(at.q0), ufl.dot, ufl.sqrt)
         r1, d1 = growth(self.R1, point(at.q1), ufl.dot, ufl.sqrt)
         γ = excess(r0, r1, d0, d1)
@@ -195,7 +199,10 @@ class MeshGravity:
         self._weights = compile_form(term.mass(unit, at.w))
 
     def vector(self, form: fem.Form) -> Array:
-        """Assemble a linear form, and return the values that this rank owns."""
+        """Assemble a linear form, and return the values that this rank owns.
+
+        Ghost contributions of other ranks are added. Collective.
+        """
         dofmap = self._at.q0.function_space.dofmap
         b = la.vector(dofmap.index_map, dofmap.index_map_bs)
         fem.assemble_vector(b.array, form)
@@ -321,11 +328,15 @@ class CompiledOrbit(
         The constants are positions R0, R1 [m] of the origin, the factor σ [1/s²] of the mean
         gravity over the step, and the gravity gradient [1/s²].
 
+        It also stores `_X0` (n, 3) [m], the positions of the mass points at the start of the step.
+
         Raises:
             InputError: the step is too large a part of a revolution.
         """
         flight = self.flight
         flight.prepare(self._system)
+        # Origin of the frame from the attracting centre at both ends of the step [m]; r0, r1 are
+        # its distances.
         R0 = flight.origin.R0
         R1 = flight.origin.R1
         r0 = np.linalg.norm(R0)
@@ -350,6 +361,10 @@ class CompiledOrbit(
 
         m [-σ(R0, R1) (x_mid - γ/(1+γ) X_mid) + tidal and other accelerations], with the origin R of
         the frame and X = R + x; the first term is the exact average of 1/r gravity over the step.
+
+        R0, R1 (3,) [m] are the origin at the ends of the step, r0, r1 their lengths, d0, d1 (n,)
+        [m] the distances |X| less |R|. The n points are this rank's; `begin_step` must have stored
+        their positions `_X0` at the start of the step.
 
         Args:
             x1: positions (n, 3) [m] of the points in the frame at the end of the step.
@@ -390,10 +405,15 @@ class CompiledOrbit(
         It is the work of all attraction other than 1/r, and that of all other loads on the
         displacement of the origin of the moving frame.  The loads count their work on displacements
         in the frame themselves.  Their resultant follows from the change of momentum.
+
+        Side effects: it sets the centre of mass of `flight` and the resultant that `resultants`
+        returns. `begin_step` must have been called for the step.
         """
         system = self._system
         flight = self.flight
         h = system.h
+        # ΔR (3,): displacement of the origin; Δq: change of this rank's coordinates [m] in the
+        # step.
         ΔR = flight.origin.moved
         Δq = system.q1.array_r - system.q0.array_r
         middle = (system.q0.array_r + system.q1.array_r) / 2
@@ -416,6 +436,8 @@ class CompiledOrbit(
         self._resultant = np.array([gravity, moment])
         deformed = float(tidal.array_r[: self._size] @ Δq[: self._size])
         *gravity, deformed = system.comm.allreduce(np.array([*gravity, deformed]))
+        # ΔS, S [kg m]: change of the first moment Σ m x in the step, and the moment at its middle;
+        # P0 [kg m/s]: momentum at its start.
         ΔS, S, P0 = self._sums(Δq, middle, system.v0.array_r)
         self.flight.centre = S / self.mass
         # The midpoint rule has P1 = 2 ΔS/h - P0; (P1 - P0)/h less gravity is the resultant of all
@@ -456,6 +478,7 @@ class CompiledOrbit(
             energy += float(fem.assemble_scalar(mesh.potential))
         if self._points:
             x = self._points(system.q0)
+            # r: |R| [m]; d: |X| - |R| of each point [m].
             r, d = growth(np.broadcast_to(origin.R0, x.shape), x, _dots, np.sqrt)
             energy += float(np.sum(self._points.mass * self._around.mu * d / (r * (r + d))))
         # The energy of the origin belongs to no rank in particular: the first one counts it.
@@ -473,6 +496,8 @@ class CompiledOrbit(
         """
         m = self.moments()
         origin = self.flight.origin
+        # R (3,) [m], V (3,) [m/s]: origin of the frame from the central body, at the start of the
+        # step.
         R = origin.R0
         V = origin.V0
         momentum = m.mass * V

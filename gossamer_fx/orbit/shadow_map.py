@@ -182,6 +182,7 @@ def _barycentric(n: int) -> Array:
     # Small triangles with the orientation of the large one, and those that are upside down.
     up = i + j < n
     down = i + j < n - 1
+    # a, b: second and third barycentric coordinates [-], of the upright and the inverted ones.
     a_up = i[up] + 1 / 3
     a_down = i[down] + 2 / 3
     b_up = j[up] + 1 / 3

@@ -124,6 +124,7 @@ def third_body(r: Array, body: Array, mu: float) -> Array:
     Source: R. H. Battin, An Introduction to the Mathematics and Methods of Astrodynamics (1999),
     section 8.4, doi:10.2514/4.861543.
     """
+    # d2: |b - r|² [m²].
     d2 = float((body - r) @ (body - r))
     # The plain difference of both terms would lose digits, as r is much shorter than b.
     q = float(r @ (r - 2 * body)) / float(body @ body)

@@ -439,6 +439,8 @@ class FilmTemperatures:
         system = self._system
         flight = self.heating.orbit.flight(system)
         flight.prepare(system)
+        # C dT/dt = A - B T⁴: A [W/m²] absorbed flux, B [W/(m² K⁴)] emission coefficient, C [J/(m²
+        # K)] heat capacity, T [K] temperature, each (n,) for this rank's triangles.
         A, B = self._fluxes(flight)
         C = self._C
         h = system.h
@@ -477,12 +479,18 @@ class FilmTemperatures:
     def _fluxes(self, flight: Flight) -> tuple[Array, Array]:
         """Absorbed flux A and emission coefficient B of the heat equation C dT/dt = A - B T⁴.
 
+        u (3,) is the unit vector along the sunlight; a (n, 3) are the area vectors in the middle of
+        the step over the stress-free areas [-], and the stretch is their length.
+
         Args:
             flight: position, sunlight and time of the scene in the middle of the step.
 
         Returns:
             A (n,) [W/m²] and B (n,) [W/(m² K⁴)] of the n triangles of this rank, per stress-free
             area.  Collective.
+
+        Raises:
+            InputError: the orbit does not know where the Sun is.
         """
         heating = self.heating
         u, pressure = flight.light()
@@ -525,6 +533,7 @@ class FilmTemperatures:
         of_front = view_factor(cosines, height)
         of_back = view_factor(-cosines, height)
         sun = around.sun(flight.time)
+        # Distance from the Sun [m]; AU below is the astronomical unit [m].
         way = float(np.linalg.norm(sun - flight.R))
         # Sunlight at the ground below, also while the film is in the shadow.
         reflected = 0.0
@@ -575,6 +584,8 @@ class FilmTemperatures:
         comm = self._system.comm
         sums = self.sums()
         own = np.array([self._stored(), float(self._C @ self._areas)])
+        # Heat [J] and heat capacity [J/K] of all triangles; T below: temperatures [K] of this
+        # rank's.
         stored, capacity = comm.allreduce(own).tolist()
         extremes = np.array([self.T.max(initial=-np.inf), -self.T.min(initial=np.inf)])
         comm.Allreduce(MPI.IN_PLACE, extremes, op=MPI.MAX)

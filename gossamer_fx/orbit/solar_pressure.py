@@ -137,6 +137,8 @@ class SolarPressure:
             InputError: a group of optics is not of triangles of the mesh.
         """
         mesh = film.space.mesh
+        # u: unit vector along the light; P: pressure of sunlight on a black surface [N/m²], zero
+        # until the first step.
         u = fem.Constant(mesh, np.zeros(3))
         P = constant(mesh, 0.0)
         front, back = face_coefficients(film, self.optics, self.groups, self.name)
@@ -166,6 +168,8 @@ def face_coefficients(
 ) -> tuple[list[Expr], list[Expr]]:
     """Optical coefficients of front and back: constants, or functions where groups of triangles
     differ.
+
+    Each rank sets the values of the triangles that it owns, and of its ghosts.
 
     Args:
         film: the film.
@@ -249,6 +253,7 @@ class _LightOnFaces(FacesForce):
         )
         # The back of a one-sided surface is inside of the body, without light.
         self._back *= np.array([s.two_sided for s in surfaces])[:, None]
+        # Direction (3,) of the light and its pressure [N/m²]; `prepare` sets them for each step.
         self._u: Array = np.zeros(3)
         self._P = 0.0
 

@@ -130,6 +130,7 @@ class Sunlight:
         """
         film = self.body
         mesh = film.space.mesh
+        # u: unit vector along the light at t = 0, P: pressure on a black surface [N/m²].
         u = fem.Constant(mesh, self.direction_at(0.0))
         P = constant(mesh, self.pressure)
         front, back = face_coefficients(film, self.optics, self.groups, self.name)

@@ -127,6 +127,7 @@ def flow_force(
     """
     area = maths.root(maths.dot(a, a))
     speed = maths.root(maths.dot(U, U))
+    # c: cosine between area vector and relative wind [-].
     c = maths.dot(a, U) / (area * speed)
     s = speed / thermal
     # The normal of `coefficients` points into the surface: -a for the front, a for the back.

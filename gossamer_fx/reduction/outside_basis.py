@@ -102,6 +102,10 @@ class _Estimate:
     def __init__(self, film: ReducedMembrane) -> None:
         """Compile energy and force of the full film, and the weights of its nodes.  Collective.
 
+        It stores `_P` = MΦ (n, r) [kg], the mass matrix times the modes at the n nodes of this
+        rank; `_weights`, the compliances 1/k (n,) [m/N] across the film and in it; `_inverses`, for
+        each of them (PᵀwP)⁻¹ (r, r); and `_b`, a work vector of nodal forces with ghosts.
+
         Args:
             film: the reduced film, with the examples (shapes) from which the nodal stiffness is
                 taken.
@@ -141,6 +145,11 @@ class _Estimate:
 
         Collective; dimensionless, the same on every rank.
 
+        For each of the directions across the film and in it, the energy is ½ (f·w f - y·(PᵀwP)⁻¹ y)
+        with y = Pᵀ w f: f [N] are the nodal forces, w (n,) [m/N] the compliances of this rank's
+        nodes, P = MΦ (n, r) [kg] mass matrix times modes. A film without stored energy gives a huge
+        ratio, not an error.
+
         Args:
             c: coefficients (r, 3) [m] of the modes, which give the shape.
         """
@@ -173,11 +182,13 @@ class _Estimate:
         return forces.copy()
 
     def _compliances(self, stiffness: fem.Form, examples: Array) -> tuple[Array, Array]:
-        """Compliances 1/k_n (n,) [m/N] of nodes across the film and in it; zero at ports.
+        """Compliances 1/k_n (n,) [m/N] of this rank's n owned nodes, across the film and in it.
         Collective.
 
         k_n is the largest stiffness of the node in all examples, as a film that starts without
         tension has none across; it is at least 0.001 of the mean over the nodes.
+
+        Both are zero at nodes with ports, the nodes that other terms of the scene move or load.
 
         Args:
             stiffness: bilinear form of the stiffness of the full film.

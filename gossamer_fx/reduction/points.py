@@ -86,7 +86,11 @@ class Points:
         self._stresses = self._struct.pointer
 
     def move(self, c: Array) -> None:
-        """Set the coefficients (r, 3) [m] at the end of the step."""
+        """Set the coefficients (r, 3) [m] at the end of the step.
+
+        This sets the gradients `_F` (2q, 3) [-] of the shape. Strains and stresses stay as they are
+        until `linearise` or `set_true_strains`.
+        """
         self._F = self._G @ c
 
     def keep(self) -> None:
@@ -134,7 +138,11 @@ class Points:
         return float(self._density @ self._dA)
 
     def forces(self, α: float) -> Array:
-        """Forces (r, 3) [N] on the coefficients, at the weight α of the rule."""
+        """Forces (r, 3) [N] on the coefficients, at the weight α of the rule.
+
+        f = Gᵀ N is the sum over this rank's cells. N (2q, 3) [N m] is the stress times the area and
+        the α-weighted gradients of the shape; G (2q, r) [1/m] are the gradients of the modes.
+        """
         N = self._c.array("N", self._N, "float64", self._N.shape, writable=True)
         self._c.lib.forces(self._stresses, self._gradients(α).pointer, N)
         f: Array = self._G.T @ self._N
@@ -143,6 +151,10 @@ class Points:
     def stiffness(self, α: float, share: float) -> Array:
         """Derivatives (3r, 3r) [N/m] of the forces by the coefficients c of the modes at the end of
         a step.
+
+        K is the sum over this rank's cells, K = Gᵀ (T G): G (2q, r) [1/m] are the gradients of the
+        r modes, T the stiffness of a point [N m], and `_TG` (2q, 9r) [N] the work array of the
+        products.
 
         Args:
             α: weight of the end of the step in the time stepping rule, e.g. 0.5.

@@ -84,6 +84,9 @@ class ReducedEnergies(
         """Add the dense blocks (3r, 3r) [N/m] of the reduced films to the system's matrix.
         Collective.
 
+        K is the sum over ranks of the stiffness (3r, 3r) of the r modes; on ranks other than 0 it
+        is empty. The matrix is not assembled here.
+
         Args:
             A: the tangent, sparse or dense; rank 0 has the rows of reduced films.
         """

@@ -118,6 +118,10 @@ def sample_cells(basis: Basis, most: int, seed: int = 0) -> Sample:
     Returns:
         cells and weights of this rank, and the error of the stiffness; all cells if there are no
         more than `most`.
+
+    Raises:
+        numpy.linalg.LinAlgError: the stiffness of an example, plus its shift, is not positive
+            definite, e.g. that of a buckled shape.
     """
     film = basis.film
     comm = film.comm
@@ -150,11 +154,16 @@ def _error(cells: CellEnergies, basis: Basis, weights: Array) -> float:
         cells: energies of this rank's cells.
         basis: modes, with the coefficients of examples.
         weights: of this rank's cells (n,); zero for a cell that is not sampled.
+
+    Raises:
+        numpy.linalg.LinAlgError: the stiffness of an example is not positive definite (see
+            `_factor`).
     """
     comm = basis.film.comm
     squares = []
     for c in basis.examples:
         cells.take(c)
+        # K, sampled: stiffness (3r, 3r) [N/m] over all cells of all ranks.
         K = comm.allreduce(cells.stiffness(np.ones(len(weights))))
         sampled = comm.allreduce(cells.stiffness(weights))
         L = _factor(K)
@@ -184,6 +193,12 @@ def _equations(
         c: coefficients (r, 3) [m] of the shape about which the film moves.
         random: generator of ζ, in the same state on every rank.
         count: number of motions.
+
+    Returns:
+        energies and work of k motions in this rank's cells, as rows of an array (2k, cells).
+
+    Raises:
+        numpy.linalg.LinAlgError: the stiffness K is not positive definite (see `_factor`).
     """
     r = basis.size
     cells.take(c)
@@ -206,7 +221,13 @@ def _equations(
 def _factor(K: Array) -> Array:
     """Cholesky factor L of K plus a multiple of 1, so that rigid motions have a stiffness too.
 
-    The multiple is the softest stiffness of K.
+    The multiple is the smallest eigenvalue of K after those of the six rigid motions, and at
+    least a small share of the largest one.
+
+    K is the stiffness (3r, 3r) [N/m] of r modes; L is lower triangular, with K + shift = L Lᵀ.
+
+    Raises:
+        numpy.linalg.LinAlgError: K has a negative eigenvalue that the shift does not outweigh.
     """
     symmetric = (K + K.T) / 2
     eigenvalues = np.linalg.eigvalsh(symmetric)
@@ -228,6 +249,9 @@ def fewest_weights(Y: Array, wanted: Array, most: int) -> Array:
     3. If weights are negative, go from the last weights towards the solution until the first of
        them vanishes, leave it out, and repeat step 2.
     4. Repeat from step 1 until enough columns are taken or none reduces the residual.
+
+    Each rank solves for its own cells; the call is not collective. There may be fewer positive
+    weights than `most`, or none.
 
     Args:
         Y: matrix (equations, n), in any unit.
@@ -350,7 +374,12 @@ class CellEnergies:
         self._state = compile_expression(ufl.as_vector(components), points)
 
     def take(self, c: Array) -> None:
-        """Evaluate the film in the shape of the coefficients (r, 3) [m]."""
+        """Evaluate the film in the shape of the coefficients (r, 3) [m].
+
+        This sets, for the q points of this rank's cells, `_F` (2, 3, q) [-], the images of the two
+        frame vectors; `_S` (3, q) [N m], the membrane stress S11, S22, S12 times the area of the
+        point; and `_D` (3, 3, q) [N m], its derivatives by the strain, times the area.
+        """
         self._x.x.array[:] = (self._modes @ c).ravel()
         values = evaluate(self._state, self._film.space.mesh, own_cells(self._film))
         by_component = values.reshape(-1, 18).T
@@ -360,10 +389,16 @@ class CellEnergies:
         self._D = by_component[9:].reshape(3, 3, -1) * self._dA
 
     def stiffness(self, weights: Array) -> Array:
-        """Σ ξ_e k_e (3r, 3r) for weights ξ (count,)."""
+        """Σ ξ_e k_e (3r, 3r) for weights ξ (count,).
+
+        The sum over this rank's cells [N/m], in the shape that `take` has set; AttributeError
+        before the first `take`.
+        """
         # Only points of cells that count
         on = np.repeat(weights > 0, self._points)
         ξ = np.repeat(weights, self._points)[on]
+        # B (3, 6, q): derivative of the strains by the gradients F. D and S (times area) are in N
+        # m; `_G` (q, 2, r) [1/m] are the gradients of the modes.
         B = strain_operator(self._F[:, :, on])
         D = self._D[:, :, on] * ξ
         S = self._S[:, on] * ξ
@@ -381,6 +416,8 @@ class CellEnergies:
         Returns:
             energies (k, count) and work (k, count) in the cells of this rank.
         """
+        # F1, F2 (3, q): images of the frame vectors; S11, S22, S12 (1, q) [N m]: stress times area;
+        # H1, H2 (q, k, 3): gradients of the motions along the frame vectors.
         F1, F2 = self._F
         S11, S22, S12 = self._S[:, None]
         H1 = self._gradients(z, 0)

@@ -253,7 +253,10 @@ class EliminatedJoints:
         self._D = rows[:, self._rest]
 
     def _columns(self, matrix: PETSc.Mat) -> Array:
-        """The block B (films, k) [N/m] that couples films to the k eliminated unknowns, as k rows.
+        """Return the transpose Bᵀ (k, films) of the block of the matrix that couples films to the k
+        eliminated unknowns, [N/m] for coordinates.
+
+        Computed by k products of the matrix with unit vectors; there is one rank only.
 
         Args:
             matrix: of all unknowns.

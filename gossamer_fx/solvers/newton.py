@@ -619,6 +619,9 @@ class Newton:
 
         It is the error of the total energy.  The limit is the energy tolerance times the largest
         energy so far; True if no energy is known.  Collective.
+
+        r [N] is the residual evaluated last, on the forces only; q0 and q1 [m] are the coordinates
+        at the start and at the end of the step.
         """
         if not self.energy:
             return True

@@ -43,6 +43,7 @@ class BoxTree:
         Raises:
             ValueError: an array is not contiguous, or not of the type that C takes.
         """
+        # The compiled C library of contact, which checks the arrays that it gets
         c = library()
         count = len(primitives.boxes)
         # The tree is complete: its leaves are the next power of two, its root is node 1.
@@ -89,6 +90,7 @@ class BoxTree:
         Raises:
             ValueError: an array is not contiguous, or not of the type that C takes.
         """
+        # The compiled C library of contact, which checks the arrays that it gets
         c = library()
         query = _query(others, which, in_tree)
         of_query = _filter(others)
@@ -118,6 +120,7 @@ def _query(primitives: FilteredPrimitives, which: Int32Array, in_tree: bool) -> 
         which: numbers (q,) of those that are asked for.
         in_tree: whether they are the primitives of the tree, so that each pair is found once.
     """
+    # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(primitives.boxes)
     return c.struct(
@@ -138,6 +141,7 @@ def _filter(primitives: FilteredPrimitives) -> CStruct:
         primitives: n primitives, with labels (n, w), of which connected ones share one, and with a
             mark (n,) of those that contact does not move.
     """
+    # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count, label_count = primitives.labels.shape
     return c.struct(

@@ -77,6 +77,9 @@ class CandidateSearch:
         """Find the contact pairs whose gap is within the activation distance, for points that do
         not move; collective.
 
+        Sets `pairs`, the candidates of this rank, and `bounds`, within which they are complete; on
+        several ranks the mesh takes in the facets of other ranks that may come near.
+
         Args:
             read: returns the points (m, 3) [m] of the contact as they are when it is called: a
                 search may change which points this rank knows.
@@ -93,6 +96,9 @@ class CandidateSearch:
     def find(self, read: Callable[[], StepPoints], time: float, step: float) -> None:
         """Find the contact pairs whose gap can fall below the activation distance in the next
         steps; collective.
+
+        Sets `pairs`, the candidates of this rank, and `bounds`, within which they are complete; on
+        several ranks the mesh takes in the facets of other ranks that may come near.
 
         Args:
             read: returns points, velocities and expected end of the step, as they are when it is

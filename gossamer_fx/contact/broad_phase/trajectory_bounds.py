@@ -61,6 +61,7 @@ class RigidDrift:
         sums = comm.allreduce(sums)
         centre = sums[:3] / sums[6]
         velocity = sums[3:6] / sums[6]
+        # Vectors from the centre to the points (n, 3) [m]
         r = x - centre
         # Least squares: the angular momentum of points of unit mass is that of the rigid motion.
         own_inertia = np.sum(r**2) * np.eye(3) - r.T @ r
@@ -85,6 +86,7 @@ class RigidDrift:
         """
         duration = time - self.time
         spin_rate = float(np.linalg.norm(self.spin))
+        # Vectors from the moved centre to the points (n, 3) [m]
         r = x - (self.centre + duration * self.velocity)
         if spin_rate * duration:
             # Rows times a matrix: the inverse rotation.

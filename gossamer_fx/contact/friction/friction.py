@@ -135,7 +135,14 @@ class Friction:
     def add_product_with_start_derivative(
         self, x0: Array, x1: Array, μ: Array, found: Array
     ) -> None:
-        """Add (∂f/∂x0)ᵀ μ of the forces f of a step to `found` (m, 3); μ (m, 3) on the points."""
+        """Add (∂f/∂x0)ᵀ μ of the forces f of a step to `found` (m, 3); μ (m, 3) on the points.
+
+        Args:
+            x0, x1: points (m, 3) [m] at the start and at the end of the step, those that this rank
+                knows.
+            μ: adjoint displacements (m, 3) of these points.
+            found: array (m, 3) to which this rank's products are added.
+        """
         from gossamer_fx.contact.friction.start_derivative import (
             add_product_with_start_derivative,
         )
@@ -148,6 +155,11 @@ class Friction:
         """Return μ·∂f/∂c [J] by the coefficient c of bodies with each other, this rank's share.
 
         Pairs with obstacles that have their own coefficient do not count.
+
+        Args:
+            x0, x1: points (m, 3) [m] at the start and at the end of the step, those that this rank
+                knows.
+            μ: adjoint displacements (m, 3) of these points.
         """
         from gossamer_fx.contact.friction.start_derivative import work_by_coefficient
 
@@ -160,7 +172,16 @@ class Friction:
 
     def works(self, x0: Array, x1: Array, μ: Array) -> tuple[Int64Array, Array]:
         """Return identifiers (n,) of pairs that may rub, and the work μ·f (n,) [J] of the friction
-        of each."""
+        of each.
+
+        Args:
+            x0, x1: points (m, 3) [m] at the start and at the end of the step, those that this rank
+                knows.
+            μ: adjoint displacements (m, 3) of these points.
+
+        Returns:
+            identifiers and works of this rank's pairs with friction, those between bodies first.
+        """
         from gossamer_fx.contact.friction.start_derivative import work_by_coefficient
 
         step = self._step(x0, x1)
@@ -211,6 +232,9 @@ class Friction:
     def _between_bodies(self, pairs: ActivePairs, x0: Array) -> FrictionPairs:
         """Return the friction of contact pairs between bodies, which slide along two edges of the
         pair.
+
+        The result has one row for each pair, all of this rank; `_law` is the energy law of the
+        contact.
 
         Args:
             pairs: n pairs of bodies only, with the column `start` of their closest points.

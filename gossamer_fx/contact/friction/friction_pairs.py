@@ -187,7 +187,12 @@ class FrictionPairs:
         return Sliding(by_directions + by_gaps, r_mid, t_mid, r_end, t_end)
 
     def rows(self, which: Any) -> FrictionPairs:
-        """Return some of the pairs, given by indices or by a mask (n,), without their blocks."""
+        """Return some of the pairs, given by indices or by a mask (n,), without their blocks.
+
+        Args:
+            which: indices, or a mask (n,), of the pairs to be kept; the block index is not taken
+                along.
+        """
         start = self.start
         return FrictionPairs(
             pairs=self.pairs.rows(which),
@@ -269,6 +274,10 @@ class FrictionPairs:
 
     def add_tangents(self, step: FrictionStep, is_moved: Array, blocks: Array) -> None:
         """Add the derivative [N/m] of the friction forces with respect to the end of the step.
+
+        S is the friction force, w (n, 2) [m] the sliding; r and t are the vector between the sides
+        and the directions of sliding. K (n, k, k, 3, 3) [N/m] are the blocks of n pairs of k
+        points.
 
         Args:
             step: the last one for which forces were added.

@@ -145,7 +145,10 @@ class WithObstacles:
     def _towards_body(self, weights: Array, x: Array) -> Array:
         """Return a vector (n, 3) from each pair's obstacle towards its body.
 
-        weights: (n, 4) of the vector between the closest points, for pairs that are not of walls.
+        Args:
+            weights: (n, 4) of the vector between the closest points, for pairs that are not of
+                walls.
+            x: the four points of each pair (n, 4, 3) [m].
         """
         to_origin = x[:, 1] - x[:, 0]
         from_axis = np.einsum("nkc,nc->nk", x[:, 2:], to_origin)

@@ -47,6 +47,9 @@ def add_product_with_start_derivative(
 ) -> None:
     """Add (∂f/∂x0)ᵀ μ of the friction forces f of pairs.
 
+    x0 (m, 3) [m] are the points at the start of the step. Only pairs of this rank add; pairs
+    without a normal force add nothing.
+
     Args:
         group: pairs of a step.
         step: the step, solved.
@@ -90,7 +93,20 @@ class _Product:
         normal_force: Array,
         forces: Array,
     ) -> None:
-        """Compute sliding and power of all pairs."""
+        """Compute sliding and power of all pairs.
+
+        `_N` (n,) [N] are the normal forces, `_P` (n, 2) the changes of sliding with the adjoint
+        displacements `_μ` (n, k, 3), and `_by_P` and `_by_w` (n, 2) the derivatives of the power W
+        by P and by the sliding w; r is the vector between the sides of a pair, t are its two
+        directions of sliding.
+
+        Args:
+            group: n pairs of this rank, with k points each, whose normal forces are positive.
+            step: the solved step.
+            μ: adjoint displacements (m, 3) of all points that this rank knows.
+            normal_force: of the pairs (n,) [N].
+            forces: of the contact potential on the four points of each pair (n, 4, 3) [N].
+        """
         self._group = group
         self._step = step
         self._N = normal_force
@@ -167,7 +183,12 @@ class _Product:
         return found
 
     def through_geometry(self) -> Array:
-        """∂W/∂x0 (n, k, 3) by the weights of r and t, and by the normal."""
+        """∂W/∂x0 (n, k, 3) by the weights of r and t, and by the normal.
+
+        n pairs have k points each. W is the product of μ and the friction forces, x0 and x1 (n, k,
+        3) [m] are the points at the start and the end of the step, r is the vector between the
+        sides, t_1 and t_2 are the directions of sliding.
+        """
         group = self._group
         step = self._step
         sliding = self._sliding
@@ -196,7 +217,16 @@ class _Product:
         self, by_gap_weights: Array, by_directions: Array, by_normal: Array
     ) -> Array:
         """Derivative (n, k, 3) by the points of what is derived by weights (n, k), (n, 2, k) and
-        normals (n, 3)."""
+        normals (n, 3).
+
+        W is the product of the adjoint displacements and the friction forces; x0 (n, k, 3) [m] are
+        the k points of each of n pairs at the start of the step.
+
+        Args:
+            by_gap_weights: derivatives of W by the weights of the vector between the sides (n, k).
+            by_directions: derivatives of W by the weights of both directions of sliding (n, 2, k).
+            by_normal: derivatives of W by the unit normals (n, 3).
+        """
         group = self._group
         x0 = self._step.x0[group.points]
         count, width, _ = x0.shape

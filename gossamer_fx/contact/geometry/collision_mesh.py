@@ -386,7 +386,13 @@ class CollisionMesh:
         return density
 
     def body_masses(self, system: ContactAssembly) -> Array:
-        """Return the mass [kg] (k,) of each body, with what is attached to it.  Collective."""
+        """Return the mass [kg] (k,) of each body, with what is attached to it.  Collective.
+
+        A body whose nodes have no mass has the mass zero. The result is the same on all ranks.
+
+        Args:
+            system: the compiled scene, with the mass matrix [kg].
+        """
         numbering = system.numbering
         direction = numbering.vector()
         momentum = numbering.vector()

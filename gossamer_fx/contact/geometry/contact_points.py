@@ -292,6 +292,7 @@ class ContactPoints:
             exists = entry_count > j
             entry = np.where(exists, first_entry + j, 0)
             block_rows[:, :, j] = np.where(exists, self.weights.indices[entry], points[:, :1])
+            # p is one of the four points of a pair.
             for p in range(4):
                 weight = self.weights.data[entry[:, p]]
                 weights[:, p, p, j] = np.where(exists[:, p], weight, 0.0)

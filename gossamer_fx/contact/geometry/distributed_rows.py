@@ -62,6 +62,9 @@ class DistributedRows:
         """Return for each row of integers the sum of the values that all ranks have for it;
         collective.
 
+        A row consists of the integers that name a point, edge or triangle; several ranks may have
+        equal rows. On each of them the sum is the same.
+
         Args:
             values: (n,), one for each row of this rank.
 

@@ -85,6 +85,7 @@ def find_collisions(
     Raises:
         ValueError: an array is not contiguous, or not of the shape above.
     """
+    # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     count = len(pairs)
     points = len(x0)

@@ -35,6 +35,9 @@ def parameter_derivatives(kind: ByteArray, x: Array, parameters: Array) -> Array
 
     Zero for walls, which have no parameters, and where the closest points are corners.
 
+    The closest points minimise |z|² with z = r + u a + v b, the vector between the sides [m]. H (n,
+    2, 2) [m²] is the matrix of products of a and b.
+
     Args:
         kind: of each pair (n,), a `PairKind`.
         x: points (n, 4, 3) [m].
@@ -61,7 +64,14 @@ def parameter_derivatives(kind: ByteArray, x: Array, parameters: Array) -> Array
 
 
 def _inverse_on_free_directions(kind: ByteArray, H: Array, parameters: Array) -> Array:
-    """Return D (Dᵀ H D)⁻¹ Dᵀ (n, 2, 2) of (1) for H (n, 2, 2) and parameters (n, 2)."""
+    """Return D (Dᵀ H D)⁻¹ Dᵀ (n, 2, 2) of (1) for H (n, 2, 2) and parameters (n, 2).
+
+    D (2, f) are the directions in which the parameters (u, v) of the closest points are free; the
+    result is zero at corners. H [m²] has the products of the vectors a and b of a pair.
+
+    Args:
+        kind: of each pair (n,), a `PairKind`.
+    """
     u, v = parameters.T
     is_edges = kind == PairKind.EDGE_EDGE
     is_triangle = kind == PairKind.POINT_TRIANGLE

@@ -63,6 +63,7 @@ def approach_bounds(pairs: PairTable, x0: Array, x1: Array, margin: Array | None
     Raises:
         ValueError: an array is not contiguous, or not of the shape above.
     """
+    # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     points = len(x0)
     bound = np.empty(len(pairs))

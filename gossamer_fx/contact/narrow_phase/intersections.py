@@ -71,6 +71,7 @@ def _floating_point_answers(surface: CollisionPrimitives, x: Array, near: Int32A
         ValueError: an edge or triangle has a point that does not exist, or an array is not
             contiguous.
     """
+    # The compiled C library of contact, which checks the arrays that it gets
     c = library()
     check_indices("The points of edges", surface.edges, len(x))
     check_indices("The points of triangles", surface.triangles, len(x))
@@ -122,6 +123,7 @@ def sign_of_volume(corners: Array) -> int:
     """
     rows = [[Fraction(float(value)) for value in corner] for corner in corners]
     origin = rows[0]
+    # u, v and w are the exact edge vectors b - a, c - a and d - a.
     u = _difference(rows[1], origin)
     v = _difference(rows[2], origin)
     w = _difference(rows[3], origin)

@@ -272,6 +272,8 @@ def _best_turn(start: Array, end: Array, comm: MPI.Intracomm) -> _Turn:
     centre = sums[:6].reshape(2, 3) / sums[6]
     moments = comm.allreduce((end - centre[1]).T @ (start - centre[0]))
     scale = np.linalg.norm(moments)
+    # Orthogonal factors u and vt of the singular value decomposition; a reflection is excluded by
+    # the sign of their determinant.
     u, _, vt = np.linalg.svd(moments + LINE_REGULARISATION * scale * np.eye(3))
     handedness = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
     return _Turn((u * handedness) @ vt, centre)
