@@ -405,6 +405,9 @@ class GasNetwork:
         """Report in one clause which chamber has a volume or pressure that is not positive.
 
         Empty if none has; the same on every rank.
+
+        It needs the volumes [m³] and pressures [Pa] of the last iterate; NaN does not count as not
+        positive.
         """
         for state, volume, pressure in zip(self.chambers, self.volumes, self.y, strict=False):
             if volume <= 0 or pressure <= 0:

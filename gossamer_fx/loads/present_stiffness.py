@@ -50,7 +50,7 @@ class PresentStiffnesses(
     def __init__(self, terms: Sequence[PresentStiffness], system: Assembly) -> None:
         """Compile the stiffness C = ∂S/∂e [N/m] at the present strain, for each term.  Collective.
 
-        Such a term has no force of its own: it has C for the damping of a film that follows its
+        Such a term adds no force: it has C for the damping of a film that follows its
         stiffness. C is evaluated later, when a state is accepted.
 
         Args:
