@@ -94,6 +94,7 @@ def gradient(X: Numbers) -> Numbers:
     ∂S/∂X - S ∂C/∂X)/(C² + S²).  X may be complex, for derivatives by complex steps.  A panel
     without area, p or m parallel to t, gives NaN.
     """
+    # tt = t·t, tp = t·p, tm = t·m, pm = p·m; gC and gS are the gradients of C and S.
     tt, tp, tm, pm, J, length = _products(X)
     C = tp * tm - tt * pm
     S = length * J
@@ -113,15 +114,20 @@ def discrete_gradient(
     """Discrete gradient G (..., 3, 3) of the dihedral angle of folds over a time step.
 
     It satisfies G·(X1 - X0) = θ1 - θ0 and Σ X_mid × G = 0, so that the moment of a crease conserves
-    energy and angular momentum; at X1 = X0 it is the gradient.  Its unit is the inverse of that of
-    X.  Equations (3) and (4) of the module.
+    energy and angular momentum; at X1 = X0 it is the gradient.  X_mid is the mean of X0 and X1, and
+    the sum is over the three rows.  Its unit is the inverse of that of X.  Equations (3) and (4) of
+    the module.  The angle of a fold with rows t, p, m is θ = atan2(S, C) with C = (t·p)(t·m) -
+    (t·t)(p·m), S = |t| J and J = t·(p × m).
 
     Args:
         X0: folds (..., 3, 3) at the beginning of the step, with three vectors of any unit as rows:
             t along the fold, p and m into its two panels.
         X1: folds (..., 3, 3) at its end; may be complex, for derivatives by complex steps.
         θ0: angles (...) [rad] of X0, on any branch.
-        θ1: angles (...) [rad] of X1, less than a whole turn from θ0.
+        θ1: angles (...) [rad] of X1, less than a whole turn from θ0, which is not checked.
+
+    Returns:
+        Discrete gradient (..., 3, 3), complex if X1 or θ1 is.
 
     Raises:
         LinAlgError: the three vectors of a fold are parallel at the middle of the step.
@@ -139,12 +145,13 @@ def discrete_gradient(
     t = X_mid[..., 0, :]
     products0 = _products(X0)
     products1 = _products(X1)
+    # Means over the step of t·t, t·p, t·m, p·m, J and |t|.
     means = [(before + after) / 2 for before, after in zip(products0, products1, strict=True)]
     tt, tp, tm, pm, J, length = means
 
-    # Step 1.
+    # Step 1.  gC, gJ and gS are the discrete gradients of C, J and S; `_v` adds an axis.
     gC = _gradient_of_cosine(X_mid, (tt, tp, tm, pm))
-    # Step 2, equation (3).
+    # Step 2, equation (3).  The change ΔX is a rotation R about X_mid and the rest P.
     P = _without_rotation(X_mid, ΔX)
     R = ΔX - P
     correction = (
@@ -156,7 +163,7 @@ def discrete_gradient(
     gS = _v(_v(length)) * gJ
     gS[..., 0, :] += _v(J / length) * t
 
-    # Step 3, equation (4).
+    # Step 3, equation (4).  ρ = √(C² + S²); 0 and 1 are the start and the end of the step.
     C0, S0 = _cosine_and_sine(X0)
     C1, S1 = _cosine_and_sine(X1)
     half = (θ1 - θ0) / 2
@@ -189,8 +196,12 @@ def discrete_gradient_derivative(
         X0, X1: folds (n, 3, 3), of any unit, at the beginning and end of a time step; rows are the
             vector along the fold and those into its two panels.
         θ0, θ1: their angles (n,) [rad], less than a whole turn apart.
+
+    Raises:
+        LinAlgError: the three vectors of a fold are parallel at the middle of the step.
     """
-    # The angle at the end depends on X1 too.
+    # θ is θ1 with the complex step that follows from that of X1; `_v` adds an axis.  The angle at
+    # the end depends on X1 too.
     change_of_angle = gradient(X1).reshape(-1, 9).T
     θ = _v(θ1).T + 1j * STEP * change_of_angle
     return _derivative(discrete_gradient(X0, _stepped(X1), θ0, θ))
@@ -249,6 +260,7 @@ def _gradient_of_cosine(X: Numbers, products: tuple[Numbers, ...]) -> Numbers:
         products: t·t, t·p, t·m and p·m, (...) each, in the square of that unit.
     """
     t, p, m = _rows(X)
+    # tt = t·t, tp = t·p, tm = t·m, pm = p·m, with one more axis for products with vectors.
     tt, tp, tm, pm = (_v(product) for product in products)
     return np.stack(
         [
@@ -279,6 +291,7 @@ def _cross_pairs(X: Numbers, Y: Numbers) -> Numbers:
     Args:
         X, Y: three vectors each as rows (..., 3, 3), real or complex.
     """
+    # t, p, m are the rows of X, and u, q, n those of Y.
     t, p, m = _rows(X)
     u, q, n = _rows(Y)
     return np.stack(
@@ -314,6 +327,7 @@ def _cross(a: Numbers, b: Numbers) -> Numbers:
         a, b: real or complex vectors (..., 3) that broadcast, in any units; the result has the
             product of both.
     """
+    # Components (...): x, y, z of a, and u, v, w of b.
     x, y, z = (a[..., i] for i in range(3))
     u, v, w = (b[..., i] for i in range(3))
     return np.stack(

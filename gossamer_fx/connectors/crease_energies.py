@@ -379,11 +379,14 @@ class _Points:
         angle [rad], and the sign of the angle if the fold starts pressed shut.
 
         Args:
-            terms: all creases of the scene.
+            terms: all creases of the scene, with this rank's points.
             of: indices of those in these arrays, which have the same number of nodes a point.
             system: the compiled scene, which has the numbering of the unknowns.
+
+        `keep` must be called once with the initial positions before any other method.
         """
         self.of = of
+        # Weight of the end of a step in the point at which forces act: ½ or, in backward Euler, 1.
         self._α = float(system.rule.alpha)
         mine = [terms[i] for i in of]
         self._names = [term.name for term in mine]
@@ -457,7 +460,14 @@ class _Points:
             q: positions (n, D) [m] of the nodes of each of the n points at the end of the step.
             geometric: share from 0 to 1 of the geometric stiffness, which is proportional to the
                 moment.
+
+        Raises:
+            LinAlgError: the vectors along a fold and into its panels are parallel in the middle of
+                the step.
         """
+        # X (n, 3, 3): vectors along the fold and into both panels, θ1 (n,) [rad]: angles, both at
+        # the end of the step.  G (n, 9): discrete gradient of the angle by X, dG: its derivative,
+        # K (n, 9, 9): derivative of the forces on the vectors.
         X = self.vectors(q)
         n = len(X)
         θ1 = self._end(X)
@@ -552,7 +562,7 @@ class _Points:
             self._first_rest = np.where(here, now, self._first_rest)
 
     def largest_rotation(self, q: Array) -> tuple[float, str]:
-        """Largest change of a fold angle [rad] in a step, and the name of its crease.
+        """Largest change of a fold angle [rad] in a step on this rank, and its crease's name.
 
         Args:
             q: positions (n, D) [m] of the nodes of each of the n points at the end of the step.
@@ -560,6 +570,7 @@ class _Points:
         Returns:
             Zero and an empty name where this rank has no points.
         """
+        # θ (n,) [rad]: angles at the start of the step.
         change = np.abs(self._end(self.vectors(q)) - self.θ)
         if len(change) == 0:
             return 0.0, ""
@@ -588,6 +599,7 @@ class _Points:
             number of full turns of its angle; and its rest angle [rad], or None where that is the
             one of the input.
         """
+        # θ (n,) [rad] and X (n, 3, 3): angles and vectors of the folds in the accepted state.
         full_turns = (self.θ - self._principal(self._X)) / (2 * np.pi)
         turns = np.rint(full_turns).astype(int)
         has_slipped = self.rest != self._first_rest
@@ -610,6 +622,7 @@ class _Points:
                 full turns of the fold angle, and the rest angle [rad], None for the one of the
                 input.  All other points get the values of the input.
         """
+        # θ (n,) [rad] and X (n, 3, 3): angles and vectors of the folds in the restored state.
         self.θ = self._principal(self._X)
         self.rest = self._first_rest.copy()
         names: Any = self._point_names.tolist()
@@ -646,7 +659,10 @@ class _Points:
         return np.asarray(dihedral_angle.discrete_gradient(self._X, X, self.θ, θ1))
 
     def _slipped(self, θ1: Array) -> Array:
-        """Change (n,) [rad] of the rest angle in a step to the angle θ1 (n,)."""
+        """Change (n,) [rad] of the rest angle in a step to the angle θ1 (n,) [rad].
+
+        It is what the distance u = θ1 - rest exceeds the yield angle by, with the sign of u.
+        """
         u = θ1 - self.rest
         return np.sign(u) * np.maximum(np.abs(u) - self._slip, 0.0)
 

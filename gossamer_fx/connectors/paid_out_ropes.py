@@ -86,6 +86,7 @@ class PaidOutRopes(
         # L1 of a step with a history.
         self._next = self.length
         self._stencil = Stencil(self._at, self, False, system.rule.alpha)
+        # Distances of the ends [m] at the start of the step; set by the first `commit`.
         self._l: Array = np.zeros(self._at.n)
         self._begun = False
 
@@ -121,6 +122,7 @@ class PaidOutRopes(
         given length as much as that says.  The first call is at the initial state, where ropes that
         are tighter than their brake allows become longer.
         """
+        # Unknowns (n, D) of the ends of this rank's n ropes.
         q = self._gather(self._system.q0)[0]
         length = self._lengths(q)
         if self._begun:
@@ -131,6 +133,7 @@ class PaidOutRopes(
             self.length = self.length + self._slip(length)
             self._begun = True
         self._next = self.length
+        # Distances of the ends [m] at the start of the next step.
         self._l = length
         self._stencil.keep(q)
 
@@ -158,7 +161,10 @@ class PaidOutRopes(
 
         Returns:
             S_mean (n, 1) [N/m] and dS_mean/de1 (n, 1, 1) [N/m³].
+
+        `begin_step` and `commit` have set the natural lengths and the distances at the start.
         """
+        # Distances l0, l1 [m] of the ends; T (n,) [N]: mean tension; slope [N/m]: dT/dl1.
         l0 = np.sqrt(2 * np.maximum(e0[:, 0], SMALLEST_MEASURE))
         l1 = np.sqrt(2 * np.maximum(e1[:, 0], SMALLEST_MEASURE))
         T, slope = self._tension(l1)
@@ -254,14 +260,16 @@ class PaidOutRopes(
         """Mean tension of a step for each of n ropes, averaged exactly over its stretch, and the
         derivative.
 
-        With backward Euler it is the tension at the end of the step.
+        With backward Euler it is the tension at the end of the step.  The stretch, distance less
+        natural length, is y0 [m] at the start of the step and y1 [m] at its end.
 
         Args:
-            l1: distances of the ends (n,) [m] at the end of the step.
+            l1: distances of the ends (n,) [m] at the end of the step, of this rank's ropes.
 
         Returns:
             T_mean (n,) [N] and dT_mean/dl1 (n,) [N/m].
         """
+        # The distance at the start of the step is the attribute `_l`.
         y1 = l1 - self._next
         y0 = self._l - self.length
         # Backward Euler takes the tension at the end of the step.

@@ -73,16 +73,21 @@ class LengthSpring:
         The measure is e = ½ l² of the length l; the stress S = ∂ψ/∂e is the force over the length,
         and S_mean (e1 - e0) the change of energy [J].
 
+        L [m] is the natural length, k [N/m] the stiffness.  A spring that acts on one side only has
+        no stress beyond it.  Coincident ends count as 1e-150 m apart: nothing is refused.
+
         Args:
             e0, e1: (n, 1) [m²] at the beginning and the end of the step.
 
         Returns:
             S_mean (n, 1) [N/m] and ∂S_mean/∂e1 (n, 1, 1) [N/m³].
         """
+        # Lengths l0 and l1 [m] at the start and the end of the step.
         l0 = _length(e0)
         l1 = _length(e1)
         mean_length = (l0 + l1) / 2
         if self.side:
+            # Stretches y0 and y1 [m], positive where the spring acts.
             y0 = self.side * (l0 - self.L)
             y1 = self.side * (l1 - self.L)
             pull, slope = one_sided_average(y0, y1)
@@ -93,6 +98,7 @@ class LengthSpring:
             slope = np.full(pull.shape, 0.5)
         # Δe = mean_length Δl, so that the stress is the mean force over the mean length; d/de1 =
         # d/dl1 / l1.
+        # S is S_mean, D its derivative by e1.
         S = self.k * pull / mean_length
         D = self.k * (slope - pull / mean_length / 2) / mean_length / l1
         return S[:, None], D[:, None, None]
@@ -106,7 +112,18 @@ class LengthDamper:
     stacks: ClassVar[tuple[str, ...]] = ("c",)
 
     def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
-        """Mean stress (n, 1) [N/m] in a step of h seconds, and its derivative by e1 (n, 1, 1)."""
+        """Mean viscous stress of a step for each of n dampers, and its derivative.
+
+        The measure is e = ½ l² of the length l; the stress is the force c dl/dt over the length.
+
+        Args:
+            e0, e1: (n, 1) [m²] at the beginning and the end of the step.
+            h: length of the step [s], positive.
+
+        Returns:
+            S_mean (n, 1) [N/m] and D = ∂S_mean/∂e1 (n, 1, 1) [N/m³].
+        """
+        # Lengths l0 and l1 [m] at the start and the end of the step.
         l0 = _length(e0)
         l1 = _length(e1)
         S = 2 * self.c / h * (l1 - l0) / (l0 + l1)
@@ -131,7 +148,8 @@ class RopeDamper:
         """Mean viscous stress of a step for each of n ropes, and its derivative.
 
         The measure is e = ½ l² of the length l.  S_mean (e1 - e0) is the loss [J], which is never
-        negative.
+        negative.  The rope has the natural length L [m], the stiffness k [N/m] and the damping c
+        [N s/m].
 
         Args:
             e0, e1: (n, 1) [m²] at the beginning and the end of the step.
@@ -140,6 +158,7 @@ class RopeDamper:
         Returns:
             S_mean (n, 1) [N/m] and ∂S_mean/∂e1 (n, 1, 1) [N/m³]; both zero for a slack rope.
         """
+        # Lengths l0, l1 [m] and stretches s0, s1 [m] at the start and the end of the step.
         l0 = _length(e0)
         l1 = _length(e1)
         both = l0 + l1
@@ -151,10 +170,11 @@ class RopeDamper:
         viscous = self.c * (s1 - s0) / h
         # A rope does not push: its whole force, tension and viscous, is zero at the least.
         pulls = viscous > -tension
+        # f [N] is the viscous force, df [N/m] its derivative by l1.
         f = np.where(pulls, viscous, -tension)
         viscous_slope = np.where(s1 > 0, self.c / h, 0.0)
         df = np.where(pulls, viscous_slope, -stiffness)
-        # The mean length is both/2, and dl1/de1 = 1/l1.
+        # The mean length is both/2, and dl1/de1 = 1/l1.  S is S_mean, D its derivative by e1.
         S = 2 * f / both
         D = 2 * (df - f / both) / both / l1
         return S[:, None], D[:, None, None]
@@ -425,7 +445,13 @@ class AxialSpring:
         yield self.port.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """The stored energy, with a measure along the direction."""
+        """The stored energy ½ k (n·(x - x0))² [J]: what the spring adds to the equations.
+
+        n is the unit vector of its direction, x [m] its point, x0 [m] its origin.
+
+        Args:
+            start: initial state of the scene; the term does not depend on it.
+        """
         n = unit(self.direction)
         # Linear in x: exact for any step, and its matrix is constant.
         rest = -float(n @ np.asarray(self.origin, dtype=float))

@@ -45,6 +45,9 @@ def angles(e0: Array, e1: Array) -> tuple[Array, Array]:
     Args:
         e0, e1: (n, 2), dimensionless: numbers in proportion to cosine and sine of the angle, at the
             beginning and the end of the step.
+
+    Returns:
+        φ0 and Δφ = φ1 - φ0 (n,) [rad], with the angle φ1 at the end of the step.
     """
     φ0 = np.arctan2(e0[:, 1], e0[:, 0])
     φ1 = np.arctan2(e1[:, 1], e1[:, 0])
@@ -84,6 +87,8 @@ def stress(
     growth = np.where(is_small, half / 3, exact_growth) / 2
     direction = np.stack([-np.sin(φ_mid), np.cos(φ_mid)], axis=1)
     direction_slope = np.stack([-np.cos(φ_mid), -np.sin(φ_mid)], axis=1) / 2
+    # dt is the derivative of t by the angle at the end, dφ (n, 2) that of this angle by e1, and D
+    # (n, 2, 2) that of S by e1.
     t = ratio[:, None] * direction
     dt = growth[:, None] * direction + ratio[:, None] * direction_slope
     squared_radius = np.sum(e1 * e1, axis=1)[:, None]
@@ -147,10 +152,12 @@ def hinge_angle(
         rest: angle at which φ is zero [rad].
 
     Returns:
-        Two quadratic functions of three unit vectors that are fixed in the frames.
+        Two quadratic functions of three unit vectors that are fixed in the frames.  p and q are
+        unit vectors normal to the axis, c and s cosine and sine of `rest`.
 
     Raises:
-        InputError: a frame with two directors does not contain the normals of the axis.
+        InputError: a frame with two directors does not contain the normals of the axis.  That the
+            axis has a length is checked by the connectors, see `check_axis`.
     """
     p, q = perpendicular_pair(unit(axis))
     moving = along(p, b)

@@ -100,7 +100,18 @@ class _SampledTorque(Couple):
         X: Array,
         V: Array,
     ) -> None:
-        """Start a step at time t [s]: compute a new torque if a sample is due."""
+        """Start a step, and compute a new torque if a sample is due.
+
+        A new torque replaces the attribute `torque` (3,) [N m] and the angles and torques of the
+        control; otherwise the last one is held.
+
+        Args:
+            t: time [s] at the start of the step.
+            lag: time [s] from there to the instant at which forces act; negative in the reversed
+                step of a gradient, which keeps the torque.
+            X: vectors of the frame (3k,) at the start of the step, one after the other.
+            V: their rates (3k,), per second.
+        """
         # The reversed step of a gradient has the torque of the step.
         if lag < 0:
             return
@@ -128,8 +139,10 @@ class _SampledTorque(Couple):
         self._by_torque = np.zeros(3)
 
     def work_by_number(self, key: str, X: Array, w: Array) -> Array:
-        """Derivative (3,) by the gains of the work w·force of all steps with the torque of this
-        sample; zero in steps without one.
+        """Derivative (3,) by the gains of the work w·force of all steps with one sampled torque.
+
+        A backward pass in time calls it in every step: the whole derivative is returned in the step
+        that took the sample, zero in the others.
 
         Args:
             key: "stiffness" or "damping".
@@ -149,8 +162,20 @@ class _SampledTorque(Couple):
         return found
 
     def products_at_start(self, X: Array, w: Array) -> tuple[Array, Array]:
-        """Derivatives (3k,), (3k,) of that work by the vectors at the start of the step and by
-        their rates; arguments as those of `work_by_number`."""
+        """Derivatives of the work w·force by the frame's vectors and rates at the start of a step.
+
+        The work is that of all steps with the torque of one sample.  A backward pass in time calls
+        this in each step; the sum over the steps is kept in this object, and is reset in the step
+        that took the sample.
+
+        Args:
+            X: the vectors (3k,) in the configuration in which forces act.
+            w: displacement (3k,) of the vectors.
+
+        Returns:
+            Derivatives (3k,) by the vectors and (3k,) by their rates, both zero in a step that took
+            no sample.
+        """
         self._by_torque = self._by_torque + self.forces_by_torque(X).T @ w
         if self._sampled is None:
             return np.zeros(X.size), np.zeros(X.size)
@@ -169,7 +194,16 @@ class _SampledTorque(Couple):
         return control.angles_of(X, self._reference), wrapped(ahead - behind) / (2 * dt)
 
     def _torque_derivatives(self, X: Array, V: Array) -> tuple[Array, Array]:
-        """Derivatives (3, 3k), (3, 3k) of the sampled torque by the vectors and by their rates."""
+        """Derivatives of the sampled torque by the frame's vectors and by their rates.
+
+        Args:
+            X: the frame's vectors (3k,) at the sample, one after the other.
+            V: their rates (3k,), per second.
+
+        Returns:
+            Derivatives (3, 3k) of the torque [N m] by the vectors, and (3, 3k) by the rates.
+        """
+        # dt [s] is the time over which the angles are differenced for their rates.
         control = self._control
         angles, rates = self._angles_and_rates(X, V)
         torques = control.law(angles, rates)
@@ -240,6 +274,7 @@ class _ContinuousTorque(Couple):
             X: vectors of the control's frame (3k,) at the start of the step, one after the other.
             V: their rates (3k,), per second.
         """
+        # Length of the step [s], and vectors (3k,) at its start.
         self._h = 2 * lag
         self._X0 = X
         self._has_begun = True
@@ -270,7 +305,8 @@ class _ContinuousTorque(Couple):
         torques, _ = self._torques(X)
         angles = control.angles_of(X, self._reference)
         of_middle = control.angles_by_vectors(X, self._reference)
-        # A change of X in the middle is twice as large at the end, from which the rate is computed.
+        # A change of X in the middle is twice as large at the end, 2 X - X0 with the vectors X0 at
+        # the start, from which the rate is computed.
         of_end = 2 * control.angles_by_vectors(2 * X - self._X0, self._reference)
         of_torques = -control.stiffness[:, None] * of_middle
         of_torques -= (control.damping / self._h)[:, None] * of_end
@@ -394,7 +430,8 @@ class AttitudeControl:
 
         Raises:
             InputError: the frame has fewer than two vectors, a gain or the period is negative, or
-                the axes are not a rotation matrix.
+                the axes are not a rotation matrix.  That the frame's vectors are not parallel is
+                checked when the scene is compiled.
         """
         check(
             len(frame.directors) >= 2,
@@ -493,7 +530,8 @@ class AttitudeControl:
             The torque in space axes [N m], (3,).
         """
         self.angles = self.angles_of(X, reference)
-        # Rates of angles by central differences over a time in which the vectors hardly change.
+        # Rates of angles by central differences over a time dt [s] in which the vectors hardly
+        # change.
         dt = short_time(X, V)
         ahead = self.angles_of(X + dt * V, reference)
         behind = self.angles_of(X - dt * V, reference)

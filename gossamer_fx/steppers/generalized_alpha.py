@@ -121,19 +121,24 @@ class GeneralizedAlphaSolver:
 
         Args:
             system: compiled scene.
-            ρ: spectral radius of high frequencies, 0 to 1.
+            ρ: spectral radius of high frequencies, 0 to 1, as `GeneralizedAlpha` has checked.
             tolerances: when a step counts as solved.
         """
         self._system = system
+        # Weights of the method, all dimensionless, see (5) of `GeneralizedAlpha`: α_m and α_f of
+        # accelerations in (2), γ and β of the acceleration at the end in (4) and (3).
         self._α_m = (2 * ρ - 1) / (ρ + 1)
         self._α_f = ρ / (ρ + 1)
         self._γ = 0.5 - self._α_m + self._α_f
         self._β = (1 - self._α_m + self._α_f) ** 2 / 4
         self.newton = Newton(system, tolerances)
+        # Distributed vectors of all unknowns.  a0 and a1 [m/s²] are the acceleration-like variable
+        # at the start and the end of a step, v1 [m/s] the velocity at its end.
         self._a0 = system.numbering.vector()
         self._a1 = system.numbering.vector()
         self._acceleration = system.numbering.vector()  # dv/dt
         self._v1 = system.numbering.vector()
+        # Predicted increment of the coordinates [m], and the offset [m] of the inertia force.
         self._increment = system.numbering.vector()
         self._offset = system.numbering.vector()
         # The names are part of the format of checkpoint files.
@@ -149,17 +154,29 @@ class GeneralizedAlphaSolver:
         self._has_acceleration = state["started"]
 
     def step(self, h: float) -> int:
-        """Advance the system by one step; returns the number of Newton iterations.  Collective.
+        """Advance the system by one step of the generalised-α method.  Collective.
+
+        It solves for w [m], the correction of the predicted increment of the coordinates.  From w
+        follow the accelerations and the velocity v1 [m/s] at the end of the step, with the
+        acceleration-like variable a0, a1 [m/s²] and the weights β, γ [-] of the method.  The new
+        state is committed to the system, and the accelerations are kept for the next step.  The
+        first call computes the initial acceleration, from the state that the system has then.
 
         Args:
-            h: length of the step [s].
+            h: length of the step [s], positive.
+
+        Returns:
+            The number of Newton iterations.
 
         Raises:
-            NotConverged: the step failed; the state of the system is unchanged.
+            NotConverged: the iteration failed, or there is no initial acceleration; coordinates,
+                velocities and accelerations are unchanged, and a shorter step may be tried.
+            Inadmissible: the solution cannot be accepted; they are unchanged, too.
         """
         if not self._has_acceleration:
             self._compute_first_acceleration(h)
         system = self._system
+        # The vector of unknowns in which the iteration starts.
         y = system.begin_step(h)
         self._predict(h)
         w, _, iterations = self.newton.solve(self._increment, y)
@@ -186,9 +203,11 @@ class GeneralizedAlphaSolver:
 
             q1 - q0 = h v0 + h² a0/2 + w,    a1 = a0 + w/(β h²),    (dv/dt)_1 = c (w + offset)
 
-        a is the acceleration-like variable of the method, β and c [1/s²] its coefficients.  It sets
-        the increment h v0 + h² a0/2 [m] and the offset [m], and gives the system the inertia c M (w
-        + offset).
+        q0 and q1 [m] are the coordinates at the start and the end of the step, v0 [m/s] the
+        velocity and a0 [m/s²] the acceleration-like variable at its start, β [-] and c [1/s²]
+        coefficients, α_m and α_f [-] weights of the method.  It overwrites the vectors of the
+        increment h v0 + h² a0/2 [m] and of the offset [m], and gives the system the inertia force
+        c M (w + offset) [N] with the mass matrix M.
 
         Args:
             h: length of the step [s].
@@ -214,16 +233,19 @@ class GeneralizedAlphaSolver:
             M dv/dt + De(q0)ᵀ λ = F - f(q0, v0)
             De(q0) dv/dt = -D²e[v0, v0]      (constraints differentiated twice)
 
-        with the mass matrix M, constraints e = 0 and their multipliers λ, loads F and internal
-        forces f. Forces that depend on rates are evaluated in a trial step with the velocity v0.
+        with the mass matrix M [kg], constraints e = 0 and their multipliers λ, loads F [N] and
+        internal forces f [N].  Forces that depend on rates are evaluated in a trial step with the
+        initial velocity v0 [m/s] from the initial coordinates q0 [m].  The increment vector is
+        overwritten, as space for the right side.
 
         Args:
             h: length of the first step [s]; the trial step has a thousandth of it.
 
         Raises:
-            NotConverged: the matrix of these equations is singular.
+            NotConverged: the matrix of these equations is singular; the next call tries again.
         """
         system = self._system
+        # r [N] is the residual, then the right side; A the matrix of both equations.
         r = self._increment
         A = system.M.copy()
         self._evaluate_trial_step(TRIAL_STEP_RATIO * h, r)
@@ -244,11 +266,16 @@ class GeneralizedAlphaSolver:
         self._has_acceleration = True
 
     def _evaluate_trial_step(self, h: float, r: PETSc.Vec) -> None:
-        """Set r to the residual without inertia [N] at q0 + h v0.  Collective.
+        """Set r to the residual without inertia [N] of a trial step.  Collective.
+
+        The coordinates at the end of the step are q0 + h v0 [m], with those of the last committed
+        state, q0, and its velocity v0 [m/s].  Fixed and prescribed coordinates have their values at
+        that time instead.  The step is not committed; the system retains the iterate and an inertia
+        of zero until the next step begins.
 
         Args:
             h: length of the trial step [s].
-            r: vector of the system, which is overwritten.
+            r: distributed vector of all unknowns, which is overwritten.
         """
         system = self._system
         system.set_inertia(0.0)
@@ -257,6 +284,7 @@ class GeneralizedAlphaSolver:
         r.scale(h)
         fixed_values = system.predict(r)
         r.zeroEntries()
+        # w [m], the correction of the predicted increment: zero where coordinates are free.
         with r as w:
             w[system.supports.held] = fixed_values
         system.set_increment(r, None)

@@ -43,7 +43,7 @@ class History:
         """Collect the vectors and history variables of system, terms and carriers by name.
 
         History variables are the state that does not follow from coordinates, e.g. rest angles of
-        creases.
+        creases.  Nothing is copied before the first `commit`, and `rollback` needs one.
 
         Args:
             system: compiled scene.
@@ -109,7 +109,7 @@ class History:
         """Save the present state, which replaces the one saved before.
 
         Saved are vectors, cell values, time [s], supplied and dissipated energies [J], and all
-        history variables.
+        history variables: of vectors and cell values those of this rank.  All ranks call it.
         """
         system = self._system
         # Made at the first call only: a run without rejected steps needs no copies.
@@ -129,6 +129,9 @@ class History:
     def rollback(self) -> None:
         """Restore the state of the last `commit`, which may be restored more than once.
         Collective.
+
+        Vectors and cell values are overwritten in place; what the system derives from coordinates
+        is computed again.
 
         Raises:
             KeyError: there was no `commit`.

@@ -62,6 +62,11 @@ class Midpoint:
     tolerances: Tolerances = field(default_factory=Tolerances)
 
     def __post_init__(self) -> None:
+        """Refuse a step that is not positive.
+
+        Raises:
+            InputError: dt is not a finite number above 1e-100 s.
+        """
         check(
             math.isfinite(self.dt) and self.dt > SMALLEST_STEP,
             f"Midpoint: dt is {self.dt!r}; give a positive step in seconds.",
@@ -82,13 +87,19 @@ class MidpointSolver:
 
     def __init__(self, system: System, tolerances: Tolerances) -> None:
         """Make the Newton solver of a step, without delay of the geometric stiffness at first.
+        Collective.
+
+        The delay is a number of tangents at the start of a step that leave out the geometric
+        stiffness, the part of the tangent which is proportional to the stress.
 
         Args:
-            system: compiled scene.
+            system: compiled scene; its state is the start of the first step.
             tolerances: when a step counts as solved.
         """
         self._system = system
         self.newton = Newton(system, tolerances)
+        # Distributed vectors: predicted increment of the coordinates [m], and velocity at the end
+        # of the step [m/s].
         self._increment = system.numbering.vector()
         self._v1 = system.numbering.vector()
         self._delay_level = 0  # index in GEOMETRIC_STIFFNESS_DELAYS
@@ -113,17 +124,19 @@ class MidpointSolver:
     def step(self, h: float) -> int:
         """Advance the system by one step.  Collective.
 
-        An iteration that fails is repeated with more tangents without geometric stiffness, before
-        the step is given up.  An inadmissible solution is not retried: the same one would be found.
+        An iteration that fails is repeated with more tangents without geometric stiffness (the part
+        proportional to the stress), before the step is given up.  An inadmissible solution is not
+        retried: the same one would be found.  The new state is committed to the system.
 
         Args:
-            h: length of the step [s].
+            h: length of the step [s], positive.
 
         Returns:
             The number of Newton iterations of the attempt that converged.
 
         Raises:
-            NotConverged: every delay level failed; the state of the system is unchanged.
+            NotConverged: every number of such tangents that was tried failed (after recent failures
+                of all of them only the present one is tried); the state is unchanged.
             Inadmissible: the solution cannot be accepted; the state of the system is unchanged.
         """
         while True:
@@ -164,18 +177,26 @@ class MidpointSolver:
             self._successes = 0
 
     def _attempt(self, h: float) -> int:
-        """One Newton solve and, if it converges, the commit of the step; returns the iterations.
+        """Solve one step by Newton's method and, if it converges, commit it.  Collective.
+
+        M is the mass matrix [kg], q0 and q1 [m] the coordinates, v0 and v1 [m/s] the velocities at
+        the start and the end of the step.
 
         Args:
             h: length of the step [s].
 
+        Returns:
+            The number of Newton iterations.
+
         Raises:
-            NotConverged: the iteration failed.
-            Inadmissible: the solution cannot be accepted.
+            NotConverged: the iteration failed; the state of the system is unchanged.
+            Inadmissible: the solution cannot be accepted; the state of the system is unchanged.
         """
         system = self._system
+        # The vector of unknowns in which the iteration starts.
         y = system.begin_step(h)
-        # Predictor of constant velocity, p = h v0; its inertia is M (v1 - v0)/h = (2/h²) M w.
+        # Predictor of constant velocity, p = h v0, which w [m] corrects; its inertia is M (v1 -
+        # v0)/h = (2/h²) M w.
         system.v0.copy(self._increment)
         self._increment.scale(h)
         system.set_inertia(2 / h**2)

@@ -138,6 +138,9 @@ class EqualSteps:
     def _attempt(self, h: float, halvings: int) -> None:
         """Make a step, or its halves if it fails, which may be halved again.  Collective.
 
+        Adds to `iterations` those of each converged step, and one to `substeps` for each that
+        failed and was halved.
+
         Args:
             h: length of the step [s].
             halvings: how often it may be halved.

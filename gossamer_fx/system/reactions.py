@@ -52,13 +52,14 @@ def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Ar
     Args:
         system: the compiled scene, after a step or at rest.
         support: an item that fixes or prescribes coordinates or rotations, e.g. `Fixed`.
-        about: point (3,) [m] of the moment.
+        about: point (3,) [m] of the moment, the same on every rank.
 
     Returns:
         Force (3,) [N] and moment (3,) [N m], the same on every rank.
 
     Raises:
-        InputError: it is not in the scene, or holds nothing, or the point is not three numbers.
+        InputError: `support` is not a support, is not in the scene or holds nothing, or the point
+            is not three finite numbers.
     """
     check(
         hasattr(support, "terms"),
@@ -218,8 +219,11 @@ def _tied(
     Returns:
         Force [N] and moment [N m], as rows (2, 3).
     """
+    # α: weight of the end of the step in the point at which its forces acted.
+    # α: weight of the end of the step in the point at which its forces acted.
     α = system.rule.alpha
     total = np.zeros((2, 3))
+    # The vectors X of a tuple of ports are P q + o, linear in its unknowns q.
     own = [measure.ports[i] for i in evaluated_here(measure.ports)]
     attached = [attach(system.numbering, system.bodies, place) for place in own]
     gather = Gather(system.numbering, [indices for indices, _, _ in attached])
@@ -231,6 +235,8 @@ def _tied(
         for port, x, f in zip(place, X.reshape(-1, 3), forces, strict=True):
             # Forces on the ground balance those on the other side.
             if isinstance(port, Port) and counts(port):
+                # Each node of a port has a weight w and the number v of one of its vectors: 0 for
+                # the position, others for directors.
                 vectors = port.vectors or (0,) * len(port.weights)
                 of_points = sum(w for w, v in zip(port.weights, vectors, strict=True) if v == 0)
                 total[0] += of_points * f  # one for a point of the body, zero for a direction

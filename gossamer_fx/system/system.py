@@ -103,7 +103,8 @@ class System:
         kinds: dict[Compiler, list[Term]] = {}
         for term in self.terms:
             kinds.setdefault(term.compiler, []).append(term)
-        # Before any kind is compiled, since a kind needs the numbering.
+        # Before any kind is compiled, since a kind needs the numbering.  A block is the unknowns of
+        # one body, or the Lagrange multipliers of one constraint.
         multipliers = [
             block
             for kind, alike in kinds.items()
@@ -113,6 +114,8 @@ class System:
         blocks = [body.block for body in self.bodies] + multipliers
         self.numbering = numbering = Numbering(self.comm, blocks)
         self._block_of = {body: NumberedBlock(numbering, k) for k, body in enumerate(self.bodies)}
+        # Distributed vectors of all unknowns, without ghosts: coordinates [m] at the start (q0) and
+        # the end (q1) of the step, velocities [m/s] at its start, and q0 of the step before.
         self.q0 = numbering.vector()
         self.q1 = numbering.vector()
         self.v0 = numbering.vector()
@@ -152,6 +155,7 @@ class System:
         several lists.
         """
         compiled = self.compiled
+        # The constraints with Lagrange multipliers are of one kind; None without any.
         self.constraints = next((c for c in compiled if isinstance(c, CompiledConstraints)), None)
         self.active_sets = roles.playing(roles.ActiveSet, compiled)
         self._masses = roles.playing(roles.Mass, compiled)
@@ -202,7 +206,10 @@ class System:
         """Set the initial state and set up the matrices, once scalar unknowns are attached.
         Collective.
 
-        Scalar unknowns, e.g. gas pressures, begin with the volumes of this state.
+        The coordinates q0 [m] and velocities v0 [m/s] are overwritten, velocities of fixed
+        coordinates are set to zero, and the mass matrix, constant stiffness and tangent are made.
+        Scalar unknowns, e.g. gas pressures, begin with the volumes of this state; they must be in
+        `scalar_unknowns` before the call.
 
         Raises:
             InputError: a constraint does not hold in the initial state, or follows from others.
@@ -227,8 +234,10 @@ class System:
 
     def restart(self) -> None:
         """Update all derived quantities from `previous` and q0, which the caller has set.
+        Collective.
 
-        Both are needed: histories and extrapolations follow from the last step.
+        They are the coordinates [m] at the start and the end of the last accepted step.  Both are
+        needed: histories and extrapolations follow from the last step.  q1 becomes equal to q0.
         """
         self._take_time()
         for q in (self.previous, self.q0):
@@ -239,8 +248,9 @@ class System:
         """Assemble again what depends on coefficients of forms: masses [kg], constant stiffness
         [N/m] and loads.
 
-        The caller has changed their values.  Coordinates and velocities stay; quantities derived
-        from them, as strains, are updated.  Collective.
+        The caller has changed their values.  The mass matrix M and the constant stiffness matrix K
+        (None without one) are overwritten in place.  Coordinates and velocities stay; quantities
+        derived from them, as strains, are updated.  Collective.
         """
         for kind in self.compiled:
             if isinstance(kind, roles.ResidualForms):
@@ -268,8 +278,12 @@ class System:
         active sets (contact) retain their pairs (`roles.ExchangesEnds`); all others start as from
         an accepted state.  Collective.
 
+        The present step length h changes its sign; the coordinates q0 and q1 [m], the velocities v0
+        [m/s] and the time are overwritten.  Totals of energies stay.
+
         Args:
-            start: coordinates (n,) [m] of this rank at time t, where the reversed step begins.
+            start: coordinates (n,) [m] that this rank owns at time t, where the reversed step
+                begins, multipliers included.
             rates: velocities (n,) [m/s] there.
             t: time [s] of the start.
             end: coordinates (n,) [m] of this rank where the reversed step ends.
@@ -299,7 +313,7 @@ class System:
 
         All have one pattern and are duplicates of one matrix: PETSc 3.22 multiplies those by BLAS,
         in half of the time of its kernel for blocks of three.  M [kg] and K [N/m] are assembled, A
-        is not.
+        [N/m] is not.  The pattern is fixed: an entry outside it raises an error of PETSc.
         """
         pattern = self.numbering.matrix()
         for mass in self._masses:
@@ -314,7 +328,9 @@ class System:
         self.A = pattern.duplicate()
         has_stiffness = bool(self._stiffnesses)
         self.K = pattern.duplicate() if has_stiffness else None
-        # c M + α K, which is the same for all tangents of steps of one length.
+        # c M + α K, with the factor c [1/s²] of the inertia and the weight α [-] of the end of a
+        # step in the point at which forces act: it is the same for all tangents of steps of one
+        # length.
         self._base = pattern.duplicate() if has_stiffness else None
         self._base_inertia = 0.0
         self.A.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
@@ -331,15 +347,31 @@ class System:
     # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self, h: float) -> Array:
-        """Start a step of length h [s] from (q0, v0); returns the first guess of the scalar
-        unknowns."""
+        """Start a step of length h [s] from the accepted state (q0, v0).  Collective.
+
+        Active sets (contact pairs) are searched again.
+
+        Returns:
+            First guess of the scalar unknowns, e.g. gas pressures [Pa], the same on all ranks.
+        """
         self.h = h
         for active_set in self.active_sets:
             active_set.update_active_set()
         return self._begin_without_search(h)
 
     def begin_recorded_step(self, h: float, active_sets: Sequence[Any]) -> Array:
-        """Start a step as `begin_step` does, with the active sets that a tape has recorded."""
+        """Start a step of length h [s] with recorded contact pairs instead of a search.
+
+        Collective.
+
+        Args:
+            h: length of the step [s].
+            active_sets: this rank's active sets of that step, one for each kind of contact, as the
+                record of a run for its gradient stores them.
+
+        Returns:
+            First guess of the scalar unknowns, e.g. gas pressures [Pa], the same on all ranks.
+        """
         self.h = h
         recorded = roles.playing(roles.ExchangesEnds, self.compiled)
         for kind, saved in zip(recorded, active_sets, strict=True):
@@ -355,8 +387,11 @@ class System:
         return np.concatenate([np.zeros(0), *guesses])
 
     def extend_active_set(self) -> bool:
-        """After a step was solved: whether pairs that it needs were missed; it is then solved
-        again."""
+        """Add contact pairs that a solved step needs and that its active sets lack.  Collective.
+
+        Returns:
+            Whether there were any, the same on all ranks; the step is then to be solved again.
+        """
         if not self.active_sets:
             return False
         missed = [active_set.extend_active_set() for active_set in self.active_sets]
@@ -420,18 +455,22 @@ class System:
 
         Args:
             y: scalar unknowns, such as gas pressures [Pa], the same on every rank.
-            r: receives the residual of the coordinates [N]; in rows of Lagrange multipliers the
-                violation of their constraint, in rows of fixed coordinates zero.
+            r: distributed vector of all unknowns, overwritten with the residual of the coordinates
+                [N]; in rows of Lagrange multipliers the violation of their constraint, in rows of
+                fixed coordinates zero.  The forces on these are stored as reactions of supports.
 
         Returns:
-            The residual of the scalar unknowns, as long as y, relative to what they balance.
+            The residual of the scalar unknowns, as long as y, relative to what they balance; the
+            same on every rank.
+
+        The iterate q1 [m] must have been set by `set_increment`, the inertia by `set_inertia`.
         """
-        # First the gas: its pressure enters the forces on films.
+        # First the gas: its pressure enters the forces on films.  s: residuals of scalar unknowns.
         s = [scalars.residual(part) for scalars, part in self._split(y)]
         self.increment.add_inertia(self.M, r)
         if self.K is not None:
             α = self.rule.alpha
-            # K q_mid with q_mid = (1 - α) q0 + α q1.
+            # K q_mid with q_mid = (1 - α) q0 + α q1, where α is the weight of the end of the step.
             self._scratch.waxpy((1 - α) / α, self.q0, self.q1)
             self._scratch.scale(α)
             self.K.multAdd(self._scratch, r, r)
@@ -448,8 +487,10 @@ class System:
         """Derivatives ψ'(q0) [N] of all stored energies of bodies in the accepted state, as a new
         vector.
 
-        They are the forces of a step that goes nowhere: the end of the present step is set to q0.
-        Collective.
+        They are the forces of a step that goes nowhere: the end of the present step, q1, is set to
+        q0, the accepted coordinates [m], and contact pairs become those of that state.  ψ is the
+        sum of all stored energies [J], K [N/m] the constant stiffness of those that are quadratic.
+        The vector is distributed, multipliers have zeros.  Collective.
         """
         out = self.numbering.vector()
         self.set_end(self.q0)
@@ -509,7 +550,11 @@ class System:
         Returns:
             The sum of a matrix of fixed pattern and coupling matrices, those of contact pairs.
             Rows and columns of fixed coordinates are those of the unit matrix.  The object is the
-            same in every call.
+            same in every call, and is overwritten by the next one.
+
+        The matrix A is c M + α K and the tangents of all terms, with the mass matrix M [kg], the
+        factor c [1/s²] of the inertia, the constant stiffness K [N/m] and the weight α [-] of the
+        end of the step in the point at which forces act.
         """
         if self._base is None:
             # Without constant stiffness the base would be a copy of c M.
@@ -556,10 +601,11 @@ class System:
         """Accept the step: its end is the state now, and its works and losses [J] are added to the
         totals.
 
-        Collective.
+        Collective.  The coordinates q1 at the end of the step become q0, and q0 becomes `previous`
+        [m].  The step must have been solved: nothing is checked here.
 
         Args:
-            v1: velocities [m/s] at the end of the step.
+            v1: velocities [m/s] at the end of the step, a distributed vector; it is copied.
         """
         change = self.q1.array_r - self.q0.array_r
         self.supplied_energy += self.supports.work(change)
@@ -586,11 +632,11 @@ class System:
         """Set an earlier accepted state; totals of energies do not change.  Collective.
 
         History variables, such as the rest angles of creases that yield, are set by the caller
-        (`roles.StepHistory`).
+        (`roles.StepHistory`).  The present state is lost: q0, q1 and `previous` all become q.
 
         Args:
-            q: this rank's coordinates (n,) [m].
-            v: this rank's velocities (n,) [m/s].
+            q: coordinates (n,) [m] that this rank owns, multipliers included.
+            v: velocities (n,) [m/s] that this rank owns.
             t: time [s].
         """
         self.time = t
@@ -626,6 +672,7 @@ class System:
             (3,) [kg m/s], angular momentum (3,) [kg m²/s] about the origin, and masses of gas [kg].
         """
         self.M.mult(self.v0, self._momenta)
+        # Momenta p and coordinates q of this rank's vectors, (n, 3); qp is the matrix Σ q_i p_j.
         size = 3 * len(self._is_position)  # without multipliers
         p = self._momenta.array_r[:size].reshape(-1, 3)
         q = self.q0.array_r[:size].reshape(-1, 3)

@@ -167,6 +167,7 @@ class PathAverage(StressRule):
         Returns:
             UFL vector (m,), in the unit of ψ (per area [N/m], per length [N]).
         """
+        # Δe (m,) is the change of strain in the step, S (m,) the sum that becomes the mean stress.
         ψ = energy.density
         Δe = e1 - e0
         # The average (4) of a linear stress is that in the middle: exact, without a correction.
@@ -181,7 +182,8 @@ class PathAverage(StressRule):
                 e0 + piece.start * Δe, e0 + piece.end * Δe
             )
         if not pieces:
-            # Gauss points are on [-1, 1] with weights that add up to 2; the path is on [0, 1].
+            # Gauss points p and weights w are on [-1, 1] with weights that add up to 2; the path is
+            # on [0, 1].
             for p, w in zip(*np.polynomial.legendre.leggauss(self.points), strict=True):
                 S += float(w) / 2 * gradient(ψ, e0 + float(1 + p) / 2 * Δe)
         return S + defect(ψ, S, e0, e1)
@@ -218,7 +220,8 @@ class PathAverage(StressRule):
             lengths.setdefault(piece.stress, []).append(piece.end - piece.start)
         found = []
         for stress, parts in lengths.items():
-            # Pieces of one state that fill the path: the average needs no division of it.
+            # Pieces of one state that fill the path: the average needs no division of it.  S (m,)
+            # is the mean stress of that state over the whole path.
             fills_path = ufl.ge(sum(parts[1:], parts[0]), 1.0)
             S = stress(e0, e1)
             found.append((fills_path, S + defect(energy.density, S, e0, e1)))
@@ -292,6 +295,7 @@ def defect(
     Δe = e1 - e0
     # 1e-40 stands for a film at rest, both of whose strains are zero.
     smallest = ufl.max_value(1e-10 * (ufl.dot(e0, e0) + ufl.dot(e1, e1)), 1e-40)
+    # Energy densities at the start and the end of the step.
     ψ0 = ψ(e0)
     ψ1 = ψ(e1)
     missing = ψ1 - ψ0 - ufl.dot(S, Δe)

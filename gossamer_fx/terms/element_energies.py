@@ -166,6 +166,7 @@ class ElementEnergies(
         Args:
             r: residual [N] of all unknowns, changed in place.
         """
+        # b: assembly vector [N] of one body, owned and ghost unknowns.
         for b in self._forces.values():
             b.array[:] = 0
         for force in self.elements:
@@ -307,6 +308,8 @@ class ElementForces:
         topology = mesh.topology.index_map(mesh.topology.dim)
         self._cells = np.arange(topology.size_local + topology.num_ghosts, dtype=np.int32)
 
+        # Strains at the quadrature points: at the start of the step, at its present iterate (ê),
+        # and at the start of the step before.
         self._e0 = self._at_points(mesh, m)
         self._strain_variable = self._at_points(mesh, m)
         self._strain_before = self._e0.x.array.copy()
@@ -368,7 +371,8 @@ class ElementForces:
 
         m = self._size
         rows = cell_nodes(self._strain_variable.function_space)
-        # The kernel uses the same rows for all of its arrays.
+        # The kernel uses the same rows for all of its arrays.  The strain at the start of the step
+        # is `_e0`, that of the iterate `_strain_variable`.
         if not np.array_equal(rows, cell_nodes(self._response.function_space)):
             raise RuntimeError("dolfinx numbers the points of strains and responses differently.")
         values = PointValues(
@@ -515,6 +519,7 @@ class ElementForces:
         Args:
             w: test function on the space of the coordinates.
         """
+        # Strains at the start (e0) and the end (e1) of the step, without thermal strain.
         at = self._at
         term = self.term
         e0 = term.measure(at.q0)

@@ -89,6 +89,7 @@ class Loads(
         statics.
         """
         work = 0.0
+        # Change (n,) [m] of this rank's coordinates in the step.
         Δq = self._system.q1.array_r - self._system.q0.array_r
         for load in self._loads:
             body = load.term.body
@@ -106,6 +107,7 @@ class Loads(
         Returns:
             By name of the load: force [N] and moment about the origin [N m], as rows (2, 3).
         """
+        # α is the weight of the end of the step in the configuration q in which forces f acted.
         system = self._system
         found = dict[str, Array]()
         α = system.rule.alpha

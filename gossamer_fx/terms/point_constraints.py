@@ -126,6 +126,7 @@ class PointConstraints(
             local = np.concatenate([np.arange(block.start, block.stop) for block in owned])
             self._local.append(local.reshape(at.n, at.m))
         self._rows = [(local + numbering.start).astype(PETSc.IntType) for local in self._local]
+        # Unknowns (n, D) of each array at the start of the step; `commit` sets them.
         self._q0: list[Array] = [np.zeros((at.n, at.D)) for at in self._measures]
         self._gather = Gather(numbering, [at.indices for at in self._measures])
         self._closes = any(term.closing for term in terms)
@@ -154,13 +155,16 @@ class PointConstraints(
     def supplied(self) -> float:
         """Work [J] that constraints supply while they close, -λ·(e(q1) - e(q0)); this rank's share.
 
-        Collective.  A seam that is drawn together is such a constraint; all others do no work.
+        Collective.  A seam that is drawn together is such a constraint; all others do no work.  λ
+        are the multipliers, e(q) the constraints at the coordinates q0 and q1 [m] at the start and
+        the end of the step.  Call it before the step is committed.
         """
         if not self._closes:
             return 0.0
         values = self._system.q1.array_r.copy()
         term_closes = np.array([term.closing is not None for term in self._terms])
         work = 0.0
+        # For each array of constraints: its number k, measures `at`, and unknowns q (n, D).
         for k, at, q in self._at_end():
             closes = term_closes[self._term_of[k]]
             change = at.strain(q) - at.strain(self._q0[k])
@@ -269,17 +273,20 @@ class PointConstraints(
         Collective.
 
         Args:
-            free: 1 at coordinates that may move and 0 at fixed ones.
-            q0: coordinates of the initial state.
+            free: 1 at coordinates that may move and 0 at fixed ones, a distributed vector.
+            q0: coordinates [m] of the initial state, a distributed vector.
 
         Returns:
             Their positions (n,) in this rank's part of a vector, sorted.
+
+        `validate` must have been called before: it measures where seams begin.
 
         Raises:
             InputError: a seam cannot close, since nodes on both of its sides are fixed.
         """
         found: list[npt.NDArray[np.int64]] = [np.zeros(0, dtype=np.int64)]
         stuck = 0
+        # For each array: its number k, measures `at`, unknowns q (n, D), and `free` at these.
         for k, at, q, mask in self._at_start(free, q0):
             gradient_of_free = np.abs(at.gradient(q)) * mask[:, None, :]
             is_idle = gradient_of_free.max(axis=2, initial=0.0) < NO_GRADIENT
@@ -320,7 +327,9 @@ class PointConstraints(
         # Of each tie: whether it may be left out, term, two coordinates, rank and position.
         mine: list[tuple[bool, int, int, int, int, int]] = []
         rank = self._comm.rank
+        # For each array: its number k, measures `at`, unknowns q (n, D), and `free` at these.
         for k, at, q, mask in self._at_start(free, q0):
+            # G (n, m, D) is the gradient of the constraints.
             G = at.gradient(q)
             # A tie is a constraint between two coordinates.
             for i, j in np.argwhere((np.abs(G) > NO_GRADIENT).sum(axis=2) == 2):
@@ -357,6 +366,10 @@ class PointConstraints(
         """Check that the initial state satisfies all constraints, and that none follows from the
         others.  Collective.
 
+        It also stores the values of the constraints that close in time, from which they begin.
+        Scenes with more than `MAX_CHECKED_CONSTRAINTS` constraints are not searched for dependent
+        ones.
+
         Args:
             q0: coordinates [m] of the initial state.
             v0: velocities [m/s] of it.
@@ -372,6 +385,8 @@ class PointConstraints(
         # Scale of the rates; 1 per second where everything is at rest.
         speed = 1.0
         groups = zip(self._term_of, self._measures, self._gather(q0), self._gather(v0), strict=True)
+        # For each array: the term of each row, measures `at`, unknowns q and rates v (n, D); De (n,
+        # m, D) is the gradient of the constraints.
         for (term_of, at, q, v), target in zip(groups, self._targets, strict=True):
             De = at.gradient(q)
             violation = np.abs(at.strain(q) - target).max(axis=1, initial=0.0)
@@ -415,6 +430,7 @@ class PointConstraints(
         repeated = self._repeated(free, q0)
         mine: list[tuple[int, Array, Array]] = []
         for k, at, q, mask in self._at_start(free, q0):
+            # Gradient (n, m, D) of the constraints by free unknowns.
             De = at.gradient(q) * mask[:, None, :]
             for i in range(at.n):
                 for j in range(at.m):
@@ -443,6 +459,7 @@ class PointConstraints(
         if not rows:
             return ""
         columns = np.unique(np.concatenate([indices for _, indices, _ in rows]))
+        # The gradients as a dense matrix, one row for each equation.
         G = np.zeros((len(rows), len(columns)))
         for i, (_, indices, values) in enumerate(rows):
             np.add.at(G[i], np.searchsorted(columns, indices), values)

@@ -96,8 +96,10 @@ class Stencil:
 
         The start of a step is set by `keep`, its length [s] by the attribute `h`.
 
+        Until `keep` is called the unknowns at the start are zero, and until `h` is set it is 1 s.
+
         Args:
-            at: n sets of m strains, quadratic functions of the unknowns.
+            at: n sets of m strains, quadratic functions of the D unknowns of each, of this rank.
             density: stored energy or damping of all of them, see `PointDensity` and `PointDamping`.
             dissipates: whether it is a damping.
             alpha: the forces act at q_mid = (1 - α) q0 + α q1; ½ for the midpoint rule.
@@ -107,7 +109,8 @@ class Stencil:
         self._dissipates = dissipates
         self._α = alpha
         self.h = 1.0
-        # Unknowns, vectors, strains and stresses of the last evaluation: forces and tangent of one
+        # Unknowns q1 (n, D), vectors (n, 3k), strains e1 (n, m) and stresses (n, m) with their
+        # derivatives (n, m, m) of the last evaluation: forces and tangent of one
         # iterate use the same ones.
         self._known: tuple[Array, Array, Array, tuple[Array, Array]] | None = None
         self.keep(np.zeros((at.n, at.D)))
@@ -126,8 +129,10 @@ class Stencil:
         slack ropes and open stops cost little.
 
         Args:
-            q1: unknowns (n, D), positions [m] and directors [-], at the end of the step.
+            q1: unknowns (n, D), positions [m] and directors [-], at the end of the step.  A result
+                is reused for the same array object: it must not be changed in place.
         """
+        # Y (n, 3k): the vectors of which the strains are made; S (n, m): their mean stresses.
         Y, _, (S, _) = self._end(q1)
         on = _all_or_some(S.any(axis=1))
         slope = self.at.slope(self._middle(Y, on), on)
@@ -160,7 +165,8 @@ class Stencil:
         """
         at = self.at
         if at.share_unknowns:
-            # One block is entered instead of n at the same rows.
+            # One block is entered instead of n at the same rows.  K (r, 3k, 3k) is the stiffness of
+            # the rows `on` that have one.
             K, on = self._stiffness(q1)
             total = at.sum_of_stiffness(K, on)
             add_blocks(A, at.indices[:1], at.indices[:1], total[None])
@@ -180,6 +186,8 @@ class Stencil:
             Stiffness (r, 3k, 3k) [N/m], and the indices (r,) of the r rows that have one, or a
             slice if all have.
         """
+        # Y (n, 3k): the vectors; S (n, m): mean stresses; dS (n, m, m): their derivatives by the
+        # strains at the end; α: weight of the end in the configuration where forces act.
         Y, _, (S, dS) = self._end(q1)
         on = _all_or_some(S.any(axis=1) | dS.any(axis=(1, 2)))
         slope_mid = self.at.slope(self._middle(Y, on), on)
@@ -191,7 +199,12 @@ class Stencil:
         return material + geometric, on
 
     def _middle(self, Y: Array, on: Any) -> Array:
-        """Vectors (r, 3k) of the configuration in which forces act, of the rows `on`."""
+        """Vectors (r, 3k) of the configuration in which forces act, of the rows `on`.
+
+        Args:
+            Y: the vectors (n, 3k) at the end of the step.
+            on: indices or a slice of r rows.
+        """
         return (1 - self._α) * self._Y0[on] + self._α * Y[on]
 
     def _end(self, q1: Array) -> tuple[Array, Array, tuple[Array, Array]]:
@@ -204,6 +217,7 @@ class Stencil:
             The k vectors (n, 3k) of which the strains are made, strains e1 (n, m), and the mean
             stress (n, m) of the step with its derivatives (n, m, m) by e1.
         """
+        # Y: the vectors, points [m] and directors [-].
         # The same array object, not equal numbers: a comparison would cost as much as it saves.
         if self._known is None or self._known[0] is not q1:
             Y = self.at.vectors(q1)
@@ -239,7 +253,11 @@ class Stencil:
 
         Returns:
             Forces [N] over the unit of the number.
+
+        Raises:
+            AttributeError: the density has no number of this name.
         """
+        # Y (n, 3k): vectors, and e1 (n, m): strains at the end; S: the complex mean stress.
         Y, e1, _ = self._end(q1)
         density = self.density
         self.density = self._varied(key, 1j * COMPLEX_STEP)

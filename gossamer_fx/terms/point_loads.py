@@ -166,10 +166,13 @@ class PointLoads(
         self._terms = terms
         self._laws = [term.law for term in terms]
         attached = [attach(system.numbering, system.bodies, term.ports) for term in terms]
+        # The vectors X (3k,) of a load are P q + o: a map P, its unknowns q, and an offset o
+        # (ground).
         self._indices = [indices for indices, _, _ in attached]
         self._maps = [(P, o) for _, P, o in attached]
         # Every rank asks the laws, which may be functions of users; one rank adds the force.
         self._mine = [is_evaluated_here(term.ports) for term in terms]
+        # Vectors at the start of the step; `begin_step` sets them.
         self._X0 = [o for _, o in self._maps]
         self._gather = Gather(system.numbering, self._indices)
 
@@ -191,7 +194,8 @@ class PointLoads(
         """
         system = self._system
         self._X0 = self._vectors(system.q0)
-        # Rates of the ports have no offset: the ground does not move.
+        # The vectors are X = P q + o with maps P and offsets o, and have the rates V = P dq/dt:
+        # rates of the ports have no offset, as the ground does not move.
         rates = []
         for (P, _), values in zip(self._maps, self._gather(system.v0), strict=True):
             rates.append(P @ values)
@@ -227,7 +231,22 @@ class PointLoads(
         self._laws[self._terms.index(term)] = changed
 
     def work_by_number(self, term: PointLoad, key: str, w: PETSc.Vec) -> Array:
-        """-w·Pᵀ ∂f/∂number (m,): loads are subtracted from the residual."""
+        """Derivative of the residual by a number of a load, times a vector: -w·Pᵀ ∂f/∂number.
+
+        Collective.  Loads are subtracted from the residual, hence the sign.  f (3k,) are the forces
+        on the vectors X = P q + o of the load, P their map from the unknowns q.
+
+        Args:
+            term: the load, of this scene.
+            key: name of the number, which may have m components.
+            w: distributed vector of all unknowns, e.g. the adjoint one.
+
+        Returns:
+            Derivatives (m,); on one rank the whole, on all others zero.
+
+        Raises:
+            ValueError: the load is not in this scene.
+        """
         k = self._terms.index(term)
         P, _ = self._maps[k]
         # Collective, so asked for on all ranks.
@@ -260,12 +279,21 @@ class PointLoads(
     def add_start_derivatives(
         self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
+        """Add the derivatives of μ·residual by the state at the start of the step.  Collective.
+
+        Only loads that depend on that state have some, e.g. sampled torques of a control.
+
+        Args:
+            μ: adjoint vector of the step, over all unknowns.
+            by_position: receives the derivatives by the coordinates at the start; added in place.
+            by_velocity: receives those by the velocities at the start; added in place.
+        """
         displacements = self._gather(μ)
         middle = self._middle()
         for k, law in enumerate(self._laws):
             if not isinstance(law, ForceOfStart):
                 continue
-            # All ranks, as all of them have the sums of the law.
+            # All ranks, as all of them have the sums of the law.  P maps unknowns to vectors.
             P, _ = self._maps[k]
             by_vectors, by_rates = law.products_at_start(middle[k], P @ displacements[k])
             if not self._mine[k]:
@@ -319,6 +347,7 @@ class PointLoads(
         found: dict[str, Array] = {}
         for k, X in enumerate(self._middle()):
             if self._mine[k]:
+                # Vectors r and forces f on them, (k, 3).
                 term = self._terms[k]
                 r = X.reshape(-1, 3)
                 f = self._laws[k].force(X).reshape(-1, 3)
