@@ -271,6 +271,7 @@ class Crease:
         """
         geometry = self.body.mesh.domain.geometry
         element = self.body.space.element.basix_element
+        # Positions (g,) along the edge in the direction of the triangle, from 0 to 1.
         s = points
         if backwards:
             s = 1 - points

@@ -136,6 +136,7 @@ class EdgeRotation:
         Raises:
             InputError: on all ranks, if a direction is not finite or zero, or the shape is another.
         """
+        # d (3, n): the directions, of any length.
         assert callable(self.direction)
         d = np.asarray(self.direction(X, t), dtype=float)
         is_right = d.shape == X.shape and bool(np.isfinite(d).all())

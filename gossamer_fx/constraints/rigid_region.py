@@ -230,6 +230,7 @@ class RigidRegion:
         Args:
             start: initial state of the scene, which may differ from that of the body itself.
         """
+        # ξ (k,) [m] are the coordinates of a node along the directors of the piece.
         if self.rigid_body is None:
             _, _, coordinates = self._fit
             targets = [self.piece.port(*map(float, ξ)) for ξ in coordinates]

@@ -109,7 +109,8 @@ class SectionRotation:
             "the shortest; go "
             "there by a function of time.",
         )
-        # Rodrigues' formula with sine and cosine taken from the two directions.
+        # Rodrigues' formula with sine and cosine taken from the two directions; v (n, 3, 3) is the
+        # skew matrix of their cross product.
         v = cross_matrices(np.cross(normals, wanted))
         shortest = np.eye(3) + v + v @ v / (1 + cosine)[:, None, None]
         turned: Array = rotations(wanted, self._angle(t, when)) @ shortest
