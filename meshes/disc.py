@@ -136,7 +136,7 @@ def ring(
             """Return the numbers in gmsh of a circle's four points on the axes, and of the arcs
             between them.
 
-            gmsh draws no longer arcs.
+            Four quarters, since gmsh draws only arcs of less than half a circle.
 
             Args:
                 radius: [m].
