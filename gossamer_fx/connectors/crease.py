@@ -198,6 +198,7 @@ class Crease:
         sides = table.sides[owned]
         points = np.array(_GAUSS[self.body.order][0])
         weights = np.array(_GAUSS[self.body.order][1])
+        # Number of points of an edge.
         g = len(points)
 
         # Start and end of each edge as the left panel passes it, and the direction t along it.

@@ -68,7 +68,7 @@ def check_coincide(
 
 
 def product(name: str, u: Attached, v: Attached) -> PointConstraint:
-    """u·v = 0."""
+    """The constraint u·v = 0 of two vectors u and v (3,), each of a body or of the ground."""
     # ½ (u, v)·H (u, v) = u·v
     H = np.kron(np.array([[0.0, 1.0], [1.0, 0.0]]), np.eye(3))
     # A measure is owned by the rank of its first port, and a vector of the ground has none.
