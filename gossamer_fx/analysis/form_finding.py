@@ -141,7 +141,17 @@ class EdgeCable:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        """One stored energy ψ = ½ |√(N/L) (x_b - x_a)|² - ½ N L for each edge with ends a and b."""
+        """One stored energy ψ = ½ |√(N/L) (x_b - x_a)|² - ½ N L for each edge with ends a and b.
+
+        N [N] is the force of the cable, L [m] the length of an edge, x_a and x_b the positions [m]
+        of its ends.
+
+        Args:
+            start: initial state of the scene; not used.
+
+        Raises:
+            InputError: the mesh has no edges of this name, or one of them has no length.
+        """
         # The law of the tape is not used, only its edges and their lengths.
         bars = Tape.along_edges(
             self.body, CableLaw(self.force, 1.0), edges=self.edges, name=self.name
@@ -163,6 +173,9 @@ def find_form(
 ) -> EquilibriumResult:
     """Move the mesh of a film of order 1 to the shape of its prescribed stress.
 
+    Collective. Every update solves for the equilibrium of a new scene and moves the nodes of the
+    mesh there; after an error the mesh stays where the last update has moved it.
+
     Args:
         body: its law is a `Prestress`; its mesh is the first guess and is overwritten.
         scene: returns a new scene with the film: supports read their positions from the mesh.
@@ -174,8 +187,8 @@ def find_form(
 
     Raises:
         InputError: the film has another law or order.
-        NoEquilibrium: the shape still moves after the last update, as that of a film that pinches
-            off.
+        NoEquilibrium: a search for an equilibrium fails, or the shape still moves after the last
+            update, as that of a film that pinches off.
 
     Example:
         >>> law = gx.analysis.Prestress(1e9, 0.3, density=1400.0, thickness=1e-4, tension=100.0)

@@ -85,6 +85,7 @@ def light_force(
     >>> light_force(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]), mirror, mirror, Rows)
     array([0., 0., 2.])
     """
+    # c = a·u [m²]; mirrored, both and along are the coefficients c_0, c_1 and c_2 of the lit side.
     c = maths.dot(a, u)
     area = maths.root(maths.dot(a, a))
     # The back is lit where light and area vector have the same direction.

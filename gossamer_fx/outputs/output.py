@@ -232,6 +232,8 @@ class Table:
         """Cut off the bytes after `end`, if the file is the one that the checkpoint knows; on one
         rank.
 
+        Nothing is changed if a check fails. A file that does not exist counts as empty.
+
         Args:
             head: names of the columns that the table must have.
             end: length of the file that is kept [bytes].
@@ -239,6 +241,7 @@ class Table:
 
         Raises:
             InputError: the file is shorter, or has other columns or another number of rows.
+            OSError: the file cannot be read or shortened.
         """
         content = b""
         if self.path.is_file():
