@@ -58,6 +58,7 @@ def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
         row = cells + 1
         grid = np.arange(row**2).reshape(row, row)
         centre = row**2 + np.arange(cells**2).reshape(cells, cells)
+        # a, b, c, d: corner nodes of each cell, counterclockwise.
         a = grid[:-1, :-1]
         b = grid[1:, :-1]
         c = grid[1:, 1:]

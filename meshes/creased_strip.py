@@ -55,6 +55,7 @@ def creased_strip(
         points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
 
         nodes = np.arange(x.size).reshape(x.shape)
+        # Corner nodes of each cell, counterclockwise.
         a, b, c, d = cell_corners(nodes)
         triangles = np.concatenate([triangles_of(a, b, c), triangles_of(a, c, d)])
         # With an even number of columns of cells the middle line of nodes is the crease.

@@ -48,6 +48,7 @@ def quarter_disc(
         # Three four-sided patches meet at a point inside; a radius passes through two of them.
         half = max(round(cells / 2), 1)
         centre = geo.addPoint(0, 0, 0)
+        # Points p on the rim and m at mid-radius: on the x axis, the y axis and the diagonal (d).
         px = geo.addPoint(a, 0, 0)
         py = geo.addPoint(0, a, 0)
         d = a / 2**0.5
@@ -135,7 +136,7 @@ def ring(
             """Return the numbers in gmsh of a circle's four points on the axes, and of the arcs
             between them.
 
-            gmsh draws no longer arcs.
+            Four quarters, since gmsh draws only arcs of less than half a circle.
 
             Args:
                 radius: [m].

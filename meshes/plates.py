@@ -40,6 +40,7 @@ def irregular_sheet(
         ValueError: less than one cell along x or y.
     """
     random = np.random.default_rng(seed)
+    # Coordinates (nx + 1, ny + 1) of the nodes from 0 to 1, along x and y.
     u, v = _displaced(nx, ny, random)
     has_middle = nx % 2 == 0
     if has_middle:
@@ -78,6 +79,7 @@ def leaning_sheet(
     Raises:
         InputError: there are no cells.
     """
+    # Coordinates (nx + 1, ny + 1) of the nodes from 0 to 1, along x and y.
     u, v = _displaced(nx, ny, None)
     x = width * u
     y = height * v
@@ -109,6 +111,7 @@ def slit_ring(
     Raises:
         InputError: there are no cells.
     """
+    # Coordinates (radial + 1, around + 1) of the nodes from 0 to 1, outwards and around.
     u, v = _displaced(radial, around, None)
     # Diagonals alternate, so that the mesh has no sense of rotation.
     odd = np.add.outer(np.arange(radial), np.arange(around)) % 2 > 0

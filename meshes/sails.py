@@ -127,6 +127,7 @@ def trapezoids(
         cells = []
         for j in range(inner * refine, outer * refine):
             for i in range(-j - 1, j + 1):
+                # a, b, c, d: corners of a cell, as pairs (position in the row, row).
                 a = (i, j)
                 b = (i + 1, j)
                 c = (i, j + 1)
@@ -205,6 +206,7 @@ def pinwheel(
                 if i < j:
                     cells.append((here, opposite, above))
         half = np.array(cells).reshape(-1, 2) * np.array([h, h * slope])
+        # c, s: cosine and sine of the angle of a sector.
         c = math.cos(step)
         s = math.sin(step)
         # Mirrored about the bisector; the order of corners is turned to keep the normals.

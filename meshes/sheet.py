@@ -122,6 +122,7 @@ def crossed_sheet(
 
         grid = np.arange(x.size).reshape(x.shape)
         centre = np.arange(x.size, len(points)).reshape(mx.shape)
+        # Corner nodes of each cell, counterclockwise.
         a, b, c, d = cell_corners(grid)
         # Each side of a cell with its centre, counterclockwise.
         triangles = np.concatenate(

@@ -400,7 +400,8 @@ class Gather:
         Args:
             numbering: layout of the distributed vector of all unknowns.
             indices: arrays of global indices, of any shape, that this rank needs; may differ
-                between ranks and be empty.
+                between ranks and be empty.  An index may occur several times.  Each call returns
+                arrays of these shapes.
         """
         self._shapes = [some.shape for some in indices]
         # The empty array gives the result a type if there are no others.

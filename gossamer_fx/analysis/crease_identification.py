@@ -129,6 +129,9 @@ class HangingStrip:
             """Derivatives (6, n) of y = (φ, φ' upper panel, φ, φ' lower panel, down, sideways).
 
             The last two are the path of both panels from their upper ends, over the length.
+
+            s (n,) is the arc length of each panel from its upper end over the panel's length; φ
+            [rad] is the angle of the panel from the vertical.
             """
             φ_upper = y[0]
             φ_lower = y[2]
@@ -146,7 +149,11 @@ class HangingStrip:
             )
 
         def conditions(start: Array, end: Array) -> Array:
-            """Residuals (6,) of (2), (3) and of the path that begins at zero."""
+            """Residuals (6,) of (2), (3) and of the path that begins at zero.
+
+            κ is the stiffness of the crease over that of a panel [-]. `start` and `end` (6,) are y
+            at the upper and lower ends of the panels.
+            """
             moment = κ * (start[2] - end[0] - rest_angle)
             return np.array(
                 [
@@ -265,6 +272,8 @@ def identify_crease(
     # Imported here, as most scenes do not need it.
     from scipy.optimize import least_squares
 
+    # W: weights [N], θ: measured angles of the crease [rad], d: measured distances of the ends [m],
+    # each (n,).
     W = np.asarray(weights, dtype=float)
     θ = np.asarray(angles, dtype=float)
     d = np.asarray(distances, dtype=float)
@@ -312,7 +321,17 @@ def identify_crease(
 
 def _check_measurements(W: Array, θ: Array, d: Array) -> None:
     """Refuse measurements of different number, of too few weights, or with numbers without
-    meaning."""
+    meaning.
+
+    Args:
+        W: weights (n,) [N].
+        θ: angles (n,) [rad].
+        d: distances (n,) [m].
+
+    Raises:
+        InputError: the arrays have different lengths or fewer than two numbers, a number is not
+            finite, or a weight is negative.
+    """
     check(
         W.ndim == 1 and len(W) >= 2 and W.shape == θ.shape == d.shape,
         f"identify_crease: there are {W.size} weights, {θ.size} angles and {d.size} distances; "

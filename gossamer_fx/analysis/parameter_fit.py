@@ -249,7 +249,27 @@ def _solve(
     iterations: int,
     tolerance: float,
 ) -> Fit:
-    """Minimise the sum of squares; collective."""
+    """Minimise Σ ((result - y)/σ)², with measured values y (n,) and their uncertainties σ (n,).
+
+    Collective.  The parameters of the problem stay at the fitted values.  A fit that ends at the
+    limit of iterations is returned as it is.
+
+    Args:
+        problem: variables of the fit, with scaled (dimensionless) numbers.
+        evaluate: yields, for scaled numbers (p,), each result and its derivatives (p,).
+        measured: the values y, in the units of the results.
+        uncertainty: standard deviations, one number for all or one for each value.
+        bounds: smallest and largest value by name of a parameter; None for no bounds.
+        iterations: largest number of evaluations.
+        tolerance: relative change of sum and numbers at which the search ends.
+
+    Returns:
+        parameters, their standard deviations and covariance in the units of the parameters.
+
+    Raises:
+        InputError: the measurements do not fit the results, a number is out of range, or the
+            results do not determine the parameters.
+    """
     # Imported here, as most scenes do not need it.
     from scipy.optimize import least_squares
 
@@ -326,7 +346,21 @@ def _check(
     iterations: int,
     tolerance: float,
 ) -> None:
-    """Refuse measurements that do not fit, and numbers out of range; collective."""
+    """Refuse measurements that do not fit, and numbers out of range.  Collective.
+
+    Args:
+        problem: variables of the fit.
+        evaluate: yields, for scaled numbers (p,), each result and its derivatives (p,).
+        y: measured values (n,), in the units of the results.
+        σ: their standard deviations (n,), positive.
+        iterations: largest number of evaluations, positive.
+        tolerance: dimensionless, between 0 and 1.
+
+    Raises:
+        InputError: one of these conditions is not met, the number of results differs from that of
+            the measured values, a parameter is a field over several ranks, or there are more
+            parameters than results.
+    """
     who = problem.who
     check(iterations > 0, f"{who}: iterations is {iterations!r}; give a positive number.")
     check(0 < tolerance < 1, f"{who}: tolerance is {tolerance!r}; give a number between 0 and 1.")

@@ -86,9 +86,13 @@ def tao_minimise(
 ) -> TaoResult:
     """Minimise by a bounded quasi-Newton method.  Collective.
 
+    The search starts at `problem.start`; each iteration is reported to `problem.note`. A search
+    that ends at the limit of iterations is not an error: `converged` is False.
+
     Args:
         problem: what is minimised.
-        bounds: smallest and largest values of the scaled numbers of this rank.
+        bounds: smallest and largest values of the scaled (dimensionless) numbers of this rank, each
+            (n,); infinite where there is no bound.
         method: "blmvm" or "bqnls".
         iterations: at most.
         tolerance: change of the scaled result at which the search ends.

@@ -52,7 +52,13 @@ class Inverse:
     def __init__(
         self, K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, real: float = 0.0, imaginary: float = 0.0
     ) -> None:
-        """Assemble and factorise the shifted matrix.  Collective; `problem` tells a failure."""
+        """Assemble and factorise the shifted matrix.  Collective; `problem` tells a failure.
+
+        The class describes the arguments. Stored are `_G` [kg/s] and `_M` [kg], the shift `_σ` + i
+        `_ω` [1/s], `_pc`, the factorised Q(σ) = K + σ G + σ² M [N/m], and work vectors: `_right`,
+        `_u` (of twice the size for an imaginary shift), `_x`, `_y` and `_product`. A singular Q
+        raises no error.
+        """
         self._G = G
         self._M = M
         self._σ = real
@@ -70,7 +76,12 @@ class Inverse:
         self.n = self._x.getLocalSize()
 
     def _shifted_matrix(self, K: PETSc.Mat) -> PETSc.Mat:
-        """Q(σ) of (2), or (4) for an imaginary shift."""
+        """Q(σ) of (2), or (4) for an imaginary shift.
+
+        Q = K + σ G + σ² M [N/m], with K the tangent, G the Coriolis matrix [kg/s] and M the mass
+        matrix [kg]. For σ = iω it is the real matrix [[K - ω² M, -ω G], [ω G, K - ω² M]] of twice
+        the size. K, G and M are not changed.
+        """
         Q = K.copy()
         Q.axpy(self._σ**2 - self._ω**2, self._M, DIFFERENT_PATTERN)
         if self._ω:
@@ -94,7 +105,12 @@ class Inverse:
         return operator
 
     def mult(self, matrix: PETSc.Mat, z: PETSc.Vec, result: PETSc.Vec) -> None:
-        """Set result to (1) for z = (x, y), or to its real part; called by SLEPc."""
+        """Set result to (1) for z = (x, y), or to its real part; called by SLEPc.
+
+        The result is (u, x + σ u) with Q(σ) u = -(M y + G x + σ M x); M and G are mass and Coriolis
+        matrix, `_pc` is the factorised Q. `problem` must be empty. For an imaginary shift iω the
+        second half of `_u` is the imaginary part of u. Collective.
+        """
         n = self.n
         self._x.array[:] = z.array_r[:n]
         self._y.array[:] = z.array_r[n:]

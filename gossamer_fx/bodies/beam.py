@@ -131,6 +131,8 @@ class Beam(Curve):
         Raises:
             InputError: on all ranks, if the normal is along the beam at some node.
         """
+        # J (3,): derivative of the positions by the coordinate of the reference cell; w: test
+        # function; t (n, 3): unit tangents at the nodes; q: the result.
         J = ufl.Jacobian(self.mesh.domain)[:, 0]
         w = ufl.TestFunction(self.space)
         tangent = J / ufl.sqrt(ufl.dot(J, J))
@@ -211,6 +213,7 @@ class Beam(Curve):
             thermal=thermal,
             parameters=stored,
         )
+        # Orthonormality is ½ X·H X + L·X + c = 0 for the stacked directors X of a node.
         # One constraint for each owned node; its multipliers keep sections rigid in every iterate.
         first, end = self.block.index_map.local_range
         directors = [self._directors(node) for node in range(first, end)]
@@ -246,6 +249,7 @@ class Beam(Curve):
         Raises:
             InputError: the user's function of velocity raises or returns something else.
         """
+        # Coordinates q and rates v (n, 3, 3): position and two directors of each owned node.
         q = self._reference.x.array.reshape(-1, 3, 3)[: self.block.index_map.size_local]
         v = np.zeros_like(q)
         if self._velocity is not None:

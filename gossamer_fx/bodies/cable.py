@@ -242,7 +242,10 @@ class Cable(Curve):
         return value * self._length_ratio
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Kinetic and stored energy of the cable.
+        """Kinetic and stored energy of the cable.  Collective.
+
+        v and w are velocities [m/s] and test functions of the mass form, e0 and e1 the strains (1,)
+        at the start and the end of a step.
 
         Args:
             start: initial state of the scene; the terms do not depend on it.
@@ -250,6 +253,10 @@ class Cable(Curve):
         Yields:
             The terms, i.e. what the cable adds to the equations: one of its mass, one of its stored
             energy with prestress and thermal strain.
+
+        Raises:
+            InputError: a temperature is given for a group that does not consist of line elements,
+                is below zero, or its function fails.
         """
         numbers = parameters(self.law, self.constants)
         yield KineticEnergy(

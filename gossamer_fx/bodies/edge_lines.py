@@ -131,6 +131,7 @@ class EdgeLine:
             A port: the weighted sum of the nodes of the edge at σ, with Lagrange functions as
             weights; or of one node, if that is closer than `NODE_FRACTION` of the edge.
         """
+        # Number k of the edge, and position ξ on it from 0 to 1.
         k, ξ = self.locate(fraction)
         # A port at a node depends on one node instead of two or three: fewer entries of the matrix.
         nearest = round(ξ * self.order)
@@ -212,6 +213,7 @@ def edge_line(body: Meshed, group: str, user: str) -> EdgeLine:
         InputError: the mesh has no such group of curves, or the group has no edges, branches, or
             consists of several lines.
     """
+    # X (n, p + 1, 3) [m] are the nodes along each edge, p the order of the film.
     table = body.mesh.edges
     curve = body.mesh.curve(group, user)
     # Each edge is sent once, by its owner.

@@ -184,6 +184,7 @@ class SectionFrame:
             Coordinates (12,) [m for the point, else -] and rates (12,) [m/s, else 1/s] on rank 0;
             empty arrays on the others.
         """
+        # Point x and directors s2, s3 of the section; q and v are coordinates and rates (12,).
         x, s2, s3 = (port.initial() for port in self._section)
         x_rate, s2_rate, s3_rate = (port.initial_rate() for port in self._section)
         normal = np.cross(s2, s3)
@@ -204,7 +205,8 @@ class SectionFrame:
         Args:
             start: initial state of the scene; the constraints do not depend on it.
         """
-        # Indices in the stacked vectors (x, n, d2, d3, x_s, s2, s3).
+        # The functions are ½ X·H X + L·X + c of the stacked vectors X = (x, n, d2, d3, x_s, s2,
+        # s3).
         followers = [0, 2, 3]
         followed = [4, 5, 6]
         normal = 1

@@ -169,7 +169,10 @@ class Membrane(Meshed):
         self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})
 
     def _orient(self) -> None:
-        """Add the axes of an orthotropic law to the constants."""
+        """Add the axes of an orthotropic law to the constants of the film.  Collective.
+
+        A law without direction changes nothing.
+        """
         direction = getattr(self.law, "direction", None)
         if direction is not None:
             # Imported here: isotropic film has no axes.
@@ -179,7 +182,15 @@ class Membrane(Meshed):
             set_axes(self.constants, field, self._frame)
 
     def _check_expansion(self, thermal: ThermalExpansion) -> None:
-        """Refuse a thermal expansion that does not belong to this film."""
+        """Refuse a thermal expansion that does not belong to this film.
+
+        Args:
+            thermal: coefficients of expansion [1/K] and temperatures [K].
+
+        Raises:
+            InputError: there are two coefficients and the law of the film has no axes, or a
+                difference of temperature across the thickness is given and the film does not bend.
+        """
         # Imported here: a film without thermal expansion does not load it.
         from gossamer_fx.bodies.thermal_expansion import check_expansion, check_no_gradient
 
@@ -279,7 +290,9 @@ class Membrane(Meshed):
         return self.constants.density * self.constants.thickness
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Kinetic and stored energy of the film.
+        """Kinetic and stored energy of the film.  Collective.
+
+        v and w are velocities [m/s] and test functions of the mass form.
 
         Args:
             start: initial state of the scene; the terms do not depend on it.
@@ -287,6 +300,10 @@ class Membrane(Meshed):
         Yields:
             The terms, i.e. what the film adds to the equations: one of its mass, one of its stored
             energy with prestress and thermal strain.
+
+        Raises:
+            InputError: a temperature is given for a group that does not consist of triangles, is
+                below zero, or its function fails.
         """
         numbers = parameters(self.law, self.constants)
         yield KineticEnergy(
@@ -327,6 +344,7 @@ class Membrane(Meshed):
         """
         if not isinstance(self._displacement, Mapping):
             return positions(self.space, self._displacement, self._velocity)
+        # Positions x and velocities v of this rank's own nodes, (3 n,).
         x, v = positions(self.space, None, self._velocity)
         points = x.reshape(-1, 3)
         moved = points.copy()

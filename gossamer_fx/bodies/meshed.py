@@ -106,8 +106,12 @@ def positions(
         velocity: function of points (3, n) [m] that returns (3, n) [m/s]; None: at rest.
 
     Returns:
-        Positions (3 n,) [m] and velocities (3 n,) [m/s], flattened, node by node.
+        Positions (3 n,) [m] and velocities (3 n,) [m/s] of this rank's own nodes, node by node.
+
+    Raises:
+        InputError: a function fails or returns another shape; `checked` has wrapped it for that.
     """
+    # x, v, u: functions of position, velocity and displacement; X: points (3, n).
     x = fem.Function(space)
     v = fem.Function(space)
     # The mesh itself, at the nodes of the space: between its vertices where the order is 2.

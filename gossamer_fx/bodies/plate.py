@@ -199,6 +199,7 @@ class Plate(Membrane):
         Raises:
             InputError: the law has no axes, or the stiffnesses are not positive definite.
         """
+        # Constants of the law; with axes cosine and sine of their angle in the frame of the mesh.
         c = self.constants
         check(
             hasattr(c, "cosine"),
@@ -248,7 +249,15 @@ class Plate(Membrane):
             The terms, i.e. what the plate adds to the equations: its mass, its membrane energy, a
             quadratic bending energy, and a `TripleProductEnergy` if it has a rest or thermal
             curvature.
+
+        Raises:
+            InputError: a temperature, or its difference across the thickness, is given for a group
+                that does not consist of triangles, or its function fails.
+
+        Collective.
         """
+        # dx and dS are measures of the cells and of the interior edges without hinges; w is the
+        # test function.
         yield from super().terms(start)
         bending = self.bending
         name = f"{self.name} bending"
@@ -307,6 +316,7 @@ class Plate(Membrane):
             """
 
             def dimensionless(x: Expr) -> tuple[Expr, Expr, Expr]:
+                # The three factors of a triple product (u×v)·s.
                 u, v, s = vectors(x)
                 return u, v, s / scale
 
@@ -314,6 +324,7 @@ class Plate(Membrane):
 
         area = ufl.CellVolume(domain)
         length = ufl.FacetArea(domain)("+")
+        # A bending stiffness [N m] of each cell, by which the products are scaled.
         D = self.bending_stiffness.reference
         mean = (D("+") + D("-")) / 2
         inside = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2})
@@ -397,6 +408,7 @@ class Plate(Membrane):
                 "of the points, or those of groups.",
             )
             given = _Uniform(tensor)
+        # H: the given tensor (3, 3) [1/m] of each cell, in the axes of space.
         H = cellwise(self.mesh, given, np.zeros((3, 3)), (3, 3), what)
         n = self.mesh.domain.topology.index_map(2).size_local
         values = H.x.array.reshape(-1, 3, 3)[cell_nodes(H.function_space)[:n].ravel()]

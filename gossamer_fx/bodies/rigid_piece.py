@@ -48,6 +48,8 @@ class RigidPiece:
         """Take position, directors and rates of a massless rigid piece without a check.
         Collective.
 
+        The coordinates of the piece are on rank 0; the arguments are the same on all ranks.
+
         What is tied to the piece decides its motion.
 
         Args:
@@ -61,6 +63,7 @@ class RigidPiece:
         self.comm = owner.comm
         self._owner = owner
         self._rigid = rigid
+        # Initial coordinates and rates, (1 + k, 3).
         self._q = start
         self._v = rates
         # One node, which rank 0 owns; all ranks know the initial state.
@@ -111,7 +114,8 @@ def fitted(comm: MPI.Intracomm, x: Array, v: Array) -> tuple[Array, Array, Array
     Returns:
         The centre [m] and k unit vectors (1 + k, 3), one for each dimension of the set of points,
         see `directors_of`; their rates (1 + k, 3) [m/s, 1/s] in the best affine motion; and the
-        coordinates (n, k) [m] of this rank's points along the directors.
+        coordinates (n, k) [m] of this rank's points along the directors.  The first two are the
+        same on all ranks.
     """
     count = comm.allreduce(len(x))
     mean = comm.allreduce(x.sum(axis=0)) / count
@@ -119,6 +123,7 @@ def fitted(comm: MPI.Intracomm, x: Array, v: Array) -> tuple[Array, Array, Array
     arms = x - mean
     covariance = comm.allreduce(arms.T @ arms)
     rates = comm.allreduce(arms.T @ (v - mean_velocity))
+    # d (k, 3): the directors.
     # Sums may differ between ranks in the last digit, and with it the sign of an eigenvector.
     d = comm.bcast(directors_of(covariance))
     along = arms @ d.T

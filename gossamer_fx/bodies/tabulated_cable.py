@@ -173,6 +173,7 @@ class TabulatedCable(BarLaw):
             c: constants of the mesh: `strains` (n,) [-] and `slope_changes` (n,) [N] at the n
                 corners of the table.
         """
+        # Engineering strains x0 and x1; s is the side, 1 or -1, of zero strain of a corner.
         x0 = _engineering_strain(e0)
         x1 = _engineering_strain(e1)
         # Sides are part of the kernel, as there are two of them; strains and slopes are constants.
@@ -250,6 +251,7 @@ class TabulatedBars:
         Returns:
             S (n, 1) [N m] and ∂S/∂e1 (n, 1, 1) [N m].
         """
+        # Stretches λ0, λ1 (n,) at the start and the end; D is the derivative of S by e1.
         λ0 = _stretch(e0[:, 0])
         λ1 = _stretch(e1[:, 0])
         mean_stretch = (λ0 + λ1) / 2
@@ -268,7 +270,10 @@ def corners_of(strain: Array, force: Array) -> Corners:
 
     Args:
         strain: engineering strains (n,), rising.
-        force: [N] (n,); zero at zero strain, as `_check_table` has found.
+        force: [N] (n,); zero at zero strain.  Both have passed `_check_table`.
+
+    Returns:
+        The corners, in tension from zero upwards, then in compression from zero downwards.
     """
     # The table is checked to have no force at zero strain, if only between two of its points.
     if not (strain == 0).any():

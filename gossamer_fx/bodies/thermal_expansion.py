@@ -195,13 +195,14 @@ def film_strain(alphas: tuple[Expr, ...], ΔT: Expr, c: Any) -> Expr:
     Args:
         alphas: one coefficient of expansion [1/K], or those along the two axes of the law.
         ΔT: temperature less that of reference [K].
-        c: constants of the law; with axes: cosine and sine of the first one.
+        c: constants of the law; with axes: cosine and sine of the first one in the frame.
     """
     if len(alphas) == 1:
         e = metric_strain(alphas[0], ΔT)
         return ufl.as_vector([e, e, 0 * e])
     first = metric_strain(alphas[0], ΔT)
     second = metric_strain(alphas[1], ΔT)
+    # Squares of cosine and sine.
     c2 = c.cosine**2
     s2 = c.sine**2
     shear = 2 * c.cosine * c.sine * (first - second)
@@ -288,6 +289,7 @@ def thermal_curvature(plate: Any) -> ThermalCurvature:
     """
     thermal: ThermalExpansion = plate.thermal
     domain = plate.mesh.domain
+    # Constants of the law: thickness [m]; with axes cosine and sine of the first one.
     c = plate.constants
     given = TemperatureInTime(
         plate.mesh,

@@ -98,6 +98,8 @@ class TripleProductEnergies(
             terms: all such terms of the scene.
             system: the compiled scene, which has the fields of their bodies.
         """
+        # For each term: the vectors u, v, s are evaluated at the configuration `mid` in which
+        # forces act, along the test function (δ) and along the trial function (dq).
         self._system = system
         self._compiled: list[_Compiled] = []
         for term in terms:
@@ -243,6 +245,7 @@ def _second(X: Vectors, a: Vectors, b: Vectors) -> Expr:
     Returns:
         UFL scalar, linear in a and in b.
     """
+    # au is the part of a that belongs to u, and so on.
     u, v, s = X
     au, av, as_ = a
     bu, bv, bs = b
@@ -267,6 +270,7 @@ def _invariants(X: Vectors, δ: Vectors) -> list[Expr]:
     Returns:
         Six UFL scalars, linear in δ, dimensionless.
     """
+    # du is the change of u along δ, and so on.
     u, v, s = X
     du, dv, ds = δ
     return [

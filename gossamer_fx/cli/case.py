@@ -132,7 +132,11 @@ class Case:
             changes: names of the parts whose parameters may differ from those of the checkpoint.
 
         Raises:
-            InputError: what is wrong with the scene, the outputs or the checkpoint.
+            InputError: what is wrong with the scene, the outputs, `halvings` or the checkpoint, as
+                `Simulation` checks them: a scene, folder or checkpoint that does not fit the run,
+                or a checkpoint that is absent or unreadable.
+
+        Collective.
         """
         return Simulation(
             self.scene,

@@ -16,8 +16,10 @@ DEFAULT = "folded_tube"
 def find_demos() -> Path | None:
     """The folder of the demos: that of the clone of this package, else one in the current folder.
 
+    A folder counts if it has the file of the demo that runs without a name, `DEFAULT`.
+
     Returns:
-        None if there is none: an installed package has no demos.
+        Absolute path; None if there is none: an installed package has no demos.
     """
     clone = Path(__file__).resolve().parents[2]
     for folder in (clone / "demos", Path("demos").resolve()):

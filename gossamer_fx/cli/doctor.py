@@ -175,6 +175,7 @@ def solution_error() -> float:
 
     domain = mesh.create_unit_square(MPI.COMM_SELF, 8, 8)
     space = fem.functionspace(domain, ("Lagrange", 1))
+    # u and v: trial and test function; A and b: matrix and right side.
     u = ufl.TrialFunction(space)
     v = ufl.TestFunction(space)
     x = ufl.SpatialCoordinate(domain)

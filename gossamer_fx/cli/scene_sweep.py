@@ -150,8 +150,10 @@ class SceneOutcome:
             in the name, and the dimensionless "energy error", "steps" and "iterations a step".
 
         Raises:
-            InputError: `build` does not return a `Case`, or the scene is wrong.
-            StepFailure: a time step did not converge.
+            InputError: `build` does not return a `Case`, or the scene is wrong; an error that
+                `build` itself raises passes.
+            StepFailure: a time step did not converge.  The folder retains what was recorded and the
+                checkpoints; what becomes of a failed run is decided by the sweep.
         """
         words = ", ".join(f"{name}={value}" for name, value in values.items())
         if comm.rank == 0:
@@ -219,6 +221,9 @@ def scene_sweep(
         words: NAME=VALUE,VALUE for each argument that is varied.
         listed: whether the values belong together one by one; else all combinations are run.
         progress: called with a line when a run begins.
+
+    Returns:
+        The sweep, not yet run.
 
     Raises:
         InputError: words of another form, unknown arguments, or values that make no sweep.

@@ -198,6 +198,7 @@ class Crease:
         sides = table.sides[owned]
         points = np.array(_GAUSS[self.body.order][0])
         weights = np.array(_GAUSS[self.body.order][1])
+        # Number of points of an edge.
         g = len(points)
 
         # Start and end of each edge as the left panel passes it, and the direction t along it.
@@ -271,6 +272,7 @@ class Crease:
         """
         geometry = self.body.mesh.domain.geometry
         element = self.body.space.element.basix_element
+        # Positions (g,) along the edge in the direction of the triangle, from 0 to 1.
         s = points
         if backwards:
             s = 1 - points

@@ -430,8 +430,10 @@ class _Points:
         the angles of the initial state, and moves rest angles that are beyond the yield angle.
 
         Args:
-            q: positions (n, D) [m] of the nodes of each of the n points of creases.
+            q: positions (n, D) [m] of the nodes of each of this rank's n points of creases.
         """
+        # X (n, 3, 3): vectors along the fold and into both panels; θ and θ1 (n,) [rad]: fold angles
+        # at the start and the end of the last step.
         X = self.vectors(q)
         self._exchanged = None
         if self._begun:

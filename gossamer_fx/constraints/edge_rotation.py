@@ -55,6 +55,7 @@ class EdgeRotation:
 
         Args:
             start: initial state of the scene, in which the direction must not lie along the edge.
+                Collective.
 
         Yields:
             One quadratic energy [J] for a constant direction; one that changes with time for a
@@ -65,6 +66,7 @@ class EdgeRotation:
             InputError: the direction lies along the edge, or it turns with time on a plate with
                 such a difference of temperature.
         """
+        # X (3, n) [m] are nodes of the edge, d the direction; x and w trial and test functions.
         clamp = self.plate.bending.clamp
         ds = self._measure()
         name = f"{self.plate.name} bending"
@@ -136,6 +138,7 @@ class EdgeRotation:
         Raises:
             InputError: on all ranks, if a direction is not finite or zero, or the shape is another.
         """
+        # d (3, n): the directions, of any length.
         assert callable(self.direction)
         d = np.asarray(self.direction(X, t), dtype=float)
         is_right = d.shape == X.shape and bool(np.isfinite(d).all())

@@ -254,6 +254,7 @@ class Fixed:
         components = list(self.components)
         X = self.body.space.tabulate_dof_coordinates()[nodes].T
 
+        # X (3, n) [m] are the points of the stress-free shape, u (3, n) [m] their displacements.
         def positions(t: float) -> Array:
             what = f"'{self.name}' at t = {t:.6g} s"
             u = ask_points(self.body.comm, what, lambda: motion(X, t), X.shape)

@@ -68,7 +68,7 @@ def check_coincide(
 
 
 def product(name: str, u: Attached, v: Attached) -> PointConstraint:
-    """u·v = 0."""
+    """The constraint u·v = 0 of two vectors u and v (3,), each of a body or of the ground."""
     # ½ (u, v)·H (u, v) = u·v
     H = np.kron(np.array([[0.0, 1.0], [1.0, 0.0]]), np.eye(3))
     # A measure is owned by the rank of its first port, and a vector of the ground has none.
@@ -101,6 +101,8 @@ def same_rotation(
         start: state in which the joint is made.
     """
     full, other = (a, b) if len(a.directors) == 3 else (b, a)
+    # g2, g3 are directors of the other frame; e2, e3 their values (3,) at the start; p1, p3 vectors
+    # of the full frame that are e2 × e3 and e3 at the start.
     # Two directors of the other frame are enough: three products of orthogonal vectors fix three
     # angles.  A third director would repeat what its rigidity already says, and make the
     # constraints dependent.
@@ -132,8 +134,8 @@ def same_axis(
     Raises:
         InputError: the other frame has two directors, to which n is oblique.
     """
-    # The axis is a vector of one frame, and two of the other stay normal to it.  A beam's section
-    # has no vector along its normal, but two across it.
+    # The axis is a vector of one frame, and two of the other (p, q) stay normal to it.  A beam's
+    # section has no vector along its normal, but two across it.
     if is_normal(n, other, start.vector):
         fixed = along(n, full, start.vector)
         p, q = other.directors
@@ -257,8 +259,8 @@ class Link(Between):
             length > 0,
             f"Link '{self.name}' has no length; use a BallJoint for points that coincide.",
         )
-        # e = (|x_a - x_b|² - l²)/2l, whose gradient is a unit vector as those of other joints: the
-        # multiplier is the force of the rod.
+        # e = (|x_a - x_b|² - l²)/2l = ½ X·H X/l + c/l, whose gradient is a unit vector as those of
+        # other joints: the multiplier is the force of the rod.
         difference = np.hstack([np.eye(3), -np.eye(3)])
         H = difference.T @ difference
         c = -(length**2) / 2

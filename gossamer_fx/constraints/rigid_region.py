@@ -230,6 +230,7 @@ class RigidRegion:
         Args:
             start: initial state of the scene, which may differ from that of the body itself.
         """
+        # ξ (k,) [m] are the coordinates of a node along the directors of the piece.
         if self.rigid_body is None:
             _, _, coordinates = self._fit
             targets = [self.piece.port(*map(float, ξ)) for ξ in coordinates]
@@ -287,7 +288,7 @@ class RigidRegion:
         p, q, n = self.piece.directors
         centre = self.piece.port()
 
-        # The product (x_k - x_c)·n of the stacked vectors (x_k, x_c, n).
+        # The product (x_k - x_c)·n of the stacked vectors X = (x_k, x_c, n), as ½ X·H X + L·X + c.
         product = np.zeros((3, 3))
         product[0, 2] = product[2, 0] = 1.0
         product[1, 2] = product[2, 1] = -1.0
@@ -312,7 +313,8 @@ class RigidRegion:
             measure = PointMeasure([(mean, centre, d)], H, L, c)
             yield PointConstraint(f"{self.name} centre {k + 1}", measure)
 
-        # The angle (Σ ξ_q x_k)·p - (Σ ξ_p x_k)·q: two products in one measure.  Its weights are
+        # With the coordinates ξ_p, ξ_q of the nodes along p and q the turn about n is, on average,
+        # zero where (Σ ξ_q x_k)·p - (Σ ξ_p x_k)·q is: two products in one measure.  Its weights are
         # divided by their norm, so that the measure has the unit of a length, as the others.
         ξ = np.array(coordinates) / np.linalg.norm(coordinates)
         of_p = Port(self.body, tuple(nodes), weights=tuple(map(float, ξ[:, 0])))

@@ -52,6 +52,7 @@ class SectionRotation:
             nodes, (9 n,), node by node.  It is collective, and raises `InputError` on all ranks for
             a motion, direction or twist that is not finite or of another shape.
         """
+        # X (3, n) [m] are the nodes of the stress-free shape.
         X = self.beam.space.tabulate_dof_coordinates()[self.nodes].T
         start = self.beam.stress_free(self.nodes)
         motion = self.motion
@@ -69,6 +70,7 @@ class SectionRotation:
             Raises:
                 InputError: on all ranks, if a user's function fails or returns something else.
             """
+            # Coordinates (n, 3, 3) of the nodes: position and two directors as rows.
             q = start.copy()
             if motion is not None:
                 what = f"Motion of '{self.name}' at t = {t:.6g} s"
@@ -109,7 +111,8 @@ class SectionRotation:
             "the shortest; go "
             "there by a function of time.",
         )
-        # Rodrigues' formula with sine and cosine taken from the two directions.
+        # Rodrigues' formula with sine and cosine taken from the two directions; v (n, 3, 3) is the
+        # skew matrix of their cross product.
         v = cross_matrices(np.cross(normals, wanted))
         shortest = np.eye(3) + v + v @ v / (1 + cosine)[:, None, None]
         turned: Array = rotations(wanted, self._angle(t, when)) @ shortest

@@ -202,6 +202,7 @@ def _nearest(x: Array, segments: Array) -> tuple[npt.NDArray[np.intp], Array, Ar
     Returns:
         For each point (n,): index of the segment, position on it from 0 to 1, and distance [m].
     """
+    # Starts a and differences d (m, 3) of the ends; s (m,): nearest position on each segment.
     a = segments[:, 0]
     d = segments[:, 1] - a
     squared_length = np.einsum("mc,mc->m", d, d)

@@ -374,6 +374,9 @@ def _unrolled(
 ) -> tuple[Int64Array, Array]:
     """Return columns (9 k,) and values (9 k,) of blocks in the order of scalar rows.
 
+    A block is a 3 x 3 part of the matrix, and a row of blocks stands for three scalar rows. The
+    blocks of a row of blocks are consecutive.
+
     Args:
         columns: the first column (k,) of each block.
         blocks: (k, 9), row of blocks after row of blocks.

@@ -146,8 +146,13 @@ class _SampledTorque(Couple):
 
         Args:
             key: "stiffness" or "damping".
-            X: the vectors (3k,) in the configuration in which forces act.
-            w: displacement (3k,) of the vectors.
+            X: the frame's vectors (3k,), one after the other, in the configuration in which forces
+                act.
+            w: displacement (3k,) of the vectors, in their unit.
+
+        Returns:
+            Derivatives (3,) in the unit of the work over that of a gain, one for each angle of the
+            control; the same on every rank that has the same arguments.
         """
         if self._sampled is None:
             return np.zeros(3)

@@ -287,7 +287,8 @@ class FieldFunctions:
             names: of output fields, e.g. "displacement".
 
         Raises:
-            InputError: the body does not have a field, or is not in the scene.
+            InputError: the body does not have a field, or is not in the scene, the law of a film
+                has no maps of wrinkles, or no C compiler was found.
         """
         check_fields(body, names)
         self._shape = BodyShape(system, body)

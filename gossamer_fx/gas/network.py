@@ -405,6 +405,9 @@ class GasNetwork:
         """Report in one clause which chamber has a volume or pressure that is not positive.
 
         Empty if none has; the same on every rank.
+
+        It needs the volumes [m³] and pressures [Pa] of the last iterate; NaN does not count as not
+        positive.
         """
         for state, volume, pressure in zip(self.chambers, self.volumes, self.y, strict=False):
             if volume <= 0 or pressure <= 0:
@@ -418,6 +421,9 @@ class GasNetwork:
         """Report in one clause which chamber's mass and energy balance has the largest residual.
 
         Empty if all scaled residuals are at most `ACCEPTABLE_RESIDUAL`; NaN counts as infinite.
+
+        It needs the residual of the last iterate, and gives volume [m³] and pressure [Pa] of the
+        chamber there. The text is the same on all ranks.
         """
         largest = np.abs(self._residual).reshape(2, -1).max(axis=0)
         # argmax would pass over a NaN in favour of a number

@@ -323,6 +323,10 @@ class Torque:
         """Yield the torque [N m] as a term of the equations: a load on the directors of its frame
         or line.
 
+        Directors are vectors that turn with a rigid body or a beam's section. In a run a torque
+        that is a function of time is checked: InputError if it raises, or returns other than three
+        finite numbers.
+
         Args:
             start: the initial state of the scene, which this load does not need.
         """

@@ -50,9 +50,15 @@ class PresentStiffnesses(
     def __init__(self, terms: Sequence[PresentStiffness], system: Assembly) -> None:
         """Compile the stiffness C = ∂S/∂e [N/m] at the present strain, for each term.  Collective.
 
+        Such a term adds no force: it has C for the damping of a film that follows its
+        stiffness. C is evaluated later, when a state is accepted.
+
         Args:
             terms: of the scene.
             system: the compiled scene.
+
+        Raises:
+            InputError: no C compiler was found.
         """
         self._system = system
         self._terms = terms

@@ -127,7 +127,9 @@ class _ByComplexSteps:
         Units are N/m for points [m], N for directors [-].  Before the first step the matrix is
         zero.
 
-        K_ij is the derivative of force i; `begin` stored the vectors X0 at the start of the step.
+        K_ij is the derivative of component i of the forces by component j of X.  `begin` stored
+        `_X0`, the vectors at the start of the step; the law of the force is evaluated for 3k
+        complex steps at once.
         """
         if not self._X0.size:  # before the first step only the pattern of the matrix is asked for
             return np.zeros((X.size, X.size))

@@ -45,6 +45,8 @@ class Igrf:
         Raises:
             InputError: the year is not in 1900 to 2030.
         """
+        # c: coefficients [T] of each epoch; s, below: share of the interval that has passed at the
+        # year, 0 to 1.
         epochs, c = _igrf14()
         check(
             bool(epochs[0] <= year <= epochs[-1]),

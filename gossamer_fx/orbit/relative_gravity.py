@@ -71,6 +71,8 @@ def growth(
 
     R and x are arrays or UFL vectors; both results are scalars, or (n,) for rows (n, 3).
 
+    For arrays the results are NaN where both R and R + x are zero.
+
     Args:
         R: origin of the frame, from the attracting centre [m].
         x: position in the frame [m].

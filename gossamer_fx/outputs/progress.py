@@ -65,6 +65,9 @@ class Progress:
     def record(self, run: Run, last: bool) -> None:
         """Update the terminal if enough wall time has passed since the last update.  Collective.
 
+        `_shown` is the time of the last update and `_pause` the time between updates, both wall
+        time [s]; `_live` tells whether a bar is drawn or lines are printed. Rank 0 alone writes.
+
         Args:
             run: whose time, step and energy error are shown.
             last: True for the last state of the run, which is always shown.

@@ -335,6 +335,9 @@ class Recording:
         Args:
             run: with the scene.
             films: the films of the scene.
+
+        Raises:
+            InputError: a probe, a film or a name of a file is refused by the table that it is for.
         """
         gas: dict[str, Probe] = {}
         for name, state in run.chambers.items():

@@ -158,6 +158,9 @@ class ModeRun(StaticRun):
     ) -> None:
         """Scale the mode to the amplitude [m], and compute the energy [J] of its vibration.
 
+        Side effect: the amplitude of the mode is appended to the compiled terms of the system, so
+        that it is recorded as a field.
+
         Args:
             equilibrium: about which the mode vibrates; `show` changes its state, and `end` restores
                 it.
@@ -171,6 +174,8 @@ class ModeRun(StaticRun):
         self._frequency = mode.frequency or 1.0
         self.until = (frames - 1) / frames / self._frequency
         system = self.system
+        # Coordinates [m], velocities [m/s] and time [s] of the equilibrium, to be restored at the
+        # end.
         self._q0 = system.q0.array_r.copy()
         self._v0 = system.v0.array_r.copy()
         self._time0 = system.time
@@ -207,6 +212,7 @@ class ModeRun(StaticRun):
         self.step = step
         self._phase = 2 * math.pi * step / self._frames
         turned = self._shape * complex(math.cos(self._phase), math.sin(self._phase))
+        # Angular frequency [rad/s]; `turned` are the displacements [m] of this rank at the phase.
         ω = 2 * math.pi * self._frequency
         system = self.system
         # Multipliers follow the coordinates; they are not drawn.

@@ -132,6 +132,7 @@ def _axes(spread: Array, view: View) -> Array:
         view: azimuth and elevation [rad] of the user; None: chosen from the spread.
     """
     horizontal = spread[:2, :2] + np.diag([_PREFER_X, 0.0]) * np.trace(spread)
+    # squares: second moments [m²] along the two horizontal directions, in rising order.
     squares, directions = np.linalg.eigh(horizontal)
     longest = directions[:, 1]
     # of the two directions of an axis, the one whose larger component is positive

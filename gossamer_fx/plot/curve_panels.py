@@ -224,6 +224,9 @@ def _lines(
 ) -> None:
     """Draw curves on one axis; if their sizes are far apart, their magnitudes on a logarithmic one.
 
+    There must be a curve; ValueError without one. The axes are changed in place: curves, limits,
+    title and labels at the ends.
+
     Args:
         t: times (n,), in the unit of the time axis.
         curves: values (n,) by name, in `unit`; those below 1e-6 of the largest are left out.
@@ -335,6 +338,8 @@ def _overlay(
     probes: Tables, name: str, series: Sequence[MeasuredSeries], second: float, axes: Axes
 ) -> None:
     """Draw a probe as a line and measured values as marks, with a legend.
+
+    KeyError if the table has no such column. The axes are changed in place.
 
     Args:
         probes: columns of the table of probes, with "time" [s].

@@ -71,6 +71,9 @@ class PlaneCut:
     def cut(self, frame: int) -> Cut:
         """The section of a recorded state: m lines in the plane [m], and their groups or layers.
 
+        With one group of cells only, the lines are divided into layers in place of groups. All
+        films must have the field "group", as the constructor asks: ValueError otherwise.
+
         Args:
             frame: number of the state in the times of the run.
 

@@ -74,6 +74,9 @@ class RunReader:
     def __init__(self, folder: str | Path) -> None:
         """Open all files of a run; its times are those at which every body was written.
 
+        Optional tables that the run did not write (points, solids, connector lines) count as empty;
+        a missing or damaged run.json or field file is an error.
+
         Args:
             folder: of the run, as `Recording` wrote it.
 
@@ -260,7 +263,15 @@ class RunReader:
 
     def values(self, field: str, frame: int) -> list[Array]:
         """Values (n, 3) at the corners of the triangles of each film that has the field; lengths of
-        vectors."""
+        vectors.
+
+        Args:
+            frame: number of the recorded state, see `frame`.
+            field: name of a field; films that did not record it are left out.
+
+        Raises:
+            InputError: a file of fields is missing or damaged.
+        """
         found = []
         for name in self.films:
             if field in self.fields[name]:
@@ -270,7 +281,11 @@ class RunReader:
 
     def film_corners(self, frame: int) -> list[Array]:
         """Corners (n, 3, 3) of the triangles of each film [m]; those that triangles share are equal
-        to the last bit."""
+        to the last bit.
+
+        Raises:
+            InputError: a file of fields is missing or damaged.
+        """
         found = []
         for name in self.films:
             segment, step = self.bodies[name].at(frame)
@@ -356,7 +371,8 @@ def _at_time(table: tuple[Array, Array], time: float) -> Array:
 def _refined(corners: Array, normals: Array, values: Array) -> tuple[Array, Array, Array]:
     """Triangles so small that a colour for each shows how values vary.
 
-    All triangles are cut in four until there are 12 000, or values are constant in each.
+    All triangles are cut in four until there are 12 000 or more, or values are constant in each; an
+    empty array stays empty.
 
     Args:
         corners: (n, 3, 3) [m].
@@ -469,8 +485,14 @@ class FieldFile:
 
         A vertex stands for all points that lie on each other in the mesh and in three states.
 
+        It sets `pieces`, `vertices` and `_point_of_vertex`, the number of a point for each vertex.
+        X (p, 3) [m] are the points in the mesh.
+
         Args:
             pieces: points of triangles (n, 3) or lines (n, 2), as they are in the file.
+
+        Raises:
+            InputError: the displacements of one of the three states cannot be read.
         """
         # Points that lie on each other in the mesh and at the start, in the middle and at the end
         # of the run are one vertex.  Layers of a folded film may lie on each other for some time,

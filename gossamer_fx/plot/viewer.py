@@ -190,6 +190,9 @@ def _part(
     Returns:
         numbers of frames and vertices, and arrays in base 64: triangles and lines as numbers of
         vertices, positions (16 bits), and for each field the rows of its table of colours (8 bits).
+
+    Raises:
+        InputError: a file of fields of the run is missing or damaged.
     """
     triangles: list[Integers] = [np.zeros((0, 3), dtype=np.int64)]
     lines: list[Integers] = [np.zeros((0, 2), dtype=np.int64)]

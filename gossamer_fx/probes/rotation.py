@@ -105,6 +105,8 @@ def angular_momentum_about_centre(run: Run) -> Array:
     system.M.mult(system.v0, momenta)
     is_position = system.position_marks
     size = 3 * len(is_position)  # without multipliers
+    # p: momenta [kg m/s], q: coordinates [m] of this rank's vectors (n, 3): positions and
+    # directors.
     p = momenta.array_r[:size].reshape(-1, 3)
     q = system.q0.array_r[:size].reshape(-1, 3)
     # Directors have angular momentum, but no momentum.

@@ -123,7 +123,11 @@ class RecordedShapes:
         return list(paths)
 
     def _names(self, X: Array) -> Names:
-        """Names of the nodes at points X (n, 3) [m], equal for equal points."""
+        """Names of the nodes at points X (n, 3) [m], equal for equal points.
+
+        A name is a hash of the cube of the grid (edge `_cube_size` [m]) in which the point lies; it
+        does not depend on the rank.
+        """
         cubes = np.floor(X / self._cube_size + CUBE_OFFSET)
         return hash_rows(cubes.astype(np.int64))
 

@@ -109,6 +109,9 @@ def sample_cells(basis: Basis, most: int, seed: int = 0) -> Sample:
 
     The sample integrates the energy of a reduced film over few cells with positive weights.
 
+    The examples give the equations for the weights of this rank's cells; every rank solves its own,
+    and only the stiffness and the error are sums over ranks.
+
     Args:
         basis: modes, with the coefficients of examples, the shapes for which the weights are
             fitted.

@@ -252,6 +252,9 @@ class Checkpoints:
         Each rank writes its share into a hidden folder, which is renamed when all files are
         complete and on the disk; then the oldest checkpoints are removed.
 
+        Folders of incomplete checkpoints (`.step-*`), a checkpoint of the same step, and those that
+        are too old or of later steps are removed.
+
         Args:
             run: with the state, the history variables and the positions of the outputs in their
                 files.

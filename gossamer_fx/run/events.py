@@ -343,6 +343,9 @@ class EventMonitor:
     ) -> list[When]:
         """Undo the step and make it again with another length; returns the events that it passes.
 
+        The state at the start of the step must be in `_history`; it is restored, with the values
+        that the probes had there (`_last`).
+
         Args:
             stepping: makes steps; several, where a step control advances by less than it is asked
                 to.

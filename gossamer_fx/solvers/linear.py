@@ -297,6 +297,9 @@ class BorderedPreconditioner:
         pressures.
 
         P is the preconditioner of the coordinates; columns that are zero are left out.  Collective.
+
+        n counts the coordinates of this rank, m the scalar unknowns. Sets `_Z`; the preconditioner
+        has to be set up before.
         """
         operator = self._operator
         column = operator.composite.fields

@@ -184,12 +184,14 @@ class ControlledSteps:
         """Advance the run by one step, or by a shorter one if that is rejected.  Collective.
 
         A step is rejected if Newton's iteration fails or the local error is above its tolerance.
+        The attributes `wanted` [s], `iterations` and `substeps` are updated.
 
         Args:
             h: length of the step [s].
 
         Raises:
-            StepFailure: the next attempt would be shorter than the shortest step.
+            StepFailure: the next attempt would be shorter than the shortest step; the state is that
+                before the call.
         """
         self._begin_step()
         growth = self._control.max_factor
@@ -321,13 +323,14 @@ class LocalError:
         self._system.v0.copy(self._start_velocity)
 
     def measure(self, h: float) -> float:
-        """Local error ε [m] of the step just made by the midpoint rule, as root mean square over
-        the mass.
+        """Local error ε [m] of the last step of the midpoint rule, as root mean square over the
+        mass.
 
             ε = √(eᵀ M e/m),    e = h³ q'''/12,    q''' ≈ 2 (a - a_)/(h + h_)
 
         from the mean accelerations a of this step and a_ of the one before, of the length h_; m is
-        the total mass [kg].  It is zero for the first step of a run.  Collective.
+        the total mass [kg].  It is zero for the first step of a run.  `begin_step` must have been
+        called before the step; M is the mass matrix, q the coordinates.  Collective.
 
         Args:
             h: length of the step [s].

@@ -250,12 +250,17 @@ class RobustDesign:
         Args:
             results: of all runs, those of a group one after another.
             goal: name of a number of the outcome.
+
+        Raises:
+            ValueError: all numbers of a group are zero (goal "smaller"), or their mean is
+                (goal "nominal").
         """
         # Without noise factors this is one.
         size = math.prod(len(levels) for levels in self.noise.values())
         ratios = []
         for start in range(0, len(results), size):
             group = results[start : start + size]
+            # Values of the number in the runs of the group, in its unit.
             y = np.array([result.numbers.get(goal, math.nan) for result in group])
             # A row with a failed run is left out of the effects, instead of counting fewer runs.
             ratio = math.nan
@@ -267,6 +272,9 @@ class RobustDesign:
     def effects(self, results: Sequence[Result], goal: str) -> dict[str, Array]:
         """Effect [dB] of each level of each control factor: the mean ratio of the rows with that
         level.
+
+        A run that failed makes the whole row of its noise combinations NaN; such rows are left out
+        of the means.
 
         Args:
             results: of `cases()`, in order.

@@ -78,11 +78,16 @@ class SharedRuns:
 
         Makes the runs that nobody has made or is making, and waits for the others.
 
+        A run whose step or equilibrium fails (`StepFailure`, `NoEquilibrium`) is a result with the
+        reason in `failed`, and is not made again. The call waits without limit while another
+        process makes a run.
+
         Args:
             cases: values of the factors of each run, by name.
 
         Raises:
             InputError: the outcome refuses its values, or returns something other than numbers.
+            InputError: the file of a result is damaged, or cannot be written.
         """
         found: dict[int, Result] = {}
         while len(found) < len(cases):
@@ -140,11 +145,15 @@ class SharedRuns:
     def _make(self, values: Values) -> Result | None:
         """Make a run and return its result; None if another process has claimed it.  Collective.
 
+        The claim is a lock on the file of the result, which is released in any case. It also counts
+        as claimed if the lock cannot be made.
+
         Args:
             values: of the factors of the run, by name.
 
         Raises:
             InputError: the outcome refuses its values, or returns something other than numbers.
+            InputError: the file of a result is damaged.
         """
         path = self.result_file(values)
         try:
@@ -161,6 +170,8 @@ class SharedRuns:
         """Make a run and write its result.  Collective.
 
         A step or an equilibrium that fails is a result too, with the reason.
+
+        Other exceptions of the outcome are raised as they are, and write no result.
 
         Args:
             values: of the factors of the run, by name.

@@ -58,8 +58,22 @@ class Increment:
         self._offset = offset
 
     def predict(self, increment: PETSc.Vec, q0: PETSc.Vec, t: float) -> Array:
-        """Choose p [m]; returns the w of the fixed coordinates, which have their values of time t
-        [s]."""
+        """Choose the predicted increment p [m] of a step.  Collective.
+
+        p is the given increment and what rounding took from the last coordinates; the coordinates
+        at the end of the step are q0 + p + w.
+
+        Args:
+            increment: of all unknowns [m], a distributed vector.
+            q0: coordinates [m] at the start of the step.
+            t: time [s] at the end of the step.
+
+        Returns:
+            The w [m] of this rank's fixed coordinates, which have their values of time t.
+
+        Raises:
+            InputError: a prescribed motion of a user fails or returns something else.
+        """
         self._p.waxpy(1.0, self.remainder, increment)
         self._scratch.waxpy(1.0, self._p, q0)
         self._supports.prescribe(self._scratch, t)

@@ -286,7 +286,8 @@ class System:
                 begins, multipliers included.
             rates: velocities (n,) [m/s] there.
             t: time [s] of the start.
-            end: coordinates (n,) [m] of this rank where the reversed step ends.
+            end: coordinates (n,) [m] that this rank owns where the reversed step ends, multipliers
+                included.  The lengths of the arrays are those of the vectors; they are not checked.
         """
         self.time = t
         self.v0.array[:] = rates
@@ -313,7 +314,7 @@ class System:
 
         All have one pattern and are duplicates of one matrix: PETSc 3.22 multiplies those by BLAS,
         in half of the time of its kernel for blocks of three.  M [kg] and K [N/m] are assembled, A
-        [N/m] is not.  The pattern is fixed: an entry outside it raises an error of PETSc.
+        [N/m] is not.  The pattern of A is fixed: an entry outside it raises an error of PETSc.
         """
         pattern = self.numbering.matrix()
         for mass in self._masses:

@@ -185,6 +185,7 @@ class LoadForces:
         """
         self.term = term
         self._at = at
+        # Virtual work along the test function, at the configuration in which the force acts.
         δW = term.work(at.mid, at.w)
         self.form = compile_form(δW)
         # Compiling a zero derivative would take a kernel, and assembling it time.
@@ -216,6 +217,9 @@ class LoadForces:
         The midpoint rule does its work with the force at the middle of the step.  Of a force at the
         end of the step, the work along the straight path is taken, by Simpson's rule: exact for
         forces that are at most cubic in the coordinates, such as pressure.  Collective.
+
+        The vector of forces must be that of the end of the step, by the last `assemble`; it is the
+        same after the call.
 
         Returns:
             Array (n,) over owned and ghost unknowns of the body.

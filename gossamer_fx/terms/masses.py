@@ -56,7 +56,7 @@ class Masses(OnMeshes, Mass, MassForms, CompiledTerms["KineticEnergy"]):
         """
         for term in self._terms:
             at = self._system.fields[term.body]
-            # A constant, so that another spin needs no new kernel.
+            # ω: the spin as a constant, so that another one needs no new kernel.
             ω = fem.Constant(at.q0.function_space.mesh, tuple(float(c) for c in spin))
             # The components of a node are one or more vectors: its position, then directors.
             components = []

@@ -477,7 +477,11 @@ def _kind(term: PointStoredEnergy | PointDissipation) -> Any:
     of their strains.  A density without `stacks` has a key of its term alone.
 
     Args:
-        term: a stored energy or damper between points.
+        term: a stored energy or damper between points.  Its measure, the strain, is ½ X·H X + L·X +
+            c of the stacked vectors X of its ports, with H (m, 3k, 3k).
+
+    Returns:
+        A hashable key: the tuple of what terms have in common, or the identity of the term.
     """
     density = term.density
     stacks = getattr(density, "stacks", None)

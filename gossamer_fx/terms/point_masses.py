@@ -41,7 +41,8 @@ class AttachedMasses(Mass, CompiledTerms["AttachedKineticEnergy"]):
                 matrix of a cross product with an angular velocity [rad/s] for the Coriolis force.
         """
         for term in self._terms:
-            # Each tuple is added on one rank; the matrix adds up what ranks share.
+            # Each tuple is added on one rank; the matrix adds up what ranks share.  The attached
+            # vectors are P q (n tuples) of unknowns q.
             own = evaluated_here(term.ports)
             n = len(own)
             rows = 3 * term.mass.shape[1]

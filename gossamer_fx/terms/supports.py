@@ -35,6 +35,7 @@ class Supports(CompiledTerms["Support"]):
         Raises:
             InputError: two supports have different values for one coordinate.
         """
+        # For each support `at` has the indices of its coordinates in this rank's part of a vector.
         self._numbering = system.numbering
         found = [np.zeros(0, dtype=np.int64)]
         self._moved: list[tuple[npt.NDArray[np.int64], Motion]] = []

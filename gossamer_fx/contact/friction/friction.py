@@ -87,6 +87,10 @@ class Friction:
         """Choose the contact pairs of a step that have friction, and the two directions in which
         each slides.
 
+        Block rows are vectors of three unknowns. The friction of this step's pairs is stored, all
+        those of this rank whose coefficient is above zero; their blocks of the tangent have to be
+        set by `set_block_index` before tangents are asked for.
+
         Args:
             pairs: n pairs that take part, with the column `start` of their closest points.
             x0: points (m, 3) [m] at the start.

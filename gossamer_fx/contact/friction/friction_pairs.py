@@ -146,6 +146,10 @@ class FrictionPairs:
         """Return the energy S·w [J] that the friction stresses S [N] dissipate over the sliding w
         [m].
 
+        S = μ N g(|w|) w (n, 2) [N] with the coefficient μ [-], the normal force N [N], the sliding
+        w (n, 2) [m] in two directions and the factor g [1/m]; h is the length of the step [s], v_s
+        a speed [m/s]. Only pairs of this rank count.
+
         Args:
             step: start and end of the step, and its creep h v_s [m].
         """
@@ -156,6 +160,10 @@ class FrictionPairs:
 
     def add_forces(self, step: FrictionStep, point_forces: Array) -> None:
         """Add the friction forces [N] of a step to those on points.
+
+        S = μ N g(|w|) w (n, 2) [N] with the coefficient μ [-], the normal force N [N], the sliding
+        w (n, 2) [m] in two directions and the factor g [1/m]; h is the length of the step [s], v_s
+        a speed [m/s]. Only pairs of this rank count.
 
         Args:
             step: start and end of the step, and its creep h v_s [m].
@@ -228,6 +236,9 @@ class FrictionPairs:
 
     def _pressing(self, step: FrictionStep, tangents: bool = False) -> tuple[Array, Array, Array]:
         """Return the normal forces by which pairs press on each other, and their derivatives.
+
+        N is the force along the unit normal at the start of the step, with which the body on one
+        side presses. Normal forces are those of the energy rule of the contact, without friction.
 
         Args:
             step: start and end of the step.
@@ -379,6 +390,11 @@ class FrictionPairs:
 
         S = μ N g w is the friction stress, Dm the gradient of the measures m of sliding.
 
+        μ is the coefficient of friction, N the normal force [N] of a pair, w (n, 2) [m] its
+        sliding; r (n, 3) is the vector between its sides, t (n, 2, 3) are the directions of
+        sliding. h [s] is the step, v_s [m/s] a speed. The method also stores w, from which the next
+        call finds whether a pair goes on sliding the same way.
+
         Args:
             sliding: w, and the vectors r and t of the measures m = r·t in the middle and at the
                 end.
@@ -431,9 +447,15 @@ def grip_of(w: Array, creep: float) -> Grip:
 
     g |w| = φ(|w|/creep) with φ(y) = 2y - y² for y < 1, else 1.
 
+    μ is the coefficient of friction [-], N the normal force of a pair [N], h the length of the step
+    [s] and v_s the speed of sliding [m/s] up to which friction grows.
+
     Args:
         w: sliding (n, 2) [m].
         creep: h v_s [m], positive: the sliding up to which friction grows.
+
+    Returns:
+        |w|/creep (n,), g (n,) [1/m] and dg/d|w| (n,) [1/m²]; finite also for w = 0.
     """
     ratio = np.linalg.norm(w, axis=1) / creep
     beyond = np.maximum(ratio, 1)

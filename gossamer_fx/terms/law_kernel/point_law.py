@@ -80,6 +80,7 @@ class PointLaw:
         self._values = values
         self._cells = cells
         self._may_choose = may_choose
+        # The C library with the kernel, compiled at the first use on a machine.
         self._c = library(functions.strain.function_space.mesh.comm)
         # For each compiled function the constants as the kernel reads them, and views of their
         # values
