@@ -33,7 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.contact.arrays import Array, Int32Array, Int64Array
+from gossamer_fx.contact.arrays import Array, Int32Array, Int64Array, MaskArray
 from gossamer_fx.contact.friction.sliding_geometry import (
     BetweenBodies,
     SlidingGeometry,
@@ -135,7 +135,7 @@ class FrictionPairs:
 
     def __post_init__(self) -> None:
         self._last_sliding: Array | None = None
-        self._is_steady = np.ones(len(self.points), dtype=bool)
+        self._is_steady: MaskArray = np.ones(len(self.points), dtype=bool)
 
     def __len__(self) -> int:
         return len(self.points)
