@@ -47,7 +47,6 @@ from scipy.linalg import lu_factor, lu_solve
 import gossamer_fx.solvers.factorisation as factorisation
 from gossamer_fx.algebra.numbering import PREFIX
 from gossamer_fx.model.body import Array, Indices
-from gossamer_fx.solvers.linear import MAX_KSP_ITERATIONS
 
 if TYPE_CHECKING:
     from gossamer_fx.system.system import System
@@ -103,19 +102,20 @@ def eliminated_unknowns(system: System) -> Indices | None:
     return eliminated
 
 
-def max_applications(unknowns: int) -> float:
+def max_applications(unknowns: int, max_iterations: int) -> float:
     """Krylov iterations of a solve that cost as much as a complete factorisation.
 
     Args:
         unknowns: their number, on one rank.
+        max_iterations: Krylov iterations at which a solve ends.
 
     Returns:
-        30 up to 30 thousand unknowns, then 30 (unknowns/30 000)^½, but less than the limit of 60
-        iterations: a solve that reaches it has not converged, so that a factorisation pays for any
-        number of unknowns.
+        30 up to 30 thousand unknowns, then 30 (unknowns/30 000)^½, but less than `max_iterations`:
+        a solve that reaches them has not converged, so that a factorisation pays for any number of
+        unknowns.
     """
     growth = math.sqrt(max(1.0, unknowns / UNKNOWNS_OF_MAX_APPLICATIONS))
-    return min(MAX_APPLICATIONS * growth, MAX_KSP_ITERATIONS - 1)
+    return min(MAX_APPLICATIONS * growth, max_iterations - 1)
 
 
 class EliminatedJoints:
@@ -124,6 +124,7 @@ class EliminatedJoints:
     Args:
         system: compiled scene, whose time and step length tell when a new step begins.
         eliminated: of `eliminated_unknowns`.
+        max_iterations: Krylov iterations at which a solve ends.
 
     Attributes:
         needs_couplings: all couplings of contact are part of its matrix.
@@ -134,12 +135,13 @@ class EliminatedJoints:
 
     needs_couplings = True
 
-    def __init__(self, system: System, eliminated: Indices) -> None:
+    def __init__(self, system: System, eliminated: Indices, max_iterations: int) -> None:
         """Find the unknowns of films; `setUp` takes the first matrix.
 
         Args:
             system: compiled scene on one rank.
             eliminated: indices (k,) of the unknowns that are eliminated.
+            max_iterations: Krylov iterations at which a solve ends.
         """
         self._system = system
         self._rest = eliminated
@@ -152,7 +154,7 @@ class EliminatedJoints:
         factorisation.choose(self._complete)
         self._is_complete = False
         self._complete_steps = 0  # left before F̃ is tried again
-        self.max_applications = max_applications(system.numbering.size_local)
+        self.max_applications = max_applications(system.numbering.size_local, max_iterations)
         self._step: tuple[float, float] | None = None  # time and length of the step of Z
         self._applications = 0  # since the last set-up
         self._is_kept = False  # whether the factors are those of an earlier matrix

@@ -379,7 +379,8 @@ def configure(
     if eliminated is not None:
         _choose_gmres(ksp)
         pc.setType("python")
-        pc.setPythonContext(EliminatedJoints(system, eliminated))
+        joints = EliminatedJoints(system, eliminated, max_iterations=MAX_KSP_ITERATIONS)
+        pc.setPythonContext(joints)
         return
     if direct or system.constraints is not None or is_small:
         ksp.setType("preonly")

@@ -28,12 +28,12 @@ by side, only the direction along them has friction.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from gossamer_fx.contact.arrays import Array, Int32Array, Int64Array
+from gossamer_fx.contact.arrays import Array, Int32Array, Int64Array, MaskArray
 from gossamer_fx.contact.friction.sliding_geometry import (
     BetweenBodies,
     SlidingGeometry,
@@ -78,6 +78,16 @@ class Sliding:
     t_mid: Array
     r_end: Array
     t_end: Array
+
+    def rows(self, which: Int64Array) -> Sliding:
+        """The sliding of some of the pairs, given by their indices (m,)."""
+        return Sliding(
+            w=self.w[which],
+            r_mid=self.r_mid[which],
+            t_mid=self.t_mid[which],
+            r_end=self.r_end[which],
+            t_end=self.t_end[which],
+        )
 
 
 @dataclass(frozen=True)
@@ -125,7 +135,7 @@ class FrictionPairs:
 
     def __post_init__(self) -> None:
         self._last_sliding: Array | None = None
-        self._is_steady = np.ones(len(self.points), dtype=bool)
+        self._is_steady: MaskArray = np.ones(len(self.points), dtype=bool)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -297,8 +307,58 @@ class FrictionPairs:
                 `block_index` has the rows of each pair.
         """
         sliding = self.sliding(step)
-        grip = grip_of(sliding.w, step.creep)
+        self._update_steadiness(sliding.w)
         normal_force, of_normal_force, _ = self._pressing(step, tangents=True)
+        # Most pairs within reach do not press: their blocks are zero, and cost as much as others.
+        rows = np.flatnonzero(normal_force)
+        if len(rows):
+            self._some(rows)._add_blocks(
+                step,
+                sliding.rows(rows),
+                normal_force=normal_force[rows],
+                of_normal_force=of_normal_force[rows],
+                is_moved=is_moved,
+                blocks=blocks,
+            )
+
+    def _some(self, rows: Int64Array) -> FrictionPairs:
+        """Some of the pairs, for their blocks only: `pairs` remain those of all.
+
+        Args:
+            rows: indices (m,) of the pairs.
+        """
+        some = replace(
+            self,
+            start=self.start.rows(rows),
+            points=self.points[rows],
+            coefficient=self.coefficient[rows],
+            block_index=self.block_index[rows],
+        )
+        some._is_steady = self._is_steady[rows]
+        return some
+
+    def _add_blocks(
+        self,
+        step: FrictionStep,
+        sliding: Sliding,
+        *,
+        normal_force: Array,
+        of_normal_force: Array,
+        is_moved: Array,
+        blocks: Array,
+    ) -> None:
+        """Add the derivative [N/m] of the friction forces with respect to the end of the step.
+
+        Args:
+            step: start and end of the step, and its creep h v_s [m].
+            sliding: of these n pairs.
+            normal_force: N (n,) [N].
+            of_normal_force: its derivative (n, k, 3) [N/m] with respect to the k points of each
+                pair at the end of the step.
+            is_moved: 1 for points (m,) with unknowns, 0 for those without.
+            blocks: as in `add_tangents`, changed in place.
+        """
+        grip = grip_of(sliding.w, step.creep)
         pressing = self.coefficient * normal_force
         K = self._material_part(sliding, grip, pressing, step.creep)
 
@@ -346,7 +406,6 @@ class FrictionPairs:
             (n, k, k, 3, 3) [N/m] between the k points of each pair.
         """
         w = sliding.w
-        self._update_steadiness(w)
         # Beyond the creep, friction is constant and its slope negative: a full Newton step
         # overshoots where the sliding has turned round.  There g alone leads near the solution,
         # slowly and safely.

@@ -41,6 +41,12 @@ class SlidingGeometry:
     gap_weights: Array
     direction_weights: Array
 
+    def rows(self, which: Any) -> SlidingGeometry:
+        """Some of the pairs, given by indices or by a mask (n,)."""
+        return SlidingGeometry(
+            self.normal[which], self.gap_weights[which], self.direction_weights[which]
+        )
+
 
 @dataclass(frozen=True)
 class BetweenBodies:
