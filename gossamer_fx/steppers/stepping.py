@@ -177,12 +177,13 @@ def even_step(remaining: float, wanted: float) -> float:
         wanted: length of a step [s], positive.
 
     Raises:
-        ZeroDivisionError: `wanted` is zero, or `remaining` is not more than `ALLOWED_EXCESS` of it.
+        ZeroDivisionError: `wanted` is zero.
 
     Example:
         even_step(1.0, 0.3) == 0.25
     """
-    count = math.ceil(remaining / wanted - ALLOWED_EXCESS)
+    # A rest shorter than the allowed excess is one short step.
+    count = max(1, math.ceil(remaining / wanted - ALLOWED_EXCESS))
     even = remaining / count
     if abs(even - wanted) <= ROUND_OFF * wanted:
         return wanted
