@@ -498,8 +498,8 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
     case = guarded(comm, path, wanted.debug, lambda: build(comm, **options))
     check(
         isinstance(case, Case),
-        f"build in '{path}' returns {type(case).__name__}; let it return a gossamer_fx.Case. What is "
-        "not run in time, such as an equilibrium, is computed by a Python script.",
+        f"build in '{path}' returns {type(case).__name__}; let it return a gossamer_fx.Case. What "
+        "is not run in time, such as an equilibrium, is computed by a Python script.",
     )
     return case
 

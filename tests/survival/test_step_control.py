@@ -233,7 +233,7 @@ def test_error_of_a_scene_without_mass_is_refused() -> None:
 
 def test_a_rest_that_is_a_millionth_of_a_step_is_one_short_step():
     """Its number of equal steps would be rounded to zero."""
-    scene, mass = oscillator()
+    scene, _ = oscillator()
     run = gx.Simulation(scene, gx.Midpoint(dt=1e-3))
     run.run(until=1e-3)
     run.run(until=1e-3 + 1e-10)
