@@ -323,11 +323,15 @@ class DesignProblem:
         """Return the smallest and the largest scaled numbers (n,), (n,) of this rank.
 
         Args:
-            given: bounds of parameters by name, in their units: one number for all entries, or one
-                for each; parameters without bounds get infinite ones.
+            given: (lower, upper) by name of a parameter, unscaled, in its unit; with a basis they
+                bound the amounts of the columns.  Each is one number for all entries, or an array
+                with one for each number that the parameter has on this rank.  Parameters without
+                bounds get infinite ones.
 
         Raises:
-            InputError: a name that is not a parameter, or a lower bound above the upper one.
+            InputError: a name that is not a parameter, or a lower bound above the upper one; raised
+                only on the ranks where it is found.
+            ValueError: an array with another length than the parameter has numbers on this rank.
         """
         names = [variable.name for variable in self.variables]
         for name in given:

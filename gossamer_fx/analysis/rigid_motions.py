@@ -49,7 +49,8 @@ ROW_ROUND_OFF = 16 * np.finfo(float).eps
 # Entries of K below this fraction of the largest of their row are round-off, and connect nothing.
 NEGLIGIBLE_ENTRY = 1e-14
 
-# Round-off of the rows of constraints [m, or 1 for directions], which are satisfied to 1e-12.
+# Round-off of the rows of constraints in K R, where R moves the farthest node by one: [1] for
+# constraints in m, [1/m] for those of directions.  Constraints are satisfied to 1e-12.
 CONSTRAINT_ROUND_OFF = 1e-10
 
 # A motion that moves less than this, over the motion that moves most, moves nothing: the rotation
@@ -355,8 +356,19 @@ def _rigid_motions(
     centre: Array,
     radius: Array,
 ) -> Array:
-    """Rᵀ (6, unknowns): three translations, and three rotations that move the farthest node by
-    one."""
+    """Six rigid motions of each part: three translations by one along x, y, z, and three rotations
+    about these axes through the centre, which move the farthest node by one.
+
+    Args:
+        system: compiled scene.
+        nodes: those of each body on this rank.
+        centre: of each part, (parts, 3) [m].
+        radius: largest distance of a node of each part from its centre, (parts,) [m].
+
+    Returns:
+        Rᵀ (6, n) for the n unknowns of this rank: dimensionless for positions, [1/m] for directors,
+        and zero for multipliers and fixed nodes.
+    """
     R = np.zeros((6, system.numbering.size_local))
     for i, axis in enumerate(np.eye(3)):
         for one in nodes:
@@ -374,15 +386,32 @@ def _rigid_motions(
 
 
 def _round_off(system: System, K: PETSc.Mat, unbalanced: float) -> Array:
-    """D of (1): error of each row of K R, (unknowns,); `unbalanced` [N/m] is that of the
-    equilibrium."""
+    """Error of each row of K R: the numbers D of equation (1) of the module.
+
+    K is the tangent.  The columns of R are six rigid motions, of which each moves the farthest node
+    of a part by one: a translation by one, and a rotation by the angle 1/radius [1/m].  K R is the
+    change of the forces by such a motion, in N/m for rows of positions.
+
+    Args:
+        system: compiled scene in equilibrium.
+        K: tangent [N/m] without inertia, with fixed coordinates taken out.
+        unbalanced: norm of the residual [N] over the radius of the smallest part, of at most 1 m,
+            in N/m.  A rotation turns the inner forces of a part with it, and changes a residual f
+            by the angle times f, so that K R is not zero where the equilibrium is not exact.
+
+    Returns:
+        D (n,) of the n unknowns of this rank, in the units of the rows of K R: [N/m] for positions,
+        [N] for directors, [1] for constraints in m and [1/m] for those of directions.  All are
+        positive; 1 for a row of zeros.
+    """
     rows, _, values = _entries(K)
     sum_of_row = np.zeros(system.numbering.size_local)
     np.add.at(sum_of_row, rows, np.abs(values))
     D: Array = ROW_ROUND_OFF * sum_of_row
     if system.constraints is not None:
         D[system.constraints.owned] += CONSTRAINT_ROUND_OFF
-    # Multipliers follow the coordinates of the bodies, and have no unbalanced force.
+    # Multipliers follow the coordinates of the bodies, and have no unbalanced force.  The factor of
+    # two is a margin.
     end_of_coordinates = system.block(system.bodies[-1]).owned.stop
     D[:end_of_coordinates] += 2 * unbalanced
     # Rows of zeros give zeros, whatever they are divided by.
@@ -402,7 +431,18 @@ def _triangle(comm: MPI.Intracomm, columns: Array) -> Array:
 
 
 def _null_space(forces: Array, moved: Array, n: int) -> Array:
-    """Motions c (6, k) of (1), from the triangular factors of D⁻¹ K R and R, (6, 6) each."""
+    """The free motions of a part: combinations c of its six rigid motions that satisfy equation (1)
+    of the module.
+
+    Args:
+        forces: triangular factor (6, 6) of D⁻¹ K R, with the tangent K, the rigid motions R and the
+            round-off D of the rows of K R.
+        moved: triangular factor (6, 6) of R.
+        n: number of unknowns of the part on all ranks.
+
+    Returns:
+        c (6, k), of which each of the k columns is a free motion.
+    """
     # Combinations of the six motions that satisfy the second condition of (1).
     moved_svd = np.linalg.svd(moved)
     σ = moved_svd.S

@@ -321,12 +321,19 @@ class InflatableTube:
     def _contact(
         self, distance: float, stiffness: float | None, obstacles: tuple[Obstacle, ...]
     ) -> Contact:
-        """Make the contact of the film with itself and with obstacles.
+        """Make the contact of the film with itself and with obstacles.  Collective.
+
+        The caller has checked that the distance is positive; `Contact` checks the rest.
 
         Args:
             distance: activation distance [m], the gap below which pairs repel each other; positive.
-            stiffness: [N/m³]; None: from closing speeds.
+            stiffness: [N/m³], positive; None: from closing speeds.
             obstacles: solids that the film touches, too; may be empty.
+
+        Raises:
+            InputError: the distance or stiffness is not positive and finite, the distance is too
+                large for the shortest edge of the film, or an obstacle is given twice or has no
+                surface.
         """
         # Imported here: a tube without contact does not load it.
         from gossamer_fx.contact.contact import Contact

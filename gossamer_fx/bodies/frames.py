@@ -44,6 +44,9 @@ class Frame:
         directors: ports or grounds that stand for directions, orthonormal.
         name: name in messages.
 
+    Raises:
+        InputError: an argument is missing or unknown, or not of the type in its annotation.
+
     Example:
         >>> len(hub.frame().directors), len(beam.frame("end").directors)
         (3, 2)
@@ -76,10 +79,14 @@ def ground_frame(point: Vector = (0.0, 0.0, 0.0)) -> Frame:
     """The axes of inertial space at a point.
 
     Args:
-        point: [m].
+        point: coordinates (3,) [m].
 
     Returns:
         The frame, with the directors x, y, z.
+
+    Raises:
+        InputError: the point is not three finite numbers, each of a size up to 1e100; or another
+            argument is given.
 
     Example:
         >>> gx.ground_frame((0.0, 0.0, 1.0)).origin

@@ -51,7 +51,7 @@ class TemperatureInTime:
             given: temperature [K], or difference of temperatures [K]: a number, a function of
                 points (3, n) [m] and time [s], or {group of cells: one of these}.
             elsewhere: temperature [K] of cells that are in no group.
-            lowest: the lowest temperature [K] that is possible.
+            lowest: the lowest temperature, or difference of temperatures, [K] that is possible.
             what: subject of the messages.
 
         Raises:
@@ -79,8 +79,9 @@ class TemperatureInTime:
             t: time [s].
 
         Raises:
-            InputError: on all ranks, if a temperature is below the lowest one, or a user's function
-                raises or returns something else.
+            InputError: on all ranks, if a temperature is below `lowest` of the constructor, or a
+                user's function raises an error or returns neither a finite number nor a finite
+                number for each of its points.
         """
         space = function.function_space
         values = function.x.array
@@ -112,7 +113,8 @@ class TemperatureInTime:
             what: subject of the messages.
 
         Raises:
-            InputError: on all ranks, if the function raises or returns something else.
+            InputError: on all ranks, if the function raises an error or returns neither a finite
+                number nor n finite numbers.
         """
         count = points.shape[1]
         if isinstance(value, Real):
@@ -267,7 +269,17 @@ class ThermalCurvature:
     given: TemperatureInTime
 
     def set(self, difference: fem.Function, t: float) -> None:
-        """Set a function of the same space to the differences at time t [s].  Collective."""
+        """Set a function to the differences of temperature at a time.  Collective.
+
+        Args:
+            difference: function in the space of the attribute `difference`; its values [K] are
+                overwritten, ghosts included.
+            t: time [s].
+
+        Raises:
+            InputError: on all ranks, if a user's function raises an error or returns neither a
+                finite number nor a finite number for each of its points.
+        """
         self.given.set(difference, t)
 
 

@@ -296,7 +296,9 @@ def _defect(mid: Vectors, Δ: Vectors, δ: Vectors) -> Expr:
         δ: their derivatives along the test function, three UFL vectors (3,).
 
     Returns:
-        UFL scalar, linear in δ, dimensionless: the scale of the term gives it its unit.
+        UFL scalar, linear in δ, dimensionless: the scale of the term gives it its unit.  It is
+        divided by the sum of squares of the changes of the invariants, but not by less than
+        `SMALLEST` (1e-24): in a step without motion that sum is zero.
     """
     # A cubic function changes by its gradient in the middle times the step, and a quarter of its
     # value at the step: u·(v × s) of the three changes.

@@ -498,7 +498,8 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
     case = guarded(comm, path, wanted.debug, lambda: build(comm, **options))
     check(
         isinstance(case, Case),
-        f"build in '{path}' returns {type(case).__name__}; let it return a gossamer_fx.Case.",
+        f"build in '{path}' returns {type(case).__name__}; let it return a gossamer_fx.Case. What "
+        "is not run in time, such as an equilibrium, is computed by a Python script.",
     )
     return case
 
@@ -641,7 +642,8 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
             output or folder / f"{field}.{wanted.animate}",
             lambda path: pictures.animate(run, field, path=path, view=view),
         )
-    if not chosen or wanted.curves:
+    # Equilibria and modes have no curves over time.
+    if wanted.curves or (not chosen and run.kind == "run"):
         _write_and_print(output or folder / "curves.png", lambda path: pictures.curves(run, path))
     if wanted.measured:
         _write_and_print(

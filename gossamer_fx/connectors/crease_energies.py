@@ -174,12 +174,28 @@ class CreaseEnergies(
     # ---- sensitivities ---------------------------------------------------------------------------
 
     def get_number(self, term: CreaseEnergy, key: str) -> Array:
-        """Present value (1,) of the parameter `key` of a term."""
+        """Present value (1,) of a parameter of a term.
+
+        Args:
+            term: a crease; that it is one of the scene is not checked.
+            key: "rest" for the rest angle [rad] at the start; any other key, by agreement
+                "stiffness", for the stiffness per length [N m/m/rad].
+        """
         given = term.rest if key == "rest" else term.moment_per_angle
         return np.atleast_1d(self._numbers.get((id(term), key), given))
 
     def set_number(self, term: CreaseEnergy, key: str, value: Array) -> None:
-        """Change the parameter `key` of a term to `value` (1,)."""
+        """Change a parameter of a term.
+
+        Args:
+            term: a crease of the scene.
+            key: "stiffness" (per length, [N m/m/rad]) or "rest" (the rest angle at the start,
+                [rad]); other keys are not refused.
+            value: the new value (1,).
+
+        Raises:
+            StopIteration: the term is not one of the scene.
+        """
         before = float(self.get_number(term, key)[0])
         now = float(value[0])
         points, i = self._find(term)
@@ -187,20 +203,62 @@ class CreaseEnergies(
         self._numbers[id(term), key] = now
 
     def work_by_number(self, term: CreaseEnergy, key: str, w: PETSc.Vec) -> Array:
-        """Derivative (1,) of w·forces by the parameter `key`, this rank's share."""
+        """Derivative of w·forces by a parameter of a term, for gradients; this rank's share.
+        Collective.
+
+        The forces are those of the present step, from the accepted state to q1.  The derivative by
+        the rest angle differs from that of w·forces in two cases.
+
+        - A fold slips in the step: the rest angle in later steps then follows from the angle at the
+          end of this step, and not from the given one.  In a backward pass the caller has counted
+          the derivative by the rest angle in those steps (`by_rest`) already.  It is added here,
+          because the caller subtracts all that this function returns.
+        - The yield angle has moved the rest angle of a point at the start of the run: it does not
+          depend on the given one, and the point counts as zero (`follows_input`).
+
+        Args:
+            term: a crease of the scene.
+            key: "stiffness" (per length of the fold, [N m/m/rad]) or "rest" (the rest angle that is
+                given for the start, [rad]); other keys are not refused and give wrong numbers.
+            w: vector of the unknowns of the system, e.g. the adjoint variables μ; w·forces has the
+                unit of the result of which a gradient is computed.
+
+        Returns:
+            The derivative (1,), in the unit of w·forces over that of the parameter.
+
+        Raises:
+            StopIteration: the term is not one of the scene.
+        """
         points, i = self._find(term)
         k = self._arrays.index(points)
         q = self._gather(self._system.q1)[k]
         by_number = points.forces_by_number(q, key, float(self.get_number(term, "stiffness")[0]))
         work = np.sum(by_number * self._gather(w)[k], axis=1)
         if key == "rest":
-            # Where a fold slips, the rest angle of later steps does not depend on that before.
+            # Where a fold slips, the rest angle of later steps does not depend on that before.  The
+            # share is 1 for these points; `by_rest` is zero if there is no backward pass.
             work += points.by_rest * points.forgotten_share(q)
             work *= points.follows_input
         return np.array([work[points.owner == i].sum()])
 
     def energy_by_number(self, term: CreaseEnergy, key: str) -> Array:
-        """Derivative (1,) of the stored energy by the parameter `key`, this rank's share."""
+        """Derivative of the stored energy at q1 by a parameter of a term; this rank's share.
+        Collective.
+
+        For the rest angle, points whose rest angle was moved by the yield angle at the start of the
+        run do not depend on the given one, and count as zero.
+
+        Args:
+            term: a crease of the scene.
+            key: "stiffness" (per length of the fold, [N m/m/rad]) or "rest" (the rest angle that is
+                given for the start, [rad]); other keys are not refused and give wrong numbers.
+
+        Returns:
+            The derivative (1,), in J over the unit of the parameter.
+
+        Raises:
+            StopIteration: the term is not one of the scene.
+        """
         points, i = self._find(term)
         q = self._gather(self._system.q1)[self._arrays.index(points)]
         by_number = points.energy_by_number(q, key, float(self.get_number(term, "stiffness")[0]))
@@ -282,7 +340,14 @@ class CreaseEnergies(
             points.rest = rest.copy()
 
     def _find(self, term: CreaseEnergy) -> tuple[_Points, int]:
-        """The array of points of a term, and the number of the term."""
+        """The array of points of a term, and the number of the term.
+
+        Args:
+            term: a crease of the scene.
+
+        Raises:
+            StopIteration: the term is not one of the scene.
+        """
         i = next(k for k, known in enumerate(self.terms) if known is term)
         points = next(points for points in self._arrays if i in points.of)
         return points, i
@@ -408,8 +473,8 @@ class _Points:
         self._begun = False
         # Moments and their derivatives (n,) of a step whose ends are exchanged.
         self._exchanged: tuple[Array, Array] | None = None
-        # Of a backward pass: derivative (n,) of the result by the present rest angles, through
-        # later steps.
+        # Of a backward pass: derivative (n,) [1/rad, times the unit of the result] of the result by
+        # the rest angles at the end of the present step, through later steps.
         self.by_rest: Array = np.zeros(len(self.rest))
         # Which rest angles (n,) are at first those of the input, and not set by the yield angle.
         self.follows_input = np.ones(len(self.rest), dtype=bool)
@@ -497,8 +562,11 @@ class _Points:
 
         Args:
             q: positions (n, D) [m] of the nodes of each point at the end of the step.
-            key: "stiffness" or "rest".
+            key: "stiffness"; any other key, by agreement "rest", is the rest angle.
             stiffness: of the term per length [N m/m/rad], to which forces are proportional.
+
+        Returns:
+            (n, D), in N over N m/m/rad for the stiffness and in N/rad for the rest angle.
         """
         X = self.vectors(q)
         θ1 = self._end(X)
@@ -547,7 +615,16 @@ class _Points:
         return slope
 
     def energy_by_number(self, q: Array, key: str, stiffness: float) -> Array:
-        """Derivatives (n,) of ½ k (θ - θr)² at the end of the step."""
+        """Derivatives (n,) of the stored energies ½ k (θ - θr)² [J] of points at the end of a step,
+        with the stiffness k [N m/rad] of a point, its angle θ and its rest angle θr [rad].
+
+        θr is that at the start of the step.
+
+        Args:
+            q: positions (n, D) [m] of the nodes of each point at the end of the step.
+            key: "stiffness"; any other key, by agreement "rest", is the rest angle.
+            stiffness: of the term per length [N m/m/rad], to which k is proportional.
+        """
         angle = self._end(self.vectors(q)) - self.rest
         if key == "stiffness":
             energy: Array = self._k * angle**2 / (2 * stiffness)
@@ -555,7 +632,14 @@ class _Points:
         return -self._k * angle
 
     def set_number(self, i: int, key: str, before: float, now: float) -> None:
-        """Change the stiffness or the rest angle of term i."""
+        """Change the stiffness or the rest angle of the points of a term.
+
+        Args:
+            i: number of the term in the scene.
+            key: "stiffness"; any other key, by agreement "rest", is the rest angle.
+            before: present stiffness per length [N m/m/rad], not zero; not used for the rest angle.
+            now: new stiffness per length [N m/m/rad], or new rest angle [rad].
+        """
         here = self.owner == i
         if key == "stiffness":
             self._k = np.where(here, self._k * (now / before), self._k)

@@ -152,13 +152,15 @@ def hinge_angle(
         rest: angle at which φ is zero [rad].
 
     Returns:
-        Two quadratic functions of three unit vectors that are fixed in the frames.  p and q are
-        unit vectors normal to the axis, c and s cosine and sine of `rest`.
+        Two dimensionless measures (cos φ, sin φ) of one tuple of three unit vectors normal to the
+        axis: one is fixed in b, two in a.  They are products of the first vector with the second
+        and with the third one.
 
     Raises:
         InputError: a frame with two directors does not contain the normals of the axis.  That the
             axis has a length is checked by the connectors, see `check_axis`.
     """
+    # Unit vectors (3,) at the start: p, q and the axis are a right-handed triad.
     p, q = perpendicular_pair(unit(axis))
     moving = along(p, b)
     # Vectors of a at the rest angle and a quarter turn beyond it: the angle counts from rest, and

@@ -46,8 +46,10 @@ class MovingEnergies(
     def __init__(self, terms: Sequence[MovingEnergy], system: Assembly) -> None:
         """Compile force, tangent, supplied work and energy of each term.  Collective.
 
-        A term is a stored energy ½ a(d; q, q), quadratic in the coordinates q, with a function d of
-        time.
+        A term is a stored energy ½ a(d; q, q) [J], quadratic in the coordinates q, with a function
+        d of time.  Two forms are compiled without their factors: the form `energy` is a(d; q, q) at
+        the start of the step, twice the stored energy, and the form `work` is four times the
+        supplied work.  `energies` and `supplied` divide by these factors.
 
         Args:
             terms: all such terms of the scene.
@@ -58,6 +60,8 @@ class MovingEnergies(
         # Statics have the matrix of the end only; a time step has the mean of both ends.
         is_static = system.rule.alpha == 1.0
         for term in terms:
+            # The symbols of a step: coordinates q0 at its start, q1 at its end and mid = (1 - α) q0
+            # + α q1, where the forces act; test function w and trial function dq.
             at = system.fields[term.body]
             before = fem.Function(term.space)
             after = fem.Function(term.space)
@@ -65,7 +69,8 @@ class MovingEnergies(
             ends = (after,) if is_static else (before, after)
             residual = sum(share * term.form(at.mid, at.w, d) for d in ends)
             tangent = sum(at.α * share * term.form(at.dq, at.w, d) for d in ends)
-            # (K1 - K0) at both ends of the step: four times the supplied work.
+            # With the matrix K of a, a(d; q, q) = q·K q.  The sum of q·(K1 - K0) q at both ends of
+            # the step is four times the supplied work; `energy` is twice the stored energy.
             energy = term.form(at.q0, at.q0, before)
             change_at_start = term.form(at.q0, at.q0, after) - energy
             change_at_end = term.form(at.q1, at.q1, after) - term.form(at.q1, at.q1, before)
@@ -107,6 +112,7 @@ class MovingEnergies(
         return [c.tangent for c in self._compiled if c.term.body is body]
 
     def supplied(self) -> float:
+        """This rank's share of the work [J] that the changes of the terms supply in the step."""
         return sum(float(fem.assemble_scalar(c.work)) / 4 for c in self._compiled)
 
     def energies(self) -> dict[str, float]:
@@ -138,6 +144,18 @@ class MovingEnergy:
 
 @dataclass(frozen=True, eq=False)
 class _Compiled:
+    """A term with its compiled forms.
+
+    Attributes:
+        term: the stored energy ½ a(d; q, q) [J].
+        before, after: d at the start and at the end of the step.
+        force: work array for the force [N] of this rank's nodes, ghosts included.
+        residual: the force of the step [N].
+        tangent: its derivative [N/m] by the coordinates at the end.
+        work: four times the work [J] that the change of d supplies.
+        energy: a(d; q, q) [J] at the start of the step, twice the stored energy.
+    """
+
     term: MovingEnergy
     before: fem.Function
     after: fem.Function

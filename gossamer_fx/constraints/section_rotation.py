@@ -96,7 +96,8 @@ class SectionRotation:
             t: time [s].
 
         Raises:
-            InputError: on all ranks, if a direction is zero or opposite to the normal.
+            InputError: on all ranks, if a direction is zero or opposite to the normal, or if a
+                function of the user fails or returns no finite numbers of the right shape.
         """
         when = f"of '{self.name}' at t = {t:.6g} s"
         wanted = self._directions(X, normals, t, when)

@@ -558,8 +558,11 @@ class AttitudeControl:
         Args:
             angles: (θ, β, γ) [rad].
             torques: about the axes of the angles (3,) [N m].
-            of_angles: m changes of the angles (3, m).
-            of_torques: the changes of the torques with them (3, m).
+            of_angles: m changes of the angles (3, m) [rad].
+            of_torques: the changes of the torques with them (3, m) [N m].
+
+        Returns:
+            the changes of the torque in space axes, a column each [N m].
         """
         axes = euler_axes(angles) @ self.axes.T
         # The axes of the first two angles turn with the angles behind them.

@@ -49,8 +49,8 @@ def field_values(state: HasSystem, body: MeshBody, *, field: str) -> tuple[Array
     Args:
         state: a `Simulation` in its current state, or an `Equilibrium`.
         body: a film, plate, cable or beam of its scene.
-        field: e.g. "displacement" [m], "strain1", "stress1" [Pa] or "state"; `fields.fields` lists
-            them all.
+        field: e.g. "displacement" [m], "strain1", "stress1" [Pa] or "state"; the error of a wrong
+            name lists those of the body.
 
     Returns:
         Points (n, 3) [m] on the stress-free shape, and values (n,) or (n, 3) at these points.

@@ -104,14 +104,24 @@ class WrinkleMap:
         )
 
     def update(self) -> None:
-        """Set the function to its map in the accepted state: slope [-], amplitude [m] or direction.
+        """Set the function to its map in the accepted state, as its name tells.  Collective.
 
-        Collective.  Values are computed at the vertices and are linear between them.
+        - "wrinkle_slope": largest slope [-] of the wrinkles; 0 where the film is taut.
+        - "wrinkle_amplitude": amplitude [m]; 0 where the film is taut, and where it is slack, with
+          a tension of at most `LEAST_TENSION` or a negative one.
+        - "wrinkle_direction": unit vector (3,) in the film along the crests; zero where the film
+          has no excess of length.
+
+        Values are computed at the vertices and are linear between them.
         """
         self._shape.update()
         body = self._shape.body
+        # At the n local vertices: wrinkling strain (n, 3, 3) [-], tension (n,) [N/m] and bending
+        # stiffness across the crests (n,) [N m].
         tensors, tension, bending = self._smoothed()
         eigenvalues, vectors = np.linalg.eigh(tensors)
+        # Excess of length a of equation (2) of the module; negative eigenvalues are round-off or
+        # come from the means.
         excess = np.maximum(eigenvalues, 0.0).sum(axis=1)
         slope = 2 * np.sqrt(excess)
         at_vertices: Array
@@ -252,11 +262,11 @@ def _half_wavelength(film: Membrane, tension: Array, bending: Array) -> Array:
 
     Args:
         film: whose stress-free area counts, over all ranks.
-        tension: T (n,) [N/m].
-        bending: B (n,) [N m].
+        tension: T (n,) [N/m] at the n local vertices, of any sign.
+        bending: B (n,) [N m] there, not negative.
 
     Returns:
-        L (n,) [m]; 0 where the film is slack.
+        L (n,) [m]; 0 where the film is slack, T ≤ `LEAST_TENSION`, and where B is 0.
     """
     domain = film.space.mesh
     own = domain.topology.index_map(2).size_local
@@ -278,7 +288,7 @@ def _crests(shape: BodyShape, tensors: Array, vectors: Array) -> Array:
         vectors: its eigenvectors (n, 3, 3) as columns, that of the largest eigenvalue last.
 
     Returns:
-        (n, 3); zero without wrinkles.
+        (n, 3); zero where there are no wrinkles, as the trace of the strain is not positive.
     """
     across = vectors[:, :, -1]
     normals = _normals(shape)
@@ -294,7 +304,7 @@ def _crests(shape: BodyShape, tensors: Array, vectors: Array) -> Array:
 
 
 def _normals(shape: BodyShape) -> Array:
-    """Mean normals (n, 3) of the deformed film at the local vertices."""
+    """Mean normals (n, 3) [m²] of the deformed film at the local vertices, not of unit length."""
     space = shape.body.space
     positions = shape.q.x.array.reshape(-1, 3)
     corners = positions[cell_nodes(space)[:, :3]]

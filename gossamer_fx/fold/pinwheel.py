@@ -112,18 +112,19 @@ class Star(FoldMap):
         """Return the folded positions of points of a flat ring, whose pleats wind round a polygonal
         hub.
 
-        s [m] is the distance of a point from the corner of its sector, i the column before it, p
-        (n, 2) [m] its position seen from above.
-
         Args:
-            X: points (n, 3) [m] in the plane z = 0, outside the polygon round the origin.
-            side: sheet of each point (n,), which makes no difference here.
+            X: points (m, 3) [m] in the plane z = 0, outside the polygon round the origin.
+            side: sheet of each point (m,), which makes no difference here.
 
         Returns:
-            positions (n, 3) [m]; NaN for points within the polygon.
+            positions (m, 3) [m]; NaN for points within the polygon.
         """
+        # Of each point (m,): the corner k of the polygon at which its sector begins; its distance s
+        # [m] from that corner along the nearer bound of the sector; its depth [m] below the bounds
+        # of the sector in the roll; and 1 behind the bisector of the sector, else 0.
         k, s, down, is_behind = self._unrolled(X)
-        # A point lies between the columns i and i + 1.
+        # A point lies between the columns i and i + 1 from the corner, at this part of their
+        # distance from column i.
         i = np.floor(s / self.column + COORDINATE_ROUND_OFF)
         part = (s / self.column - i)[:, None]
         slope = math.tan(math.pi / self.n)
@@ -131,6 +132,7 @@ class Star(FoldMap):
         for j in range(2):
             depth_of_bisector = np.maximum((i + j) * self.column, SMALLEST_DEPTH) * slope
             positions.append(self._corner(k, i + j, down / depth_of_bisector, is_behind))
+        # Positions (m, 2) [m] seen from above, on the chord between both columns.
         p = (1 - part) * positions[0] + part * positions[1]
         return np.column_stack([p, -down])
 
@@ -142,12 +144,14 @@ class Star(FoldMap):
         coordinates of a point about the corner.
 
         Args:
-            X: points (n, 3) [m] of the flat ring.
+            X: points (m, 3) [m] of the flat ring.
 
         Returns:
-            the corner k of the polygon with sides a, the distance s - k a [m] from it, the depth -z
-            [m], and 1 behind the bisector, else 0; each (n,).  Points within the hub's polygon have
-            no coordinates: all are NaN.
+            Four arrays (m,): the corner k of the polygon, from 0, at which the sector of the point
+            begins; the distance [m] of the point from that corner along the nearer of both bounds
+            of the sector, s - k a in the description of the class; its distance [m] from that
+            bound, the depth -z in the roll; and 1 behind the bisector of the sector, else 0.
+            Points within the hub's polygon have no coordinates: all are NaN.
         """
         sector = 2 * math.pi / self.n
         apothem = self.side / 2 / math.tan(math.pi / self.n)
@@ -193,13 +197,13 @@ class Star(FoldMap):
         above.
 
         Args:
-            k: corner of the polygon of each point (n,).
-            column: columns from that corner (n,).
-            depth: from 0 at the bound of the sector (z = 0) to 1 at its bisector (n,).
-            is_behind: 1 behind the bisector, else 0, (n,).
+            k: corner of the polygon at which the sector of each point begins (m,).
+            column: number of columns from that corner (m,).
+            depth: from 0 at the bound of the sector (z = 0) to 1 at its bisector (m,).
+            is_behind: 1 behind the bisector, else 0, (m,).
 
         Returns:
-            (n, 2) [m], horizontal.
+            horizontal positions (m, 2) [m] of the m points.
         """
         # Sides of the hub since the corner.  A pleat of two layers starts at the corner, and has
         # its whole thickness after the first side.
@@ -226,11 +230,14 @@ class _Open(Star):
         return self
 
     def place(self, X: Array, side: Array) -> Array:
-        """Return positions (n, 3) [m] in the same roll with layers apart, so that no fold is shut.
+        """Return positions (m, 3) [m] in the same roll with layers apart, so that no fold is shut.
 
         Args:
-            X: points (n, 3) [m] of the flat ring.
-            side: sheet of each point (n,), which makes no difference here.
+            X: points (m, 3) [m] of the flat ring.
+            side: sheet of each point (m,), which makes no difference here.
+
+        Returns:
+            positions (m, 3) [m]; NaN for points within the polygon.
         """
         # A plain `Star`, as the radius of this class is that without a gap.
         star = Star(

@@ -34,7 +34,7 @@ class Bent:
 
     Attributes:
         corners: their coordinates x (m,) [m] on the straight line.
-        rise: angle (m + 1,) [rad] of each piece against the x axis.
+        rise: direction (m + 1,) [rad] of each piece, its angle against the x axis.
     """
 
     corners: Array
@@ -101,7 +101,7 @@ class Strip(FoldMap):
 
     @property
     def bent(self) -> Bent:
-        """The bent line of the strip."""
+        """The bent line of the strip: m corners, and the directions of its m + 1 pieces."""
         raise NotImplementedError
 
     def place(self, X: Array, side: Array) -> Array:
@@ -244,10 +244,15 @@ class Zigzag(Strip):
 
     @cached_property
     def bent(self) -> Bent:
-        """Line of the strip seen from the side: positions [m] along it where it is bent, and angles
-        [rad].
+        """Line of the strip seen from the side.
 
-        Each fold is bent at `bends` rows of edges by equal angles.
+        Each of the `panels` - 1 folds is bent at `bends` rows of edges by equal angles, so that
+        there are c = (`panels` - 1) `bends` corners.
+
+        Returns:
+            coordinates x (c,) [m] of the corners on the flat strip, and directions (c + 1,) [rad]
+            of the pieces before, between and after them against the x axis, from -`angle` to
+            `angle`.
         """
         # The rows of a fold lie symmetrically about its middle.
         rows = (np.arange(self.bends) - (self.bends - 1) / 2) * self.spacing
@@ -377,14 +382,22 @@ class Roll(Strip):
 
     @cached_property
     def bent(self) -> Bent:
-        """Line of the strip seen from the side: positions [m] along it where it is bent, and angles
-        [rad].
+        """Line of the strip seen from the side, bent at b = `bends` corners.
 
-        Each piece is a chord of the circle with the present radius, which grows outwards.
+        Between the corners each piece is a chord of the circle round the axis of the roll, whose
+        radius grows from the inside outwards.  The radius is positive, and the length of a chord at
+        most two thirds of it, as `__post_init__` has checked: no chord is too long for its circle,
+        and no error is raised here.
+
+        Returns:
+            coordinates x (b,) [m] of the corners on the flat strip, and directions (b + 1,) [rad]
+            of the pieces against the x axis.  The first piece, before the first corner, has the
+            direction 0; each later direction is that of the piece before plus the angle of the
+            corner, so that it exceeds 2π after a turn.
         """
         rows = self._rows
-        # From the innermost piece outwards, as the radius grows in this direction: each piece is a
-        # chord of the circle with the present radius.
+        # From the innermost piece outwards, as the radius grows in this direction.  `angle` [rad]
+        # is the sum of the angles of the chords so far, seen from the axis of the roll.
         angle = 0.0
         angles = []
         for chord in np.diff(rows)[::-1]:

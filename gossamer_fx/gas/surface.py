@@ -53,8 +53,9 @@ class Side:
 
     Attributes:
         cells: triangles of the film that this rank owns.
-        loops: rings whose strips close the chamber.
-        signs: for each loop +1 or -1, with which its strips count.
+        loops: the rings (closed lines of film edges) whose strips of triangles close the chamber.
+        signs: for each loop +1 or -1, by which the volume and gradient of its strip are multiplied
+            so that the normals of the strip agree with those of the film.
         initial_gradient: owned part of G at q0, flattened [m²].
     """
 
@@ -318,14 +319,14 @@ class FilmSurface:
         return vector
 
     def _total_at_mid(self, c: int) -> Array:
-        """G_c(q̄), owned part."""
+        """G_c(q̄) [m²], strips of rings included, owned part, flattened.  Collective."""
         if c not in self._totals_at_mid:
             of_loops = [loop.gradients[0] for loop in self._sides[c].loops]
             self._totals_at_mid[c] = self._total(c, self._at_mid, of_loops)
         return self._totals_at_mid[c]
 
     def _total_at_end(self, c: int) -> Array:
-        """G_c(q1), owned part."""
+        """G_c(q1) [m²], strips of rings included, owned part, flattened.  Collective."""
         if c not in self._totals_at_end:
             of_loops = [loop.gradients[1] for loop in self._sides[c].loops]
             self._totals_at_end[c] = self._total(c, self._at_end, of_loops)
@@ -337,15 +338,16 @@ class FilmSurface:
         G: Array,
         of_loops: list[Array],
     ) -> Array:
-        """Return the sum over all ranks of a volume's gradient on triangles of a chamber and on its
-        rings.
+        """Return the owned part of the gradient of a chamber's volume.  Collective.
 
-        Collective.
+        It is the sum over the triangles of all ranks, and over the strips of the chamber's rings.
 
         Args:
             c: index of the chamber.
             G: gradient (rows, 3) [m²] from this rank's triangles, at the nodes of all chambers.
-            of_loops: gradient (nodes, 3) [m²] at the nodes of each ring of the chamber.
+            of_loops: for each loop of the chamber the gradient (nodes, 3) [m²] of its strip at all
+                nodes of the loop, complete and the same on every rank; each rank adds the rows of
+                the nodes that it owns, times the sign of the loop.
 
         Returns:
             values [m²] at the film's unknowns that this rank owns, flattened.

@@ -124,15 +124,19 @@ class AttachedLoads(
         return [np.einsum("nax,nx->na", P, values) + o for (P, o, _, _), values in pairs]
 
     def _forces(self) -> list[Array]:
-        """Return the forces on the attached vectors of each term at the point of the
-        step where forces act.  Collective.
+        """Return the forces M (a + A X) on attached masses, where forces of the step act.
+        Collective.
 
-        M [kg] are the masses, a [m/s²] and A [1/s²] the constant and the linear part of the
-        acceleration. α is the weight of the end of the step, ½ for the midpoint rule and 1 for
-        forces at the end.
+        An attached mass belongs to a tuple of k ports of bodies, each a vector X: a point [m] or a
+        director [-].  `_add` prepared, for each load and each kinetic energy with masses on its
+        body: the masses M (n, 3k, 3k) [kg], and the acceleration a + A X of the load, with A (n,
+        3k, 3k) [1/s²] and a (n, 3k) [m/s²] (`_constant`), that at the origin.  Both are zero for
+        ports of other bodies, a also for directors.  X is at (1 - α) X0 + α X1, α the weight of the
+        end of the step: ½ is its middle, 1 its end.
 
         Returns:
-            for each term (n, 3k) [N]: n masses with k vectors each.
+            for each pair of a load and a kinetic energy (n, 3k) [N], for directors [N m]; n counts
+            the masses that this rank evaluates.
         """
         # Where all forces of the step act: at (1 - α) X0 + α X1 of the vectors X at its ends.  The
         # force is linear in X, so the work of the step is exact.

@@ -288,6 +288,9 @@ class Elastica(IsotropicFilm):
         """Larger principal stress σ1 = E γ1 + ν ψ'(f) [Pa] of a film with straight or buckled
         strips.
 
+        ψ(f) is the energy density [J/m³] of a strip and ψ'(f) [Pa] its stress, E Young's modulus
+        and ν Poisson's ratio.
+
         Args:
             γ1: larger principal strain [-].
             f: strain γ2 + ν γ1 that bears on the strips [-], γ2 the smaller principal strain.
@@ -325,7 +328,9 @@ def _relative_load(f: Expr, c: Any) -> Expr:
 
 
 def _buckled(f: Expr, c: Any) -> Expr:
-    """Energy density ψ(f) [J/m³] of a buckled strip, for f below the onset -e_w.
+    """Energy density ψ(f) [J/m³] of a buckled strip, for a strain f below -e_w.
+
+    e_w is the compressive strain at which the strip buckles; ψ is zero at f = 0.
 
     Args:
         f: Green-Lagrange strain of the strip [-].
@@ -345,8 +350,14 @@ def _buckled(f: Expr, c: Any) -> Expr:
 def _unloaded(γ: Expr, c: Any) -> Expr:
     """Energy density U(γ) [J/m³] of strips with the strain γ along them and no stress across.
 
-    They are straight, or buckled at f = γ + κ ψ'(f)/ψ'(-e_w).  One iteration solves this equation:
-    the second one would change the stress by less than E e_w³.
+    Without stress across, the strain across is γ1 = -ν ψ'(f)/E, with Poisson's ratio ν, Young's
+    modulus E, the strain f = γ + ν γ1 that bears on the strips, and the energy density ψ(f) [J/m³]
+    of a strip, whose derivative ψ'(f) [Pa] is its stress.  Strips buckle at f = -e_w.  They are
+    straight, or buckled with
+
+        f = γ + κ ψ'(f)/ψ'(-e_w),    κ = ν² e_w/(1 - ν²).
+
+    One iteration solves this equation: the second one would change the stress by less than E e_w³.
 
     Args:
         γ: Green-Lagrange strain along the strips [-].

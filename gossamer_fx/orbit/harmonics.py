@@ -149,16 +149,18 @@ def solid_harmonics(degree: int, r: Array, radius: float) -> Coefficients:
 
 
 def differentiate(c: Coefficients, axis: int) -> Coefficients:
-    """Coefficients (N + 1, N + 1) of a ∂Φ/∂x_axis, from those of the potential Φ (N, N).
+    """Return the coefficients (N + 1, N + 1) of the derivative of a potential Φ along an axis.
 
-    Φ = Re Σ c_nm Y_nm is a sum of solid spherical harmonics with the reference radius a.
+    The derivative is multiplied by the reference radius: the coefficients are those of
+    radius · ∂Φ/∂x_axis.  Φ = Re Σ c_nm Y_nm is a sum of solid spherical harmonics; with the radius
+    written as a, their derivatives are
 
         a ∂z Y_nm = -(n-m+1) Y_{n+1,m}
         a (∂x + i ∂y) Y_nm = -Y_{n+1,m+1}
         a (∂x - i ∂y) Y_nm = (n-m+2)(n-m+1) Y_{n+1,m-1}
 
     Args:
-        c: coefficients of Φ, complex, c_nm at [n, m]; dimensionless, without normalisation.
+        c: coefficients (N, N) of Φ, complex, c_nm at [n, m]; dimensionless, without normalisation.
         axis: 0, 1 or 2 for x, y or z.
     """
     # d: the result; n and m: degrees and orders as a column and a row; up, down: factors of the

@@ -68,8 +68,11 @@ class Curves:
 
 
 def run_curves(run: RunReader, solver: bool = True) -> Curves:
-    """The panels of a run over time: energies, gas, states, errors; none if it has fewer than two
-    steps.
+    """Return the panels of a run over time: energies, gas, states of the film, errors.
+
+    There are none if ledger.csv is absent or has fewer than two rows.  Curves have at most 2000
+    points: of a longer table rows at about equal distances are drawn, the first and the last
+    included.  Panels of gas.csv, states.csv and probes.csv are left out if the file is absent.
 
     Args:
         run: reads the tables of a recorded run.
@@ -79,7 +82,8 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
         functions that draw the panels, and start, end and unit of the time axis.
 
     Raises:
-        InputError: a table of the run cannot be read.
+        InputError: a table exists, but cannot be read, lacks a column or has cells that are not
+            numbers.
     """
     ledger = _thinned(run.table("ledger.csv"))
     if not ledger or len(ledger["time"]) < 2:

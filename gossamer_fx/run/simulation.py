@@ -472,7 +472,8 @@ class Simulation:
             InputError: a probe failed.
         """
         started = time.perf_counter()
-        # If an output fails, a checkpoint must contain the positions before this record.
+        # If an output fails, a checkpoint must contain the positions in their files at which the
+        # outputs were before this record.
         if self.checkpoints is not None:
             self.cursors = cursors_of(self.outputs)
         self._offered = True
@@ -486,10 +487,15 @@ class Simulation:
     def _save(self) -> None:
         """After an error: let the outputs record the last good state, and write a checkpoint of it.
 
-        If an output had failed, the checkpoint contains the positions of the outputs before, and a
-        restart begins with recording the state.  Collective; failures to write are suppressed.
+        If an output fails to record that state, the checkpoint contains the positions in their
+        files at which the outputs were before that record; a restart removes what was written
+        after them, and begins with recording the state.
+
+        Nothing is raised for a file that cannot be written (`OutputFailure`), nor for a probe of an
+        output that fails (`InputError`).  Collective.
         """
-        # Failures to write are suppressed: they would hide the error that ended the run.
+        # These errors are suppressed, as they would hide the one that ended the run.  A checkpoint
+        # evaluates no probe, and raises no `InputError`.
         if not self._offered:
             with suppress(InputError, OutputFailure):
                 self._record(last=True)

@@ -164,8 +164,10 @@ class EqualSteps:
 
 
 def even_step(remaining: float, wanted: float) -> float:
-    """Length [s] of equal steps that end in `remaining` seconds, each at most `wanted`, up to
-    round-off.
+    """Length [s] of equal steps that end in `remaining` seconds, each at most `wanted`.
+
+    A step may exceed `wanted` by the fraction `ALLOWED_EXCESS`, so that round-off in the remaining
+    time does not cost another step.
 
     It is exactly `wanted` if it differs from that by round-off, so that the steps of a run do not
     depend on the times at which it is stopped and restarted.
@@ -174,10 +176,14 @@ def even_step(remaining: float, wanted: float) -> float:
         remaining: time to the next instant that must be met [s], positive.
         wanted: length of a step [s], positive.
 
+    Raises:
+        ZeroDivisionError: `wanted` is zero.
+
     Example:
         even_step(1.0, 0.3) == 0.25
     """
-    count = math.ceil(remaining / wanted - ALLOWED_EXCESS)
+    # A rest shorter than the allowed excess is one short step.
+    count = max(1, math.ceil(remaining / wanted - ALLOWED_EXCESS))
     even = remaining / count
     if abs(even - wanted) <= ROUND_OFF * wanted:
         return wanted

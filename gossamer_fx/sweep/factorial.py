@@ -115,6 +115,11 @@ class Factorial:
 
 def run_factorial(sweep: Factorial, comm: MPI.Intracomm, folder: Path) -> str:
     """Make the runs of a sweep that its folder lacks; writes runs.csv, sweep.md and sweep.png.
+    Collective.
+
+    A run whose step or equilibrium fails (`StepFailure`, `NoEquilibrium`) does not end the sweep:
+    the tables have the reason, the picture a gap.  Any other exception of an outcome ends the sweep
+    before the reports are written; results of earlier runs stay in the folder and are not repeated.
 
     Args:
         sweep: what to run.
@@ -125,7 +130,8 @@ def run_factorial(sweep: Factorial, comm: MPI.Intracomm, folder: Path) -> str:
         The table in Markdown, as in sweep.md.
 
     Raises:
-        InputError: the folder cannot be written, or the outcome refuses values.
+        InputError: the folder cannot be written, the file of a result is damaged, or the outcome
+            refuses values of a run or returns something other than numbers.
     """
     runs = SharedRuns(comm, folder / "runs", sweep.outcome)
     results = runs.results(sweep.cases())
@@ -142,7 +148,8 @@ def run_factorial(sweep: Factorial, comm: MPI.Intracomm, folder: Path) -> str:
 
 
 def table(sweep: Factorial, results: Sequence[Result], folders: Sequence[str]) -> str:
-    """The values and numbers of all runs in Markdown; what failed is listed below.
+    """Return the values and numbers of all runs in Markdown; failed runs are listed below with
+    the reason.
 
     Args:
         sweep: that was run.
@@ -189,7 +196,8 @@ def _numbers(results: Sequence[Result]) -> list[str]:
 def draw(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
     """Draw each number over the first factor, with a curve for each combination of the others.
 
-    At most 12 numbers are drawn; nothing is written if all runs failed.
+    At most 12 numbers are drawn.  A failed run leaves a gap in its curve; nothing is written if all
+    runs failed.
 
     Args:
         sweep: that was run.

@@ -30,7 +30,8 @@ def run_design(design: RobustDesign, comm: MPI.Intracomm, folder: Path) -> str:
     """Make the runs of a design that its folder lacks, then those that confirm it.
 
     Writes runs.csv, sweep.md and main_effects.png.  Processes that run the same design in the same
-    folder share the runs.
+    folder share the runs.  A run whose step or equilibrium fails is reported and does not end the
+    sweep; any other exception of an outcome ends it before the reports are written.  Collective.
 
     Args:
         design: what to run.
@@ -157,6 +158,9 @@ def _confirmation_table(
 def draw(design: RobustDesign, results: Sequence[Result], path: Path) -> None:
     """Draw the main effects: a row of panels for each goal, a panel for each control factor.
 
+    The ratios of rows with a failed run are NaN.  They are left out of the means; a level of which
+    all rows failed leaves a gap.
+
     Args:
         design: that was run.
         results: of its `cases()`, in order.
@@ -164,6 +168,7 @@ def draw(design: RobustDesign, results: Sequence[Result], path: Path) -> None:
 
     Raises:
         OSError: the file cannot be written.
+        ValueError: a ratio is not defined, see `RobustDesign.ratios`.
     """
     # Imported here, as only rank 0 of a sweep needs it.
     import matplotlib

@@ -488,14 +488,20 @@ class System:
         """Derivatives ψ'(q0) [N] of all stored energies of bodies in the accepted state, as a new
         vector.
 
-        They are the forces of a step that goes nowhere: the end of the present step, q1, is set to
-        q0, the accepted coordinates [m], and contact pairs become those of that state.  ψ is the
-        sum of all stored energies [J], K [N/m] the constant stiffness of those that are quadratic.
-        The vector is distributed, multipliers have zeros.  Collective.
+        They are the forces of a step that goes nowhere.  Contact is included, gas pressures and
+        loads are not.  ψ is the sum of the stored energies [J], K [N/m] the constant stiffness of
+        those that are quadratic.  Collective.
+
+        Two things are changed and stay so: q1, the end of the present step, becomes q0, the
+        accepted coordinates; and the active pairs of contact become those with energy at q0.
+
+        Returns:
+            a distributed vector of all unknowns: [N] for positions [m], [J] for dimensionless
+            directors; zero for multipliers.
         """
         out = self.numbering.vector()
         self.set_end(self.q0)
-        # Active sets are those of steps; between steps there are none.
+        # The active pairs are those of the last step: replace them by those of the present state.
         for active_set in roles.playing(roles.ExchangesEnds, self.compiled):
             active_set.activate_present()
         if self.K is not None:

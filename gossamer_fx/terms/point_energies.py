@@ -329,6 +329,10 @@ class PointEnergies(
         Args:
             terms: the energies and dampers, in the same order on all ranks.
             system: the compiled scene, which has the numbering of the unknowns.
+
+        Raises:
+            InputError: a port whose nodes, weights and vectors do not belong together.
+            ValueError: a port is on a body that is not in the scene.
         """
         self._system = system
         self._names = [term.name for term in terms if isinstance(term, PointStoredEnergy)]
@@ -344,14 +348,16 @@ class PointEnergies(
             stencil = Stencil(at, density, dissipates=dissipates, alpha=system.rule.alpha)
             self._groups.append((alike, stencil))
         self._stencils = [stencil for _, stencil in self._groups]
-        # In the order of groups, as `dissipated` reports them.
+        # Names of the dampers in the order of the groups, in which `dissipated` returns their
+        # losses; `_names` (stored energies) is in the order of `terms`.
         self.losses = []
         for alike, _ in self._groups:
             self.losses += [term.name for term in alike if isinstance(term, PointDissipation)]
         self._gather = Gather(system.numbering, [stencil.at.indices for stencil in self._stencils])
         # Unknowns of the stencils in q1, fetched once in an iteration.
         self._ends: list[Array] | None = None
-        # Numbers of terms that were changed after the compilation, by the identity of the term.
+        # New values of numbers of laws, such as a stiffness, that `set_number` changed after the
+        # compilation, by the identity of the term and the name of the number.
         self._numbers: dict[tuple[int, str], float] = {}
 
     def begin_step(self, t: float) -> None:

@@ -13,6 +13,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.analysis import modes
 from gossamer_fx.analysis.search_progress import SearchProgress, SearchState
+from gossamer_fx.cli.command import main
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import EDGES, sheet
 
@@ -63,6 +64,16 @@ def test_an_equilibrium_is_recorded_as_a_run_is(comm, folder):
         gx.write_report(reader, folder / "drum.html")
         assert "residual" in (folder / "drum.html").read_text()
     comm.barrier()
+
+
+def test_the_command_draws_an_equilibrium_without_curves(folder):
+    """There is no time over which curves could be drawn, and no error because of that."""
+    equilibrium, _ = drum(MPI.COMM_SELF)
+    equilibrium.find()
+    gx.outputs.record(equilibrium, [gx.Recording(folder / "drum")])
+    assert main(["plot", str(folder / "drum")]) == 0
+    pictures = {path.name for path in (folder / "drum").glob("*.png")}
+    assert pictures and "curves.png" not in pictures
 
 
 @pytest.mark.mpi

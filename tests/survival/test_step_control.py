@@ -229,3 +229,14 @@ def test_error_of_a_scene_without_mass_is_refused() -> None:
     )
     with pytest.raises(gx.InputError, match="nothing in the scene has mass"):
         gx.Simulation(gx.Scene(tank), gx.Midpoint(dt=1e-3), control=gx.StepControl(error=1e-3))
+
+
+def test_a_rest_that_is_a_millionth_of_a_step_is_one_short_step():
+    """Its number of equal steps would be rounded to zero."""
+    scene, _ = oscillator()
+    run = gx.Simulation(scene, gx.Midpoint(dt=1e-3))
+    run.run(until=1e-3)
+    run.run(until=1e-3 + 1e-10)
+    assert run.time == 1e-3 + 1e-10
+    assert run.step == 2
+    assert abs(run.energy_error) < 1e-12 * run.totals.energy

@@ -32,10 +32,11 @@ SPARE_TIME = 1e-6
 
 @dataclass(frozen=True)
 class StepPoints:
-    """Points of a mesh in one step.
+    """The m points of a contact that this rank knows, in one step.
 
     Attributes:
-        x, v: points [m] and their velocities [m/s] (m, 3) at the start.
+        x: points (m, 3) [m] at the start.
+        v: their velocities (m, 3) [m/s] at the start.
         end: points (m, 3) [m] at the end, which are within the bounds of a search, too.
     """
 
@@ -74,16 +75,20 @@ class CandidateSearch:
         self._age += 1
 
     def find_at_rest(self, read: Callable[[], Array], time: float) -> None:
-        """Find the contact pairs whose gap is within the activation distance, for points that do
-        not move; collective.
+        """Find the contact pairs whose gap can fall below the activation distance while each point
+        stays within half of that distance from where it is; collective.
 
         Sets `pairs`, the candidates of this rank, and `bounds`, within which they are complete; on
         several ranks the mesh takes in the facets of other ranks that may come near.
 
         Args:
             read: returns the points (m, 3) [m] of the contact as they are when it is called: a
-                search may change which points this rank knows.
+                search may change which points this rank knows, and their number m.
             time: of these points [s].
+
+        Raises:
+            ValueError: a pair has a point that does not exist, or an array is not of the type that
+                C takes; both would be errors of this package.
         """
 
         def at_rest() -> TrajectoryBounds:
@@ -94,17 +99,28 @@ class CandidateSearch:
         self._find(at_rest)
 
     def find(self, read: Callable[[], StepPoints], time: float, step: float) -> None:
-        """Find the contact pairs whose gap can fall below the activation distance in the next
-        steps; collective.
+        """Find the contact pairs whose gap can fall below the activation distance in the present
+        step and some after it; collective.
 
-        Sets `pairs`, the candidates of this rank, and `bounds`, within which they are complete; on
-        several ranks the mesh takes in the facets of other ranks that may come near.
+        The search is made for 4 steps at first (`FIRST_HORIZON`).  This number doubles, up to 32
+        (`MAX_HORIZON`), after a search that served for all its steps; after one that served for
+        fewer, but at least for one, it is the number of these.
+
+        Sets `pairs`, the candidates of this rank, and `bounds`, within which they are complete: a
+        rigid drift of all points together, a constant velocity of each point relative to it, and a
+        margin.  On several ranks the mesh takes in the facets of other ranks that may come near.
 
         Args:
-            read: returns points, velocities and expected end of the step, as they are when it is
-                called: a search may change which points this rank knows.
+            read: returns the m points of the contact that this rank knows, as they are when it is
+                called: points `x` [m] and velocities `v` [m/s] at the start of the step, and the
+                expected points `end` [m] at its end, (m, 3) each.  It is called again after a
+                search on several ranks has changed which points this rank knows, and m.
             time: at which the step begins [s].
             step: its length [s].
+
+        Raises:
+            ValueError: a pair has a point that does not exist, or an array is not of the type that
+                C takes; both would be errors of this package.
         """
 
         def in_motion() -> TrajectoryBounds:
@@ -112,6 +128,8 @@ class CandidateSearch:
             duration = (self._horizon + SPARE_TIME) * step
             bounds = self._bounds(points.x, points.v, time, duration)
             end_time = time + step
+            # Positions at the end of the step without the drift: by the velocities of the bounds,
+            # and by `end`.  The margin grows by their distance, so that `end` is within the bounds.
             expected = points.x + (end_time - time) * bounds.velocities
             missed = bounds.drift.undone(points.end, end_time) - expected
             bounds.margin[:] += np.linalg.norm(missed, axis=1)
@@ -176,6 +194,10 @@ class CandidateSearch:
         Args:
             bounds_of_mesh: returns bounds for the points that this rank knows; it is called again
                 when these are other ones.
+
+        Raises:
+            ValueError: a pair has a point that does not exist, or an array is not of the type that
+                C takes; both would be errors of this package.
         """
         mesh = self._mesh
         bounds = bounds_of_mesh()
@@ -237,7 +259,8 @@ def find_candidates(
         search may take as `expected`.
 
     Raises:
-        ValueError: a pair has a point that does not exist, which would be an error of this package.
+        ValueError: a pair has a point that does not exist, or an array is not of the type that C
+            takes; both would be errors of this package.
     """
     lower, upper = searched_boxes(mesh, bounds, activation_distance)
     found = find_overlaps(mesh.surface, lower, upper, mesh.own_vertices, mesh.own_edges, expected)

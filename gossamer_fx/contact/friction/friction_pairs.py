@@ -296,13 +296,18 @@ class FrictionPairs:
     def add_tangents(self, step: FrictionStep, is_moved: Array, blocks: Array) -> None:
         """Add the derivative [N/m] of the friction forces with respect to the end of the step.
 
-        S is the friction force, w (n, 2) [m] the sliding; r and t are the vector between the sides
-        and the directions of sliding. K (n, k, k, 3, 3) [N/m] are the blocks of n pairs of k
-        points.
+        The forces are those that `add_forces` adds, with the same sign: Dmᵀ S, S·w ≥ 0 being
+        dissipated.  The stress S (n, 2) [N] acts along two directions t [-]; w (n, 2) [m] is the
+        sliding, the change of the measures m = r·t [m] in the step, where r [m] is the vector
+        between the sides.
+
+        w is also compared with that of the previous call, to find pairs whose sliding turned round:
+        call it once for each Newton iterate.  Forces need not have been added before.
 
         Args:
-            step: the last one for which forces were added.
-            is_moved: 1 for points (m,) with unknowns, 0 for those without.
+            step: start and present end of the step, and its creep h v_s [m].
+            is_moved: 1 for points (m,) with unknowns, 0 for those without, whose blocks
+                get nothing.
             blocks: 3 x 3 blocks of the tangent, row by row (b, 9) [N/m], changed in place;
                 `block_index` has the rows of each pair.
         """
@@ -362,7 +367,8 @@ class FrictionPairs:
         pressing = self.coefficient * normal_force
         K = self._material_part(sliding, grip, pressing, step.creep)
 
-        # Geometric part: S·D²m, which couples r and t.
+        # Geometric part: S·D²m, with D²m the constant second derivative of the measures m_i = r·t_i
+        # by the points, which couples the weights of r and of t.
         stress = (pressing * grip.factor)[:, None] * sliding.w
         of_directions = np.einsum("ni,nik->nk", stress, self.start.direction_weights)
         one = self.start.gap_weights[:, :, None] * of_directions[:, None]
@@ -391,9 +397,8 @@ class FrictionPairs:
         S = μ N g w is the friction stress, Dm the gradient of the measures m of sliding.
 
         μ is the coefficient of friction, N the normal force [N] of a pair, w (n, 2) [m] its
-        sliding; r (n, 3) is the vector between its sides, t (n, 2, 3) are the directions of
-        sliding. h [s] is the step, v_s [m/s] a speed. The method also stores w, from which the next
-        call finds whether a pair goes on sliding the same way.
+        sliding; r (n, 3) [m] is the vector between its sides, t (n, 2, 3) [-] are the directions
+        of sliding. h [s] is the step, v_s [m/s] a speed.
 
         Args:
             sliding: w, and the vectors r and t of the measures m = r·t in the middle and at the

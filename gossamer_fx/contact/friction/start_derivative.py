@@ -95,15 +95,21 @@ class _Product:
     ) -> None:
         """Compute sliding and power of all pairs.
 
-        `_N` (n,) [N] are the normal forces, `_P` (n, 2) the changes of sliding with the adjoint
-        displacements `_μ` (n, k, 3), and `_by_P` and `_by_w` (n, 2) the derivatives of the power W
-        by P and by the sliding w; r is the vector between the sides of a pair, t are its two
-        directions of sliding.
+        [U] is the unit of the objective of the gradient; W = c N g(|w|) w·P [U], the product of μ
+        and the friction forces, is (1) of the module.  For each pair, r [m] is the vector from
+        a point of one side to a point of the other, t_1 and t_2 [-] are two directions along the
+        surface.  They are sums of the positions of k points times weights, which are fixed at the
+        start of the step; r(μ) and t(μ) are the same sums of μ.
+
+        `_μ` (n, k, 3) [U/N] has μ at the points of each pair; `_N` (n,) [N] the normal forces; `_P`
+        (n, 2) [U/N] the change P of the measures r·t with μ; `_power` (n,) [m U/N] is w·P;
+        `_grip.factor` (n,) [1/m] is g; `_by_P` (n, 2) [N] and `_by_w` (n, 2) [U/m] are ∂W/∂P and
+        ∂W/∂w; `_forces` (n, 4, 3) [N] are those of the contact potential.
 
         Args:
             group: n pairs of this rank, with k points each, whose normal forces are positive.
             step: the solved step.
-            μ: adjoint displacements (m, 3) of all points that this rank knows.
+            μ: adjoint displacements (m, 3) [U/N] of all points that this rank knows.
             normal_force: of the pairs (n,) [N].
             forces: of the contact potential on the four points of each pair (n, 4, 3) [N].
         """
@@ -139,7 +145,10 @@ class _Product:
         return found
 
     def at_constant_weights(self) -> Array:
-        """∂W/∂x0 (n, k, 3) by the points in w and in the middle of the step."""
+        """Return the part of ∂W/∂x0 (n, k, 3) by the points in w and in the middle of the step.
+
+        The weights of r and t, the normals and the normal forces are held constant.
+        """
         group = self._group
         r_start, t_start = group.vectors_at(self._step.x0)
         # ∂w_i/∂x0 = -(weights of r ⊗ t_i + weights of t_i ⊗ r), both at the start.
@@ -183,11 +192,16 @@ class _Product:
         return found
 
     def through_geometry(self) -> Array:
-        """∂W/∂x0 (n, k, 3) by the weights of r and t, and by the normal.
+        """Return the part of ∂W/∂x0 through the weights of r and t and through the normal.
 
-        n pairs have k points each. W is the product of μ and the friction forces, x0 and x1 (n, k,
-        3) [m] are the points at the start and the end of the step, r is the vector between the
-        sides, t_1 and t_2 are the directions of sliding.
+        The whole derivative also has `at_constant_weights` and `through_normal_force`.  W, in the
+        unit of the objective, is the product of the adjoint displacements μ and the friction forces
+        (`__init__` describes r, t, r(μ), t(μ) and the attributes).  r and t are sums of the points
+        times weights, and the weights and the unit normal are functions of the points x0 at the
+        start of the step.  W is differentiated by the weights and normal, then these by x0.
+
+        Returns:
+            (n, k, 3) [unit of the objective per metre], for the k points of each of n pairs.
         """
         group = self._group
         step = self._step

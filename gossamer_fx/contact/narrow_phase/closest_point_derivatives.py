@@ -44,22 +44,21 @@ def parameter_derivatives(kind: ByteArray, x: Array, parameters: Array) -> Array
         parameters: (u, v) (n, 2) of the closest points there.
     """
     is_edges = kind == PairKind.EDGE_EDGE
-    vectors = np.where(is_edges[:, None, None], EDGE_VECTORS, TRIANGLE_VECTORS)
-    r, a, b = np.einsum("nik,nkc->inc", vectors, x)
-    u, v = parameters.T
-    z = r + u[:, None] * a + v[:, None] * b
-    of_z = vectors[:, 0] + u[:, None] * vectors[:, 1] + v[:, None] * vectors[:, 2]
+    # r, a, b as combinations of the points (n, 3, 4), then as vectors (n, 3, 3).
+    weights = np.where(is_edges[:, None, None], EDGE_VECTORS, TRIANGLE_VECTORS)
+    vectors = np.einsum("nik,nkc->nic", weights, x)
+    # z = r + u a + v b.
+    ones = np.ones((len(kind), 1))
+    factors = np.hstack([ones, parameters])
+    weights_of_z = np.einsum("ni,nik->nk", factors, weights)
+    z = np.einsum("ni,nic->nc", factors, vectors)
+    sides = vectors[:, 1:]
     # d(a·z) and d(b·z) by the points, at constant parameters.
-    of_slopes = np.empty((len(kind), 2, 4, 3))
-    for row, side in enumerate((a, b)):
-        of_side = vectors[:, 1 + row]
-        of_slopes[:, row] = of_side[:, :, None] * z[:, None] + of_z[:, :, None] * side[:, None]
-    H = np.empty((len(kind), 2, 2))
-    H[:, 0, 0] = (a * a).sum(axis=1)
-    H[:, 1, 1] = (b * b).sum(axis=1)
-    H[:, 0, 1] = H[:, 1, 0] = (a * b).sum(axis=1)
+    by_sides = np.einsum("nik,nc->nikc", weights[:, 1:], z)
+    by_z = np.einsum("nk,nic->nikc", weights_of_z, sides)
+    H = np.einsum("nic,njc->nij", sides, sides)
     inverse = _inverse_on_free_directions(kind, H, parameters)
-    found: Array = -np.einsum("nij,njkc->nikc", inverse, of_slopes)
+    found: Array = -np.einsum("nij,njkc->nikc", inverse, by_sides + by_z)
     return found
 
 
@@ -72,25 +71,35 @@ def _inverse_on_free_directions(kind: ByteArray, H: Array, parameters: Array) ->
     Args:
         kind: of each pair (n,), a `PairKind`.
     """
-    u, v = parameters.T
+    u = parameters[:, 0]
+    v = parameters[:, 1]
+    aa = H[:, 0, 0]
+    bb = H[:, 1, 1]
     is_edges = kind == PairKind.EDGE_EDGE
     is_triangle = kind == PairKind.POINT_TRIANGLE
-    on_third_side = is_triangle & (np.abs(u + v - 1) <= ON_THIRD_SIDE)
-    first_is_free = (u > 0) & np.where(is_edges, u < 1, ~on_third_side)
-    second_is_free = (v > 0) & np.where(is_edges, v < 1, ~on_third_side)
+    excess = np.abs(u + v - 1)
+    on_third_side = is_triangle & (excess <= ON_THIRD_SIDE)
+    # Parameters of edges lie in a square, those of triangles below the third side.
+    u_is_below = np.where(is_edges, u < 1, ~on_third_side)
+    v_is_below = np.where(is_edges, v < 1, ~on_third_side)
+    u_is_free = (u > 0) & u_is_below
+    v_is_free = (v > 0) & v_is_below
     inverse = np.zeros_like(H)
-    determinant = H[:, 0, 0] * H[:, 1, 1] - H[:, 0, 1] ** 2
-    is_safe = determinant > SAFE_SINE_SQUARED * H[:, 0, 0] * H[:, 1, 1]
 
-    both = first_is_free & second_is_free & is_safe
+    determinant = np.linalg.det(H)
+    is_safe = determinant > SAFE_SINE_SQUARED * aa * bb
+    both = u_is_free & v_is_free & is_safe
     inverse[both] = np.linalg.inv(H[both])
-    first_alone = first_is_free & ~second_is_free & ~on_third_side
-    inverse[first_alone, 0, 0] = 1 / H[first_alone, 0, 0]
-    second_alone = second_is_free & ~first_is_free & ~on_third_side
-    inverse[second_alone, 1, 1] = 1 / H[second_alone, 1, 1]
+
+    only_u = u_is_free & ~v_is_free & ~on_third_side
+    inverse[only_u, 0, 0] = 1 / aa[only_u]
+    only_v = v_is_free & ~u_is_free & ~on_third_side
+    inverse[only_v, 1, 1] = 1 / bb[only_v]
+
     # Between the corners of the third side, along (1, -1).
     inside = on_third_side & (u > 0) & (v > 0)
     along = np.array([1.0, -1.0])
     curvature = np.einsum("i,nij,j->n", along, H[inside], along)
-    inverse[inside] = np.outer(along, along) / curvature[:, None, None]
+    projector = np.outer(along, along)
+    inverse[inside] = projector / curvature[:, None, None]
     return inverse

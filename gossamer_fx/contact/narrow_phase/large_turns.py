@@ -33,7 +33,7 @@ LINE_REGULARISATION = 1e-6
 
 @dataclass(frozen=True)
 class _Turn:
-    """How a body or obstacle turns in a step.
+    """How a body or obstacle turns in a step; a deformable body by the best rotation of its points.
 
     Attributes:
         rotation: matrix (3, 3) from the start to the end.
@@ -101,14 +101,22 @@ class LargeTurns:
         ]
 
     def find(self, distances: PairDistances, x1: Array) -> str:
-        """Report which body turns too far past which other one in a step; collective.
+        """Report a body or obstacle that turns too far past another one in a step; collective.
+
+        A deformable body turns by the rotation that brings all its points nearest to where they are
+        at the end of the step, an obstacle on a rigid body by that of the rigid body.  A body turns
+        too far if its rotation relative to the other one is more than `MAX_TURN` [rad], its
+        rotation in space is more than half of that, and it may meet the other one on its way.  Two
+        obstacles are not compared.
 
         Args:
-            distances: gaps of the contact pairs that may touch, at the start of the step.
-            x1: points (m, 3) [m] at its end.
+            distances: gaps of the contact pairs that may touch, and the m points of the contact
+                that this rank knows, (m, 3) [m], at the start of the step.
+            x1: the same points (m, 3) [m] at the end of the step, in the same order.
 
         Returns:
-            a clause with both names and the angle in degrees; empty if nothing turns too far.
+            a clause with the names of the first two that are found, and the angle in degrees; empty
+            if nothing turns too far.
         """
         count = len(self._mesh.names)
         body_count = len(self._mesh.bodies)
@@ -156,7 +164,8 @@ class LargeTurns:
 
         Args:
             k: its number, bodies first, then obstacles.
-            x0, x1: points (m, 3) [m] at the start and at the end of the step.
+            x0, x1: the m points of the contact that this rank knows, (m, 3) [m], at the start and
+                at the end of the step.
         """
         if k < len(self._mesh.bodies):
             points = self._points[k]
@@ -186,8 +195,9 @@ class LargeTurns:
             one: number of what turns, bodies first, then obstacles.
             other: number of the other one; one of both is a body on a mesh.
             turn: of `one`.
-            distances: gaps of the contact pairs that may touch, at the start of the step.
-            x1: points (m, 3) [m] at its end.
+            distances: gaps of the contact pairs that may touch, and the m points of the contact
+                that this rank knows, at the start of the step.
+            x1: the same points (m, 3) [m] at its end.
         """
         touching = min(one, other)  # a body on a mesh
         gap = self._gap_to_walls(
@@ -229,7 +239,15 @@ class LargeTurns:
         return not is_apart.any()
 
     def _radius(self, k: int, turn: _Turn, x0: Array, x1: Array) -> float:
-        """Return the largest distance [m] of the points of a body from the centre of a turn."""
+        """Return the largest distance [m] of the points of a body or obstacle from the centre of a
+        turn, at the start or the end of the step; collective.
+
+        Args:
+            k: its number, bodies first, then obstacles.
+            turn: rotation in the step, of this or another body, with its centre.
+            x0, x1: the m points of the contact that this rank knows, (m, 3) [m], at the start and
+                at the end of the step.
+        """
         points = self._points[k]
         start = np.linalg.norm(x0[points] - turn.centre[0], axis=1)
         end = np.linalg.norm(x1[points] - turn.centre[1], axis=1)
