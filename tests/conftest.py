@@ -57,14 +57,15 @@ def folder(tmp_path: Path, comm: MPI.Comm) -> Path:
 
 @pytest.fixture(autouse=True)
 def _collected_together() -> Iterator[None]:
-    """On several ranks garbage is collected after each test: objects with communicators are freed
-    on all at once.
-
-    On one rank it is collected now and then, as MPICH has 2048 communicators and no garbage
+    """Collect garbage after every twentieth test: MPICH has 2048 communicators, and no garbage
     collector counts them.
+
+    On several ranks that is the only time, so that objects with communicators are freed on all at
+    once.  A collection takes up to a second when many forms have been made: one after each test
+    took most of the time on two ranks.
     """
     yield
-    if TALK.size > 1 or next(_TESTS) % 20 == 0:
+    if next(_TESTS) % 20 == 0:
         gc.collect()
 
 
@@ -75,6 +76,12 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     terminal = session.config.pluginmanager.getplugin("terminalreporter")
     if TALK.rank > 0 and terminal is not None:
         terminal._tw._file = open(os.devnull, "w")  # noqa: SIM115 (open until the end)
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Leave the tests themselves out of all collections of garbage: they live to the end."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
