@@ -303,15 +303,6 @@ class CreaseEnergies(
             for i in self._yielding
         ]
 
-    def save_active_set(self) -> None:
-        """Return nothing: all folds act in all steps."""
-
-    def load_active_set(self, saved: None) -> None:
-        """Nothing to load."""
-
-    def activate_present(self) -> None:
-        """All folds act already."""
-
     def exchange_ends(self) -> None:
         """Reverse the step; rest angles and moments stay those of the step."""
         for points, q in zip(self._arrays, self._gather(self._system.q0), strict=True):

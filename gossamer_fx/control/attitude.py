@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -71,7 +71,30 @@ def patch(centre: Port, points: Sequence[Port]) -> Frame:
     return Frame(centre, tuple(arms))
 
 
-class _SampledTorque(Couple):
+class _ControlTorque(Couple):
+    """The torque of an `AttitudeControl`, whose gains are its numbers.
+
+    Args:
+        control: which computes the torque.
+        reference: the frame's vectors at the start of the run, (k, 3).
+    """
+
+    def __init__(self, control: AttitudeControl, reference: Array) -> None:
+        super().__init__()
+        self._control = control
+        self._reference = reference
+
+    def get_number(self, key: str) -> Array:
+        """The gains (3,) named `key`."""
+        return np.array(getattr(self._control, key))
+
+    def with_number(self, key: str, value: Array) -> Self:
+        """The same torque: gains belong to the control, whose angles and torques users read."""
+        setattr(self._control, key, np.array(value))
+        return self
+
+
+class _SampledTorque(_ControlTorque):
     """The torque of an `AttitudeControl` that is computed once a period and held constant in
     between.
 
@@ -84,9 +107,7 @@ class _SampledTorque(Couple):
     depends_on_position_only = True
 
     def __init__(self, control: AttitudeControl, reference: Array) -> None:
-        super().__init__()
-        self._control = control
-        self._reference = reference
+        super().__init__(control, reference)
         self._next_sample: float | None = None  # time [s]; None before the first sample
         # Vectors and rates of the sample that the present step has taken; None: it took none.
         self._sampled: tuple[Array, Array] | None = None
@@ -125,15 +146,6 @@ class _SampledTorque(Couple):
             self.torque = control.sample(X, V, self._reference)
             self._sampled = X, V
 
-    def get_number(self, key: str) -> Array:
-        """The gains (3,) named `key`."""
-        return np.array(getattr(self._control, key))
-
-    def with_number(self, key: str, value: Array) -> _SampledTorque:
-        """The same torque: gains belong to the control, whose angles and torques users read."""
-        setattr(self._control, key, np.array(value))
-        return self
-
     def start_adjoint(self) -> None:
         """Forget the sum of a backward pass."""
         self._by_torque = np.zeros(3)
@@ -157,7 +169,7 @@ class _SampledTorque(Couple):
         if self._sampled is None:
             return np.zeros(3)
         control = self._control
-        angles, rates = self._angles_and_rates(*self._sampled)
+        angles, rates = control.angles_and_rates(*self._sampled, self._reference)
         by_gain = -rates
         if key == "stiffness":
             by_gain = wrapped(control.target - angles)
@@ -190,14 +202,6 @@ class _SampledTorque(Couple):
         self.start_adjoint()
         return by_position.T @ by_torque, by_rate.T @ by_torque
 
-    def _angles_and_rates(self, X: Array, V: Array) -> tuple[Array, Array]:
-        """Angles (3,) [rad] and their rates [rad/s], as `AttitudeControl.sample` takes them."""
-        control = self._control
-        dt = short_time(X, V)
-        ahead = control.angles_of(X + dt * V, self._reference)
-        behind = control.angles_of(X - dt * V, self._reference)
-        return control.angles_of(X, self._reference), wrapped(ahead - behind) / (2 * dt)
-
     def _torque_derivatives(self, X: Array, V: Array) -> tuple[Array, Array]:
         """Derivatives of the sampled torque by the frame's vectors and by their rates.
 
@@ -210,7 +214,7 @@ class _SampledTorque(Couple):
         """
         # dt [s] is the time over which the angles are differenced for their rates.
         control = self._control
-        angles, rates = self._angles_and_rates(X, V)
+        angles, rates = control.angles_and_rates(X, V, self._reference)
         torques = control.law(angles, rates)
         dt = short_time(X, V)
         of_ahead = control.angles_by_vectors(X + dt * V, self._reference)
@@ -243,7 +247,7 @@ class _SampledTorque(Couple):
         self._control.torques = np.array(state["torques"])
 
 
-class _ContinuousTorque(Couple):
+class _ContinuousTorque(_ControlTorque):
     """The torque of an `AttitudeControl` that follows the motion within the step.
 
     Angles are those at the middle of the step, rates are differences over it.  The damping then
@@ -257,9 +261,7 @@ class _ContinuousTorque(Couple):
 
     def __init__(self, control: AttitudeControl, reference: Array) -> None:
         """Start at the reference, with any step length [s]: `begin` sets both."""
-        super().__init__()
-        self._control = control
-        self._reference = reference
+        super().__init__(control, reference)
         self._h = 1.0
         self._X0: Array = reference.ravel()
         self._has_begun = False
@@ -328,15 +330,6 @@ class _ContinuousTorque(Couple):
         after = control.angles_of(2 * X - self._X0, self._reference)
         rates = wrapped(after - before) / self._h
         return control.law(middle, rates), rates
-
-    def get_number(self, key: str) -> Array:
-        """The gains (3,) named `key`."""
-        return np.array(getattr(self._control, key))
-
-    def with_number(self, key: str, value: Array) -> _ContinuousTorque:
-        """The same torque: gains belong to the control, whose angles and torques users read."""
-        setattr(self._control, key, np.array(value))
-        return self
 
     def force_by_number(self, key: str, X: Array) -> Array:
         """Derivatives (3k, 3) of the forces by the gains named `key`."""
@@ -534,15 +527,24 @@ class AttitudeControl:
         Returns:
             The torque in space axes [N m], (3,).
         """
-        self.angles = self.angles_of(X, reference)
+        self.angles, rates = self.angles_and_rates(X, V, reference)
+        self.torques = self.law(self.angles, rates)
+        return self.in_space(self.angles, self.torques)
+
+    def angles_and_rates(self, X: Array, V: Array, reference: Array) -> tuple[Array, Array]:
+        """Angles (3,) [rad] and their rates [rad/s] for a state of the frame.
+
+        Args:
+            X: the frame's stacked vectors, (3k,), in the unit of `reference`.
+            V: their rates, (3k,), per second.
+            reference: the vectors at the start, (k, 3).
+        """
         # Rates of angles by central differences over a time dt [s] in which the vectors hardly
         # change.
         dt = short_time(X, V)
         ahead = self.angles_of(X + dt * V, reference)
         behind = self.angles_of(X - dt * V, reference)
-        rates = wrapped(ahead - behind) / (2 * dt)
-        self.torques = self.law(self.angles, rates)
-        return self.in_space(self.angles, self.torques)
+        return self.angles_of(X, reference), wrapped(ahead - behind) / (2 * dt)
 
     def law(self, angles: Array, rates: Array) -> Array:
         """Torques (1) about the axes of the three angles [N m], for angles [rad] and rates

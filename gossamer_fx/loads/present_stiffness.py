@@ -95,15 +95,6 @@ class PresentStiffnesses(
             found[term.values] = self._entries(term, self._system.fields[term.body].q0)
         return found
 
-    def save_active_set(self) -> None:
-        """Return nothing: C follows from the start of a step."""
-
-    def load_active_set(self, saved: None) -> None:
-        """Nothing to load."""
-
-    def activate_present(self) -> None:
-        """C is that of the accepted state already."""
-
     def exchange_ends(self) -> None:
         """Keep C: that of the reversed step is the one of the step."""
 

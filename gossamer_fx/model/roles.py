@@ -413,21 +413,19 @@ class ExchangesEnds(Protocol):
     A tape records the active set of every step, so that the step is made again without a search.
     """
 
-    @abstractmethod
+    # Not abstract: of creases, for example, all act in every step.
     def save_active_set(self) -> Any:
         """The active set of the last accepted step, as an object that does not change."""
-        ...
+        return None
 
-    @abstractmethod
     def load_active_set(self, saved: Any) -> None:
         """Start a step of length `h` of the system from its accepted state, with a saved active
         set."""
-        ...
+        return
 
-    @abstractmethod
     def activate_present(self) -> None:
         """Start a step of no length from the accepted state, with what has energy there."""
-        ...
+        return
 
     @abstractmethod
     def exchange_ends(self) -> None:
@@ -479,10 +477,10 @@ class HistoryAdjoint(Protocol):
         """Forget all sums: a backward pass begins."""
         ...
 
-    @abstractmethod
+    # Not abstract: loads store no energy.
     def add_energy_by_history(self, share: float) -> None:
         """Take a share of ∂ψ/∂s of the stored energy at q0 into the sums."""
-        ...
+        return
 
     # Most history variables follow from the start of a step only.
     def add_end_derivatives(self, by_position: PETSc.Vec) -> None:

@@ -273,9 +273,6 @@ class PointLoads(
             if isinstance(law, ForceOfStart):
                 law.start_adjoint()
 
-    def add_energy_by_history(self, share: float) -> None:
-        """A load stores no energy."""
-
     def add_start_derivatives(
         self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:

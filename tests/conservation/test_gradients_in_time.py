@@ -191,8 +191,9 @@ def hinged(comm):
     return scene, 1e-2, 30
 
 
-def creased(comm):
-    plate = gx.Plate(
+def folded_strip(comm):
+    """A strip of two panels, folded at their hinge and thrown."""
+    return gx.Plate(
         creased_strip(comm, 4, 2, 0.05, 0.02),
         gx.Linear(
             E=2.5e9,
@@ -204,23 +205,16 @@ def creased(comm):
         displacement=folded(math.radians(80)),
         velocity=lambda X: thrown(1.0, X),
     )
+
+
+def creased(comm):
+    plate = folded_strip(comm)
     return gx.Scene(gx.connectors.Crease(plate, "crease", stiffness=2e-3)), 2e-4, 20
 
 
 def yielding(comm):
     """The thrown strip with a fold that yields at a small angle."""
-    plate = gx.Plate(
-        creased_strip(comm, 4, 2, 0.05, 0.02),
-        gx.Linear(
-            E=2.5e9,
-            nu=0.3,
-            density=1400.0,
-            thickness=50e-6,
-        ),
-        hinges=["crease"],
-        displacement=folded(math.radians(80)),
-        velocity=lambda X: thrown(1.0, X),
-    )
+    plate = folded_strip(comm)
     crease = gx.connectors.Crease(
         plate, "crease", stiffness=4e-3, rest_angle=math.radians(80), yield_angle=0.003
     )

@@ -365,7 +365,6 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     )
     sense = inputs.word("sense", tuple(SENSES))
     cell = QUICK_CELL_OF_FOLD if quick else CELL_OF_FOLD
-    steps = STEPS
     across = QUICK_CELLS_ACROSS if quick else CELLS_ACROSS
     if "cells_across" in inputs:
         across = inputs.whole("cells_across", least=2)
@@ -376,7 +375,7 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         )
     if "cell_of_fold" in inputs:
         cell = inputs.number("cell_of_fold", "1", above=0)
-    turns = SENSES[sense] * (FIRST_TURN + np.linspace(0.0, cell, steps + 1))
+    turns = SENSES[sense] * (FIRST_TURN + np.linspace(0.0, cell, STEPS + 1))
 
     places = cells_along(tape, cell * tape.radius, float(np.abs(turns).max()))
     extra_shift = 0.0

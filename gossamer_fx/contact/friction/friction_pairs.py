@@ -28,7 +28,7 @@ by side, only the direction along them has friction.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -211,17 +211,12 @@ class FrictionPairs:
             which: indices, or a mask (n,), of the pairs to be kept; the block index is not taken
                 along.
         """
-        start = self.start
         return FrictionPairs(
             pairs=self.pairs.rows(which),
             law=self.law,
             side_weights=self.side_weights[which],
             geometry=self.geometry.rows(which),
-            start=SlidingGeometry(
-                normal=start.normal[which],
-                gap_weights=start.gap_weights[which],
-                direction_weights=start.direction_weights[which],
-            ),
+            start=self.start.rows(which),
             points=self.points[which],
             point_weights=self.point_weights[which],
             coefficient=self.coefficient[which],
@@ -317,7 +312,10 @@ class FrictionPairs:
         # Most pairs within reach do not press: their blocks are zero, and cost as much as others.
         rows = np.flatnonzero(normal_force)
         if len(rows):
-            self._some(rows)._add_blocks(
+            pressing = self.rows(rows)
+            pressing.block_index = self.block_index[rows]
+            pressing._is_steady = self._is_steady[rows]
+            pressing._add_blocks(
                 step,
                 sliding.rows(rows),
                 normal_force=normal_force[rows],
@@ -325,22 +323,6 @@ class FrictionPairs:
                 is_moved=is_moved,
                 blocks=blocks,
             )
-
-    def _some(self, rows: Int64Array) -> FrictionPairs:
-        """Some of the pairs, for their blocks only: `pairs` remain those of all.
-
-        Args:
-            rows: indices (m,) of the pairs.
-        """
-        some = replace(
-            self,
-            start=self.start.rows(rows),
-            points=self.points[rows],
-            coefficient=self.coefficient[rows],
-            block_index=self.block_index[rows],
-        )
-        some._is_steady = self._is_steady[rows]
-        return some
 
     def _add_blocks(
         self,
