@@ -13,8 +13,8 @@ were.
 
 Arguments change the mass of the cube, stow the stack in a box with a lid that springs open, or make
 a test on the ground: the cube is held, gravity acts along an axis, and air slows the films and
-presses on the tubes.  `settled` ends the run when the largest kinetic energy in the last `window` is
-below this part of the largest one in the whole run.
+presses on the tubes.  `settled` ends the run when the largest kinetic energy in the last `window`
+is below this part of the largest one in the whole run.
 
 Where the values come from:
     cube, tubes, film    20 cm, 7 kg, two tubes of 1.5 m in V with a triangular film: SPROUT, Nihon
