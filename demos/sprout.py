@@ -482,7 +482,7 @@ def rest_near(run: gx.Simulation, given: Mapping[str, object]) -> tuple[gx.Equil
     air = float(given.get("air", 0.0))  # type: ignore[arg-type]
     gas = {"inside": inside, "pressure": inside - air}
     case = build(run.comm, **{**given, **gas})  # type: ignore[arg-type]
-    # An inflatable tube brings its folds with it; its films and chambers are items of their own.
+    # An inflatable tube brings its folds with it; its films and chambers are separate items, too.
     placed = (Folded, gx.assemblies.InflatableTube)
     items = [item for item in case.scene.items if not isinstance(item, placed)]
     scene = gx.Scene(*items, gx.StartFrom(run.system))  # type: ignore[arg-type]
