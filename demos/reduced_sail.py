@@ -27,7 +27,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.fields.body_shape import BodyShape
+from gossamer_fx.system.body_shape import BodyShape
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.outputs.output import Output
 from gossamer_fx.system.totals import relative_drift

@@ -35,7 +35,7 @@ from dolfinx.mesh import Mesh
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
-from gossamer_fx.fields.body_shape import BodyShape
+from gossamer_fx.system.body_shape import BodyShape
 from gossamer_fx.forms.backend import interpolation_points
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.forms.kinematics import Expr
