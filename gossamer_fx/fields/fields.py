@@ -325,9 +325,7 @@ class FieldFunctions:
                 file takes functions of one element only.
         """
         order = self._shape.body.space.ufl_element().degree
-        jumps = any(
-            FIELDS[name].of_films or FIELDS[name].along_line is not None for name in names
-        )
+        jumps = any(FIELDS[name].of_films or FIELDS[name].along_line is not None for name in names)
         if jumps:
             return "Discontinuous Lagrange", order
         return "Lagrange", order

@@ -110,9 +110,7 @@ class Tension(_AlongLine):
     unit = "N"
 
     def __init__(self, line: Curve | DrawnAsLines, which: str = "mean") -> None:
-        super().__init__(
-            line, which, of_body=tension, of_connector=lambda lines: lines.tensions
-        )
+        super().__init__(line, which, of_body=tension, of_connector=lambda lines: lines.tensions)
 
 
 @check_arguments

@@ -61,9 +61,7 @@ class GaussValues:
         InputError: the body is not in the scene, or no C compiler was found.
     """
 
-    def __init__(
-        self, system: System, body: Curve, quantity: Callable[[BodyShape], Expr]
-    ) -> None:
+    def __init__(self, system: System, body: Curve, quantity: Callable[[BodyShape], Expr]) -> None:
         """Compile the quantity; `update` computes it.  Collective."""
         self._shape = BodyShape(system, body)
         self._comm = system.comm

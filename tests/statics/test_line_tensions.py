@@ -88,9 +88,7 @@ def test_ropes_of_a_bundle(comm):
 )
 def test_tape_that_is_cut_short(comm, law, force):
     """A tape of 95 % on a film that is fixed everywhere has the tension of its law at 1/0.95."""
-    film = gx.Membrane(
-        sheet(comm, 4, 3), gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6)
-    )
+    film = gx.Membrane(sheet(comm, 4, 3), gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6))
     tape = gx.connectors.Tape.along_edges(film, law, edges="left", length_factor=0.95)
     held = gx.Equilibrium(gx.Scene(film, tape, gx.Fixed(film, "film")))
     stretch = 1 / 0.95
@@ -198,9 +196,7 @@ def test_curve_along_a_cable(comm, order):
 @pytest.mark.mpi
 def test_curve_along_a_tape_is_in_order(comm):
     """Bars of a tape along an edge are in their order along it on any number of ranks."""
-    film = gx.Membrane(
-        sheet(comm, 6, 5), gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6)
-    )
+    film = gx.Membrane(sheet(comm, 6, 5), gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6))
     tape = gx.connectors.Tape.along_edges(film, ROPE, edges="top", length_factor=0.9)
     held = gx.Equilibrium(gx.Scene(film, tape, gx.Fixed(film, "film")))
     found = gx.fields.line_values(held, tape)

@@ -443,7 +443,10 @@ def test_film_on_soft_springs(comm, caplog):
         )
         for y, weight in ((0.0, 0.25), (width / 2, 0.5), (width, 0.25))
     ]
-    supports = [gx.Fixed(strip, "left", components=(0,)), gx.Fixed(strip, "film", components=(1, 2))]
+    supports = [
+        gx.Fixed(strip, "left", components=(0,)),
+        gx.Fixed(strip, "film", components=(1, 2)),
+    ]
     result = gx.Equilibrium(gx.Scene(strip, *springs, *supports)).find()
     reached = result.prestress["film"]
     assert reached.asked == pytest.approx(STRESS, rel=1e-12)
