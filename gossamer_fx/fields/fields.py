@@ -55,8 +55,6 @@ from dolfinx import fem, la
 from gossamer_fx.bodies.curve import Curve
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
-from gossamer_fx.system.axial_force import GaussValues, axial_strain, tension
-from gossamer_fx.system.body_shape import BodyShape
 from gossamer_fx.fields.groups import groups_of
 from gossamer_fx.forms.backend import interpolation_points
 from gossamer_fx.forms.compilation import compile_expression, compile_form, constant
@@ -65,6 +63,8 @@ from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
 from gossamer_fx.model.body import Array, Body, MeshBody, has_nodal_unknowns
 from gossamer_fx.model.roles import CellFields, NodeFields, playing
+from gossamer_fx.system.axial_force import GaussValues, axial_strain, tension
+from gossamer_fx.system.body_shape import BodyShape
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import gradient
 from gossamer_fx.terms.element_energies import thermal_strain_of

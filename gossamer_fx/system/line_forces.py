@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gossamer_fx.algebra.point_measures import evaluated_here
-from gossamer_fx.checks.errors import check
 from gossamer_fx.bodies.between import DrawnAsLines
+from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.point_energies import PointEnergies, PointStoredEnergy
@@ -80,7 +80,7 @@ def _of_stored_energy(
     count = len(term.measure.ports)
     is_tape = bool(np.any(term.measure.c))
     if is_tape:
-        natural = np.asarray(getattr(connector, "lengths"), dtype=float)
+        natural = np.asarray(connector.lengths, dtype=float)
     else:
         natural = np.broadcast_to(compiled.get_number(term, "L"), count).astype(float)
     # Each line is evaluated on one rank: the sum over all ranks is its tension.
