@@ -59,7 +59,7 @@ class ReachedPrestress:
     Attributes:
         unit: "Pa" for films, "N" for cables and beams.
         asked: mean of the initial stress or tension; negative for compression.
-        mean: mean of the remaining stress in the direction of the initial stress, or of the tension.
+        mean: of the remaining stress in the direction of the initial stress, or of the tension.
         least: least value of a cell.
         largest: largest value of a cell.
 

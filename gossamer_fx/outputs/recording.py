@@ -73,9 +73,9 @@ class Recording:
 
     Args:
         folder: of the run.  A folder that holds another run is refused.
-        fields: names of fields by the names of bodies, see `gx.fields`.  Default of films: displacement,
-            state, the larger stress, the smaller strain, and the pressure if the film bounds a
-            chamber.  Of other bodies the displacement is recorded.
+        fields: names of fields by the names of bodies, see `gx.fields`.  Default of films:
+            displacement, state, the larger stress, the smaller strain, and the pressure if the film
+            bounds a chamber; of other bodies the displacement.
         probes: further numbers by name, see `outputs.Probes`.
         every: steps between two records of the fields; the first and the last state are always
             recorded.

@@ -72,8 +72,8 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
 
     There are none if ledger.csv is absent or has fewer than two rows.  Curves have at most 2000
     points: of a longer table rows at about equal distances are drawn, the first and the last
-    included.  Panels of gas.csv, tensions.csv, states.csv and probes.csv are left out if the file is
-    absent.
+    included.  Panels of gas.csv, tensions.csv, states.csv and probes.csv are left out if the file
+    is absent.
 
     Args:
         run: reads the tables of a recorded run.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -80,9 +81,10 @@ def _of_stored_energy(
     count = len(term.measure.ports)
     is_tape = bool(np.any(term.measure.c))
     if is_tape:
-        natural = np.asarray(connector.lengths, dtype=float)
+        tape: Any = connector
+        natural = np.asarray(tape.lengths, dtype=np.float64)
     else:
-        natural = np.broadcast_to(compiled.get_number(term, "L"), count).astype(float)
+        natural = np.broadcast_to(compiled.get_number(term, "L"), count).astype(np.float64)
     # Each line is evaluated on one rank: the sum over all ranks is its tension.
     here = evaluated_here(term.measure.ports)
     own_values = np.zeros((2, count))
