@@ -23,6 +23,9 @@ from gossamer_fx.system.body_shape import BodyShape
 from gossamer_fx.system.line_forces import line_forces
 from gossamer_fx.system.system import System
 
+# Difference of coordinates, over their size or 1 m, below which they are equal
+SAME_POSITION = 1e-9
+
 Pairs = list[tuple[object, object]]
 
 
@@ -32,7 +35,9 @@ class LineValues:
     """Tension, strain and length of the n elements of a line, the same on every rank.
 
     Elements are the cells of a cable or beam, the bars of a tape, the ropes of a bundle; a spring,
-    rope or tether is one.  Those of a single open line are in their order along it.
+    rope or tether is one.  Those of a single open line are in their order along it: of a cable or
+    beam from the side of the first cell that its mesh was made of, of a tape from the end whose
+    initial position has the smaller x, or else y, or else z.
 
     Attributes:
         points: middles (n, 3) of the elements in their present position [m].
@@ -90,12 +95,26 @@ def line_values(state: HasSystem, line: Curve | DrawnAsLines) -> LineValues:
     vectors = dict(zip(ports, system.state.vectors(list(ports.values())), strict=True))
     middles = np.array([(vectors[a] + vectors[b]) / 2 for a, b in names])
     order = _order_along_line(names)
+    # The numbers of bars depend on the number of ranks; initial positions do not.
+    first = ends[order[0]]
+    last = ends[order[-1]]
+    if len(ends) > 1 and _is_before(last[0].initial(), first[0].initial()):
+        order = order[::-1]
     return LineValues(
         points=middles[order],
         tension=forces.tensions[order],
         strain=forces.strains[order],
         length=forces.lengths[order],
     )
+
+
+def _is_before(a: Array, b: Array) -> bool:
+    """Whether a point comes before another one by x, or else y, or else z, beyond round-off."""
+    difference = a - b
+    is_different = np.abs(difference) > SAME_POSITION * max(1.0, float(np.abs(b).max()))
+    if not is_different.any():
+        return False
+    return bool(difference[is_different.argmax()] < 0)
 
 
 def _name(port: object) -> object:
@@ -122,11 +141,16 @@ def _of_body(system: System, body: Curve) -> LineValues:
     mesh.topology.create_connectivity(1, 0)
     vertices = mesh.topology.connectivity(1, 0).array.reshape(-1, 2)[:cells]
     names = mesh.topology.index_map(0).local_to_global(vertices.ravel()).reshape(-1, 2)
+    numbers = np.asarray(mesh.topology.original_cell_index)[:cells]
     # A line is short compared with a film: every rank takes all of it.
-    gathered = system.comm.allgather((rows, names))
-    table = np.concatenate([part for part, _ in gathered])
-    pairs = np.concatenate([part for _, part in gathered])
-    table = table[_order_along_line([tuple(pair) for pair in pairs.tolist()])]
+    gathered = system.comm.allgather((numbers, rows, names))
+    as_given = np.concatenate([part for part, _, _ in gathered]).argsort()
+    table = np.concatenate([part for _, part, _ in gathered])[as_given]
+    pairs = np.concatenate([part for _, _, part in gathered])[as_given]
+    order = _order_along_line([tuple(pair) for pair in pairs.tolist()])
+    if order[0] > order[-1]:
+        order = order[::-1]
+    table = table[order]
     return LineValues(
         points=table[:, :3], tension=table[:, 3], strain=table[:, 4], length=table[:, 5]
     )
@@ -153,8 +177,7 @@ def _middles(shape: BodyShape) -> Array:
 def _order_along_line(ends: Pairs) -> npt.NDArray[np.int64]:
     """Numbers (n,) of n elements from one end of a line to the other.
 
-    It begins at the end that the elements name first.  Elements that do not form a single open line
-    stay in their order.
+    It may begin at either end.  Elements that do not form a single open line stay in their order.
 
     Args:
         ends: names of the two ends of each element.
