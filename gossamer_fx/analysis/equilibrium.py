@@ -43,6 +43,7 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import cached_property
 from numbers import Real
 from typing import Any, Literal
 
@@ -55,7 +56,12 @@ from gossamer_fx.analysis.prestress import (
     ReachedPrestress,
     lost_prestress_words,
 )
-from gossamer_fx.analysis.remedies import collapsing_pressures, remedies
+from gossamer_fx.analysis.remedies import (
+    PressedFilm,
+    collapsing_pressures,
+    measure_pressed_films,
+    remedies,
+)
 from gossamer_fx.analysis.rigid_motions import free_motions, listed
 from gossamer_fx.analysis.search_progress import SearchProgress, SearchState
 from gossamer_fx.checks.arguments import check_arguments
@@ -518,7 +524,7 @@ class Equilibrium:
                     "pseudo-steps: the "
                     f"unbalanced force is {residual:.1e} of the load, pseudo-step {h:.1e} s, "
                     f"largest in {self.system.locate(self._residual)}; last failure: {reason}."
-                    f"{remedies(self.system, self.chambers)}"
+                    f"{remedies(self.system, self.chambers, self._pressed_films)}"
                 )
 
     def _leave_on_signal(self, signals: Listener, residual: float) -> None:
@@ -574,13 +580,19 @@ class Equilibrium:
                 "are not unique."
             )
 
+    @cached_property
+    def _pressed_films(self) -> list[PressedFilm]:
+        """What films under a pressure enclose, measured at the first search: no search changes to
+        which side the normals of a stress-free shape point."""
+        return measure_pressed_films(self.system)
+
     def _warn_of_inward_normals(self, at: float) -> None:
         """Warn of films that a pressure of time `at` [s] turns inside out.
 
         Such a search takes hundreds of iterations, and may end in an equilibrium of the film turned
         inside out.
         """
-        for pressure in collapsing_pressures(self.system, at):
+        for pressure in collapsing_pressures(self._pressed_films, at):
             if pressure.is_inwards and self.comm.rank == 0:
                 LOG.warning("%s", pressure.words)
 

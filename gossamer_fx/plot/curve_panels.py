@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.fields.fields import STATES
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.ledger import LOST
 from gossamer_fx.plot.colours import STATE_COLOURS
 from gossamer_fx.plot.measured_series import MeasuredSeries, rms_difference
 from gossamer_fx.plot.run_reader import RunReader, Tables
 from gossamer_fx.plot.units import plain_text, scaled
+from gossamer_fx.system.film_states import STATES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
