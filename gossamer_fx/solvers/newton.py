@@ -210,6 +210,8 @@ class Newton:
         self._x = self._composite.vector()
         self._F = self._composite.vector()
         self._start = self._composite.vector()
+        # Whether the linear system of this iterate has a solution that is finite.
+        self._has_update = True
         self._r = system.numbering.vector()
         self._linearisation_point = system.numbering.vector()
         self._diagonal = system.numbering.vector()
@@ -247,8 +249,7 @@ class Newton:
         self._snes.setJacobian(_weak_method(self._jacobian), J)
         self._snes.setFromOptions()
         self._snes.setConvergenceTest(_weak_method(self._test))
-        if system.active_sets:
-            self._snes.setLineSearchPreCheck(_weak_method(self._limit_update))
+        self._snes.setLineSearchPreCheck(_weak_method(self._limit_update))
 
     def _refuse_line_search(self) -> None:
         """Check that PETSc's options ask for full Newton steps.
@@ -361,11 +362,13 @@ class Newton:
         seconds_before = sum(self.seconds.values())
         started = time.perf_counter()
         self._x.copy(self._start)
+        self._has_update = True
         self._snes.solve(None, self._x)
         # A factorisation that lacks workspace is repeated with more; the step is not rejected for
         # it.
         while self._snes.getConvergedReason() < 0 and factorisation.enlarge(self._preconditioner):
             self._start.copy(self._x)
+            self._has_update = True
             self._snes.solve(None, self._x)
         # What the callbacks did not take was spent in the linear solver.
         in_callbacks = sum(self.seconds.values()) - seconds_before
@@ -384,6 +387,11 @@ class Newton:
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, F: PETSc.Vec) -> None:
         """Residual F of (1) and (2) at x, with the strains (3)."""
+        if not self._has_update:
+            # Laws and contacts have nothing to compute at infinite positions; NaN ends the
+            # iteration.
+            F.set(math.nan)
+            return
         w, y = self._split(x)
         with self._clock("law"):
             self.system.set_increment(w, self._linearisation_point)
@@ -405,8 +413,19 @@ class Newton:
         return w, y
 
     def _limit_update(self, x: PETSc.Vec, update: PETSc.Vec) -> bool:
-        """Shorten an update where contact requires it; returns True, as PETSc asks whether it
-        changed."""
+        """Shorten an update where contact requires it; called by PETSc.  Collective.
+
+        Args:
+            x: iterate; not used.
+            update: solution of the linear system, changed in place.  PETSc makes it infinite if the
+                tangent could not be factorised, e.g. for lack of workspace.
+
+        Returns:
+            whether it may have changed.
+        """
+        self._has_update = math.isfinite(update.norm())
+        if not (self._has_update and self.system.active_sets):
+            return False
         with update as values:
             self.system.limit_update(values[: self._composite.n])
         return True
@@ -672,7 +691,7 @@ class Newton:
         """
         names = {v: k for k, v in vars(PETSc.SNES.ConvergedReason).items() if isinstance(v, int)}
         why = names.get(reason, str(reason)).lower().replace("_", " ")
-        if self.ksp.getConvergedReason() < 0:
+        if self.ksp.getConvergedReason() < 0 or not self._has_update:
             why += f", linear solver: {linear.reason(self.ksp, self._preconditioner)}"
         if self._violation > self.tolerances.constraint:
             why += f", constraints off by {self._violation:.1e}"
