@@ -16,8 +16,9 @@ Where the values come from:
                          1420 kg/m³
     tank                 chosen: 1 ml of nitrogen at 1.5 MPa and 293 K, which fills the tube to
                          about 9 kPa
-    crease               0.02 N m/m/rad for creases with memory: B/L* with L* = 29 thicknesses, as
-                         of the crease of Gori & Bosi (2022), doi:10.1016/j.eml.2022.101849
+    crease               0.02 N m/m/rad for creases with memory: B/L* with L* = 7 thicknesses; the
+                         crease of Gori & Bosi (2022), doi:10.1016/j.eml.2022.101849, has 29, which
+                         would be 0.005
     manufacturing        `SCATTER`, chosen; a `seed` draws the errors of one specimen, see
                          demos/common/manufacturing.py
 
