@@ -31,8 +31,12 @@
                             of its mesh
     moment1 ≥ moment2       principal bending moments of a plate [N m/m]
 
-All bodies on a mesh have displacement, velocity and contact pressure; plates have curvatures and
-moments; films have all others.
+    tension                 axial force of a cable or beam [N], negative for compression
+    axial_strain            strain of which it is a function: with the initial strain, without the
+                            thermal one
+
+All bodies on a mesh have displacement, velocity and contact pressure; cables and beams have tension
+and axial strain; plates have curvatures and moments; films have all others.
 
 A field is either an expression of the coordinates q and velocities v of its body, or it is
 collected from the scene: gas, creases and contact have values that are not functions of q.
@@ -48,6 +52,7 @@ import numpy as np
 import ufl
 from dolfinx import fem, la
 
+from gossamer_fx.bodies.curve import Curve
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.fields.groups import groups_of
@@ -57,6 +62,7 @@ from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.model.body import Body, MeshBody, has_nodal_unknowns
 from gossamer_fx.model.roles import CellFields, NodeFields, playing
+from gossamer_fx.system.axial_force import GaussValues, axial_strain, tension
 from gossamer_fx.system.body_shape import BodyShape
 from gossamer_fx.system.film_states import film_state
 from gossamer_fx.system.system import System
@@ -83,12 +89,15 @@ class Field:
         of_films: whether only films have it.  It may then jump between cells: strains are made of
             derivatives of q.
         of_plates: whether only films that bend have it.
+        along_line: the quantity at the Gauss points of a cable or beam, for a field that only these
+            have; else None.
     """
 
     shape: tuple[int, ...]
     expression: Expression | None = None
     of_films: bool = False
     of_plates: bool = False
+    along_line: Expression | None = None
 
 
 # ---- expressions ---------------------------------------------------------------------------------
@@ -212,6 +221,8 @@ FIELDS = {
     "fold_angle": Field((), of_films=True),
     "contact_pressure": Field(()),
     "mode_amplitude": Field(()),
+    "tension": Field((), along_line=tension),
+    "axial_strain": Field((), along_line=axial_strain),
 }
 
 
@@ -227,10 +238,16 @@ def check_fields(body: Body, names: Sequence[str]) -> None:
             those that it has.
     """
     is_film = isinstance(body, Membrane)
+    is_line = isinstance(body, Curve)
     bends = isinstance(body, Membrane) and body.bends
     known = []
     for name, field in FIELDS.items():
-        if (is_film or not field.of_films) and (bends or not field.of_plates):
+        is_missing = (
+            (field.of_films and not is_film)
+            or (field.of_plates and not bends)
+            or (field.along_line is not None and not is_line)
+        )
+        if not is_missing:
             known.append(name)
     fields = f"its fields are: {', '.join(known)}."
     check(bool(names), f"No field of '{body.name}' is asked for; {fields}")
@@ -293,7 +310,7 @@ class FieldFunctions:
                 file takes functions of one element only.
         """
         order = self._shape.body.space.ufl_element().degree
-        jumps = any(FIELDS[name].of_films for name in names)
+        jumps = any(FIELDS[name].of_films or FIELDS[name].along_line is not None for name in names)
         if jumps:
             return "Discontinuous Lagrange", order
         return "Lagrange", order
@@ -327,6 +344,10 @@ class FieldFunctions:
             from gossamer_fx.fields.wrinkles import WrinkleMap
 
             return WrinkleMap(function, body, system).update
+        if field.along_line is not None:
+            assert isinstance(body, Curve)
+            values = GaussValues(system, body, field.along_line)
+            return partial(_interpolate_gauss_values, values, function)
         if field.expression is None:
             return partial(_COLLECTORS[function.name], function, body, system)
         points = interpolation_points(function.function_space)
@@ -340,6 +361,12 @@ class FieldFunctions:
         for function, update in zip(self.functions, self._updates, strict=True):
             update()
             function.x.scatter_forward()
+
+
+def _interpolate_gauss_values(values: GaussValues, function: fem.Function) -> None:
+    """Set a discontinuous function to the polynomial through the values at the Gauss points."""
+    values.update()
+    function.interpolate(values.function)
 
 
 # ---- fields that are collected from the scene ----------------------------------------------------
