@@ -154,7 +154,7 @@ class Inputs:
         return self.values[name]
 
     def _array(self, name: str, unit: str, dimensions: int) -> Array:
-        # The place in the file, so that an author finds the entry from the message alone.
+        # Case, test and entry, so that an author finds the number from the message alone.
         where = f"{self.where}: {name}"
         value, own_unit = _quantity(where, self._entry(name))
         found = _finite(where, value, dimensions)
@@ -304,7 +304,7 @@ def with_inputs(case: Case, changes: Mapping[str, float]) -> Case:
             values[name] = {**old, "value": number}
         inputs = Inputs(test.inputs.where, values)
         tests.append(
-            # With a digest of its own, so that results of the file's inputs are not taken for it.
+            # With a separate digest, so that results of the file's inputs are not taken for it.
             replace(
                 test,
                 inputs=inputs,

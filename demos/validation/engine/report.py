@@ -149,7 +149,7 @@ def figure(case: Case, stored: Stored, path: Path, quick: bool = False) -> None:
     drawing, axes = pyplot.subplots(
         rows, columns, figsize=size, squeeze=False, layout="constrained"
     )
-    # The last row may have places that no panel takes.
+    # The last row may have axes that no panel takes.
     for axis in axes.ravel()[len(panels) :]:
         axis.set_visible(False)
     for axis, ((quantity, test_name), entries) in zip(axes.ravel(), panels.items(), strict=False):

@@ -721,7 +721,7 @@ def _inflate_further(
         around,
         lambda t: first + t * (second - first),
     )
-    # The cables keep their first forces, whatever their length.
+    # The cables have their first forces throughout, whatever their length.
     model.search.find(at=0.0)
     before = model.line()[:, 0].mean()
     for k in range(1, PRESSURE_INCREMENTS + 1):
