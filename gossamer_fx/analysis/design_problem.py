@@ -107,7 +107,14 @@ class RunSource:
         start: Mapping[str, Any],
         comm: MPI.Intracomm,
     ) -> None:
-        """Copy the first values; the class describes the arguments."""
+        """Copy the first values; no run is made yet.
+
+        Args:
+            evaluate: takes values by name, arrays (k,), makes a run with them, and returns the
+                gradient of its result.
+            start: first values by name, numbers or arrays (k,).
+            comm: of the runs.
+        """
         self.comm = comm
         self._evaluate = evaluate
         self._values = {}
@@ -385,7 +392,17 @@ class DesignProblem:
 
     def evaluate(self, objective: Any, x: Array) -> tuple[float, Array]:
         """A result, and its derivative with respect to the scaled numbers of this rank.
-        Collective."""
+        Collective.
+
+        Results of the present numbers are kept, so that a second call for one costs nothing.
+
+        Args:
+            objective: the result, by whose identity it is kept.
+            x: scaled numbers (n,) of this rank.
+
+        Returns:
+            the result in its unit, and its derivatives (n,).
+        """
         self.move_to(x)
         if id(objective) not in self._known:
             found = self._source.gradient(objective)

@@ -134,10 +134,15 @@ class _StartProduct:
     def __init__(
         self, term: PresentStiffness, stand_in: fem.Function, entries: Expr, system: Assembly
     ) -> None:
-        """Compile the derivatives of all forms with C.
+        """Compile the derivatives of all forms with C.  Collective.
+
+        Args:
+            term: whose stiffness C it is.
+            stand_in: function in place of q0, so that other parts of the forces are not derived.
+            entries: of C at this function, a UFL expression.
+            system: the compiled scene, with the forms of all forces.
 
         Raises:
-            InputError: no C compiler was found.
             InputError: no C compiler was found.
         """
         self.term = term
