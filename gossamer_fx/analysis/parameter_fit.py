@@ -215,7 +215,20 @@ class _Number:
 
 
 class _Series(RunSource):
-    """Several results of the same runs; each evaluation gives all of them."""
+    """Several results of the same runs; each evaluation gives all of them.
+
+    Args:
+        evaluate: takes values by name, arrays (k,), makes runs with them, and returns the gradients
+            of all results.
+        start: first values by name, numbers or arrays (k,).
+        count: number of results.
+        comm: of the runs.
+
+    Attributes:
+        numbers: an object for each result, by which `gradient` is asked for it.
+    """
+
+    who = "fit_runs"
 
     def __init__(
         self,

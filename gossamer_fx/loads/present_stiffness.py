@@ -101,6 +101,14 @@ class PresentStiffnesses(
     def add_start_derivatives(
         self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
+        """Add (∂f/∂C ∂C/∂q0)ᵀ μ of the forces f that use the stiffness C of the start of the step.
+        Collective.
+
+        Args:
+            μ: adjoint vector of the step, over all unknowns.
+            by_position: vector of the system, to which the product is added.
+            by_velocity: stays as it is, since C does not depend on velocities.
+        """
         system = self._system
         if self._products is None:
             self._products = []
