@@ -131,6 +131,12 @@ class _PrestressOfPart:
     """The comparison of one film, cable or beam."""
 
     def __init__(self, system: System, body: MeshBody) -> None:
+        """Compile the forms of the stress that was asked for and of the one reached.  Collective.
+
+        Args:
+            system: the compiled scene.
+            body: with an initial stress, strain or tension.
+        """
         self._comm = system.comm
         self._shape = BodyShape(system, body)
         part: Any = self._shape.body

@@ -470,6 +470,7 @@ class RecordedSolid:
     """
 
     def __init__(self, about: dict[str, Any]) -> None:
+        """Read the arrays of an entry of "solids" in run.json."""
         self.X: Array = np.array(about["X"], dtype=float).reshape(-1, 3)
         self.triangles = np.array(about["triangles"], dtype=np.int64).reshape(-1, 3)
         self.lines = np.array(about["lines"], dtype=np.int64).reshape(-1, 2)
