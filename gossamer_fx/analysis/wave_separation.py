@@ -110,8 +110,16 @@ def travelling_waves(
 
 
 def _strongest(lines: Array) -> tuple[float, float]:
-    """Amplitude and place, in lines, of the strongest wave of a one-sided spectrum under a Hann
-    window."""
+    """Find the strongest wave of a one-sided spectrum under a Hann window, also between two lines.
+
+    Args:
+        lines: sizes (n,) of the spectrum, in the unit of the waves; line k has k periods in the
+            window.
+
+    Returns:
+        amplitude of the wave, in the same unit, and its number of periods in the window, which
+        need not be whole; zeros if the spectrum is zero.
+    """
     # Line 0 is the mean, which was removed.
     peak = 1 + int(np.argmax(lines[1:-1]))
     height = float(lines[peak])
@@ -119,6 +127,8 @@ def _strongest(lines: Array) -> tuple[float, float]:
         return 0.0, 0.0
     before = float(lines[peak - 1])
     after = float(lines[peak + 1])
+    # Of a wave between two lines both are large: their ratio gives the distance from the larger
+    # one.
     ratio = max(before, after) / height
     shift = (2 * ratio - 1) / (1 + ratio)
     if before > after:

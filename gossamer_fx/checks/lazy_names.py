@@ -34,6 +34,9 @@ def lazy_names(
         init_file: path of its `__init__.py`; the stub `__init__.pyi` lies in the same folder.
         module: name of the module that has the names, if that is not the package itself.
 
+    Returns:
+        the functions `__getattr__` and `__dir__`, and the list `__all__`.
+
     Raises, when a name is used:
         AttributeError: a name that is not in the stub; similar names are proposed.
         ImportError: dolfinx or another library of the system is missing.

@@ -146,6 +146,7 @@ class StepForces:
         Args:
             x0, x1: points (m, 3) [m] at the start and at the end of the step.
         """
+        # Pairs add to the rows of their points.
         self.clear()
         of_bodies, of_obstacles = (
             evaluate(
@@ -189,6 +190,7 @@ class StepForces:
             known_state=of_bodies,
             push_back=self.push_back,
         )
+        # Without obstacles the arrays of pairs and weights would be empty.
         if len(self._obstacle_pairs):
             response = evaluate(
                 self._obstacle_pairs,
@@ -238,6 +240,7 @@ class StepForces:
             x0, x1: points (m, 3) [m] at its start and at its end.
         """
         tables = (self._body_pairs, self._obstacle_pairs)
+        # What the last residual found, unless the end has moved since.
         states = self._states_at(x1)
         if states is None:
             responses = [evaluate(pairs, x0, x1, self._law, self._alpha) for pairs in tables]
