@@ -1,5 +1,5 @@
-"""Convergence of `demos/sprout.py`: two tubes of 0.6 m in V that unfold a film, on three meshes with
-three steps.
+"""Convergence of `demos/sprout.py`: two tubes of 0.6 m in V that unfold a film, on three meshes
+with three steps.
 
 Compared is what a designer asks: how far apart the tips are at 120 ms and how far in front of the
 cube, how it turns, and the pressures.  Folded film moves chaotically, so a row is also computed
