@@ -35,7 +35,8 @@ Where the values come from:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +65,11 @@ CELL_COLUMNS = 3
 PRESSURE_AT_AU = 4.56e-6
 # The search for the steady spin.  Shapes that are found take 40 to 90 iterations.
 SEARCH = gx.analysis.Continuation(tolerance=1e-4, total_iterations=300)
+# Sun angles at the start and the end of the day [rad]: the axis of spin stays, the direction of the
+# light turns with the motion round the Sun.
+DAY = (math.radians(1.0), math.radians(1.94))
+# A windmill torque below this is round-off [N m]: a thousandth of the smallest of the study.
+SMALLEST_TORQUE = 1e-12
 # Tethers whose tension is below this part of the mean count as slack.
 SLACK_SHARE = 1e-3
 
@@ -242,10 +248,12 @@ def parts(film: gx.Membrane, build: Build) -> tuple[gx.RigidBody, list[Any]]:
     return hub, items
 
 
-def sun_pressure(distance: float = DISTANCE) -> float:
-    """Pressure of sunlight at a distance from the Sun [au]: force on a flat sail over its area
-    [Pa]."""
-    return PRESSURE_AT_AU / distance**2 * sum(OPTICS.coefficients())
+def sun_pressure(distance: float = DISTANCE, sun_angle: float = 0.0) -> float:
+    """Pressure of sunlight at a distance from the Sun [au]: force across a flat sail over its area
+    [Pa], with the light at `sun_angle` [rad] to the normal of the sail."""
+    mirrored, diffuse, along_light = OPTICS.coefficients()
+    cosine = math.cos(sun_angle)
+    return PRESSURE_AT_AU / distance**2 * cosine * (diffuse + (mirrored + along_light) * cosine)
 
 
 def steady(
@@ -255,15 +263,91 @@ def steady(
     sunlit: bool = True,
 ) -> gx.Equilibrium:
     """Equilibrium of the open sail in axes that turn with a spin [rpm]; the hub is held in them."""
+    pressure = 0.0
+    if sunlit:
+        pressure = sun_pressure()
+    search = spinning_sail(comm, build, rpm, pressure, SEARCH)
+    search.find()
+    return search
+
+
+def spinning_sail(
+    comm: MPI.Comm,
+    build: Build,
+    rpm: float,
+    pressure: float | Callable[[float], float],
+    method: gx.analysis.Continuation,
+) -> gx.Equilibrium:
+    """The open sail in axes that turn with a spin [rpm], before the search for its equilibrium.
+
+    Args:
+        pressure: of sunlight [Pa]; a number, 0 for none, or a function of the time that is given
+            to `find`.
+        method: how the equilibrium is searched.
+    """
     film = sail(comm, build)
     hub, items = parts(film, build)
     items.append(gx.loads.Centrifugal(film, (0.0, 0.0, rpm * RPM)))
     items.append(gx.constraints.FixedJoint(hub.frame(), gx.ground_frame()))
-    if sunlit:
-        items.append(gx.Pressure(film, sun_pressure(), name="sunlight"))
-    search = gx.Equilibrium(gx.Scene(film, hub, *items), SEARCH)
-    search.find()
-    return search
+    if pressure:
+        items.append(gx.Pressure(film, pressure, name="sunlight"))
+    return gx.Equilibrium(gx.Scene(film, hub, *items), method)
+
+
+def change_over_a_day(
+    comm: MPI.Comm,
+    build: Build,
+    rpm: float,
+    sun_angles: tuple[float, float] = DAY,
+) -> dict[str, float]:
+    """How much the shape of the sail changes while its sun angle does: the error of a flight of
+    its frozen shape.  Collective.
+
+    Both shapes are equilibria: a day is thousands of periods of the sail.  What light does once a
+    turn, because it comes from the side, is in `fly_plate`.
+
+    Args:
+        sun_angles: between the light and the axis of spin at the start and at the end [rad].
+
+    Returns:
+        pressure change: of sunlight across the sail, relative.
+        shape change: root of the mean square of the change of height over that of the height.
+        torque change: of the windmill torque, relative; nan without a torque.
+        light over spin: force of sunlight on the sail over the sum of the centrifugal forces of
+            its mass.
+    """
+
+    def pressure(angle: float) -> float:
+        """Pressure [Pa]; the time of a search is the sun angle [rad]."""
+        return sun_pressure(sun_angle=angle)
+
+    # The change is a thousandth, which the usual tolerance of 1e-4 would not resolve.
+    method = replace(SEARCH, tolerance=1e-6)
+    search = spinning_sail(comm, build, rpm, pressure, method)
+    film = sail_of(search)
+    heights = []
+    torques = []
+    for angle in sun_angles:
+        search.find(at=angle)
+        corners = triangles(film, search.system.state[film].local_positions())
+        heights.append(corners[:, :, 2].mean(axis=1))
+        torques.append(windmill(comm, corners))
+    areas = np.linalg.norm(area_vectors(corners), axis=1)
+    of_mass = masses(film) * np.linalg.norm(corners.mean(axis=1)[:, :2], axis=1)
+    centrifugal = comm.allreduce(float(of_mass.sum())) * (rpm * RPM) ** 2
+    first = pressure(sun_angles[0])
+    last = pressure(sun_angles[1])
+    shape_change = rms(comm, heights[1] - heights[0], areas) / rms(comm, heights[0], areas)
+    # A sail with mirror planes has a torque of round-off.
+    torque_change = math.nan
+    if abs(torques[0]) > SMALLEST_TORQUE:
+        torque_change = torques[1] / torques[0] - 1
+    return {
+        "pressure change": last / first - 1,
+        "shape change": shape_change,
+        "torque change": torque_change,
+        "light over spin": first * comm.allreduce(float(areas.sum())) / centrifugal,
+    }
 
 
 def triangles(film: gx.Membrane, positions: Array) -> Array:
@@ -308,9 +392,15 @@ def inertia(comm: MPI.Comm, corners: Array, mass: Array) -> float:
 
 def rms_height(comm: MPI.Comm, corners: Array) -> float:
     """Root of the mean square of z [m] about its mean, of triangles (n, 3, 3) by area."""
-    size = np.linalg.norm(area_vectors(corners), axis=1)
-    heights = corners[:, :, 2].mean(axis=1)
-    area, first, second = comm.allreduce(np.array([size.sum(), size @ heights, size @ heights**2]))
+    areas = np.linalg.norm(area_vectors(corners), axis=1)
+    return rms(comm, corners[:, :, 2].mean(axis=1), areas)
+
+
+def rms(comm: MPI.Comm, values: Array, areas: Array) -> float:
+    """Root of the mean square of values (n,) about their mean, by the areas (n,) of triangles of
+    this rank."""
+    sums = np.array([areas.sum(), areas @ values, areas @ values**2])
+    area, first, second = comm.allreduce(sums)
     # Round-off of a flat sail may be negative.
     return math.sqrt(max(second / area - (first / area) ** 2, 0.0))
 
@@ -602,8 +692,8 @@ def main(
     shorter by cos 30°, and so the torque of sunlight is 21 % too small; steps of 2 s, 12°, leave 1
     %.
 
-    With `output`, a folder: a picture.  Returns `figures`, and with prefixes those of `fly_plate`
-    and `fly_frozen`.
+    With `output`, a folder: a picture.  Returns `figures`, and with prefixes those of `fly_plate`,
+    `fly_frozen` and `change_over_a_day`.
     """
     search = steady(comm, build, rpm)
     found = figures(search)
@@ -611,6 +701,8 @@ def main(
     rigid = fly_frozen(search, rpm, sun_angle, until, dt, output)
     found |= {f"whole sail: {name}": value for name, value in whole.items()}
     found |= {f"rigid sail: {name}": value for name, value in rigid.items()}
+    day = change_over_a_day(comm, build, rpm)
+    found |= {f"over the day: {name}": value for name, value in day.items()}
     found["torque over the flight's"] = found["torque"] / FLIGHT
     return found
 

@@ -8,6 +8,8 @@ from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
 
+from .sizes import require_counts, require_lengths
+
 CORNERS = ("corner", "right corner", "far corner", "left corner")
 
 
@@ -21,11 +23,13 @@ def airbag(comm: MPI.Intracomm, edge: float, cells: int) -> Mesh:
     Args:
         comm: the ranks to which the mesh is distributed.
         edge: length of the sides [m].
-        cells: edges of triangles along a side, rounded to an even number of at least 2.
+        cells: edges of triangles along a side, at least 1, rounded to an even number of at least 2.
 
     Raises:
-        InputError: the mesh cannot be used, e.g. for an edge of zero.
+        InputError: the edge is not positive, or there are no cells.
     """
+    require_lengths("airbag", edge=edge)
+    require_counts("airbag", cells=cells)
     # The pattern is symmetric for even numbers only.
     cells = 2 * max(round(cells / 2), 1)
 

@@ -12,8 +12,16 @@ from mpi4py import MPI
 
 from gossamer_fx import Mesh
 
-from .arrays import Groups, Numbers, Points, mesh_of_arrays, triangles_of
+from .arrays import (
+    CellCorners,
+    Groups,
+    Numbers,
+    Points,
+    around_centres,
+    mesh_of_arrays,
+)
 from .line import line
+from .sizes import require_counts, require_lengths
 
 DIAGONALS = ((1.0, 1.0), (-1.0, 1.0))
 CORNERS = (
@@ -38,8 +46,10 @@ def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
         side: length of the sides [m].
 
     Raises:
-        InputError: no mesh can be made, e.g. of 0 cells.
+        InputError: there are no cells, or the side is not positive.
     """
+    require_counts("film", cells=cells)
+    require_lengths("film", side=side)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
         """Return a square grid of `cells` × `cells` with a centre node in each cell, in z = 0.
@@ -58,20 +68,14 @@ def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
         row = cells + 1
         grid = np.arange(row**2).reshape(row, row)
         centre = row**2 + np.arange(cells**2).reshape(cells, cells)
-        # a, b, c, d: corner nodes of each cell, counterclockwise.
-        a = grid[:-1, :-1]
-        b = grid[1:, :-1]
-        c = grid[1:, 1:]
-        d = grid[:-1, 1:]
-        triangles = np.concatenate(
-            [
-                triangles_of(a, b, centre),
-                triangles_of(b, c, centre),
-                triangles_of(c, d, centre),
-                triangles_of(d, a, centre),
-            ]
+        # The first index runs along x, so that the second corner is a row further.
+        corners = CellCorners(
+            grid[:-1, :-1],
+            grid[1:, :-1],
+            grid[1:, 1:],
+            grid[:-1, 1:],
         )
-        return points, triangles, {}
+        return points, around_centres(corners, centre), {}
 
     return mesh_of_arrays(comm, arrays)
 
@@ -97,8 +101,9 @@ def _ticks(cells: int, side: float) -> np.ndarray:
 
 def _square_grid(ticks: np.ndarray) -> np.ndarray:
     """All pairs (n², 2) of n numbers, the second one fastest."""
-    x, y = np.meshgrid(ticks, ticks, indexing="ij")
-    return np.column_stack([x.ravel(), y.ravel()])
+    slow = np.repeat(ticks, len(ticks))
+    fast = np.tile(ticks, len(ticks))
+    return np.column_stack([slow, fast])
 
 
 def boom(
@@ -116,7 +121,13 @@ def boom(
         elements: their number, at least 1.
         side: length of the sides of the film [m].
         diagonal: x and y of the end, over half of the side: one of `DIAGONALS`.
+
+    Raises:
+        InputError: there are no elements, or the side is not positive.
     """
+    require_counts("boom", elements=elements)
+    require_lengths("boom", side=side)
+    # The booms cross in the middle of the film, which is the origin.
     x = side / 2 * diagonal[0]
     y = side / 2 * diagonal[1]
     return line(

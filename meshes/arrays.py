@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -79,12 +79,54 @@ def mesh_of_arrays(
     return gmsh_mesh(build, comm)
 
 
-def cell_corners(ids: Numbers) -> tuple[Numbers, Numbers, Numbers, Numbers]:
+class CellCorners(NamedTuple):
+    """Corner nodes of the cells of a grid, counterclockwise; arrays of one shape.
+
+    Attributes:
+        a, b, c, d: numbers of the nodes at the first to the fourth corner of each cell.
+    """
+
+    a: Numbers
+    b: Numbers
+    c: Numbers
+    d: Numbers
+
+
+def cell_corners(ids: Numbers) -> CellCorners:
     """Corners (ny, nx) of each cell of a grid of nodes (ny + 1, nx + 1), counterclockwise for rows
     upwards."""
     lower = ids[:-1]
     upper = ids[1:]
-    return lower[:, :-1], lower[:, 1:], upper[:, 1:], upper[:, :-1]
+    return CellCorners(lower[:, :-1], lower[:, 1:], upper[:, 1:], upper[:, :-1])
+
+
+def around_centres(corners: CellCorners, centre: Numbers) -> Numbers:
+    """Four triangles (4 n, 3) of each of n cells, one on each side, with a node in its middle.
+
+    Args:
+        corners: nodes of the cells.
+        centre: node in the middle of each cell, an array of the shape of the corners.
+    """
+    return np.concatenate(
+        [
+            triangles_of(corners.a, corners.b, centre),
+            triangles_of(corners.b, corners.c, centre),
+            triangles_of(corners.c, corners.d, centre),
+            triangles_of(corners.d, corners.a, centre),
+        ]
+    )
+
+
+def plane_grid(x: npt.NDArray[np.floating], y: npt.NDArray[np.floating]) -> Points:
+    """Points (ny nx, 3) [m] in z = 0 of a grid with nx columns and ny rows, row by row.
+
+    Args:
+        x: coordinates (nx,) [m] of the columns.
+        y: coordinates (ny,) [m] of the rows.
+    """
+    along = np.tile(x, len(y))
+    across = np.repeat(y, len(x))
+    return np.column_stack([along, across, np.zeros(along.size)])
 
 
 def triangles_of(a: Numbers, b: Numbers, c: Numbers) -> Numbers:

@@ -12,6 +12,7 @@ from mpi4py import MPI
 from gossamer_fx import Mesh, gmsh_mesh
 
 from .arrays import Numbers, Points, rim, sorted_sides
+from .sizes import require_lengths
 
 Corners = Sequence[tuple[float, float]]
 Segments = Sequence[tuple[tuple[float, float], tuple[float, float]]]
@@ -37,8 +38,10 @@ def creased_film(
         size: of the cells at each corner [m].
 
     Raises:
-        InputError: gmsh cannot mesh the polygon.
+        InputError: a size of cells is not positive, or gmsh cannot mesh the polygon.
     """
+    for size_at_corner in size:
+        require_lengths("creased_film", size=size_at_corner)
 
     def build(model: Any) -> None:
         """Mesh the polygon with edges along `lines` and name its groups; in gmsh, on rank 0.
@@ -84,9 +87,10 @@ def creased_tube(
         walls: its values between compartments, ascending; empty for one compartment.
 
     Raises:
-        InputError: gmsh cannot mesh the polygon, or cells are so coarse that a triangle has all its
-            nodes on the rim.
+        InputError: the size of cells is not positive, gmsh cannot mesh the polygon, or cells are so
+            coarse that a triangle has all its nodes on the rim.
     """
+    require_lengths("creased_tube", size=size)
 
     def build(model: Any) -> None:
         """Mesh one sheet, double it, and name compartments, rings and rim; in gmsh, on rank 0.
@@ -267,9 +271,10 @@ def _opened(
                 triangles[neighbour] = (c, r, q)
                 break
         else:
-            x, y, _ = points[triangles[t]].mean(axis=0)
+            middle = points[triangles[t]].mean(axis=0)
             raise ValueError(
-                f"a triangle at ({x:.4g}, {y:.4g}) m has all its nodes on the rim; mesh finer"
+                f"a triangle at ({middle[0]:.4g}, {middle[1]:.4g}) m has all its nodes on the rim; "
+                "mesh finer"
             )
     return triangles
 

@@ -13,9 +13,11 @@ from .arrays import (
     Points,
     cell_corners,
     mesh_of_arrays,
+    plane_grid,
     polyline,
     triangles_of,
 )
+from .sizes import require_counts, require_lengths
 
 
 def creased_strip(
@@ -37,8 +39,10 @@ def creased_strip(
         width: of the strip [m].
 
     Raises:
-        InputError: no mesh can be made, e.g. of 0 cells.
+        InputError: a length is not positive, or there are no cells.
     """
+    require_counts("creased_strip", nx=nx, ny=ny)
+    require_lengths("creased_strip", length=length, width=width)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
         """Return a regular grid on [-length, length] × [0, width] in z = 0 with a line of nodes at
@@ -51,13 +55,17 @@ def creased_strip(
         # 2 nx cells, so that the crease is a line of nodes.
         along = np.linspace(-length, length, 2 * nx + 1)
         across = np.linspace(0, width, ny + 1)
-        x, y = np.meshgrid(along, across)
-        points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+        points = plane_grid(along, across)
 
-        nodes = np.arange(x.size).reshape(x.shape)
-        # Corner nodes of each cell, counterclockwise.
-        a, b, c, d = cell_corners(nodes)
-        triangles = np.concatenate([triangles_of(a, b, c), triangles_of(a, c, d)])
+        nodes = np.arange(len(points)).reshape(ny + 1, 2 * nx + 1)
+        # All diagonals run the same way, from the first to the third corner.
+        corners = cell_corners(nodes)
+        triangles = np.concatenate(
+            [
+                triangles_of(corners.a, corners.b, corners.c),
+                triangles_of(corners.a, corners.c, corners.d),
+            ]
+        )
         # With an even number of columns of cells the middle line of nodes is the crease.
         groups = {
             "left": polyline(nodes[:, 0]),

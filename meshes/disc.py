@@ -3,11 +3,13 @@ centre."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+
+from .sizes import require_ascending, require_counts, require_lengths, require_order
 
 
 def quarter_disc(
@@ -24,13 +26,17 @@ def quarter_disc(
 
     Args:
         comm: the ranks to which the mesh is distributed.
-        cells: edges of triangles along a radius, rounded to an even number of at least 2.
+        cells: edges of triangles along a radius, at least 1, rounded to an even number of at least
+            2.
         radius: [m].
         order: 1 for plane triangles, 2 for curved ones, for films of order 2.
 
     Raises:
-        InputError: gmsh refuses the geometry, e.g. for a radius of zero.
+        InputError: the radius is not positive, there are no cells, or the order is another one.
     """
+    require_counts("quarter_disc", cells=cells)
+    require_lengths("quarter_disc", radius=radius)
+    require_order("quarter_disc", order)
 
     def build(model: Any) -> None:
         """Draw the three patches of a quarter disc of `radius` [m], name its groups and mesh it; on
@@ -93,6 +99,13 @@ def quarter_disc(
     return gmsh_mesh(build, comm)
 
 
+class Circle(NamedTuple):
+    """Numbers in gmsh of a circle's four points on the axes, and of the arcs between them."""
+
+    points: list[int]
+    arcs: list[int]
+
+
 def ring(
     comm: MPI.Intracomm,
     inner: float,
@@ -109,12 +122,17 @@ def ring(
         comm: the ranks to which the mesh is distributed.
         inner, outer: radii [m].
         radial: cells of two triangles from hub to rim, at least 1.
-        around: cells around, rounded to a multiple of four of at least 4.
+        around: cells around, at least 1, rounded to a multiple of four of at least 4.
         order: 1 for plane triangles, 2 for curved ones.
 
     Raises:
-        InputError: gmsh refuses the geometry, e.g. for a radius of zero.
+        InputError: a radius is not positive, the inner one is not the smaller one, there are no
+            cells, or the order is another one.
     """
+    require_lengths("ring", inner=inner, outer=outer)
+    require_ascending("ring", ("inner", "outer"), (inner, outer))
+    require_counts("ring", radial=radial, around=around)
+    require_order("ring", order)
 
     def build(model: Any) -> None:
         """Draw four quarters of a ring with radii `inner` and `outer` [m], name its groups and mesh
@@ -132,15 +150,9 @@ def ring(
         geo = model.geo
         centre = geo.addPoint(0, 0, 0)
 
-        def circle(radius: float) -> tuple[list[int], list[int]]:
-            """Return the numbers in gmsh of a circle's four points on the axes, and of the arcs
-            between them.
-
-            Four quarters, since gmsh draws only arcs of less than half a circle.
-
-            Args:
-                radius: [m].
-            """
+        def circle(radius: float) -> Circle:
+            """Draw a circle of a radius [m] about the origin."""
+            # Four quarters, since gmsh draws only arcs of less than half a circle.
             axes = (
                 (1, 0),
                 (0, 1),
@@ -150,27 +162,29 @@ def ring(
             points = [geo.addPoint(radius * x, radius * y, 0) for x, y in axes]
             following = points[1:] + points[:1]
             arcs = [geo.addCircleArc(p, centre, q) for p, q in zip(points, following, strict=True)]
-            return points, arcs
+            return Circle(points, arcs)
 
-        hub_points, hub = circle(inner)
-        rim_points, rim = circle(outer)
-        spokes = [geo.addLine(p, q) for p, q in zip(hub_points, rim_points, strict=True)]
+        hub = circle(inner)
+        rim = circle(outer)
+        # Spokes divide the ring into four-sided patches, which gmsh fills with rows of cells.
+        spokes = [geo.addLine(p, q) for p, q in zip(hub.points, rim.points, strict=True)]
         surfaces = []
         for i in range(4):
             next_spoke = spokes[(i + 1) % 4]
-            curve = geo.addCurveLoop([spokes[i], rim[i], -next_spoke, -hub[i]])
+            curve = geo.addCurveLoop([spokes[i], rim.arcs[i], -next_spoke, -hub.arcs[i]])
             surfaces.append(geo.addPlaneSurface([curve]))
         cells_of_arc = max(round(around / 4), 1)
-        for arc in hub + rim:
+        for arc in hub.arcs + rim.arcs:
             geo.mesh.setTransfiniteCurve(arc, cells_of_arc + 1)
         for spoke in spokes:
             geo.mesh.setTransfiniteCurve(spoke, radial + 1)
         for surface in surfaces:
+            # Alternating diagonals give the mesh no sense of rotation.
             geo.mesh.setTransfiniteSurface(surface, "Alternate")
         geo.synchronize()
         model.addPhysicalGroup(2, surfaces, name="film")
-        model.addPhysicalGroup(1, hub, name="hub")
-        model.addPhysicalGroup(1, rim, name="rim")
+        model.addPhysicalGroup(1, hub.arcs, name="hub")
+        model.addPhysicalGroup(1, rim.arcs, name="rim")
         model.mesh.generate(2)
         model.mesh.setOrder(order)
 

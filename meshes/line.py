@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.extend import check
+
+from .sizes import require_counts
 
 
 def line(
@@ -24,16 +28,28 @@ def line(
     Args:
         comm: the ranks to which the mesh is distributed.
         points: (x, y, z) [m] of each.
-        elements: of each segment: one number, or one for each segment.
+        elements: of each segment, at least 1: one number, or one for each segment.
         closed: whether a further segment leads from the last point to the first.
 
     Raises:
-        InputError: a point does not have three coordinates, there are not as many numbers of
-            elements as segments, or gmsh refuses the geometry.
+        InputError: there are fewer than two points, a point does not have three coordinates, a
+            segment has no elements, there are not as many numbers of elements as segments, or gmsh
+            refuses the geometry.
     """
-    # A polygon has a further segment, from its last point to its first.
-    segments = len(points) if closed else len(points) - 1
-    counts = [elements] * segments if isinstance(elements, int) else list(elements)
+    check(
+        len(points) >= 2,
+        f"line: points has {len(points)} points; give at least two.",
+    )
+    segments = len(points) - 1
+    if closed:
+        # A polygon has a further segment, from its last point to its first.
+        segments += 1
+    if isinstance(elements, Sequence | np.ndarray):
+        counts = list(elements)
+    else:
+        counts = [elements] * segments
+    for count in counts:
+        require_counts("line", elements=count)
 
     def build(model: Any) -> None:
         """Draw the segments between `points` [m], name their groups and mesh them; in gmsh, on rank
@@ -47,6 +63,7 @@ def line(
                 than of numbers of elements; `gmsh_mesh` reports it as `InputError` on all ranks.
         """
         geo = model.geo
+        # Neighbouring segments share the point between them, so that the line is connected there.
         tags = []
         for point in points:
             x, y, z = (float(coordinate) for coordinate in point)
@@ -55,6 +72,7 @@ def line(
         for i in range(segments):
             following = tags[(i + 1) % len(tags)]
             lines.append(geo.addLine(tags[i], following))
+        # Elements of a segment have equal lengths.
         for segment, count in zip(lines, counts, strict=True):
             geo.mesh.setTransfiniteCurve(segment, count + 1)
         geo.synchronize()

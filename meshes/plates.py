@@ -12,6 +12,7 @@ from mpi4py import MPI
 from gossamer_fx import Mesh, gmsh_mesh
 
 from .arrays import cell_corners, mesh_of_arrays, polyline, triangles_of
+from .sizes import require_ascending, require_counts, require_lengths
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -37,11 +38,15 @@ def irregular_sheet(
         seed: of the random numbers, the same mesh for the same seed.
 
     Raises:
-        ValueError: less than one cell along x or y.
+        InputError: a length is not positive, or there are no cells.
     """
+    require_counts("irregular_sheet", nx=nx, ny=ny)
+    require_lengths("irregular_sheet", width=width, height=height)
     random = np.random.default_rng(seed)
     # Coordinates (nx + 1, ny + 1) of the nodes from 0 to 1, along x and y.
-    u, v = _displaced(nx, ny, random)
+    unit_square = _displaced(nx, ny, random)
+    u = unit_square[..., 0]
+    v = unit_square[..., 1]
     has_middle = nx % 2 == 0
     if has_middle:
         # The middle line of nodes is straight, whatever the random displacements.
@@ -77,12 +82,13 @@ def leaning_sheet(
         ramp: length within which cells turn upright [m], more than half of the height.
 
     Raises:
-        InputError: there are no cells.
+        InputError: a length is not positive, or there are no cells.
     """
-    # Coordinates (nx + 1, ny + 1) of the nodes from 0 to 1, along x and y.
-    u, v = _displaced(nx, ny, None)
-    x = width * u
-    y = height * v
+    require_counts("leaning_sheet", nx=nx, ny=ny)
+    require_lengths("leaning_sheet", width=width, height=height, ramp=ramp)
+    unit_square = _displaced(nx, ny, None)
+    x = width * unit_square[..., 0]
+    y = height * unit_square[..., 1]
     # 0 at the ends, 1 beyond the ramps: at 45° a node moves by its height above the middle.
     from_end = np.minimum(x, width - x)
     lean = np.clip(from_end / ramp, 0, 1)
@@ -109,14 +115,18 @@ def slit_ring(
         inner, outer: radii [m].
 
     Raises:
-        InputError: there are no cells.
+        InputError: a radius is not positive, the inner one is not the smaller one, or there are no
+            cells.
     """
+    require_counts("slit_ring", radial=radial, around=around)
+    require_lengths("slit_ring", inner=inner, outer=outer)
+    require_ascending("slit_ring", ("inner", "outer"), (inner, outer))
     # Coordinates (radial + 1, around + 1) of the nodes from 0 to 1, outwards and around.
-    u, v = _displaced(radial, around, None)
+    unit_square = _displaced(radial, around, None)
     # Diagonals alternate, so that the mesh has no sense of rotation.
     odd = np.add.outer(np.arange(radial), np.arange(around)) % 2 > 0
-    r = inner + (outer - inner) * u
-    angle = 2 * np.pi * v
+    r = inner + (outer - inner) * unit_square[..., 0]
+    angle = 2 * np.pi * unit_square[..., 1]
     points = np.stack([r * np.cos(angle), r * np.sin(angle), 0 * r], axis=-1)
     ids = _ids(radial, around)
     lines = {"start": ids[:, 0], "end": ids[:, -1]}
@@ -140,8 +150,10 @@ def free_slit_ring(
         inner, outer: radii [m].
 
     Raises:
-        InputError: gmsh refuses the geometry, e.g. equal radii.
+        InputError: a length is not positive, or the inner radius is not the smaller one.
     """
+    require_lengths("free_slit_ring", size=size, inner=inner, outer=outer)
+    require_ascending("free_slit_ring", ("inner", "outer"), (inner, outer))
 
     def build(model: Any) -> None:
         """Draw a ring with a slit and radii `inner` and `outer` [m], name its groups and mesh it.
@@ -201,8 +213,10 @@ def whole_disc(comm: MPI.Intracomm, cells: int, radius: float = 1.0) -> Mesh:
         radius: [m].
 
     Raises:
-        InputError: there are no rings.
+        InputError: there are no rings, or the radius is not positive.
     """
+    require_counts("whole_disc", cells=cells)
+    require_lengths("whole_disc", radius=radius)
     points = [np.zeros(2)]
     rings = [np.array([1])]
     triangles = []
@@ -234,7 +248,7 @@ def _displaced(
     n: int,
     m: int,
     random: np.random.Generator | None,
-) -> tuple[Floats, Floats]:
+) -> Floats:
     """Return the nodes of a grid on the unit square, moved at random if a generator is given.
 
     Args:
@@ -243,16 +257,16 @@ def _displaced(
             do not move.
 
     Returns:
-        coordinates u and v (n + 1, m + 1) each, from 0 to 1.
+        coordinates (n + 1, m + 1, 2) from 0 to 1; the first index runs along the first side.
     """
-    along_u = np.linspace(0, 1, n + 1)
-    along_v = np.linspace(0, 1, m + 1)
-    u, v = np.meshgrid(along_u, along_v, indexing="ij")
+    nodes = np.empty((n + 1, m + 1, 2))
+    nodes[..., 0] = np.linspace(0, 1, n + 1)[:, None]
+    nodes[..., 1] = np.linspace(0, 1, m + 1)
     # More than a quarter of a cell could turn a triangle over.
     if random is not None:
-        u[1:-1] += random.uniform(-0.25, 0.25, (n - 1, m + 1)) / n
-        v[:, 1:-1] += random.uniform(-0.25, 0.25, (n + 1, m - 1)) / m
-    return u, v
+        nodes[1:-1, :, 0] += random.uniform(-0.25, 0.25, (n - 1, m + 1)) / n
+        nodes[:, 1:-1, 1] += random.uniform(-0.25, 0.25, (n + 1, m - 1)) / m
+    return nodes
 
 
 def _edges(ids: Integers) -> dict[str, Integers]:
@@ -279,7 +293,11 @@ def _triangles(ids: Integers, other: npt.NDArray[np.bool_]) -> Integers:
         other: mask (n, m) of the cells with the other diagonal.
     """
     # The first index runs along x here: the other way round is counterclockwise.
-    a, d, c, b = cell_corners(ids)
+    turned = cell_corners(ids)
+    a = turned.a
+    b = turned.d
+    c = turned.c
+    d = turned.b
     usual = ~other
     return np.concatenate(
         [

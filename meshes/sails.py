@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx import Mesh
+from gossamer_fx.extend import check
 
 from .arrays import (
     Groups,
@@ -20,6 +21,7 @@ from .arrays import (
     rim,
     triangles_of,
 )
+from .sizes import require_ascending, require_counts, require_lengths
 
 
 def parallelograms(
@@ -45,8 +47,15 @@ def parallelograms(
         cells: of two triangles along each side.
 
     Raises:
-        InputError: the mesh cannot be used, e.g. of 0 cells.
+        InputError: a side is not positive, there are no parallelograms or cells, or the angle is
+            not between 0 and π/2.
     """
+    require_lengths("parallelograms", a=a, b=b)
+    require_counts("parallelograms", columns=columns, rows=rows, cells=cells)
+    check(
+        0 < gamma < math.pi / 2,
+        f"parallelograms: gamma is {gamma!r} rad; give an angle between 0 and π/2.",
+    )
 
     def arrays() -> tuple[Points, Numbers, Groups]:
         """Return a sheet of parallelograms with sides a and b [m] that rise and fall in turn, in z
@@ -111,8 +120,13 @@ def trapezoids(
         refine: edges of triangles between two rows.
 
     Raises:
-        InputError: the mesh cannot be used, e.g. without rows.
+        InputError: there are fewer than three trapezoids, no rows between the inner and the outer
+            edge, or no edges between rows, or the pitch is not positive.
     """
+    require_counts("trapezoids", least=3, n=n)
+    require_counts("trapezoids", inner=inner, outer=outer, refine=refine)
+    require_ascending("trapezoids", ("inner", "outer"), (inner, outer))
+    require_lengths("trapezoids", pitch=pitch)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
         """Return n trapezoids in z = 0 between rows that are `pitch` [m] apart, joined along their
@@ -180,8 +194,12 @@ def pinwheel(
         reach: columns in a sector, each of side/columns.
 
     Raises:
-        InputError: the mesh cannot be used, e.g. without columns.
+        InputError: the polygon has fewer than three sides, there are no columns, or the side is not
+            positive.
     """
+    require_counts("pinwheel", least=3, n=n)
+    require_counts("pinwheel", columns=columns, reach=reach)
+    require_lengths("pinwheel", side=side)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
         """Return n sectors in z = 0, which begin at the corners of a polygon with sides of `side`

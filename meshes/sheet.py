@@ -13,11 +13,13 @@ from .arrays import (
     Groups,
     Numbers,
     Points,
+    around_centres,
     cell_corners,
     mesh_of_arrays,
+    plane_grid,
     polyline,
-    triangles_of,
 )
+from .sizes import require_counts, require_lengths
 
 EDGES = ("bottom", "right", "top", "left")
 CORNERS = ("bottom left", "bottom right", "top right", "top left")
@@ -41,7 +43,12 @@ def sheet(
         width, height: [m].
         crossed: whether diagonals alternate instead of being parallel; then a triangle fills every
             corner of the sheet if nx and ny are even.
+
+    Raises:
+        InputError: a length is not positive, or there are no cells.
     """
+    require_counts("sheet", nx=nx, ny=ny)
+    require_lengths("sheet", width=width, height=height)
 
     def build(model: Any) -> None:
         """Draw a rectangle of `width` by `height` [m], name its groups and mesh it; in gmsh, on
@@ -95,12 +102,14 @@ def crossed_sheet(
 
     Args:
         comm: the ranks to which the mesh is distributed.
-        nx, ny: cells along x and y.
+        nx, ny: cells along x and y, at least 1.
         width, height: [m].
 
     Raises:
-        InputError: the mesh cannot be used, e.g. of 0 cells.
+        InputError: a length is not positive, or there are no cells.
     """
+    require_counts("crossed_sheet", nx=nx, ny=ny)
+    require_lengths("crossed_sheet", width=width, height=height)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
         """Return a grid of nx × ny cells on [0, width] × [0, height] in z = 0, with a centre in
@@ -110,29 +119,16 @@ def crossed_sheet(
             points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups by
             name.
         """
-        x, y = np.meshgrid(np.linspace(0, width, nx + 1), np.linspace(0, height, ny + 1))
+        corners = plane_grid(np.linspace(0, width, nx + 1), np.linspace(0, height, ny + 1))
         # gmsh has no such pattern: the centres of the cells are further nodes, after those of the
         # grid.
         middles_x = (np.arange(nx) + 0.5) * width / nx
         middles_y = (np.arange(ny) + 0.5) * height / ny
-        mx, my = np.meshgrid(middles_x, middles_y)
-        all_x = np.append(x, mx)
-        all_y = np.append(y, my)
-        points = np.column_stack([all_x, all_y, np.zeros(all_x.size)])
+        points = np.vstack([corners, plane_grid(middles_x, middles_y)])
 
-        grid = np.arange(x.size).reshape(x.shape)
-        centre = np.arange(x.size, len(points)).reshape(mx.shape)
-        # Corner nodes of each cell, counterclockwise.
-        a, b, c, d = cell_corners(grid)
-        # Each side of a cell with its centre, counterclockwise.
-        triangles = np.concatenate(
-            [
-                triangles_of(a, b, centre),
-                triangles_of(b, c, centre),
-                triangles_of(c, d, centre),
-                triangles_of(d, a, centre),
-            ]
-        )
+        grid = np.arange(len(corners)).reshape(ny + 1, nx + 1)
+        centre = np.arange(len(corners), len(points)).reshape(ny, nx)
+        triangles = around_centres(cell_corners(grid), centre)
         groups = {
             "bottom": polyline(grid[0]),
             "right": polyline(grid[:, -1]),

@@ -9,6 +9,8 @@ from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
 
+from .sizes import require_counts, require_lengths, require_order
+
 
 def sphere(
     comm: MPI.Intracomm,
@@ -25,8 +27,11 @@ def sphere(
         order: of the geometry, 1 (plane triangles between points of the sphere) or 2 (curved ones).
 
     Raises:
-        InputError: gmsh refuses the geometry, e.g. for a radius of zero.
+        InputError: the radius is not positive, there are no cells, or the order is another one.
     """
+    require_lengths("sphere", radius=radius)
+    require_counts("sphere", cells=cells)
+    require_order("sphere", order)
 
     def build(model: Any) -> None:
         """Draw a sphere of `radius` [m] and mesh it with `cells` edges round its equator; on rank
@@ -46,6 +51,7 @@ def sphere(
         surfaces = [tag for _, tag in model.getEntities(2)]
         model.addPhysicalGroup(2, surfaces, name="film")
 
+        # Triangles of one size, the length of an edge on the equator.
         size = 2 * math.pi * radius / cells
         gmsh.option.setNumber("Mesh.MeshSizeMin", size)
         gmsh.option.setNumber("Mesh.MeshSizeMax", size)

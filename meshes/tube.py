@@ -10,6 +10,8 @@ from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
 
+from .sizes import require_counts, require_lengths
+
 
 def flat_tube(
     comm: MPI.Intracomm,
@@ -32,12 +34,14 @@ def flat_tube(
         comm: the ranks to which the mesh is distributed.
         length: of the tube [m], along x.
         diameter: d of the tube when it is round [m].
-        cells: edges of triangles across, rounded to an even number of at least 2.
+        cells: edges of triangles across, at least 1, rounded to an even number of at least 2.
         compartments: of equal length, along the tube.
 
     Raises:
-        InputError: the mesh cannot be used, e.g. for a length of zero.
+        InputError: a length is not positive, or there are no cells or compartments.
     """
+    require_lengths("flat_tube", length=length, diameter=diameter)
+    require_counts("flat_tube", cells=cells, compartments=compartments)
     width = math.pi * diameter / 2
     # Even numbers, for the symmetry of the pattern; cells along the tube are about as long as wide.
     across = 2 * max(round(cells / 2), 1)
@@ -87,11 +91,13 @@ def flat_tube(
             strips.append([geo.addPlaneSurface([loop]) for loop in loops])
         for line in right_lines + left_lines:
             geo.mesh.setTransfiniteCurve(line, along + 1)
+        # Diagonals that alternate leave no triangle with all its nodes on the seams.
         for strip in strips[0] + strips[1]:
             geo.mesh.setTransfiniteSurface(strip, "AlternateLeft")
         geo.synchronize()
         for name, surfaces in zip(("top", "bottom"), strips, strict=True):
             model.addPhysicalGroup(2, surfaces, name=name)
+        # A tube that is not divided has no rings, and its only compartment is both strips.
         if compartments > 1:
             for i, pair in enumerate(zip(*strips, strict=True)):
                 model.addPhysicalGroup(2, list(pair), name=f"compartment {i + 1}")

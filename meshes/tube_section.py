@@ -9,6 +9,8 @@ from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
 
+from .sizes import require_counts, require_lengths, require_order
+
 
 def capped_cylinder(
     comm: MPI.Intracomm,
@@ -27,7 +29,7 @@ def capped_cylinder(
         order: 1 for plane triangles, 2 for curved ones.
 
     Raises:
-        InputError: gmsh refuses the geometry, e.g. for a radius of zero.
+        InputError: a length is not positive, there are no edges, or the order is another one.
     """
     return cylinder(comm, radius, length, around, along, order, capped=True)
 
@@ -55,14 +57,17 @@ def cylinder(
     Args:
         comm: the ranks to which the mesh is distributed.
         radius, length: [m].
-        around: edges of triangles around, rounded to a multiple of four of at least 4.
+        around: edges of triangles around, at least 1, rounded to a multiple of four of at least 4.
         along: edges along the wall, at least 1.
         order: 1 for plane triangles, 2 for curved ones.
         capped: whether flat caps close both ends, group "caps".
 
     Raises:
-        InputError: gmsh refuses the geometry, e.g. for a radius of zero.
+        InputError: a length is not positive, there are no edges, or the order is another one.
     """
+    require_lengths("cylinder", radius=radius, length=length)
+    require_counts("cylinder", around=around, along=along)
+    require_order("cylinder", order)
     quarter = max(round(around / 4), 1)
 
     def build(model: Any) -> None:
@@ -92,6 +97,7 @@ def cylinder(
                 [geo.addCircleArc(p, centre, q) for p, q in zip(ring, following, strict=True)]
             )
         lines = [geo.addLine(p, q) for p, q in zip(*points, strict=True)]
+        # A quarter of the wall between two arcs and two lines along the axis.
         walls = []
         for i in range(4):
             next_line = lines[(i + 1) % 4]
@@ -119,6 +125,7 @@ def cylinder(
         for name, line, point in zip(names, lines, points[0], strict=True):
             model.addPhysicalGroup(1, [line], name=name)
             model.addPhysicalGroup(0, [point], name=f"first {name}")
+        # Triangles inside the caps are about as large as those at their rims.
         size = 2 * math.pi * radius / (4 * quarter)
         model.mesh.setSize(model.getEntities(0), size)
         model.mesh.generate(2)

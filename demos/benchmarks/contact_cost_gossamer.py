@@ -143,7 +143,7 @@ def cost(
     return {
         "vertices": contact_set.points.body_count,
         "touching": float(np.mean(touching)),
-        "acting": comm.allreduce(contact_set.acting_count),
+        "acting": comm.allreduce(contact_set.forces.acting_count),
         "iteration [ms]": with_contact,
         "alone [ms]": alone,
         "ratio": with_contact / alone,

@@ -17,15 +17,16 @@ Sizes in this file:
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.numbering import GlobalIndices, Numbering
-from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.model.body import Array, Attached, Body, Ground, Port
 
 # Entries of a dense block, per block, from which PETSc takes blocks one by one faster than all in
@@ -49,6 +50,33 @@ def is_evaluated_here(ports: Ports) -> bool:
 def evaluated_here(tuples: Sequence[Ports]) -> list[int]:
     """Which of the tuples of ports this rank evaluates, by index."""
     return [i for i, ports in enumerate(tuples) if is_evaluated_here(ports)]
+
+
+def refuse_ports_outside(
+    comm: MPI.Intracomm, bodies: Sequence[Body], ports_by_name: Iterable[tuple[str, Ports]]
+) -> None:
+    """Refuse ports of bodies that are not in the scene.  Collective.
+
+    Args:
+        comm: the ranks of the scene.
+        bodies: of the scene.
+        ports_by_name: name of the item of the scene, and a tuple of its ports, for each tuple that
+            this rank has; ranks may have different ones.
+
+    Raises:
+        InputError: on all ranks, if one of them has such a port.
+    """
+    known = {id(body) for body in bodies}
+    message = ""
+    for name, ports in ports_by_name:
+        for port in ports:
+            if isinstance(port, Port) and id(port.body) not in known:
+                message = (
+                    f"'{name}' has a port of '{port.body.name}', which is not in the scene; add "
+                    "that body to the scene, or return it from `requires` of the item."
+                )
+    # An error on one rank alone would leave the others waiting in their next message.
+    check_on_all(comm, not message, message)
 
 
 def translation_weight(port: Attached) -> float:

@@ -320,7 +320,7 @@ class DesignProblem:
         return found
 
     def bounds(self, given: Mapping[str, tuple[Any, Any]]) -> tuple[Array, Array]:
-        """Return the smallest and the largest scaled numbers (n,), (n,) of this rank.
+        """Return the smallest and the largest scaled numbers (n,), (n,) of this rank; collective.
 
         Args:
             given: (lower, upper) by name of a parameter, unscaled, in its unit; with a basis they
@@ -329,9 +329,8 @@ class DesignProblem:
                 bounds get infinite ones.
 
         Raises:
-            InputError: a name that is not a parameter, or a lower bound above the upper one; raised
-                only on the ranks where it is found.
-            ValueError: an array with another length than the parameter has numbers on this rank.
+            InputError: on all ranks: a name that is not a parameter, a lower bound above the upper
+                one, or an array with another length than the parameter has numbers on its rank.
         """
         names = [variable.name for variable in self.variables]
         for name in given:
@@ -339,16 +338,38 @@ class DesignProblem:
         lows = []
         highs = []
         for variable in self.variables:
-            low, high = given.get(variable.name, (-math.inf, math.inf))
-            # One value for all entries, or one for each.
-            lows.append(np.full(variable.size, np.asarray(low, dtype=float) / variable.scale))
-            highs.append(np.full(variable.size, np.asarray(high, dtype=float) / variable.scale))
-            check(
-                bool((lows[-1] <= highs[-1]).all()),
-                f"{self.who}: the bounds of '{variable.name}' are {low!r} and {high!r}; give the "
-                "smaller one first.",
+            lower, upper = given.get(variable.name, (-math.inf, math.inf))
+            low = self._bound(variable, lower)
+            high = self._bound(variable, upper)
+            # Bounds of a field are arrays, which may be wrong on one rank only.
+            check_on_all(
+                self.comm,
+                bool((low <= high).all()),
+                f"{self.who}: the bounds of '{variable.name}' are {lower!r} and {upper!r}; give "
+                "the smaller one first.",
             )
+            lows.append(low)
+            highs.append(high)
         return np.concatenate(lows), np.concatenate(highs)
+
+    def _bound(self, variable: DesignVariable, given: Any) -> Array:
+        """Return a bound of one parameter, scaled (k,); collective.
+
+        Args:
+            variable: the parameter, with k numbers on this rank.
+            given: one number for all of them, or an array (k,), in the unit of the parameter.
+
+        Raises:
+            InputError: on all ranks: an array of another length on one of them.
+        """
+        bound = np.asarray(given, dtype=float)
+        check_on_all(
+            self.comm,
+            bound.ndim == 0 or bound.shape == (variable.size,),
+            f"{self.who}: a bound of '{variable.name}' has the shape {bound.shape}; give one "
+            f"number, or the {variable.size} numbers that the rank has.",
+        )
+        return np.full(variable.size, bound / variable.scale)
 
     # ---- results ---------------------------------------------------------------------------------
 

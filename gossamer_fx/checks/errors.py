@@ -136,12 +136,19 @@ def require_positive(
 
 
 def check_on_all(comm: MPI.Intracomm, condition: bool, message: str) -> None:
-    """Raise `InputError(message)` on all ranks unless a condition holds on all of them.
+    """Raise `InputError` on all ranks unless a condition holds on all of them.  Collective.
 
-    Collective.
+    Args:
+        comm: the ranks.
+        condition: what has to hold; ranks may differ.
+        message: of this rank.  All ranks raise that of the first one where the condition fails.
     """
-    if not comm.allreduce(condition, MPI.LAND):
-        raise InputError(message)
+    message_of_failure = None
+    if not condition:
+        message_of_failure = message
+    for found in comm.allgather(message_of_failure):
+        if found is not None:
+            raise InputError(found)
 
 
 def is_vector(value: Any) -> bool:

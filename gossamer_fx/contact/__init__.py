@@ -11,8 +11,10 @@ Stages, in the vocabulary of the field (for instance of the IPC Toolkit), each a
     potential        energy, forces and tangents: barrier or penalty
     friction/        Coulomb friction of the active pairs
     assembly         blocks of the tangent
+    step_forces      forces and tangents of the active pairs of a step
     history          what is taken over from step to step
     contact_set      one contact in a step, which calls the stages; `compiled` has all of a scene
+    contact_gradient derivatives of forces and energy, for gradients of runs and equilibria
     pair_table       the table of pairs that the stages hand on, one row a pair
     kernels/         what is done pair by pair, in C
 

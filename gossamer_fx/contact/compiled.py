@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Protocol, cast
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, cast
 
 import numpy as np
 from petsc4py import PETSc
@@ -45,6 +46,10 @@ from gossamer_fx.model.roles import (
     Tangents,
 )
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
+
+if TYPE_CHECKING:
+    # A run without a gradient does not load it.
+    from gossamer_fx.contact.contact_gradient import ContactGradient
 
 LOG = logging.getLogger("gossamer_fx")
 
@@ -171,6 +176,16 @@ class CompiledContacts(
 
     # ---- sensitivities ---------------------------------------------------------------------------
 
+    @cached_property
+    def _gradients(self) -> dict[ContactItem, ContactGradient]:
+        """Derivatives of each contact's forces, by the item of the scene; made for gradients
+        only."""
+        from gossamer_fx.contact.contact_gradient import ContactGradient
+
+        return {
+            item: ContactGradient(contact_set) for item, contact_set in self.contact_sets.items()
+        }
+
     def without_gradient(self) -> str:
         """Return in one sentence why a contact of the scene has no gradient; empty if all have one.
 
@@ -211,29 +226,29 @@ class CompiledContacts(
             contact_set.friction.set_coefficient(float(value[0]))
 
     def work_by_number(self, term: ContactEnergy, key: str, w: PETSc.Vec) -> Array:
-        contact_set = self.contact_sets[term.item]
+        gradient = self._gradients[term.item]
         if key == FRICTION:
-            return np.array([contact_set.work_by_friction(w)])
-        return np.array([contact_set.work_by_stiffness(w)])
+            return np.array([gradient.work_by_friction(w)])
+        return np.array([gradient.work_by_stiffness(w)])
 
     def energy_by_number(self, term: ContactEnergy, key: str) -> Array:
         if key == FRICTION:
             return np.zeros(1)
-        return np.array([self.contact_sets[term.item].energy_by_stiffness()])
+        return np.array([self._gradients[term.item].energy_by_stiffness()])
 
     def start_adjoint(self) -> None:
-        for contact_set in self.contact_sets.values():
-            contact_set.start_adjoint()
+        for gradient in self._gradients.values():
+            gradient.start_adjoint()
 
     def add_start_derivatives(
         self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        for contact_set in self.contact_sets.values():
-            contact_set.add_product_with_start_derivative(μ, by_position, by_velocity)
+        for gradient in self._gradients.values():
+            gradient.add_product_with_start_derivative(μ, by_position, by_velocity)
 
     def add_energy_by_history(self, share: float) -> None:
-        for contact_set in self.contact_sets.values():
-            contact_set.add_energy_by_stiffness(share)
+        for gradient in self._gradients.values():
+            gradient.add_energy_by_stiffness(share)
 
     def masses_changed(self) -> None:
         for contact_set in self.contact_sets.values():
@@ -241,8 +256,8 @@ class CompiledContacts(
 
     def derivatives_by_mass(self) -> dict[MeshBody, float]:
         found: dict[MeshBody, float] = {}
-        for contact_set in self.contact_sets.values():
-            for body, by_mass in contact_set.derivatives_by_mass().items():
+        for gradient in self._gradients.values():
+            for body, by_mass in gradient.derivatives_by_mass().items():
                 found[body] = found.get(body, 0.0) + by_mass
         return found
 

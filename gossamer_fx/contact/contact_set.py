@@ -26,12 +26,10 @@ from gossamer_fx.contact.active_set import (
     FAR,
     Activation,
     StepDistances,
-    between_bodies,
     grown_activation,
     initial_activation,
 )
-from gossamer_fx.contact.arrays import Array, ByteArray, Int32Array, Int64Array, MaskArray
-from gossamer_fx.contact.assembly import BlockAssembly
+from gossamer_fx.contact.arrays import Array, Int64Array, MaskArray
 from gossamer_fx.contact.broad_phase.candidates import CandidateSearch, StepPoints, nearest_gaps
 from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.contact.history import ContactHistory
@@ -48,20 +46,16 @@ from gossamer_fx.contact.pair_table import ActivePairs, CandidatePairs, is_wall
 from gossamer_fx.contact.potential import (
     PUSH_BACK,
     ContactLaw,
-    PairState,
     activate,
     energy_of_pairs,
-    evaluate,
     pair_starts,
-    reversed_pairs,
 )
+from gossamer_fx.contact.step_forces import StepForces
 from gossamer_fx.contact.system_view import ContactAssembly
 
 if TYPE_CHECKING:
     # A scene without friction does not load it.
     from gossamer_fx.contact.friction.friction import Friction
-    from gossamer_fx.contact.stiffness_adjoint import StiffnessAdjoint
-    from gossamer_fx.model.body import MeshBody
 
 # Way of a node in one Newton update, over the activation distance, at most.  Longer updates put
 # layers on the wrong side of others, and the iteration does not come back: docs/theory/contact.md
@@ -93,12 +87,12 @@ class ContactSet:
         friction: if there is any.
 
     Attributes:
-        mesh, points, history, friction: the parts.
+        mesh, points, history, friction, system: the parts.
+        pair_stiffness: stiffness of pairs that begin to touch.
+        forces: of the active pairs.
         search: the candidate pairs.
         x0: points (m, 3) [m] at the start of the step.
         pairs: the active pairs of the step; None between steps, except in statics.
-        point_forces: forces (m, 3) [N] of this rank's pairs at the last residual.
-        acting_count: number of pairs with a force there.
         has_given_stiffness: whether the stiffness is a number and not derived from closing speeds.
         closest: least gap [m] at the start of any step so far.
     """
@@ -134,33 +128,24 @@ class ContactSet:
         self.friction = friction
         self.law = law
         self.activation_distance = activation_distance
-        self._system = system
+        self.system = system
         self._comm = system.comm
         # Weight of the end of a step in the configuration where forces act: 1 in an equilibrium.
         self._alpha = system.rule.alpha
         self.search = CandidateSearch(mesh, activation_distance)
         self.has_given_stiffness = stiffness is not None
-        self._stiffness = PairStiffness(mesh, stiffness, activation_distance, system)
+        self.pair_stiffness = PairStiffness(mesh, stiffness, activation_distance, system)
         self._activation = Activation()
-        self.assembly = BlockAssembly(self.points, system)
+        self.forces = StepForces(self.points, law, system, friction)
         self.pairs: ActivePairs | None = None
-        self.point_forces: Array = np.zeros((self.points.count, 3))
-        self.acting_count = 0
         self.closest = math.inf
         self._restored = history.restored
         self._turns = LargeTurns(mesh, activation_distance, system)
         self._start_time = 0.0  # of x0
         self._end_time = 0.0
-        self._push_back = PUSH_BACK
         self._accepted_pairs: ActivePairs | None = None
         # Whether the pairs of the step are those of a tape, which are complete.
         self._is_recorded = False
-        # Whether the ends of the step were exchanged, in which friction has no part.
-        self._is_reversed = False
-        # Of a backward pass, if stiffness is derived from closing speeds.
-        self._stiffness_adjoint: StiffnessAdjoint | None = None
-        # What both tables of pairs do at the last residual; None before the first one.
-        self._last_states: tuple[ByteArray, ByteArray] | None = None
         # Distances at both ends of the last step: its end is the start of the next one.
         self._known_distances: list[PairDistances] = []
 
@@ -182,7 +167,7 @@ class ContactSet:
         Raises:
             InputError: layers intersect or coincide, or a point of a body is inside a box.
         """
-        system = self._system
+        system = self.system
         self._start_time = system.time
         self._search_at_rest()
         # Intersections first: gaps between layers that intersect mean nothing.
@@ -209,8 +194,8 @@ class ContactSet:
         """
         history = self.history
         is_step = self.pairs is not None
-        time = self._end_time if is_step else self._system.time
-        self.x0 = self.points.at(self._system.q0, time)
+        time = self._end_time if is_step else self.system.time
+        self.x0 = self.points.at(self.system.q0, time)
         self._start_time = time
         if not history.has_begun:
             self.set_initial_state()
@@ -293,26 +278,23 @@ class ContactSet:
             self.begin_step()
             return
         self._is_recorded = True
-        self._end_time = self._system.time + self._system.h
+        self._end_time = self.system.time + self.system.h
         # The step was accepted: whatever separates fast in it does not count as passed.
-        self._push_back = 0.0
+        self.forces.push_back = 0.0
         self._activate(pairs)
 
     def activate_present(self) -> None:
         """Start a step of no length from the accepted state, with the pairs that have energy
         there."""
         self.stored_energy()
-        self._end_time = self._system.time
+        self._end_time = self.system.time
         self._activate(self.pairs_with_energy())
 
     def _activate(self, pairs: ActivePairs) -> None:
         """Let pairs without starts take part in a step from x0."""
         pairs = replace(pairs, start=pair_starts(pairs, self.x0, *closest_points(pairs, self.x0)))
-        self._is_reversed = False
         self.pairs = pairs
-        self._lay_out(pairs)
-        self._last_end = self.x0
-        self._last_states = None
+        self.forces.set_pairs(pairs, self.x0)
 
     def _known_parameters(self, pairs: ActivePairs) -> Array | None:
         """Return the parameters of contact pairs' closest points at the start x0 of the step, if
@@ -358,7 +340,7 @@ class ContactSet:
         history = self.history
         if history.restored != self._restored:
             self._restored = history.restored
-            self._start_time = self._system.time
+            self._start_time = self.system.time
             self._search_at_rest()
             # A checkpoint has the pairs of all ranks; those of this rank are among its candidates.
             own = np.isin(history.identifier, self.candidates.identifier)
@@ -392,9 +374,8 @@ class ContactSet:
             RuntimeError: more blocks of the tangent on this rank than 32 bits can number.
         """
         self._is_recorded = False
-        self._is_reversed = False
-        self._push_back = PUSH_BACK
-        system = self._system
+        self.forces.push_back = PUSH_BACK
+        system = self.system
         self.stored_energy()
         self._end_time = system.time + system.h
         # An equilibrium, in which forces act at the end (weight 1), has no motion in time.
@@ -403,7 +384,7 @@ class ContactSet:
             self.points.refuse_jumps(system.time, system.h, limit)
         self._v = self.points.rates(system.v0, system.time, system.h)
         if not self.history.reference_speed:
-            self.history.reference_speed = self._stiffness.reference_speed(system.h)
+            self.history.reference_speed = self.pair_stiffness.reference_speed(system.h)
         if not self._are_within_bounds(self._predicted_end()):
             # The present list is complete while all points are within their bounds.
             self._search(self._predicted_end)
@@ -420,17 +401,17 @@ class ContactSet:
         of_owned = self.mesh.area[: self.points.body_count][self.mesh.shared.is_own]
         squares = self._comm.allreduce(float(of_owned @ of_owned))
         # A pressure p on nodes that stand for the areas A is the force p |A|.
-        self._stiffness.static_pressure = force / math.sqrt(squares)
+        self.pair_stiffness.static_pressure = force / math.sqrt(squares)
 
     def _predicted_end(self) -> Array:
         """Return the points (m, 3) [m] at the end of a step without forces."""
-        return np.ascontiguousarray(self.x0 + self._system.h * self._v)
+        return np.ascontiguousarray(self.x0 + self.system.h * self._v)
 
     def _are_within_bounds(self, end: Array) -> bool:
         """Return whether the candidates are complete for a step from x0 to points (m, 3);
         collective."""
         search = self.search
-        return search.holds(self.x0, self._system.time) and search.holds(end, self._end_time)
+        return search.holds(self.x0, self.system.time) and search.holds(end, self._end_time)
 
     def _search(self, end: Callable[[], Array]) -> None:
         """Find candidates, pairs that may touch in the next steps, for the present step;
@@ -446,7 +427,7 @@ class ContactSet:
             end: returns the points (m, 3) [m] at the end of the step, as they are when it is
                 called.
         """
-        system = self._system
+        system = self.system
 
         def read() -> StepPoints:
             self.x0 = self.points.at(system.q0, self._start_time)
@@ -463,14 +444,14 @@ class ContactSet:
         """
 
         def read() -> Array:
-            self.x0 = self.points.at(self._system.q0, self._start_time)
+            self.x0 = self.points.at(self.system.q0, self._start_time)
             return self.x0
 
         self.search.find_at_rest(read, self._start_time)
         if self._comm.size > 1:
             # Rows of pairs and forces are those of points that this rank knew before.
             self.pairs = None
-            self.point_forces = np.zeros((self.points.count, 3))
+            self.forces.clear()
         self._take_points()
 
     def _take_points(self) -> None:
@@ -543,7 +524,7 @@ class ContactSet:
         pairs = self._activated(active)
         # The stiffness of pairs that have energy is constant: with another one energy would appear.
         has_energy, stiffness = self.history.stiffness_of(pairs.identifier)
-        chosen = self._stiffness.choose(
+        chosen = self.pair_stiffness.choose(
             self.candidates.rows(active),
             squared_distance,
             self.x0,
@@ -557,37 +538,7 @@ class ContactSet:
         pairs.start = pair_starts(pairs, self.x0, squared_distance, parameters)
         self._active = active
         self.pairs = pairs
-        self._lay_out(pairs)
-        self._last_end = self.x0
-        self._last_states = None
-
-    def _lay_out(self, pairs: ActivePairs) -> None:
-        """Choose the sparsity pattern of the tangent of the active pairs; collective.
-
-        Pairs between bodies couple their four points.  Points of obstacles are combinations of
-        block rows, vectors of three unknowns, which are coupled instead.
-
-        `x0` (m, 3) [m] are the points at the start of the step. Blocks are 3 x 3 parts of the
-        tangent.
-
-        Args:
-            pairs: all contact pairs of this rank that take part in the step, with the column
-                `start` of their closest points.
-
-        Raises:
-            RuntimeError: more blocks on this rank than 32 bits can number.
-        """
-        is_of_bodies = between_bodies(pairs.points, self.points.body_count)
-        self._is_of_bodies = is_of_bodies
-        self._body_pairs = pairs.rows(is_of_bodies)
-        self._obstacle_pairs = pairs.rows(~is_of_bodies)
-        block_rows, self._row_weights = self.points.block_rows_of(self._obstacle_pairs.points)
-        rubbing = [] if self.friction is None else self.friction.begin_step(pairs, self.x0)
-        block_index = self.assembly.couple(self._body_pairs.points, block_rows, *rubbing)
-        self._body_blocks: Int32Array = block_index[0]
-        self._obstacle_blocks: Int32Array = block_index[1]
-        if self.friction is not None:
-            self.friction.set_block_index(block_index[2:])
+        self.forces.set_pairs(pairs, self.x0)
 
     def exchange_ends(self) -> None:
         """Reverse the step: the accepted state and time of the system are its new start; pairs
@@ -595,28 +546,17 @@ class ContactSet:
 
         Gradients need the reversed step: its force is the same if pairs, stiffness and activation
         distances are.  Nothing changes between steps.  Friction differs, and is left out:
-        `add_product_with_start_derivative` has it.  Collective.
+        `ContactGradient` has it.  Collective.
 
         `x0` (m, 3) [m] becomes the points at the accepted state, the former end.
         """
-        self._is_reversed = True
         pairs = self.pairs
         if pairs is None:
             return
-        self.x0 = self.points.at(self._system.q0, self._system.time)
-        self._start_time = self._system.time
-        self._end_time = self._system.time + self._system.h
-        reversed_table = reversed_pairs(pairs, self.x0)
-        start = reversed_table.start
-        assert start is not None
-        # The pattern of the tangent stays, too.
-        self.pairs = reversed_table
-        self._body_pairs = replace(self._body_pairs, start=start[self._is_of_bodies])
-        self._obstacle_pairs = replace(self._obstacle_pairs, start=start[~self._is_of_bodies])
-        self._last_end = self.x0
-        self._last_states = None
-        # Pairs that separate fast would count as too steep when they approach as fast.
-        self._push_back = 0.0
+        self.x0 = self.points.at(self.system.q0, self.system.time)
+        self._start_time = self.system.time
+        self._end_time = self.system.time + self.system.h
+        self.pairs = self.forces.reverse(pairs, self.x0)
 
     def extend_active_set(self) -> bool:
         """Add contact pairs that are near at the end of a step, or were passed on the way.
@@ -635,18 +575,18 @@ class ContactSet:
         """
         if self._is_recorded:
             return False
-        x1 = self._end_points()
+        x1 = self.end_points()
         if not self.search.holds(x1, self._end_time):
             identifier = self.candidates.identifier[self._active]
-            self._search(self._end_points)
-            x1 = self._end_points()
+            self._search(self.end_points)
+            x1 = self.end_points()
             self._start = PairDistances.of(self.candidates, self.x0)
             self._active = np.isin(self.candidates.identifier, identifier)
             if self._comm.size > 1:
                 # The points of the pairs have other numbers now; forces are those of the last
                 # residual.
                 self._set_active(self._active)
-                self._compute_forces(x1)
+                self.forces.compute(self.x0, x1)
         step = StepDistances(self._start, x1, FAR * self.activation_distance)
         self._solved = step
         self._known_distances = [step.start, step.end]
@@ -658,9 +598,9 @@ class ContactSet:
         self._set_active(self._active | missing | step.may_touch(activation_distance))
         return True
 
-    def _end_points(self) -> Array:
+    def end_points(self) -> Array:
         """Return the points (m, 3) [m] at the end of the step, as iterated."""
-        return self.points.at(self._system.q1, self._end_time)
+        return self.points.at(self.system.q1, self._end_time)
 
     def find_penetration(self) -> str:
         """Report what passed through something else in the step, or all but did; collective.
@@ -671,14 +611,14 @@ class ContactSet:
             a clause that names two bodies and a point [m] near which they meet, or a body that
             turns too far; empty if the step is admissible.  The same on every rank.
         """
-        x1 = self._end_points()
+        x1 = self.end_points()
         # `_solved` has the gaps at both ends of the step as `extend_active_set` last saw it.  What
         # is added here is found below.
         if self._comm.allreduce(not np.array_equal(x1, self._solved.end.x)):
             self.extend_active_set()
         candidates = self.candidates
         behind_walls = is_wall(candidates.kind) & (self._solved.end.gap <= 0)
-        passed = np.isin(candidates.identifier, self._identifiers_of_passed(x1))
+        passed = np.isin(candidates.identifier, self.forces.identifiers_of_passed(self.x0, x1))
         violations = self._solved.violations(self._activation_distances(), among=self._active)
         rows = [violations, np.flatnonzero(passed), np.flatnonzero(behind_walls)]
         wrong = np.concatenate(rows)
@@ -696,29 +636,6 @@ class ContactSet:
             return message
         return self._turns.find(self._start, x1)
 
-    def _identifiers_of_passed(self, x1: Array) -> np.ndarray:
-        """Return the identifiers (k,) of contact pairs that passed through each other in a step.
-
-        Args:
-            x1: points (m, 3) [m] at its end; its start is `x0`.
-        """
-        # Pairs of bodies only, and pairs with an obstacle; what each does in a step to x1.
-        tables = (self._body_pairs, self._obstacle_pairs)
-        states = self._states_at(x1)
-        if states is None:
-            responses = [evaluate(pairs, self.x0, x1, self.law, self._alpha) for pairs in tables]
-            states = (responses[0].state, responses[1].state)
-        return np.concatenate(
-            [
-                pairs.identifier[state == PairState.PASSED]
-                for pairs, state in zip(tables, states, strict=True)
-            ]
-        )
-
-    def _states_at(self, x1: Array) -> tuple[ByteArray, ByteArray] | None:
-        """Return what both tables of pairs do in a step to x1, if it is the last residual's."""
-        return self._last_states if np.array_equal(x1, self._last_end) else None
-
     def limit_update(self, update: Array) -> None:
         """Shorten a Newton update in place, node by node, to a multiple of the gap where contact
         begins.
@@ -731,7 +648,7 @@ class ContactSet:
         """
         longest = MAX_UPDATE * self.activation_distance
         for body in self.mesh.bodies:
-            owned = self._system.block(body).owned
+            owned = self.system.block(body).owned
             rows = update[owned].reshape(-1, body.block.size)
             way = np.linalg.norm(rows[:, :3], axis=1)
             # A whole node keeps the direction of its update.
@@ -743,39 +660,8 @@ class ContactSet:
         """Add the forces [N] of the step to a residual; collective."""
         if self.pairs is None:
             return
-        self._compute_forces(self._end_points())
-        self.points.add(self.point_forces, r)
-
-    def _compute_forces(self, x1: Array) -> None:
-        """Compute the forces of this rank's contact pairs, with friction, and note what each pair
-        does.
-
-        The forces are in `point_forces` (m, 3) [N] afterwards.
-
-        `x0` (m, 3) [m] are the points at the start of the step. Forces at a point are partial sums,
-        over the pairs of this rank.
-
-        Args:
-            x1: points (m, 3) [m] at the end of the step.
-        """
-        self.point_forces = np.zeros((self.points.count, 3))
-        of_bodies, of_obstacles = (
-            evaluate(
-                pairs,
-                self.x0,
-                x1,
-                self.law,
-                self._alpha,
-                point_forces=self.point_forces,
-                push_back=self._push_back,
-            ).state
-            for pairs in (self._body_pairs, self._obstacle_pairs)
-        )
-        self._last_end = x1
-        self._last_states = (of_bodies, of_obstacles)
-        self.acting_count = int((of_bodies > 0).sum() + (of_obstacles > 0).sum())
-        if self._rubs:
-            self._rubs.add_forces(self.x0, x1, self.point_forces)
+        self.forces.compute(self.x0, self.end_points())
+        self.points.add(self.forces.point_forces, r)
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         """Add the blocks on the diagonal of the tangent [N/m] to a matrix; `coupling` has the
@@ -783,73 +669,17 @@ class ContactSet:
 
         Collective.  Between steps it enters zeros, which reserve these blocks in the pattern.
 
-        `x0` and `x1` (m, 3) [m] are the points that this rank knows, at the start and at the end of
-        the step.
-
         Args:
             A: tangent of the system with respect to the end of the step; changed in place.
         """
         if self.pairs is None:
-            self.assembly.reserve_diagonal(A)
+            self.forces.reserve(A)
             return
-        x1 = self._end_points()
-        blocks = self.assembly.blocks
-        blocks[:] = 0
-        of_bodies, of_obstacles = self._states_at(x1) or (None, None)
-        evaluate(
-            self._body_pairs,
-            self.x0,
-            x1,
-            self.law,
-            self._alpha,
-            block_index=self._body_blocks,
-            blocks=blocks,
-            geometric_share=self._system.geometric,
-            known_state=of_bodies,
-            push_back=self._push_back,
-        )
-        if len(self._obstacle_pairs):
-            response = evaluate(
-                self._obstacle_pairs,
-                self.x0,
-                x1,
-                self.law,
-                self._alpha,
-                tangents_by_pair=True,
-                geometric_share=self._system.geometric,
-                known_state=of_obstacles,
-                push_back=self._push_back,
-            )
-            self._add_through_block_rows(np.asarray(response.tangents))
-        if self._rubs:
-            self._rubs.add_tangents(self.x0, x1, blocks)
-        self.assembly.add_diagonal(A)
-
-    @property
-    def _rubs(self) -> Friction | None:
-        """Friction, unless there is none or the ends of the step are exchanged."""
-        return None if self._is_reversed else self.friction
-
-    def _add_through_block_rows(self, tangents: Array) -> None:
-        """Add tangents of contact pairs with obstacles to the blocks of the unknowns that move
-        their points.
-
-        A point of an obstacle is a weighted sum of vectors of three unknowns.  The 3 x 3 blocks
-        [N/m] between these vectors, `assembly.blocks`, are changed in place.
-
-        Args:
-            tangents: (n, 144) [N/m], derivative of the 12 force components of each pair by its 12
-                point coordinates, row by row.
-        """
-        weights = self._row_weights
-        by_points = tangents.reshape(-1, 4, 3, 4, 3)
-        by_rows = np.einsum("npi,npaqb,nqj->nijab", weights, by_points, weights, optimize=True)
-        index = self._obstacle_blocks
-        np.add.at(self.assembly.blocks, index, by_rows.reshape(*index.shape, 9))
+        self.forces.add_tangents(A, self.x0, self.end_points())
 
     def coupling(self, diagonal: PETSc.Vec | None) -> PETSc.Mat | None:
         """Return the blocks between two block rows as a matrix; see `BlockAssembly.coupling`."""
-        return None if self.pairs is None else self.assembly.coupling(diagonal)
+        return None if self.pairs is None else self.forces.coupling(diagonal)
 
     # ---- energy balance of a step ----
 
@@ -858,194 +688,31 @@ class ContactSet:
         prescribed = self.points.prescribed
         if self.pairs is None or not len(prescribed):
             return 0.0
-        displacement = self._end_points()[prescribed] - self.x0[prescribed]
-        return float(np.sum(self.point_forces[prescribed] * displacement))
+        displacement = self.end_points()[prescribed] - self.x0[prescribed]
+        return float(np.sum(self.forces.point_forces[prescribed] * displacement))
 
     def friction_loss(self) -> float:
         """Return the energy [J] that friction dissipates in the step, this rank's share."""
         if self.pairs is None or self.friction is None:
             return 0.0
-        return self.friction.loss(self.x0, self._end_points())
+        return self.friction.loss(self.x0, self.end_points())
 
-    # ---- sensitivities ----
+    # ---- parameters ----
 
     @property
     def given_stiffness(self) -> float | None:
         """K [N/m³] of the contact; None if stiffness is derived from the closing speed."""
-        return self._stiffness.given
+        return self.pair_stiffness.given
 
     def scale_stiffness(self, stiffness: float) -> None:
         """Give the contact another K [N/m³]; pairs that have energy follow."""
-        assert self._stiffness.given is not None, "only a given stiffness is changed"
-        factor = stiffness / self._stiffness.given
-        self._stiffness.given = stiffness
+        assert self.pair_stiffness.given is not None, "only a given stiffness is changed"
+        factor = stiffness / self.pair_stiffness.given
+        self.pair_stiffness.given = stiffness
         self.history.stiffness = self.history.stiffness * factor
         # The energy at q0 is that of the new stiffness.
         self.history.restored += 1
 
-    def add_product_with_start_derivative(
-        self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
-    ) -> None:
-        """Add (∂f/∂q0)ᵀ μ and (∂f/∂v0)ᵀ μ of what the reversed step leaves out of the forces f;
-        collective.
-
-        It is friction, how the force of a pair depends on the origin of its vectors, and the
-        stiffness that pairs derive from their closing speed.
-
-        `x0` and `x1` (m, 3) [m] are the points that this rank knows, at the start and at the end of
-        the step.
-
-        Args:
-            μ: vector of the system with the adjoint displacements, one for each unknown.
-            by_position, by_velocity: vectors of the system to which the products with respect to
-                the start positions q0 and velocities v0 are added.
-        """
-        # Loaded for gradients only.
-        from gossamer_fx.contact.origin_derivative import add_product_through_origins
-
-        on_points = self._on_points(μ)
-        found = np.zeros((self.points.count, 3))
-        if self.pairs is not None:
-            x1 = self._end_points()
-            add_product_through_origins(
-                pairs=self.pairs,
-                x0=self.x0,
-                x1=x1,
-                law=self.law,
-                alpha=self._alpha,
-                μ=on_points,
-                found=found,
-            )
-            if self.friction is not None:
-                self.friction.add_product_with_start_derivative(self.x0, x1, on_points, found)
-        rates = np.zeros((self.points.count, 3))
-        if self._stiffness_adjoint is not None:
-            self._add_product_through_stiffness(on_points, found, rates)
-            self.points.add(rates, by_velocity)
-        self.points.add(found, by_position)
-
-    def start_adjoint(self) -> None:
-        """Begin a backward pass: forget the sums of pairs that derive their stiffness.
-        Collective."""
-        if self.has_given_stiffness:
-            return
-        from gossamer_fx.contact.stiffness_adjoint import StiffnessAdjoint
-
-        self._stiffness_adjoint = StiffnessAdjoint(self._stiffness.densities(), self._comm)
-
-    def _add_product_through_stiffness(self, μ: Array, found: Array, rates: Array) -> None:
-        """Add what the derived stiffness of pairs gives for the points at the start and their rates
-        (m, 3); collective.
-
-        f are the contact forces, `x0` and `x1` (m, 3) [m] are the points that this rank knows, at
-        the start and at the end of the step.
-
-        Args:
-            μ: displacements (m, 3) of the points.
-            found, rates: to which the products are added.
-        """
-        from gossamer_fx.contact.stiffness_adjoint import closing_derivatives
-
-        adjoint = self._stiffness_adjoint
-        pairs = self.pairs
-        assert adjoint is not None and pairs is not None
-        x1 = self._end_points()
-        response = evaluate(
-            pairs, self.x0, x1, self.law, self._alpha, by_pair=True, push_back=self._push_back
-        )
-        forces = np.asarray(response.forces).reshape(-1, 4, 3)
-        work = np.einsum("nkc,nkc->n", forces, μ[pairs.points])
-        if self.friction is not None:
-            # Friction is proportional to the normal force of its pair.
-            identifier, of_friction = self.friction.works(self.x0, x1, μ)
-            order = np.argsort(pairs.identifier)
-            row = order[np.searchsorted(pairs.identifier[order], identifier)]
-            np.add.at(work, row, of_friction)
-        adjoint.add(pairs.identifier, work / pairs.stiffness)
-        had_energy, _ = self.history.stiffness_of(pairs.identifier)
-        new = pairs.rows(~had_energy)
-        by_stiffness = adjoint.take(new.identifier)
-        sides = np.column_stack([new.points[:, 0], new.second_point])
-        adjoint.add_densities(self.mesh.body[sides], by_stiffness, new.stiffness)
-        system = self._system
-        by_position, by_velocity = closing_derivatives(
-            pairs=new,
-            x0=self.x0,
-            v=self.points.rates(system.v0, system.time, system.h),
-            by_stiffness=by_stiffness,
-            reference_speed=self.history.reference_speed,
-            step=system.h,
-        )
-        np.add.at(found, new.points, by_position)
-        np.add.at(rates, new.points, by_velocity)
-
-    def add_energy_by_stiffness(self, share: float) -> None:
-        """Add a share of the derivative of the energy at q0 by the derived stiffness of pairs;
-        collective.
-
-        `x0` (m, 3) [m] are the points that this rank knows, in the accepted state. Nothing happens
-        where the stiffness is given as a number.
-        """
-        if self._stiffness_adjoint is None:
-            return
-        from gossamer_fx.contact.stiffness_adjoint import unit_energies
-
-        self.stored_energy()
-        pairs = self.pairs_with_energy()
-        _, scaled = energy_of_pairs(pairs, self.x0, self.law)
-        # The sums are subtracted from the derivatives, as those of all forces are.
-        self._stiffness_adjoint.add(
-            pairs.identifier, -share * unit_energies(pairs.kind, scaled, self.law)
-        )
-
     def masses_changed(self) -> None:
         """Forget what was computed from the masses of bodies."""
-        self._stiffness.masses_changed()
-
-    def derivatives_by_mass(self) -> dict[MeshBody, float]:
-        """Return the derivative [1/kg] of the result by the mass of each body, through the
-        stiffness that pairs derived; collective."""
-        if self._stiffness_adjoint is None:
-            return {}
-        by_density = self._comm.allreduce(self._stiffness_adjoint.by_density)
-        masses = self.mesh.body_masses(self._system)
-        by_mass = -by_density[: len(masses)] * self._stiffness.densities()[: len(masses)] / masses
-        return dict(zip(self.mesh.bodies, map(float, by_mass), strict=True))
-
-    def work_by_friction(self, w: PETSc.Vec) -> float:
-        """Return w·∂r/∂c [J] by the coefficient c of friction, this rank's share; collective."""
-        on_points = self._on_points(w)
-        if self.friction is None or self.pairs is None:
-            return 0.0
-        return self.friction.work_by_coefficient(self.x0, self._end_points(), on_points)
-
-    def work_by_stiffness(self, w: PETSc.Vec) -> float:
-        """Return w·∂r/∂K [m³] by the given stiffness K, this rank's share; collective.
-
-        All forces are proportional to it, those of friction included.
-
-        r is the residual of the system. The forces of the pairs are computed again, so that
-        `point_forces` changes; without pairs the result is zero.
-
-        Args:
-            w: vector of the system, one number for each unknown, by which the residual is
-                multiplied.
-
-        Raises:
-            AssertionError: the stiffness is derived from closing speeds, not given.
-        """
-        assert self._stiffness.given is not None, "only a given stiffness is a parameter"
-        on_points = self._on_points(w)
-        if self.pairs is None:
-            return 0.0
-        self._compute_forces(self._end_points())
-        return float(np.sum(on_points * self.point_forces)) / self._stiffness.given
-
-    def energy_by_stiffness(self) -> float:
-        """Return ∂ψ/∂K [m³] of the energy at q0, this rank's share."""
-        assert self._stiffness.given is not None, "only a given stiffness is a parameter"
-        return self.stored_energy() / self._stiffness.given
-
-    def _on_points(self, w: PETSc.Vec) -> Array:
-        """Return a displacement w of the system at the points (m, 3); collective."""
-        return np.asarray(self.points.weights @ self.points.of_block_rows(w))
+        self.pair_stiffness.masses_changed()

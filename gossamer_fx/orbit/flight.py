@@ -10,11 +10,16 @@ import numpy as np
 
 from gossamer_fx.extend import Array, Assembly
 from gossamer_fx.orbit.environment import Environment
-from gossamer_fx.orbit.origin import Origin
+from gossamer_fx.orbit.origin import Origin, raise_too_long
 
 # Accuracy [m] of the position at which the perturbing field is evaluated.  The field changes over
 # kilometres, so a millimetre is more than enough.
 MIDPOINT_TOLERANCE = 1e-3
+
+# Fixed-point iterations for the middle of a step, at most.  The field is a small part of the
+# attraction: steps of a tenth of a low orbit take fewer than ten.  An iteration that does not
+# converge in this number would not end.
+MAX_MIDPOINT_ITERATIONS = 50
 
 # The origin follows the centre of mass with at least this many steps as time constant; a shorter
 # one would make the explicit law unstable.
@@ -89,7 +94,7 @@ class Flight:
         # Origin at the start of the step (3,) [m], from the attracting centre.
         R0 = origin.R0
         self.R = R0 + h / 2 * origin.V0
-        while True:
+        for _ in range(MAX_MIDPOINT_ITERATIONS):
             self.field = around.field(self.R, self.time)
             origin.step(h, self.field + self.pushed)
             before = self.R
@@ -97,6 +102,8 @@ class Flight:
             change = np.linalg.norm(self.R - before)
             if not around.is_perturbed or change < MIDPOINT_TOLERANCE:
                 break
+        else:
+            raise_too_long(h)
         self.V = origin.moved / h
         if around.is_perturbed:
             self.gradient = around.gradient(self.R, self.time)

@@ -42,7 +42,7 @@ from gossamer_fx.sweep.runs import Outcome, Result
 GOALS = ("smaller", "larger", "nominal")
 
 
-def signal_to_noise(goal: str, y: Array) -> float:
+def signal_to_noise(goal: str, y: Array, what: str = "the numbers") -> float:
     """Signal-to-noise ratio [dB] of Taguchi, larger for a better design.
 
     It is -10 lg mean(y²) for "smaller", -10 lg mean(y⁻²) for "larger", and 10 lg (mean(y)²/var(y))
@@ -51,20 +51,39 @@ def signal_to_noise(goal: str, y: Array) -> float:
     Args:
         goal: what the numbers should be: "smaller", "larger", or "nominal", which should not vary.
         y: numbers of the runs that differ by noise only, (n,); n >= 2 for "nominal".
+        what: name of the numbers in messages.
 
     Returns:
         the ratio; infinite for "nominal" numbers that are all equal.
 
     Raises:
-        ValueError: the logarithm of zero: all numbers are zero for "smaller", or their mean is zero
-            for "nominal".
+        InputError: the ratio has no value: all numbers are zero for "smaller", one is zero for
+            "larger", or their mean is zero for "nominal".
     """
     if goal == "smaller":
+        check(
+            bool(y.any()),
+            f"RobustDesign: {what} with the goal 'smaller' are zero in all runs of a row, so that "
+            "the signal-to-noise ratio is infinite; give a number that is zero in no run.",
+        )
         return -10 * math.log10(float((y**2).mean()))
     if goal == "larger":
+        check(
+            bool(y.all()),
+            f"RobustDesign: {what} with the goal 'larger' are zero in a run, so that the "
+            "signal-to-noise ratio is infinite; give a number that is zero in no run.",
+        )
         return -10 * math.log10(float((1 / y**2).mean()))
-    variance = y.var(ddof=1)
-    return 10 * math.log10(float(y.mean() ** 2 / variance))
+    mean = float(y.mean())
+    check(
+        mean != 0,
+        f"RobustDesign: {what} with the goal 'nominal' have the mean zero in the runs of a row, so "
+        "that their spread cannot be compared with it; give a number whose mean is not zero.",
+    )
+    variance = float(y.var(ddof=1))
+    if variance == 0:
+        return math.inf
+    return 10 * math.log10(mean**2 / variance)
 
 
 @check_arguments
@@ -252,8 +271,8 @@ class RobustDesign:
             goal: name of a number of the outcome.
 
         Raises:
-            ValueError: all numbers of a group are zero (goal "smaller"), or their mean is
-                (goal "nominal").
+            InputError: all numbers of a group are zero (goal "smaller"), one of them is (goal
+                "larger"), or their mean is (goal "nominal").
         """
         # Without noise factors this is one.
         size = math.prod(len(levels) for levels in self.noise.values())
@@ -265,7 +284,7 @@ class RobustDesign:
             # A row with a failed run is left out of the effects, instead of counting fewer runs.
             ratio = math.nan
             if np.isfinite(y).all():
-                ratio = signal_to_noise(self.goals[goal], y)
+                ratio = signal_to_noise(self.goals[goal], y, f"the values of '{goal}'")
             ratios.append(ratio)
         return np.array(ratios)
 

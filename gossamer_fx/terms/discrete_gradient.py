@@ -124,8 +124,9 @@ class StressRule(Protocol):
                 then works only with laws in UFL.
         """
         raise InputError(
-            f"{type(self).__name__} has no stress for laws in C (Orthotropic); use PathAverage() "
-            "or EndPoint()."
+            f"the stress rule {type(self).__name__} cannot be used with a law whose stress is "
+            "written in C, as that of Orthotropic; give the stepper the rule PathAverage(), or the "
+            "film another law."
         )
 
 

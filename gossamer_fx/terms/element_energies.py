@@ -67,6 +67,7 @@ import ufl
 from dolfinx import fem, la
 from petsc4py import PETSc
 
+from gossamer_fx.checks.errors import InputError
 from gossamer_fx.forms.backend import interpolation_points, tabulate
 from gossamer_fx.forms.compilation import compile_expression, compile_form
 from gossamer_fx.forms.kinematics import Expr
@@ -364,6 +365,7 @@ class ElementForces:
             mesh: of the body.
 
         Raises:
+            InputError: the law is written in C, and the rule has no function for such laws.
             RuntimeError: dolfinx numbers quadrature points differently than the kernel expects.
         """
         from gossamer_fx.terms.law_kernel.functions import law_functions
@@ -381,8 +383,13 @@ class ElementForces:
             response=self._response.x.array.reshape(-1, m + m * m),
             rows=rows,
         )
+        try:
+            functions = law_functions(term, rule, self._e0, self._strain_variable)
+        except InputError as error:
+            # The rule knows neither the body nor its law.
+            raise InputError(f"'{term.body.name}': {error}") from error
         self._law = PointLaw(
-            law_functions(term, rule, self._e0, self._strain_variable),
+            functions,
             values,
             self._cells,
             # At rest (α = 1) the pseudo-time steps are short enough without the choice.

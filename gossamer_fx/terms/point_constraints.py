@@ -33,6 +33,7 @@ from gossamer_fx.algebra.point_measures import (
     add_blocks,
     evaluated_here,
     nodes_of,
+    refuse_ports_outside,
 )
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array, Attached, Block
@@ -105,7 +106,16 @@ class PointConstraints(
         Args:
             terms: the constraints, in the same order on all ranks.
             system: the compiled scene; multipliers are numbered behind its bodies.
+
+        Raises:
+            InputError: a port whose nodes, weights and vectors do not belong together, or one of a
+                body that is not in the scene.
         """
+        refuse_ports_outside(
+            system.comm,
+            system.bodies,
+            [(term.name, ports) for term in terms for ports in term.measure.ports],
+        )
         numbering = system.numbering
         self._system = system
         self._comm = system.comm

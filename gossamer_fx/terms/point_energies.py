@@ -21,6 +21,7 @@ from gossamer_fx.algebra.point_measures import (
     PointMeasures,
     add_blocks,
     nodes_of,
+    refuse_ports_outside,
 )
 from gossamer_fx.model.body import Array
 from gossamer_fx.model.parameters import Parameter
@@ -331,9 +332,14 @@ class PointEnergies(
             system: the compiled scene, which has the numbering of the unknowns.
 
         Raises:
-            InputError: a port whose nodes, weights and vectors do not belong together.
-            ValueError: a port is on a body that is not in the scene.
+            InputError: a port whose nodes, weights and vectors do not belong together, or one of a
+                body that is not in the scene.
         """
+        refuse_ports_outside(
+            system.comm,
+            system.bodies,
+            [(term.name, ports) for term in terms for ports in term.measure.ports],
+        )
         self._system = system
         self._names = [term.name for term in terms if isinstance(term, PointStoredEnergy)]
         # Terms of one kind become arrays: a thousand ropes cost little more than one.

@@ -10,7 +10,13 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 from petsc4py import PETSc
 
-from gossamer_fx.algebra.point_measures import Gather, attach, is_evaluated_here, translation_weight
+from gossamer_fx.algebra.point_measures import (
+    Gather,
+    attach,
+    is_evaluated_here,
+    refuse_ports_outside,
+    translation_weight,
+)
 from gossamer_fx.model.body import Array, Attached
 from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.roles import (
@@ -160,8 +166,11 @@ class PointLoads(
 
         Raises:
             InputError: a point or direction whose nodes, weights and vectors do not belong
-                together.
+                together, or one of a body that is not in the scene.
         """
+        refuse_ports_outside(
+            system.comm, system.bodies, [(term.name, term.ports) for term in terms]
+        )
         self._system = system
         self._terms = terms
         self._laws = [term.law for term in terms]

@@ -92,7 +92,7 @@ def test_the_tangent_is_the_derivative_of_the_residual(comm, body) -> None:
     exact.scale(0.5 / ε)
     forces(0.0)
     # Enough pairs in contact, or the tangent is zero.
-    assert comm.allreduce(contact_set_of(run).acting_count) > 10
+    assert comm.allreduce(contact_set_of(run).forces.acting_count) > 10
     A = numbering.matrix()
     contacts.add_tangents(A)
     A.assemble()

@@ -145,3 +145,28 @@ def test_curved_devices_make_a_windmill_whose_torque_brakes_the_flight() -> None
     # The static torque is of the same triangles, at a sun angle of zero; a step turns the sail by
     # 6°.
     assert rigid["torque"] == pytest.approx(found["torque"], rel=0.05)
+
+
+@pytest.mark.mpi
+def test_the_frozen_shape_changes_little_over_a_day(comm) -> None:
+    """A film that its spin stretches has heights in proportion to the light; what the light
+    stretches makes it stiffer."""
+    found = ikaros_devices.change_over_a_day(comm, FILM_ONLY, 1.0)
+    mirrored, diffuse, along_light = OPTICS.coefficients()
+    # Of pressure p = a cos α + b cos² α the change is -(a/2 + b) Δ(α²) / (a + b), to second order.
+    before, after = ikaros_devices.DAY
+    share = (diffuse / 2 + mirrored + along_light) / (diffuse + mirrored + along_light)
+    expected = -share * (after**2 - before**2)
+    assert found["pressure change"] == pytest.approx(expected, rel=2e-3)
+    assert 0.5 * abs(expected) < found["shape change"] < abs(expected)
+    # Without bending the torque is round-off.
+    assert math.isnan(found["torque change"])
+
+
+def test_a_larger_change_of_the_sun_angle_changes_the_shape_more() -> None:
+    """Twice the change of the pressure is twice the change of the shape."""
+    small = ikaros_devices.change_over_a_day(MPI.COMM_WORLD, FILM_ONLY, 1.0, (0.0, 0.05))
+    large = ikaros_devices.change_over_a_day(MPI.COMM_WORLD, FILM_ONLY, 1.0, (0.0, 0.1))
+    of_pressure = large["pressure change"] / small["pressure change"]
+    of_shape = large["shape change"] / small["shape change"]
+    assert of_shape == pytest.approx(of_pressure, rel=0.03)

@@ -3,6 +3,7 @@ round-off of 7000 km."""
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -399,3 +400,14 @@ def test_nothing_is_held_in_flight(hold: str) -> None:
     )
     with pytest.raises(gx.InputError, match="nothing to hold on to"):
         gx.Scene(film, mass, holder, Orbit(Elements(A, 0.0))).compile()
+
+
+def test_a_field_without_a_middle_of_the_step_is_refused(monkeypatch) -> None:
+    """A force that reverses whenever it is asked for moves the end of the step to and fro for
+    ever."""
+    directions = itertools.cycle([1.0, -1.0])
+    monkeypatch.setattr(Orbit, "field", lambda orbit, r, t: np.array([next(directions), 0.0, 0.0]))
+    orbit = Orbit(Elements(A), gravity="J2")
+    # A run tries its first step when it is made.
+    with pytest.raises(gx.InputError, match="make the stepper's dt smaller"):
+        gx.Simulation(gx.Scene(gx.PointMass(1.0), orbit), gx.Midpoint(dt=10.0))

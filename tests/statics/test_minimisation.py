@@ -231,6 +231,20 @@ def test_what_a_method_cannot_do_is_refused(comm):
         gx.InputError, match=r"the basis of 'film.thickness' has the shape \(1, 1\)"
     ):
         gx.analysis.minimise(equilibrium, basis={"film.thickness": [[1.0]]}, **asked)
+    # Arrays of bounds that are wrong on the last rank only are refused on all.
+    cells = film.mesh.domain.topology.index_map(2).size_local
+    is_last = comm.rank == comm.size - 1
+    thickest = np.full(cells, THICKNESS)
+    thinnest = thickest * (1 + 0.1 * is_last)
+    with pytest.raises(gx.InputError, match="give the smaller one first"):
+        gx.analysis.minimise(
+            equilibrium, bounds={"film.thickness": (thinnest, thickest)}, method="blmvm", **asked
+        )
+    longer = np.full(cells + is_last, THICKNESS)
+    with pytest.raises(gx.InputError, match=r"a bound of 'film.thickness' has the shape"):
+        gx.analysis.minimise(
+            equilibrium, bounds={"film.thickness": (0.0, longer)}, method="blmvm", **asked
+        )
     if comm.size > 1:
         with pytest.raises(gx.InputError, match="distributed over 2 ranks; use method='blmvm'"):
             gx.analysis.minimise(equilibrium, method="L-BFGS-B", **asked)

@@ -49,6 +49,23 @@ def test_ratios_are_those_of_the_definitions(goal, y, expected):
     assert measured == pytest.approx(expected, abs=1e-12)
 
 
+@pytest.mark.parametrize(
+    "goal, y, words",
+    [
+        ("smaller", [0.0, 0.0], "the values of 'gap' with the goal 'smaller' are zero in all runs"),
+        ("larger", [0.0, 1.0], "the values of 'gap' with the goal 'larger' are zero in a run"),
+        ("nominal", [-1.0, 1.0], "the values of 'gap' with the goal 'nominal' have the mean zero"),
+    ],
+)
+def test_zeros_without_a_ratio_are_refused_by_name(goal, y, words):
+    with pytest.raises(gx.InputError, match=words):
+        signal_to_noise(goal, np.array(y), "the values of 'gap'")
+
+
+def test_the_ratio_of_equal_nominal_numbers_is_infinite():
+    assert signal_to_noise("nominal", np.array([2.0, 2.0])) == math.inf
+
+
 @pytest.mark.mpi
 def test_effects_that_add_up_are_found_and_failures_are_told(comm, tmp_path):
     folder = comm.bcast(tmp_path)

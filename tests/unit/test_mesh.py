@@ -11,9 +11,14 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from gossamer_fx import InputError, Membrane, Mesh, Miyazaki, gmsh_mesh, read_mesh
+from gossamer_fx.meshes import antenna, disc, plates, sails, tube_section
 from gossamer_fx.meshes.airbag import airbag
-from gossamer_fx.meshes.sheet import CORNERS, EDGES, sheet
+from gossamer_fx.meshes.creased import creased_film, creased_tube
+from gossamer_fx.meshes.creased_strip import creased_strip
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import CORNERS, EDGES, crossed_sheet, sheet
 from gossamer_fx.meshes.sphere import sphere
+from gossamer_fx.meshes.tube import flat_tube
 
 LAW = Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 
@@ -96,8 +101,8 @@ def test_file_keeps_the_names_of_its_groups(comm, folder):
         points = [model.geo.addPoint(x, y, 0) for x, y in ((0, 0), (2, 0), (2, 1), (0, 1))]
         lines = [model.geo.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
         surface = model.geo.addPlaneSurface([model.geo.addCurveLoop(lines)])
-        for line in lines:
-            model.geo.mesh.setTransfiniteCurve(line, 5)
+        for side in lines:
+            model.geo.mesh.setTransfiniteCurve(side, 5)
         model.geo.mesh.setTransfiniteSurface(surface)
         model.geo.synchronize()
         model.addPhysicalGroup(2, [surface], name="strip")
@@ -265,3 +270,85 @@ def test_a_file_without_groups_is_warned_of(tmp_path, caplog):
     bare, named = caplog.records
     assert bare.levelname == "WARNING" and "groups: none" in bare.getMessage()
     assert named.levelname == "INFO" and "groups: film (surfaces)" in named.getMessage()
+
+
+TRIANGLE = ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
+
+# A call of each generator with arguments that are possible, and what is then given wrongly.
+WRONG_SIZES = [
+    (sheet, {"nx": 2, "ny": 2}, {"nx": 0}),
+    (sheet, {"nx": 2, "ny": 2}, {"width": -1.0}),
+    (sheet, {"nx": 2, "ny": 2}, {"height": 0.0}),
+    (sheet, {"nx": 2, "ny": 2}, {"height": math.nan}),
+    (crossed_sheet, {"nx": 2, "ny": 2}, {"ny": -3}),
+    (crossed_sheet, {"nx": 2, "ny": 2}, {"width": 0.0}),
+    (airbag, {"edge": 1.0, "cells": 4}, {"edge": 0.0}),
+    (airbag, {"edge": 1.0, "cells": 4}, {"cells": -4}),
+    (antenna.film, {"cells": 3, "side": 1.0}, {"cells": 0}),
+    (antenna.film, {"cells": 3, "side": 1.0}, {"side": -1.0}),
+    (antenna.boom, {"elements": 3, "side": 1.0, "diagonal": (1.0, 1.0)}, {"elements": 0}),
+    (
+        creased_film,
+        {"corners": TRIANGLE, "lines": (), "size": (1.0, 1.0, 1.0)},
+        {"size": (0, 1, 1)},
+    ),
+    (
+        creased_tube,
+        {"corners": TRIANGLE, "lines": (), "size": 0.1, "rows": lambda X: X[:, 0], "walls": ()},
+        {"size": -0.1},
+    ),
+    (creased_strip, {"nx": 1, "ny": 1, "length": 1.0, "width": 1.0}, {"length": 0.0}),
+    (creased_strip, {"nx": 1, "ny": 1, "length": 1.0, "width": 1.0}, {"ny": 0}),
+    (disc.quarter_disc, {"cells": 2}, {"radius": -1.0}),
+    (disc.quarter_disc, {"cells": 2}, {"order": 3}),
+    (disc.ring, {"inner": 1.0, "outer": 2.0, "radial": 2, "around": 8}, {"inner": 0.0}),
+    (disc.ring, {"inner": 1.0, "outer": 2.0, "radial": 2, "around": 8}, {"outer": 0.5}),
+    (disc.ring, {"inner": 1.0, "outer": 2.0, "radial": 2, "around": 8}, {"radial": 0}),
+    (line, {"points": [(0, 0, 0), (1, 0, 0)], "elements": 2}, {"elements": 0}),
+    (line, {"points": [(0, 0, 0), (1, 0, 0)], "elements": 2}, {"elements": [-1]}),
+    (line, {"points": [(0, 0, 0), (1, 0, 0)], "elements": 2}, {"points": [(0, 0, 0)]}),
+    (plates.irregular_sheet, {"nx": 2, "ny": 2, "width": 1.0, "height": 1.0}, {"nx": 0}),
+    (
+        plates.leaning_sheet,
+        {"nx": 2, "ny": 2, "width": 1.0, "height": 0.1, "ramp": 0.1},
+        {"ramp": 0.0},
+    ),
+    (plates.slit_ring, {"radial": 1, "around": 4, "inner": 1.0, "outer": 2.0}, {"outer": 1.0}),
+    (plates.free_slit_ring, {"size": 0.5, "inner": 1.0, "outer": 2.0}, {"size": 0.0}),
+    (plates.whole_disc, {"cells": 2}, {"cells": 0}),
+    (
+        sails.parallelograms,
+        {"a": 1.0, "b": 1.0, "gamma": 1.0, "columns": 1, "rows": 1, "cells": 1},
+        {"gamma": 2.0},
+    ),
+    (sails.trapezoids, {"n": 4, "inner": 1, "outer": 3, "pitch": 0.1}, {"n": 2}),
+    (sails.trapezoids, {"n": 4, "inner": 1, "outer": 3, "pitch": 0.1}, {"outer": 1}),
+    (sails.pinwheel, {"n": 6, "side": 1.0, "columns": 1, "reach": 2}, {"reach": 0}),
+    (sphere, {"radius": 1.0, "cells": 6}, {"radius": 0.0}),
+    (sphere, {"radius": 1.0, "cells": 6}, {"cells": 0}),
+    (flat_tube, {"length": 1.0, "diameter": 0.1, "cells": 2}, {"diameter": -0.1}),
+    (flat_tube, {"length": 1.0, "diameter": 0.1, "cells": 2}, {"compartments": 0}),
+    (
+        tube_section.capped_cylinder,
+        {"radius": 1.0, "length": 1.0, "around": 4, "along": 1},
+        {"along": 0},
+    ),
+    (
+        tube_section.cylinder,
+        {"radius": 1.0, "length": 1.0, "around": 4, "along": 1},
+        {"around": 2.0},
+    ),
+]
+
+
+@pytest.mark.parametrize("generator, given, wrong", WRONG_SIZES)
+def test_sizes_that_no_mesh_can_have_are_refused_by_name(generator, given, wrong):
+    [name] = wrong
+    with pytest.raises(InputError, match=rf"\b{name} (is|has) .*; give"):
+        generator(MPI.COMM_SELF, **(given | wrong))
+
+
+def test_the_arguments_of_these_refusals_are_possible_ones():
+    """Else the refusals could be those of another argument."""
+    for generator, given in {call[0]: call[1] for call in WRONG_SIZES}.items():
+        assert generator(MPI.COMM_SELF, **given).domain.geometry.x.size > 0

@@ -8,17 +8,19 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import ufl
+from mpi4py import MPI
 from scipy.optimize import minimize
 
 import gossamer_fx as gx
 from gossamer_fx.forms.backend import evaluate
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.forms.kinematics import frame
-from gossamer_fx.forms.strain_path import with_derivative
+from gossamer_fx.forms.strain_path import gradient, with_derivative
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED, constants
 from gossamer_fx.materials.kernels.library import library
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.reduction.mode_gradients import own_cells
+from gossamer_fx.terms.discrete_gradient import StressRule
 from tests.strain_samples import CENTRE, SQUARE, Samples, random_strains
 
 FABRIC = {"density": 1.0, "thickness": 1.0, "direction": (1.0, 0.0, 0.0)}
@@ -511,3 +513,17 @@ def test_bad_directions_get_one_sentence(comm, direction, culprit: str) -> None:
     with pytest.raises(gx.InputError, match=culprit) as caught:
         gx.Membrane(sheet(comm, 2, 2), law)
     assert "\n" not in str(caught.value)
+
+
+def test_a_rule_without_a_function_for_laws_in_c_is_refused_by_name():
+    """A user's stress rule, which is a formula in UFL, with a law whose stress is written in C."""
+
+    class AtTheEnd(StressRule):
+        alpha = 0.5
+
+        def stress(self, energy, e0, e1):
+            return gradient(energy.density, e1)
+
+    film = gx.Membrane(sheet(MPI.COMM_SELF, 1, 1), NEARLY_ISOTROPIC, name="tent")
+    with pytest.raises(gx.InputError, match="'tent': the stress rule AtTheEnd cannot be used"):
+        gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3, rule=AtTheEnd()))

@@ -45,6 +45,21 @@ def test_the_page_imports_the_public_interface_only() -> None:
     assert modules == {"gossamer_fx.extend"}
 
 
+@pytest.mark.mpi
+def test_a_port_outside_the_scene_is_refused_on_all_ranks(own: ModuleType, comm) -> None:
+    """A part whose `requires` forgets a body: the rank that evaluates its measure sees it first."""
+
+    class Forgetful(own.BendingSpring):
+        def requires(self):
+            return []
+
+    masses = [gx.PointMass(1.0, (float(k), 0.0, 0.0), name=f"m{k}", comm=comm) for k in range(3)]
+    spring = Forgetful(tuple(mass.port() for mass in masses), stiffness=1.0, hardening=1.0)
+    scene = gx.Scene(masses[0], masses[1], spring)
+    with pytest.raises(gx.InputError, match="'bending spring' has a port of 'm2'"):
+        scene.compile()
+
+
 def swinging(
     own: ModuleType,
     hardening: float = 2e3,
