@@ -575,10 +575,13 @@ class Newton:
 
         The first residual does not count, as it may be round-off when the predictor is nearly
         exact. A residual that passes the test of the forces waits for the other parts of the test.
-        An equilibrium goes on: its steps are not those of a time that could be divided.
+        With friction an iteration may come from a plateau to a solution, and an equilibrium has no
+        time step that could be divided: these go on.
         """
-        is_static = self.system.rule.alpha == 1
-        if is_static or not self.system.active_sets:
+        system = self.system
+        is_static = system.rule.alpha == 1
+        has_plateaus = any(kind.has_plateaus for kind in system.active_sets)
+        if is_static or has_plateaus or not system.active_sets:
             return False
         before = self._norms[1:-STALLED_WINDOW]
         if not before or self._norm <= max(self._tolerance, self.round_off):
