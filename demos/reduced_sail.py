@@ -27,9 +27,9 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.fields.body_shape import BodyShape
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.outputs.output import Output
+from gossamer_fx.system.body_shape import BodyShape
 from gossamer_fx.system.totals import relative_drift
 
 SIDE = 14.0  # of the sail [m]

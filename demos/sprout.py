@@ -45,6 +45,7 @@ Where the values come from:
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -62,6 +63,7 @@ from demos.common.deployment import (
     square_millimetres,
 )
 from gossamer_fx.contact.obstacles import Obstacle
+from gossamer_fx.fold.folded import Folded
 from gossamer_fx.meshes.creased import creased_film, creased_tube
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe
@@ -98,6 +100,9 @@ BOX_TURN = -2 * math.pi / 3 / math.sqrt(3)
 # several periods of the film between the tubes, so that no reversal of the motion counts as rest.
 # The slowest vibration of the satellite, 0.5 Hz, needs a window of its period.
 SETTLING_WINDOW = 0.05
+# Unbalanced force at which a settled state is at rest, over that of loads and supports.  There are
+# none in free flight; the search then takes a thousand times the round-off of the inner forces.
+REST_TOLERANCE = 1e-3
 HALF = math.radians(30)  # half of the angle between the tubes
 GAP = 0.1  # between the roots of the tubes [m]
 STAND = 0.05  # distance of the roots from the cube [m]
@@ -239,6 +244,7 @@ def build(
     thickness: float = 12.5e-6,
     tank: float = 2e-3,
     pressure: float = 20e3,
+    inside: float = 1.0,
     bore: float = 7e-3,
     opening: float = 0.03,
     dead_volume: float = 1e-5,
@@ -272,6 +278,7 @@ def build(
         lift: half of the distance of a tube's sheets at the folds, along the stack [m].
         thickness: of the films [m].
         tank, pressure: its volume [m³], and the pressure in it at the start [Pa].
+        inside: pressure in the tubes at the start [Pa].
         bore: of each valve [m], which opens in the time `opening` [s].
         dead_volume: that each compartment cannot be pressed out of [m³].
         inset: of the film from the tubes [m]; 0: its edges are tied to theirs, else it hangs from
@@ -345,7 +352,7 @@ def build(
             law,
             gas=NITROGEN,
             # In a vacuum the tubes are all but empty; in air they start with its pressure.
-            pressure=max(air, 1.0),
+            pressure=max(air, inside),
             outside=outside,
             dead_volume=dead_volume,
             clamp=None,
@@ -461,6 +468,54 @@ def valve_area(t: float, bore: float, opening: float, delay: float) -> float:
     return math.pi / 4 * bore**2 * part**2
 
 
+def rest_near(run: gx.Simulation, given: Mapping[str, object]) -> tuple[gx.Equilibrium, gx.Case]:
+    """The scene in the state of a run, before the search for its equilibrium, and its case.
+
+    Without the folds, which would place the films as they were stowed, it starts where the run is;
+    tank and tubes have the pressure that they have there.
+
+    Args:
+        run: of a case of `build`, whose gas is at rest.
+        given: the arguments of `build` with which that case was made.
+    """
+    inside = run.chamber("left 1").pressure
+    air = float(given.get("air", 0.0))  # type: ignore[arg-type]
+    gas = {"inside": inside, "pressure": inside - air}
+    case = build(run.comm, **{**given, **gas})  # type: ignore[arg-type]
+    # An inflatable tube brings its folds with it; its films and chambers are separate items, too.
+    placed = (Folded, gx.assemblies.InflatableTube)
+    items = [item for item in case.scene.items if not isinstance(item, placed)]
+    scene = gx.Scene(*items, gx.StartFrom(run.system))  # type: ignore[arg-type]
+    return gx.Equilibrium(scene, gx.analysis.Continuation(tolerance=REST_TOLERANCE)), case
+
+
+def rest_figures(run: gx.Simulation, given: Mapping[str, object]) -> dict[str, float]:
+    """How far the state of a run is from the equilibrium that is found from it.
+
+    Args:
+        run, given: as of `rest_near`.
+
+    Returns:
+        moved: the larger distance of the two tips from where they are at rest [m], relative to the
+            cube.
+        span_at_rest: between the tips at rest [m].
+        unbalanced: the force that is left over the load, see `gx.analysis.EquilibriumResult`.
+        rest_iterations: Newton iterations of the search.
+    """
+    search, case = rest_near(run, given)
+    probes = {name: [case.probes[f"{name} tip {axis} [m]"] for axis in "xyz"] for name in SIDES}
+    before = {name: np.array([probe(search) for probe in ports]) for name, ports in probes.items()}
+    result = search.find(at=run.time)
+    after = {name: np.array([probe(search) for probe in ports]) for name, ports in probes.items()}
+    distances = [float(np.linalg.norm(after[name] - before[name])) for name in SIDES]
+    return {
+        "moved": max(distances),
+        "span_at_rest": float(np.linalg.norm(after["right"] - after["left"])),
+        "unbalanced": result.residual,
+        "rest_iterations": result.iterations,
+    }
+
+
 def tips(series: gx.Series) -> dict[str, Array]:
     """Paths (n, 3) [m] of the tips of the tubes."""
     return {
@@ -482,7 +537,7 @@ def main(
     angular_momentum_drift (over the largest angular momentum of the cube), the distance between the
     tips and of their middle from the line of the roots [m], the spin of the cube at the end
     [rad/s], pressures at the end [Pa], the time of the end [s], and `settling`, the value of the
-    probe `Settling` there.
+    probe `Settling` there; with `settled` also those of `rest_figures`.
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.08, 0.16, 0.22, 0.27, 0.31, 0.4, 0.5, 0.7, 1.0)
@@ -495,7 +550,11 @@ def main(
     # The stand of a test on the ground and the air take momentum.
     if not given.get("gravity") and not given.get("air"):
         drift = relative_drift(run.totals.angular_momentum, run.first.angular_momentum, most)
+    at_rest: dict[str, float] = {}
+    if given.get("settled"):
+        at_rest = rest_figures(run, given)
     return {
+        **at_rest,
         **run_figures(run, series),
         "mass_error": abs(run.mass_error),
         "angular_momentum_drift": drift,

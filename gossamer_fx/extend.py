@@ -13,6 +13,8 @@ General kinds of terms
     on meshes, in UFL: `KineticEnergy`, `StoredEnergy`, `QuadraticEnergy`, `ViscousDissipation`,
     `Load` between points, in NumPy: `PointMeasure` with `PointStoredEnergy`, `PointDissipation` or
     `PointConstraint`; `PointLoad`, `AttachedKineticEnergy`, `NodeKineticEnergy`; `Support`
+    what the law of a `PointLoad` does: `PointForce`, and for gradients and restarts
+    `NumberedForce`, `ForceWithNumbers`, `ForceOfPosition`, `ForceOfStart`, `WithHistory`
 Own kinds of terms
     `Assembly`, `CompiledTerms` and the roles that it may play: `Forces`, `Tangents`, ...
 Gas

@@ -91,8 +91,14 @@ from .terms.point_constraints import PointConstraint as PointConstraint
 from .terms.point_energies import PointDissipation as PointDissipation
 from .terms.point_energies import PointStoredEnergy as PointStoredEnergy
 from .terms.point_energies import Stencil as Stencil
+from .terms.point_loads import ForceOfPosition as ForceOfPosition
+from .terms.point_loads import ForceOfStart as ForceOfStart
+from .terms.point_loads import ForceWithNumbers as ForceWithNumbers
+from .terms.point_loads import NumberedForce as NumberedForce
+from .terms.point_loads import PointForce as PointForce
 from .terms.point_loads import PointLoad as PointLoad
 from .terms.point_loads import PointLoads as PointLoads
+from .terms.point_loads import WithHistory as WithHistory
 from .terms.point_masses import AttachedKineticEnergy as AttachedKineticEnergy
 from .terms.quadratic_energies import QuadraticEnergy as QuadraticEnergy
 from .terms.scalar_unknowns import BringsScalarUnknowns as BringsScalarUnknowns

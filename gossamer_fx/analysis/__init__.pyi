@@ -21,6 +21,7 @@ from .optimisation import minimise_runs as minimise_runs
 from .parameter_fit import Fit as Fit
 from .parameter_fit import fit as fit
 from .parameter_fit import fit_runs as fit_runs
+from .prestress import ReachedPrestress as ReachedPrestress
 from .sensitivities import CrossingTime as CrossingTime
 from .sensitivities import Derivative as Derivative
 from .sensitivities import EnclosedVolume as EnclosedVolume

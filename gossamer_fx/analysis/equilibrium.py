@@ -41,14 +41,27 @@ from __future__ import annotations
 import logging
 import math
 import time
-from dataclasses import KW_ONLY, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import cached_property
 from numbers import Real
 from typing import Any, Literal
 
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.analysis.remedies import collapsing_pressures, remedies
+from gossamer_fx.analysis.prestress import (
+    MAX_NAMED_PARTS,
+    PrestressOfScene,
+    ReachedPrestress,
+    lost_prestress_words,
+)
+from gossamer_fx.analysis.remedies import (
+    PressedFilm,
+    collapsing_pressures,
+    measure_pressed_films,
+    remedies,
+)
 from gossamer_fx.analysis.rigid_motions import free_motions, listed
 from gossamer_fx.analysis.search_progress import SearchProgress, SearchState
 from gossamer_fx.checks.arguments import check_arguments
@@ -198,9 +211,11 @@ class EquilibriumResult:
             the equilibrium is unique at most up to these.
         within_tolerance: whether the residual reached the tolerance of the search.  Otherwise
             round-off of the inner forces has ended it earlier.
+        prestress: of the films, cables and beams that have one, by their names: which stress or
+            tension was asked for, and which is left.
 
-    An equilibrium that is not regular, or not within its tolerance, is also reported by a warning
-    in the log.
+    An equilibrium that is not regular, not within its tolerance, or in which a part has less than
+    90 % of its prestress, is also reported by a warning in the log.
 
     Example:
         >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
@@ -222,6 +237,7 @@ class EquilibriumResult:
     regular: bool
     free: tuple[str, ...]
     within_tolerance: bool = True
+    prestress: Mapping[str, ReachedPrestress] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Residual, iterations and time, and what falls short."""
@@ -236,6 +252,11 @@ class EquilibriumResult:
             words.append(f"nothing resists {listed(self.free)}")
         elif not self.regular:
             words.append("not unique")
+        named = sorted(self.prestress.items(), key=lambda item: item[1].ratio)
+        if len(named) > MAX_NAMED_PARTS:
+            # Of many parts the one that has lost most.
+            named = named[:1]
+        words += [f"prestress of '{name}' {reached.short()}" for name, reached in named]
         return f"<EquilibriumResult: {', '.join(words)}>"
 
 
@@ -299,6 +320,7 @@ class Equilibrium:
         self._resists_compression = any(
             isinstance(term, StoredEnergy) and term.pulling for term in self.system.terms
         )
+        self._prestress = PrestressOfScene(self.system)
         self.result: EquilibriumResult | None = None
         self.compile_seconds = time.perf_counter() - started
 
@@ -352,6 +374,7 @@ class Equilibrium:
             regular=is_regular,
             free=free,
             within_tolerance=is_within_tolerance,
+            prestress=self._prestress.reached(),
         )
         self._warn_of_quality(self.result)
         return self.result
@@ -501,7 +524,7 @@ class Equilibrium:
                     "pseudo-steps: the "
                     f"unbalanced force is {residual:.1e} of the load, pseudo-step {h:.1e} s, "
                     f"largest in {self.system.locate(self._residual)}; last failure: {reason}."
-                    f"{remedies(self.system, self.chambers)}"
+                    f"{remedies(self.system, self.chambers, self._pressed_films)}"
                 )
 
     def _leave_on_signal(self, signals: Listener, residual: float) -> None:
@@ -531,6 +554,9 @@ class Equilibrium:
         """Warn of an equilibrium that is above the tolerance, not unique or not regular."""
         if self.comm.rank > 0:
             return
+        lost = lost_prestress_words(dict(result.prestress))
+        if lost:
+            LOG.warning("%s", lost)
         if not result.within_tolerance:
             LOG.warning(
                 "The equilibrium was found to %.1e of the load, not to the tolerance %.1e: the "
@@ -554,13 +580,19 @@ class Equilibrium:
                 "are not unique."
             )
 
+    @cached_property
+    def _pressed_films(self) -> list[PressedFilm]:
+        """What films under a pressure enclose, measured at the first search: no search changes to
+        which side the normals of a stress-free shape point."""
+        return measure_pressed_films(self.system)
+
     def _warn_of_inward_normals(self, at: float) -> None:
         """Warn of films that a pressure of time `at` [s] turns inside out.
 
         Such a search takes hundreds of iterations, and may end in an equilibrium of the film turned
         inside out.
         """
-        for pressure in collapsing_pressures(self.system, at):
+        for pressure in collapsing_pressures(self._pressed_films, at):
             if pressure.is_inwards and self.comm.rank == 0:
                 LOG.warning("%s", pressure.words)
 

@@ -10,21 +10,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
 from gossamer_fx.bodies.beam import Beam
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.forms.compilation import compile_form, constant
-from gossamer_fx.materials.film import TAUT
+from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.mesh.quality import corner_points, sizes
+from gossamer_fx.system.film_states import AreaFractions
 from gossamer_fx.system.system import System
-from gossamer_fx.terms.element_energies import thermal_strain_of
 
 Displacements = Mapping[str, npt.NDArray[np.complex128]]
 
@@ -76,34 +73,14 @@ def _compressed_films(system: System, largest: Mapping[str, float]) -> Iterator[
                 f"{SMALL_RESIDUAL_STIFFNESS:g} or less, or stretch the film more."
             )
         elif stiffness > 0:
-            share = 1 - taut_share(system, body)
+            _, _, taut = AreaFractions([body])(system)
+            share = 1 - taut
             yield (
                 f"Film '{body.name}' is not taut on {100 * share:.0f} % of its area. There it "
                 f"resists compression with {stiffness:.0e} of its stiffness but has no bending "
                 "stiffness, so that it buckles: stretch it more, let its free edges be arcs with "
                 f"cords, or take a smaller residual_stiffness than {stiffness:.0e}."
             )
-
-
-def taut_share(system: System, film: Membrane) -> float:
-    """Share of the stress-free area of a film that is taut."""
-    # Of a reduced film the mesh is that of the film which was reduced.
-    full: Any = film.full
-    q = fem.Function(full.space)
-    film.reconstruct(q, system.state[film].coordinates().ravel())
-    strain = full.measure(q)
-    thermal = None
-    if film.thermal is not None:
-        thermal = thermal_strain_of(system, film)
-    if thermal is not None:
-        strain -= thermal.start
-    # A law that never wrinkles has a number as its state; times `unit` it belongs to the mesh.
-    unit = constant(full.space.mesh, 1.0)
-    is_taut = ufl.eq(unit * full.law.state(strain, full.constants), TAUT * unit)
-    forms = (ufl.conditional(is_taut, unit, 0 * unit) * full.dx, unit * full.dx)
-    own = np.array([fem.assemble_scalar(compile_form(form)) for form in forms])
-    taut_area, area = system.comm.allreduce(own)
-    return float(taut_area / area)
 
 
 def loaded_beams(system: System) -> Iterator[str]:

@@ -3,7 +3,7 @@ contains."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,7 @@ from mpi4py import MPI
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.loads.pressure import Pressure
-from gossamer_fx.mesh.enclosed_volume import enclosed_by
+from gossamer_fx.mesh.enclosed_volume import Enclosed, enclosed_by
 from gossamer_fx.model.body import Array
 from gossamer_fx.system.system import System
 
@@ -30,6 +30,14 @@ BALANCED = 1e-6
 
 
 @dataclass(frozen=True)
+class PressedFilm:
+    """A pressure of the scene, and what the stress-free shape of its film encloses."""
+
+    pressure: Pressure
+    enclosed: Enclosed
+
+
+@dataclass(frozen=True)
 class CollapsingPressure:
     """A pressure that presses a film together.
 
@@ -42,16 +50,19 @@ class CollapsingPressure:
     is_inwards: bool
 
 
-def remedies(system: System, chambers: Mapping[str, Any]) -> str:
+def remedies(
+    system: System, chambers: Mapping[str, Any], pressed_films: Iterable[PressedFilm]
+) -> str:
     """Sentences about likely causes and what to do; empty if none is known.  Collective.
 
     Args:
         system: the compiled scene, in the state that was reached last.
         chambers: states of its gas by name.
+        pressed_films: of the scene, from `measure_pressed_films`.
     """
     found = [
         *_unsupported(system),
-        *(pressure.words for pressure in collapsing_pressures(system, system.time)),
+        *(pressure.words for pressure in collapsing_pressures(pressed_films, system.time)),
         *_gas_that_cooled(chambers),
         *_soft_films(system),
     ]
@@ -78,14 +89,30 @@ def _unsupported(system: System) -> Iterator[str]:
         )
 
 
-def collapsing_pressures(system: System, at: float) -> Iterator[CollapsingPressure]:
-    """Pressures at a time [s] on films with an inside that press them together.  Collective."""
+def measure_pressed_films(system: System) -> list[PressedFilm]:
+    """Measure what the films under a pressure of the scene enclose.  Collective."""
+    found = []
     for item in system.items:
-        if not isinstance(item, Pressure):
-            continue
-        pressure = _value(item, at)
+        if isinstance(item, Pressure):
+            mesh = item.body.mesh
+            found.append(PressedFilm(item, enclosed_by(mesh.domain, mesh.edges)))
+    return found
+
+
+def collapsing_pressures(
+    pressed_films: Iterable[PressedFilm], at: float
+) -> Iterator[CollapsingPressure]:
+    """Pressures at a time on films with an inside that press them together.  Collective.
+
+    Args:
+        pressed_films: of the scene, from `measure_pressed_films`.
+        at: time [s], for pressures that are functions of it.
+    """
+    for pressed in pressed_films:
+        item = pressed.pressure
+        enclosed = pressed.enclosed
         film = item.body
-        enclosed = enclosed_by(film.mesh.domain, film.mesh.edges)
+        pressure = _value(item, at)
         if not enclosed.has_inside or enclosed.volume * pressure >= 0:
             continue
         kind = "closed film"

@@ -21,7 +21,7 @@ from gossamer_fx.bodies.rigid_body import orthonormality
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check_on_all
 from gossamer_fx.forms.compilation import compile_form
-from gossamer_fx.forms.kinematics import Expr, beam_strain
+from gossamer_fx.forms.kinematics import Expr, beam_strain, line_derivative
 from gossamer_fx.materials.film import constants
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array, Indices, Port, Vector
@@ -178,6 +178,26 @@ class Beam(Curve):
         c = self.constants
         stiffnesses = (c.EA, c.GA2, c.GA3, c.EI2, c.EI3, c.GJ)
         return sum(stiffness * e[i] ** 2 for i, stiffness in enumerate(stiffnesses)) / 2
+
+    def axial_force(self, q: Expr, e: Expr) -> Expr:
+        """Axial force [N]: the component along x' of the force ∂W/∂x' of a section.
+
+        N = EA ε |x'| + Σ (GA_i γ_i x'·d_i + EI_i κ_i x'·d_i')/|x'|, as shear and curvature are
+        functions of x', too.  Of a bent beam the last part is not small: κ² EI.
+
+        Args:
+            q: coordinates (9,) on the mesh: position [m] and directors.
+            e: strains (6,) at these coordinates, of `measure` less the thermal strain.
+        """
+        dq = line_derivative(q)
+        dx = ufl.as_vector([dq[0], dq[1], dq[2]])
+        stretch = ufl.sqrt(ufl.dot(dx, dx))
+        # x'·d_i and x'·d_i', which are not zero in the mesh of a curved beam
+        products = beam_strain(q)
+        c = self.constants
+        stiffnesses = (c.GA2, c.GA3, c.EI2, c.EI3)
+        across = sum(k * e[i] * products[i] for i, k in enumerate(stiffnesses, start=1))
+        return c.EA * e[0] * stretch + across / stretch
 
     def mass(self, v: Expr, w: Expr) -> ufl.Form:
         """Bilinear form of the mass of velocities v = (ẋ, ḋ2, ḋ3); ½ mass(v, v) is the kinetic

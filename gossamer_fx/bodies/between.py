@@ -3,8 +3,8 @@ ground."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import Any, Protocol, runtime_checkable
 
 from gossamer_fx.bodies.frames import Frame, Line
 from gossamer_fx.checks.errors import check
@@ -77,3 +77,15 @@ class FrameJoint(Between):
                 f"{type(self).__name__} '{self.name}' joins '{a.body.name}' to itself; join two "
                 "bodies.",
             )
+
+
+@runtime_checkable
+class DrawnAsLines(Protocol):
+    """An item of a scene that pictures show as straight lines between points of bodies."""
+
+    name: str
+
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of each line."""
+        ...

@@ -18,8 +18,8 @@ from gossamer_fx.bodies.meshed import PointFunction, checked, positions
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
-from gossamer_fx.forms.kinematics import Expr, bar_strain
-from gossamer_fx.forms.strain_path import Piece
+from gossamer_fx.forms.kinematics import Expr, bar_strain, line_derivative
+from gossamer_fx.forms.strain_path import Piece, gradient
 from gossamer_fx.materials.film import constants, parameters
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array
@@ -285,6 +285,31 @@ class Cable(Curve):
     def density(self, e: Expr) -> Expr:
         """Stored energy per unit length of the mesh."""
         return self.per_mesh_length(self.law.energy(e, self.constants))
+
+    @property
+    def initial_force(self) -> Expr | None:
+        """Tension [N] in the shape of the mesh, a UFL expression; None without prestress.
+
+        A cable that is cut short has one, too.
+        """
+        if self.initial_strain is None and self.length_factor >= 1:
+            return None
+        x = ufl.SpatialCoordinate(self.mesh.domain)
+        return self.axial_force(x, self.measure(x))
+
+    def axial_force(self, q: Expr, e: Expr) -> Expr:
+        """Tension N = W'(ε) λ [N], with the stretch λ = |x'| by the natural length.
+
+        Args:
+            q: positions (3,) [m] on the mesh.
+            e: strain (ε,) at these positions, of `measure` less the thermal strain.
+        """
+        dx = line_derivative(q)
+        stretch = ufl.sqrt(ufl.dot(dx, dx))
+        if self._length_ratio is not None:
+            stretch = stretch / self._length_ratio
+        stress = gradient(lambda strain: self.law.energy(strain, self.constants), e)
+        return stress[0] * stretch
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:

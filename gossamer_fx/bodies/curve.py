@@ -100,6 +100,14 @@ class Curve(Meshed):
             return tension / self.constants.EA
         return None
 
+    @property
+    def initial_force(self) -> Expr | None:
+        """Axial force [N] in the shape of the mesh, a UFL expression; None without prestress."""
+        strain = self.initial_strain
+        if strain is None:
+            return None
+        return self.constants.EA * strain
+
     def _take_expansion(self, kind: str, thermal: ThermalExpansion | None) -> None:
         """Set the thermal expansion, which must be one along the line."""
         self.thermal = thermal

@@ -49,6 +49,7 @@ _DESCRIPTIONS = {
     "MeshBody": "a body on a mesh",
     "Meshed": "a body on a mesh",
     "Curve": "a cable or beam",
+    "DrawnAsLines": "a Spring, Rope, RopeBundle, Tether or Tape",
     "Stepper": "a stepper, e.g. Midpoint(dt=1e-3)",
     "Output": "an output, e.g. Ledger",
     "StressRule": "a stress rule, e.g. PathAverage()",

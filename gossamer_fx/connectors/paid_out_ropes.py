@@ -65,7 +65,7 @@ class PaidOutRopes(
             system: the compiled scene, which has the numbering of the unknowns.
         """
         self._system = system
-        self._terms = terms
+        self.terms = terms
         self._at = PointMeasures(system.numbering, system.bodies, [term.measure for term in terms])
         self._gather = Gather(system.numbering, [self._at.indices])
         mine = [terms[i] for i in self._at.owner]
@@ -108,7 +108,7 @@ class PaidOutRopes(
         end = system.time + system.h
         if system.rule.alpha == 1.0:
             end = t
-        lengths = np.full(len(self._terms), np.nan)
+        lengths = np.full(len(self.terms), np.nan)
         for i, history in self._given:
             lengths[i] = history(end)
         given = lengths[self._at.owner]
@@ -187,29 +187,29 @@ class PaidOutRopes(
             return np.zeros(0)
         slip = self._slip(self._lengths(self._gather(self._system.q1)[0]))
         loss = np.where(self._brakes, self._brake, 0.0) * slip
-        of_terms = np.bincount(self._at.owner, loss, len(self._terms)).astype(float)
+        of_terms = np.bincount(self._at.owner, loss, len(self.terms)).astype(float)
         return of_terms[self._braked]
 
     def energies(self) -> dict[str, float]:
         """This rank's share of the stored energy [J] at the start of the step, by name."""
-        found = dict.fromkeys((term.name for term in self._terms), 0.0)
+        found = dict.fromkeys((term.name for term in self.terms), 0.0)
         energies = self._k * np.maximum(self._l - self.length, 0.0) ** 2 / 2
         for i, energy in zip(self._at.owner, energies, strict=True):
-            found[self._terms[i].name] += float(energy)
+            found[self.terms[i].name] += float(energy)
         return found
 
     # ---- history variables -----------------------------------------------------------------------
 
     def lengths(self) -> Array:
         """Natural length L (n,) [m] of the rope of each term, the same on every rank."""
-        found = np.zeros(len(self._terms))
+        found = np.zeros(len(self.terms))
         found[self._at.owner] = self.length
         return np.asarray(self._system.comm.allreduce(found))
 
     def tensions(self) -> Array:
         """Tension (n,) [N] of the rope of each term in the accepted state, the same on every
         rank."""
-        found = np.zeros(len(self._terms))
+        found = np.zeros(len(self.terms))
         found[self._at.owner] = self._k * np.maximum(self._l - self.length, 0.0)
         return np.asarray(self._system.comm.allreduce(found))
 

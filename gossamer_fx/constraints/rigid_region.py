@@ -235,9 +235,14 @@ class RigidRegion:
             _, _, coordinates = self._fit
             targets = [self.piece.port(*map(float, ξ)) for ξ in coordinates]
         else:
-            # A fold map or another initial condition may have moved the nodes from the mesh.
+            # A fold map or another initial condition may have moved the nodes from the mesh, and
+            # the rigid body from where it was made.
             positions = start[self.body].positions()[self._own]
-            targets = [self.rigid_body.port_at(list(map(float, x))) for x in positions]
+            frame = self.rigid_body.frame()
+            centre = start.vector(frame.origin)
+            directors = start.vectors(frame.directors)
+            coordinates = (positions - centre) @ directors.T
+            targets = [self.rigid_body.port(list(map(float, ξ))) for ξ in coordinates]
         nodes = [Port(self.body, (node,)) for node in self._nodes()]
         return list(zip(nodes, targets, strict=True))
 

@@ -31,8 +31,12 @@
                             of its mesh
     moment1 ≥ moment2       principal bending moments of a plate [N m/m]
 
-All bodies on a mesh have displacement, velocity and contact pressure; plates have curvatures and
-moments; films have all others.
+    tension                 axial force of a cable or beam [N], negative for compression
+    axial_strain            strain of which it is a function: with the initial strain, without the
+                            thermal one
+
+All bodies on a mesh have displacement, velocity and contact pressure; cables and beams have tension
+and axial strain; plates have curvatures and moments; films have all others.
 
 A field is either an expression of the coordinates q and velocities v of its body, or it is
 collected from the scene: gas, creases and contact have values that are not functions of q.
@@ -48,26 +52,25 @@ import numpy as np
 import ufl
 from dolfinx import fem, la
 
+from gossamer_fx.bodies.curve import Curve
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
-from gossamer_fx.fields.body_shape import BodyShape
 from gossamer_fx.fields.groups import groups_of
 from gossamer_fx.forms.backend import interpolation_points
-from gossamer_fx.forms.compilation import compile_expression, compile_form, constant
+from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.forms.spaces import cell_nodes
-from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
-from gossamer_fx.model.body import Array, Body, MeshBody, has_nodal_unknowns
+from gossamer_fx.model.body import Body, MeshBody, has_nodal_unknowns
 from gossamer_fx.model.roles import CellFields, NodeFields, playing
+from gossamer_fx.system.axial_force import GaussValues, axial_strain, tension
+from gossamer_fx.system.body_shape import BodyShape
+from gossamer_fx.system.film_states import film_state
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import gradient
 from gossamer_fx.terms.element_energies import thermal_strain_of
 
 # Fields of `fields.wrinkles`
 WRINKLE_MAPS = ("wrinkle_slope", "wrinkle_amplitude", "wrinkle_direction")
-
-# Values of the field "state" by name
-STATES = {"slack": SLACK, "wrinkled": WRINKLED, "taut": TAUT}
 
 # An expression of the shape of a body
 Expression = Callable[[BodyShape], Expr]
@@ -86,12 +89,15 @@ class Field:
         of_films: whether only films have it.  It may then jump between cells: strains are made of
             derivatives of q.
         of_plates: whether only films that bend have it.
+        along_line: the quantity at the Gauss points of a cable or beam, for a field that only these
+            have; else None.
     """
 
     shape: tuple[int, ...]
     expression: Expression | None = None
     of_films: bool = False
     of_plates: bool = False
+    along_line: Expression | None = None
 
 
 # ---- expressions ---------------------------------------------------------------------------------
@@ -100,18 +106,6 @@ class Field:
 def position(q: Expr) -> Expr:
     """The position (3,) among a node's coordinates, which come first; directors follow in beams."""
     return ufl.as_vector([q[i] for i in range(3)])
-
-
-def film_state(shape: BodyShape) -> Expr:
-    """Return the state of a film as a UFL expression: 0 slack, 1 wrinkled, 2 taut.
-
-    Args:
-        shape: coordinates of the film as functions on its mesh.
-    """
-    film = shape.body
-    # A law that never wrinkles has a number as its state; times `unit` it belongs to a mesh.
-    unit = constant(film.space.mesh, 1.0)
-    return unit * film.law.state(shape.elastic_strain(), film.constants)
 
 
 def _displacement(shape: BodyShape) -> Expr:
@@ -227,6 +221,8 @@ FIELDS = {
     "fold_angle": Field((), of_films=True),
     "contact_pressure": Field(()),
     "mode_amplitude": Field(()),
+    "tension": Field((), along_line=tension),
+    "axial_strain": Field((), along_line=axial_strain),
 }
 
 
@@ -242,10 +238,16 @@ def check_fields(body: Body, names: Sequence[str]) -> None:
             those that it has.
     """
     is_film = isinstance(body, Membrane)
+    is_line = isinstance(body, Curve)
     bends = isinstance(body, Membrane) and body.bends
     known = []
     for name, field in FIELDS.items():
-        if (is_film or not field.of_films) and (bends or not field.of_plates):
+        is_missing = (
+            (field.of_films and not is_film)
+            or (field.of_plates and not bends)
+            or (field.along_line is not None and not is_line)
+        )
+        if not is_missing:
             known.append(name)
     fields = f"its fields are: {', '.join(known)}."
     check(bool(names), f"No field of '{body.name}' is asked for; {fields}")
@@ -308,7 +310,7 @@ class FieldFunctions:
                 file takes functions of one element only.
         """
         order = self._shape.body.space.ufl_element().degree
-        jumps = any(FIELDS[name].of_films for name in names)
+        jumps = any(FIELDS[name].of_films or FIELDS[name].along_line is not None for name in names)
         if jumps:
             return "Discontinuous Lagrange", order
         return "Lagrange", order
@@ -342,6 +344,10 @@ class FieldFunctions:
             from gossamer_fx.fields.wrinkles import WrinkleMap
 
             return WrinkleMap(function, body, system).update
+        if field.along_line is not None:
+            assert isinstance(body, Curve)
+            values = GaussValues(system, body, field.along_line)
+            return partial(_interpolate_gauss_values, values, function)
         if field.expression is None:
             return partial(_COLLECTORS[function.name], function, body, system)
         points = interpolation_points(function.function_space)
@@ -355,6 +361,12 @@ class FieldFunctions:
         for function, update in zip(self.functions, self._updates, strict=True):
             update()
             function.x.scatter_forward()
+
+
+def _interpolate_gauss_values(values: GaussValues, function: fem.Function) -> None:
+    """Set a discontinuous function to the polynomial through the values at the Gauss points."""
+    values.update()
+    function.interpolate(values.function)
 
 
 # ---- fields that are collected from the scene ----------------------------------------------------
@@ -486,65 +498,3 @@ _COLLECTORS: dict[str, Collector] = {
     "contact_pressure": _collect_node_values,
     "mode_amplitude": _collect_node_values,
 }
-
-
-class AreaFractions:
-    """Shares of the reference area of some films that are slack, wrinkled and taut.
-
-    Args:
-        films: films of a scene.
-
-    Example:
-        >>> from gossamer_fx.fields.fields import AreaFractions
-        >>> slack, wrinkled, taut = AreaFractions([film])(run.system)
-    """
-
-    def __init__(self, films: Sequence[Membrane]) -> None:
-        self._films = films
-        # Shape, the state that is asked for, and the form of its area, for each film
-        self._compiled: list[tuple[BodyShape, fem.Constant, fem.Form]] | None = None
-
-    def __call__(self, system: System) -> Array:
-        """Return the shares (3,) of the area that are slack, wrinkled and taut; their sum is one.
-
-        Collective.  Areas are those of the stress-free shape.
-
-        Args:
-            system: the compiled scene, always the same one; its accepted state counts.
-
-        Raises:
-            InputError: a film is not in the scene.
-        """
-        if self._compiled is None:
-            self._compiled = self._compile(system)
-        areas = np.zeros(len(STATES))
-        for shape, which, form in self._compiled:
-            shape.update()
-            for state in STATES.values():
-                which.value = state
-                areas[state] += fem.assemble_scalar(form)
-        areas = system.comm.allreduce(areas)
-        return areas / areas.sum()
-
-    def _compile(self, system: System) -> list[tuple[BodyShape, fem.Constant, fem.Form]]:
-        """Compile the area in one state as a form, for each film; collective.
-
-        Args:
-            system: the compiled scene.
-
-        Returns:
-            for each film its shape, a constant that selects the state (0, 1 or 2), and the form
-            [m²] of the area of this rank's cells in that state.
-
-        Raises:
-            InputError: a film is not in the scene.
-        """
-        compiled = []
-        for film in self._films:
-            shape = BodyShape(system, film)
-            # One form with a constant serves the three states.
-            which = constant(shape.body.space.mesh, 0.0)
-            is_state = ufl.eq(film_state(shape), which)
-            area = ufl.conditional(is_state, 1.0, 0.0) * shape.body.dx
-            compiled.append((shape, which, compile_form(area)))
-        return compiled

@@ -17,6 +17,8 @@ UNITS = {
     "elastic_strain2": "",
     "stress1": "Pa",
     "stress2": "Pa",
+    "tension": "N",
+    "axial_strain": "",
     "pressure": "Pa",
     "mode_amplitude": "m",
     "wrinkle_amplitude": "m",

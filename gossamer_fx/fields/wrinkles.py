@@ -35,7 +35,6 @@ from dolfinx.mesh import Mesh
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
-from gossamer_fx.fields.body_shape import BodyShape
 from gossamer_fx.forms.backend import interpolation_points
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.forms.kinematics import Expr
@@ -43,6 +42,7 @@ from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.quality import area_vectors, corner_points
 from gossamer_fx.model.body import Array, MeshBody
+from gossamer_fx.system.body_shape import BodyShape
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import gradient
 

@@ -4,24 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
+from gossamer_fx.bodies.between import DrawnAsLines
 from gossamer_fx.model.body import Array, Attached, Port
 from gossamer_fx.outputs.output import Table
 from gossamer_fx.outputs.schedule import Schedule
 from gossamer_fx.probes.run import Run
-
-
-@runtime_checkable
-class DrawnAsLines(Protocol):
-    """An item of a scene that pictures show as straight lines between points of bodies."""
-
-    name: str
-
-    @property
-    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
-        """The two ends of each line."""
-        ...
 
 
 class ConnectorLines:

@@ -27,6 +27,7 @@ RUN_FILES = (
     "points.csv",
     "solids.csv",
     "lines.csv",
+    "tensions.csv",
     "probes.csv",
     "fields",
 )

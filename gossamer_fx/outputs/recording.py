@@ -10,6 +10,7 @@
                        in run.json
     lines.csv          ends of ropes, springs and bars of tapes, at the times of the fields, if
                        there are any
+    tensions.csv       tensions of these lines and of cables and beams, at the same times
     probes.csv         the probes that were asked for
     fields/NAME.bp     fields of each body on a mesh: `VTX`, or instead, with the format "vtu",
     fields/NAME.pvd    and the folder fields/NAME_files: `VTU`
@@ -30,6 +31,8 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.bodies.between import DrawnAsLines
+from gossamer_fx.bodies.curve import Curve
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, on_rank_zero
@@ -70,9 +73,9 @@ class Recording:
 
     Args:
         folder: of the run.  A folder that holds another run is refused.
-        fields: names of fields by the names of films, see `gx.fields`.  Default: displacement,
-            state, the larger stress, the smaller strain, and the pressure if the film bounds a
-            chamber.  Of other bodies the displacement is recorded.
+        fields: names of fields by the names of bodies, see `gx.fields`.  Default of films:
+            displacement, state, the larger stress, the smaller strain, and the pressure if the film
+            bounds a chamber; of other bodies the displacement.
         probes: further numbers by name, see `outputs.Probes`.
         every: steps between two records of the fields; the first and the last state are always
             recorded.
@@ -85,7 +88,7 @@ class Recording:
             read by pyvista as well as ParaView).
 
     Raises:
-        InputError: an unknown format; when the run is made: an unknown field or film, or a folder
+        InputError: an unknown format; when the run is made: an unknown field or body, or a folder
             that cannot be written or holds another run.
 
     Example:
@@ -114,7 +117,7 @@ class Recording:
 
         Args:
             folder: for the files of the run.
-            fields: names of fields by the names of films; None: default fields.
+            fields: names of fields by the names of bodies on a mesh; None: default fields.
             probes: functions of the run that return a number, by name.
             every: number of steps between two records of the fields.
             times: of records of the fields [s], in place of `every`.
@@ -165,7 +168,7 @@ class Recording:
             run: that begins, with its scene and initial state.
 
         Raises:
-            InputError: an unknown field or film, a probe that fails, or a folder that cannot be
+            InputError: an unknown field or body, a probe that fails, or a folder that cannot be
                 written.
         """
         self._prepare(run)
@@ -228,9 +231,10 @@ class Recording:
         for output in self._fields.values():
             if output.last_time != run.time:
                 output.record(run, last=True)
-        lines = self._tables.get("lines.csv")
-        if is_new and lines is not None:
-            lines.record(run, last=True)
+        for name in ("lines.csv", "tensions.csv"):
+            table = self._tables.get(name)
+            if is_new and table is not None:
+                table.record(run, last=True)
 
     def close(self, run: Run) -> None:
         """Close all files, and write to `run.json` how the run ended.  Collective.
@@ -271,15 +275,15 @@ class Recording:
             run: that begins, with its scene and initial state.
 
         Raises:
-            InputError: a film of `fields` is not in the scene, or the folder cannot be written.
+            InputError: a body of `fields` is not in the scene, or the folder cannot be written.
         """
         make_parent(run.comm, self.folder / "run.json")
         films = [body for body in run.system.bodies if isinstance(body, Membrane)]
-        names = [film.name for film in films]
+        names = [body.name for body in run.system.bodies if is_on_mesh(body)]
         for name in self.fields:
             check(
                 name in names,
-                f"Recording '{self.folder}': the scene has no film '{name}'; its films are: "
+                f"Recording '{self.folder}': the scene has no body '{name}' on a mesh; those are: "
                 f"{', '.join(names) or 'none'}.",
             )
         self._solids = solids_of(run.system)
@@ -330,7 +334,7 @@ class Recording:
         """Yield the tables by their file names; those without columns are left out.
 
         These are tables of gas states, area fractions of films, positions of points, frames of
-        solids, the user's probes, ends of connectors, and the energy balance.
+        solids, the user's probes, ends of connectors, tensions, and the energy balance.
 
         Args:
             run: with the scene.
@@ -374,6 +378,17 @@ class Recording:
         ends = ConnectorLines(self.folder / "lines.csv", run.scene.items, schedule)
         if ends:
             yield "lines.csv", ends
+        tensions = _tension_columns(run)
+        if tensions:
+            yield (
+                "tensions.csv",
+                Probes(
+                    self.folder / "tensions.csv",
+                    tensions,
+                    every=schedule.every,
+                    times=schedule.times,
+                ),
+            )
         yield "ledger.csv", Ledger(self.folder / "ledger.csv")
 
     def _frame_columns(self) -> dict[str, Probe]:
@@ -436,6 +451,28 @@ class _Coordinate:
         # Ranks without the node contribute minus infinity.
         own = positions[:1, self._axis].max(initial=-np.inf)
         return float(run.comm.allreduce(own, MPI.MAX))
+
+
+def _tension_columns(run: Run) -> dict[str, Probe]:
+    """Columns of tensions.csv: the mean tension [N] of each line, and the range of long ones.
+
+    Args:
+        run: with the scene, whose cables, beams, tapes, springs, ropes and tethers have columns.
+    """
+    lines = [item for item in run.scene.items if isinstance(item, Curve | DrawnAsLines)]
+    if not lines:
+        return {}
+    # Imported here: scenes without lines do not load it.
+    from gossamer_fx.probes.lines import Tension
+
+    columns: dict[str, Probe] = {}
+    for line in lines:
+        columns[f"{line.name} mean [N]"] = Tension(line)
+        has_parts = isinstance(line, Curve) or len(line.lines_to_draw) > 1
+        if has_parts:
+            columns[f"{line.name} least [N]"] = Tension(line, "least")
+            columns[f"{line.name} largest [N]"] = Tension(line, "largest")
+    return columns
 
 
 def _default_fields(body: Body, run: Run) -> tuple[str, ...]:

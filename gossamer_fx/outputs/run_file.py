@@ -72,6 +72,13 @@ _BODY = {
     "length?": NUMBER,
     "law?": Row((str, Each(_ANYTHING))),
 }
+_PRESTRESS = {
+    "unit": str,
+    "asked": NUMBER,
+    "mean": NUMBER,
+    "least": NUMBER,
+    "largest": NUMBER,
+}
 _CHAMBER = dict.fromkeys(("pressure", "temperature", "volume", "mass"), NUMBER)
 # Kinds by key; a key that ends in a question mark may be missing, e.g. in the files of older
 # versions.
@@ -101,6 +108,7 @@ _RUN = {
     "kind?": str,
     "captions?": Several(str),
     "result?": Each(_ANYTHING),
+    "prestress?": Each(_PRESTRESS),
     "statistics": {
         "time": NUMBER,
         "until": NUMBER,

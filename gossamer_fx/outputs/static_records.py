@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -111,6 +111,9 @@ class StaticRun:
                 "free motions": ", ".join(result.free) or "none",
                 "iterations": result.iterations,
                 "pseudo-steps": result.steps,
+            }
+            self.about["prestress"] = {
+                name: asdict(reached) for name, reached in result.prestress.items()
             }
         self.captions.append(caption)
         self.about["captions"] = self.captions

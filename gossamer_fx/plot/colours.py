@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.fields.fields import STATES
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
 from gossamer_fx.model.body import Array
 from gossamer_fx.plot.run_reader import RunReader
 from gossamer_fx.plot.shapes import Integers
 from gossamer_fx.plot.units import NAMES, UNITS, scaled
+from gossamer_fx.system.film_states import STATES
 
 # Blue, orange, light grey: told apart with any colour vision, and in print by their brightness.
 STATE_COLOURS = {SLACK: (0.18, 0.49, 0.75), WRINKLED: (0.96, 0.65, 0.14), TAUT: (0.87, 0.88, 0.89)}

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.fields.fields import STATES
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.ledger import LOST
 from gossamer_fx.plot.colours import STATE_COLOURS
 from gossamer_fx.plot.measured_series import MeasuredSeries, rms_difference
 from gossamer_fx.plot.run_reader import RunReader, Tables
 from gossamer_fx.plot.units import plain_text, scaled
+from gossamer_fx.system.film_states import STATES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,7 +72,8 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
 
     There are none if ledger.csv is absent or has fewer than two rows.  Curves have at most 2000
     points: of a longer table rows at about equal distances are drawn, the first and the last
-    included.  Panels of gas.csv, states.csv and probes.csv are left out if the file is absent.
+    included.  Panels of gas.csv, tensions.csv, states.csv and probes.csv are left out if the file
+    is absent.
 
     Args:
         run: reads the tables of a recorded run.
@@ -109,6 +110,11 @@ def run_curves(run: RunReader, solver: bool = True) -> Curves:
         # a chamber has the colour of its energy
         shades = {name: colours.get(f"in {name}", INK) for name in pressures}
         panels.append(partial(_lines, gas["time"] / second, pressures, shades, "Pressure", "Pa"))
+    tensions = _thinned(run.table("tensions.csv"))
+    means = _mean_tensions(tensions)
+    if means:
+        times = tensions["time"] / second
+        panels.append(partial(_lines, times, means, _line_colours(means), "Tension", "N"))
     shares = _area_shares(run, states)
     if shares:
         panels.append(partial(_states, states["time"] / second, shares))
@@ -209,6 +215,24 @@ def _area_shares(run: RunReader, states: Tables) -> Tables:
     taut = states[f"{film} taut"]
     wrinkled = states[f"{film} wrinkled"]
     return {"taut": taut, "wrinkled": wrinkled, "slack": 1 - taut - wrinkled}
+
+
+def _mean_tensions(tensions: Tables) -> Tables:
+    """The mean tensions of lines by name; of many lines those with the largest ones.
+
+    Args:
+        tensions: tensions.csv, whose columns are called "NAME mean [N]", and so on; may be empty.
+    """
+    suffix = " mean [N]"
+    means = {
+        name.removesuffix(suffix): values
+        for name, values in tensions.items()
+        if name.endswith(suffix) and values.any()
+    }
+    # As many as there are colours
+    largest_first = sorted(means, key=lambda name: -float(abs(means[name]).max()))
+    shown = set(largest_first[: len(LINES)])
+    return {name: values for name, values in means.items() if name in shown}
 
 
 def _line_colours(curves: Mapping[str, Array]) -> dict[str, str]:

@@ -7,6 +7,7 @@ known, with as many pixels as that rectangle has, so that they are not resampled
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
@@ -30,6 +31,8 @@ WIDTH = 12.0
 _TITLE = 0.45
 _KEY = 0.45  # height of the line with key and scale bar
 _CAPTION = 0.35  # height of the line above an image
+_CAPTION_LINE = 0.16  # height of a further line of a caption
+_LETTER = 0.075  # width of a letter of a caption, of wide ones: a little more than the mean
 _MAX_IMAGES = 4.8  # height of all images together
 _PANEL = 2.9  # height of a panel with its title and axis
 _PAD = 0.1  # around everything
@@ -127,7 +130,8 @@ def write_page(
     heights = []
     if views is not None:
         image_height = _image_height(views, image_rows, image_columns, width)
-        heights += [_KEY, image_rows * (_CAPTION + image_height)]
+        caption_height = _caption_height(views, image_columns, width)
+        heights += [_KEY, image_rows * (caption_height + image_height)]
     if panels:
         heights.append(panel_rows * _PANEL)
     with matplotlib.rc_context(_STYLE):
@@ -148,7 +152,7 @@ def write_page(
         if views is not None:
             header = next(parts).subplots()
             _draw_key(header, views.key)
-            frames = _frames(next(parts), views, image_rows, image_columns)
+            frames = _frames(next(parts), views, image_rows, image_columns, width)
         if curves is not None and panels:
             _draw_panels(next(parts), curves, panel_rows)
         if views is not None:
@@ -210,7 +214,33 @@ def _image_height(
     width = page_width / columns - _GAP
     # A narrow page is scrolled: its images may be higher together.
     highest = _MAX_IMAGES * max(WIDTH / page_width, 1.0)
-    return min(width * views.size[1] / views.size[0], highest / rows - _CAPTION)
+    caption_height = _caption_height(views, columns, page_width)
+    return min(width * views.size[1] / views.size[0], highest / rows - caption_height)
+
+
+def _wrapped_captions(views: Views, columns: int, page_width: float) -> list[str]:
+    """The captions in lines that are no wider than a column of images.
+
+    Args:
+        views: images with captions.
+        columns: of images on the page.
+        page_width: [inches].
+    """
+    letters = max(int((page_width / columns - _GAP) / _LETTER), 1)
+    return [textwrap.fill(caption, letters) for caption in views.captions]
+
+
+def _caption_height(views: Views, columns: int, page_width: float) -> float:
+    """Height [inches] of the captions above a row of images.
+
+    Args:
+        views: images with captions.
+        columns: of images on the page.
+        page_width: [inches].
+    """
+    captions = _wrapped_captions(views, columns, page_width)
+    most_lines = max(caption.count("\n") + 1 for caption in captions)
+    return _CAPTION + (most_lines - 1) * _CAPTION_LINE
 
 
 def _frames(
@@ -218,6 +248,7 @@ def _frames(
     views: Views,
     rows: int,
     columns: int,
+    page_width: float,
 ) -> list[Axes]:
     """Empty axes with captions, for the images, from the upper left.
 
@@ -226,13 +257,15 @@ def _frames(
         views: images of one size, with captions.
         rows: of images.
         columns: of images; rows × columns is at least the number of images.
+        page_width: [inches].
     """
     grid = part.subplots(rows, columns, squeeze=False).ravel()
     for axes in grid:
         axes.set_axis_off()
         axes.set_box_aspect(views.size[1] / views.size[0])
         axes.set_anchor("NW")
-    for axes, caption in zip(grid, views.captions, strict=False):
+    captions = _wrapped_captions(views, columns, page_width)
+    for axes, caption in zip(grid, captions, strict=False):
         axes.set_title(caption)
     return list(grid[: len(views.captions)])
 

@@ -279,7 +279,8 @@ def captions(run: RunReader, frames: Sequence[int], zooms: Sequence[float]) -> l
     for frame, zoom in zip(frames, zooms, strict=True):
         enlarged = ""
         if zoom > _SAME_SCALE:
-            enlarged = f", {zoom:.2g} times larger"
+            # Spaces at which a long caption is not broken into lines
+            enlarged = f", {zoom:.2g}\u00a0times\u00a0larger"
         words = run.caption(frame, f"t = {run.times[frame] / factor:.4g} {prefix}s")
         found.append(f"{words}{enlarged}")
     return found

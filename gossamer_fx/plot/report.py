@@ -70,6 +70,10 @@ _NARROW_WIDTH = 4.0
 _JSON_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 
 
+_PRESTRESS_HEAD = ("", "asked for", "reached, mean", "least", "largest", "reached")
+_TENSIONS_HEAD = ("[N]", "mean", "least", "largest")
+
+
 @check_arguments
 def write_report(run: RunReader, path: str | Path) -> None:
     """Write an HTML page about a run: a view to turn, pictures, curves and tables.
@@ -179,6 +183,12 @@ def _page(run: RunReader) -> Iterable[str]:
         )
     yield "<h2>Scene</h2><pre>" + escape("\n".join(lines(run.about["scene"]))) + "</pre>"
     yield "<h2>Ledger</h2>" + _table(("", "start", "end", "largest magnitude"), _ledger(ledger))
+    prestress = run.about.get("prestress", {})
+    if prestress:
+        yield "<h2>Prestress</h2>" + _table(_PRESTRESS_HEAD, _prestress(prestress))
+    tensions = run.table("tensions.csv")
+    if tensions:
+        yield "<h2>Tensions at the end</h2>" + _table(_TENSIONS_HEAD, _tensions(tensions))
     numbers = [*_pairs(run.about["stepper"]), *_pairs(run.about["statistics"])]
     yield "<h2>Solver</h2>" + _table((), numbers)
     yield "<h2>Versions</h2>" + _table((), _pairs(run.about["versions"]))
@@ -267,6 +277,39 @@ def _ledger(ledger: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:
             largest = values[int(np.abs(values).argmax())]
             numbers = (values[0], values[-1], largest)
             yield name.replace("_", " "), *(f"{value:.6g}" for value in numbers)
+
+
+def _prestress(parts: Mapping[str, Mapping[str, Any]]) -> Iterable[tuple[str, ...]]:
+    """Rows of the prestress that was asked for and reached, with the unit of each part.
+
+    Args:
+        parts: "prestress" of run.json, by the names of films, cables and beams.
+    """
+    for name, part in parts.items():
+        share = "-"
+        # The file may come from a stranger.
+        if part["asked"]:
+            share = f"{100 * part['mean'] / part['asked']:.3g} %"
+        values = (part["asked"], part["mean"], part["least"], part["largest"])
+        yield f"{name} [{part['unit']}]", *(f"{value:.6g}" for value in values), share
+
+
+def _tensions(table: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:
+    """Mean, least and largest tension [N] of each line in the last recorded state.
+
+    Args:
+        table: tensions.csv, whose columns are called "NAME mean [N]", and so on.
+    """
+    for column, values in table.items():
+        name, is_mean, _ = column.rpartition(" mean [N]")
+        if not is_mean or not len(values):
+            continue
+        cells = [f"{values[-1]:.6g}"]
+        for which in ("least", "largest"):
+            of_line = table.get(f"{name} {which} [N]")
+            # A spring or rope has one tension only.
+            cells.append("" if of_line is None else f"{of_line[-1]:.6g}")
+        yield name, *cells
 
 
 def _pairs(numbers: Mapping[str, Any]) -> list[tuple[str, str]]:

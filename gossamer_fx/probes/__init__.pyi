@@ -7,6 +7,9 @@ from .flight import Attitude as Attitude
 from .flight import LoadResultant as LoadResultant
 from .flight import OrbitState as OrbitState
 from .flight import SunAngle as SunAngle
+from .lines import AxialStrain as AxialStrain
+from .lines import Length as Length
+from .lines import Tension as Tension
 from .points import AngularVelocity as AngularVelocity
 from .points import AreaFraction as AreaFraction
 from .points import Displacement as Displacement

@@ -12,9 +12,9 @@ from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
-from gossamer_fx.fields.fields import STATES, AreaFractions
 from gossamer_fx.model.body import Array, Port
 from gossamer_fx.probes.run import Run
+from gossamer_fx.system.film_states import STATES, AreaFractions
 from gossamer_fx.system.reactions import Joint, joint_force
 from gossamer_fx.system.system import System
 

@@ -439,7 +439,11 @@ def recover(pc: PETSc.PC) -> None:
 def reason(ksp: PETSc.KSP, pc: PETSc.PC) -> str:
     """Why the last linear system was not solved, in words."""
     code = int(ksp.getConvergedReason())
-    return factorisation.reason(pc) or REASONS.get(code, f"PETSc's reason {code}")
+    unknown = f"PETSc's reason {code}"
+    # PETSc may count a system as solved whose solution is infinite.
+    if code > 0:
+        unknown = REASONS[int(KSP_REASON.DIVERGED_NANORINF)]
+    return factorisation.reason(pc) or REASONS.get(code, unknown)
 
 
 def name(pc: PETSc.PC) -> str:

@@ -51,7 +51,8 @@ Cost.  An iteration is one evaluation of the stress, one residual, one tangent a
 system. A fluttering sheet takes 4 to 9 iterations a step, see the tables of `docs/theory/step.md`.
 
 Limits.  The iteration is local: a step that is too long fails (`NotConverged`) and the caller
-shortens it.
+shortens it.  It fails at its last iterate, at residuals that grow beyond measure, and, in time
+steps with contact and without friction, when they no longer fall (`STALLED_WINDOW`).
 """
 
 from __future__ import annotations
@@ -217,6 +218,8 @@ class Newton:
         self._x = self._composite.vector()
         self._F = self._composite.vector()
         self._start = self._composite.vector()
+        # Whether the linear system of this iterate has a solution that is finite.
+        self._has_update = True
         self._r = system.numbering.vector()
         self._linearisation_point = system.numbering.vector()
         self._diagonal = system.numbering.vector()
@@ -254,8 +257,7 @@ class Newton:
         self._snes.setJacobian(_weak_method(self._jacobian), J)
         self._snes.setFromOptions()
         self._snes.setConvergenceTest(_weak_method(self._test))
-        if system.active_sets:
-            self._snes.setLineSearchPreCheck(_weak_method(self._limit_update))
+        self._snes.setLineSearchPreCheck(_weak_method(self._limit_update))
 
     def _refuse_line_search(self) -> None:
         """Check that PETSc's options ask for full Newton steps.
@@ -369,11 +371,13 @@ class Newton:
         seconds_before = sum(self.seconds.values())
         started = time.perf_counter()
         self._x.copy(self._start)
+        self._has_update = True
         self._snes.solve(None, self._x)
         # A factorisation that lacks workspace is repeated with more; the step is not rejected for
         # it.
         while self._snes.getConvergedReason() < 0 and factorisation.enlarge(self._preconditioner):
             self._start.copy(self._x)
+            self._has_update = True
             self._snes.solve(None, self._x)
         # What the callbacks did not take was spent in the linear solver.
         in_callbacks = sum(self.seconds.values()) - seconds_before
@@ -392,6 +396,11 @@ class Newton:
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, F: PETSc.Vec) -> None:
         """Residual F of (1) and (2) at x, with the strains (3)."""
+        if not self._has_update:
+            # Laws and contacts have nothing to compute at infinite positions; NaN ends the
+            # iteration.
+            F.set(math.nan)
+            return
         w, y = self._split(x)
         with self._clock("law"):
             self.system.set_increment(w, self._linearisation_point)
@@ -413,8 +422,19 @@ class Newton:
         return w, y
 
     def _limit_update(self, x: PETSc.Vec, update: PETSc.Vec) -> bool:
-        """Shorten an update where contact requires it; returns True, as PETSc asks whether it
-        changed."""
+        """Shorten an update where contact requires it; called by PETSc.  Collective.
+
+        Args:
+            x: iterate; not used.
+            update: solution of the linear system, changed in place.  PETSc makes it infinite if the
+                tangent could not be factorised, e.g. for lack of workspace.
+
+        Returns:
+            whether it may have changed.
+        """
+        self._has_update = math.isfinite(update.norm())
+        if not (self._has_update and self.system.active_sets):
+            return False
         with update as values:
             self.system.limit_update(values[: self._composite.n])
         return True
@@ -706,7 +726,7 @@ class Newton:
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_LOCAL_MIN:
             # PETSc has no code of its own for an iteration that stalls.
             why = "the residual no longer falls"
-        if self.ksp.getConvergedReason() < 0:
+        if self.ksp.getConvergedReason() < 0 or not self._has_update:
             why += f", linear solver: {linear.reason(self.ksp, self._preconditioner)}"
         if self._violation > self.tolerances.constraint:
             why += f", constraints off by {self._violation:.1e}"

@@ -410,6 +410,25 @@ class PointEnergies(
                     found[term.name] += float(share)
         return found
 
+    def stresses(self, term: PointStoredEnergy) -> tuple[Array, Array]:
+        """Measures and stresses of a term in the accepted state, of the rows of this rank.
+        Collective.
+
+        Args:
+            term: of this scene.
+
+        Returns:
+            e (r, m) and ψ'(e) (r, m) of the r tuples of ports that this rank evaluates, see
+            `point_measures.evaluated_here`.
+        """
+        stencil, i = self._find(term)
+        k = self._stencils.index(stencil)
+        measures = stencil.at.strain(self._gather(self._system.q0)[k])
+        # The mean stress of a step without a change of the measures
+        stresses, _ = stencil.density.average(measures, measures)
+        rows = stencil.at.owner == i
+        return measures[rows], stresses[rows]
+
     # ---- sensitivities ---------------------------------------------------------------------------
 
     def get_number(self, term: PointStoredEnergy | PointDissipation, key: str) -> Array:

@@ -329,7 +329,7 @@ class PointLoads(
                 return (
                     f"'{term.name}' depends on more than positions and time, without derivatives "
                     "by the start of a step; give its law those of "
-                    "`terms.point_loads.ForceOfStart`, or leave it out of the scene"
+                    "`gossamer_fx.extend.ForceOfStart`, or leave it out of the scene"
                 )
         return ""
 

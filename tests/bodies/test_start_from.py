@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.model.body import Array
 
 COMM = MPI.COMM_WORLD
@@ -73,3 +74,26 @@ def test_a_displacement_begins_at_zero() -> None:
     run.run(until=2e-2)
     # 0.5 m/s for 0.02 s, without forces.
     assert probe(run) == pytest.approx(0.01, rel=1e-9)
+
+
+@pytest.mark.mpi
+def test_a_region_is_fixed_to_a_rigid_body_where_both_start() -> None:
+    """The points of the hub are those at which the nodes are after hub and film have moved."""
+    film = gx.Membrane(sheet(COMM, 4, 2), gx.Miyazaki(E=1e9, nu=0.3, thickness=1e-5, density=1e3))
+    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), position=(-0.2, 0.5, 0.0), comm=COMM, name="hub")
+    bodies = (film, hub, gx.RigidRegion(film, "left", rigid_body=hub))
+    motion = gx.RigidMotion(spin=(0.5, 0.0, 3.0), velocity=(0.0, 1.0, 0.0))
+    before = gx.Simulation(gx.Scene(*bodies, motion), gx.Midpoint(dt=0.02))
+    before.run(until=0.2)
+    after = gx.Simulation(
+        gx.Scene(*bodies, gx.StartFrom(before.system), motion), gx.Midpoint(dt=0.02)
+    )
+    # The hub has turned by more than half a radian.
+    assert after.system.state.vectors(hub.frame().directors)[0, 0] < 0.9
+    moved = after.system.state[film].positions() - before.system.state[film].positions()
+    assert np.abs(moved).max(initial=0.0) < 1e-15
+    corner = film.port_at((0.0, 1.0, 0.0))
+    after.run(until=0.04)
+    ends = after.system.state.vectors([corner, hub.port()])
+    # The corner is 0.2 m and 0.5 m from the centre of the hub.
+    assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(np.hypot(0.2, 0.5), rel=1e-9)

@@ -170,5 +170,8 @@ def test_the_modes_of_a_sail_with_curved_edges_converge() -> None:
     assert len(study.errors) == quarter_sail.MODES
     for errors in study.errors.values():
         coarse, fine = errors
-        assert fine < 0.5 * coarse
-        assert fine < 0.03
+        # Below a thousandth errors of such coarse meshes need not fall with each mesh.
+        assert fine < max(coarse, 1e-3)
+        assert fine < 3e-3
+    sail = quarter_sail.build(MPI.COMM_WORLD, 4)
+    assert sail.find().prestress["sail"].ratio > 0.9

@@ -96,6 +96,25 @@ def test_on_the_ground_the_cube_is_held_and_air_takes_energy(comm) -> None:
     assert found["pressure_right_2"] == pytest.approx(1000.0, rel=0.05)
 
 
+@pytest.mark.mpi
+def test_the_search_for_rest_starts_where_the_run_ended(comm) -> None:
+    """Films and cube, which the lid of its box has moved, are where they were, and all gas has the
+    pressure of the run."""
+    given = {"mass": 5.0, "delay": 1.0, "inside": 300.0, "until": 2e-4, **SHORT}
+    case = sprout.build(comm, **given)
+    run = case.simulation([])
+    run.run(until=2e-4)
+    search, again = sprout.rest_near(run, given)
+    assert len(again.probes) == len(case.probes)
+    for film in ("film", "left film", "right film"):
+        here = search.system.state.named(film).positions()
+        there = run.system.state.named(film).positions()
+        assert np.abs(here - there).max(initial=0.0) < 1e-15
+    expected = run.chamber("left 1").pressure
+    for chamber in ("left 1", "right 2", "tank"):
+        assert search.chamber(chamber).pressure == pytest.approx(expected, rel=1e-9)
+
+
 def test_a_direction_that_is_not_an_axis_is_refused() -> None:
     with pytest.raises(gx.InputError, match="down is 'down'; give one of"):
         sprout.build(MPI.COMM_WORLD, gravity=9.8, down="down")

@@ -12,13 +12,12 @@ from scipy.optimize import brentq
 import gossamer_fx as gx
 from gossamer_fx import Equilibrium
 from gossamer_fx.analysis import modes
-from gossamer_fx.analysis.instability import taut_share
-from gossamer_fx.fields.fields import AreaFractions
 from gossamer_fx.loads import Centrifugal
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.disc import quarter_disc, ring
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import EDGES, sheet
+from gossamer_fx.system.film_states import AreaFractions
 
 # N/m, m, Pa
 N0 = 10.0
@@ -546,7 +545,6 @@ def test_the_share_of_a_film_that_is_not_taut_is_that_of_its_states(comm):
     equilibrium = Equilibrium(gx.Scene(film))
     _, _, taut = AreaFractions([film])(equilibrium.system)
     assert taut == pytest.approx(0.5, abs=0.01)
-    assert taut_share(equilibrium.system, film) == pytest.approx(taut, rel=1e-12)
 
 
 @pytest.mark.mpi

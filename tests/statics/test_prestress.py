@@ -367,3 +367,113 @@ def test_what_is_refused(comm):
         gx.Cable(curve, ROPE, length_factor=0.0)
     with pytest.raises(gx.InputError, match="its initial_tension function: it returns"):
         gx.Cable(curve, ROPE, initial_tension=lambda X: np.nan * X[0])
+
+
+# ---- asked for and reached -----------------------------------------------------------------------
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_fixed_film_keeps_its_prestress(comm, order, caplog):
+    """With all edges fixed the mesh is in equilibrium, so that all of the stress is left."""
+    film = gx.Membrane(sheet(comm, 4, 4), FILM, order=order, initial_stress=STRESS)
+    reached = held(film).find().prestress["film"]
+    assert reached.unit == "Pa"
+    values = (reached.asked, reached.mean, reached.least, reached.largest)
+    assert values == pytest.approx((STRESS,) * 4, rel=1e-9)
+    assert reached.ratio == pytest.approx(1.0, rel=1e-9)
+    assert "prestress" not in caplog.text
+
+
+@pytest.mark.mpi
+def test_springs_in_series_take_prestress_back(comm, caplog):
+    """A cable of EA/L = k between a support and a spring K keeps K/(k + K) of its tension.
+
+    The spring is at rest in the shape of the mesh, where the cable has the tension N0; the strain
+    is small, so that the cable is linear.
+    """
+    stiff = gx.CableLaw(1e6, 0.01)
+    for spring_stiffness, share in ((2e6, 0.8), (5e5 / 3, 0.25)):
+        caplog.clear()
+        cable = gx.Cable(line(comm, [(0, 0, 0), (2, 0, 0)], 4), stiff, initial_tension=10.0)
+        spring = gx.connectors.Spring(
+            cable.port("end"),
+            gx.Ground((3.0, 0, 0)),
+            stiffness=spring_stiffness,
+            length=1.0,
+        )
+        sideways = gx.Fixed(cable, "line", components=(1, 2))
+        statics = gx.Equilibrium(gx.Scene(cable, spring, gx.Fixed(cable, "start"), sideways))
+        result = statics.find()
+        reached = result.prestress["cable"]
+        assert reached.asked == pytest.approx(10.0, rel=1e-12)
+        assert reached.ratio == pytest.approx(share, rel=1e-4)
+        # The probe reads the same tension as the spring.
+        assert gx.probes.Tension(cable)(statics) == pytest.approx(reached.mean, rel=1e-9)
+        assert gx.probes.Tension(spring)(statics) == pytest.approx(reached.mean, rel=1e-6)
+        words = f"'cable' has {reached.mean:.3g} N of 10 N ({100 * share:.3g} %)"
+        if comm.rank == 0:
+            assert words in caplog.text
+            assert f"prestress of 'cable' {reached.mean:.3g} N of 10 N" in repr(result)
+
+
+@pytest.mark.mpi
+def test_film_on_soft_springs(comm, caplog):
+    """A strip of film between a support and springs, stressed in one direction.
+
+    The film has the stiffness k = E t b/L along the strip, in series with springs of K = k in all:
+    half of the stress is left.  Springs at the nodes have the widths of these as weights, so that
+    the stress is uniform.
+    """
+    length = 2.0
+    width = 0.5
+    stiffness = E * THICKNESS * width / length
+    strip = gx.Membrane(
+        sheet(comm, 4, 2, length, width),
+        gx.Linear(E, 0.0, density=DENSITY, thickness=THICKNESS),
+        initial_stress=np.diag([STRESS, 0.0, 0.0]),
+    )
+    springs = [
+        gx.connectors.AxialSpring(
+            strip.port_at((length, y, 0.0)),
+            weight * stiffness,
+            direction=(1.0, 0.0, 0.0),
+            origin=(length, 0.0, 0.0),
+            name=f"spring {y}",
+        )
+        for y, weight in ((0.0, 0.25), (width / 2, 0.5), (width, 0.25))
+    ]
+    supports = [
+        gx.Fixed(strip, "left", components=(0,)),
+        gx.Fixed(strip, "film", components=(1, 2)),
+    ]
+    result = gx.Equilibrium(gx.Scene(strip, *springs, *supports)).find()
+    reached = result.prestress["film"]
+    assert reached.asked == pytest.approx(STRESS, rel=1e-12)
+    # Linear up to the strain, 2e-4.
+    assert (reached.least, reached.largest) == pytest.approx((STRESS / 2,) * 2, rel=1e-3)
+    if comm.rank == 0:
+        assert "'film' has 250 kPa of 500 kPa (50 %); support it more stiffly" in caplog.text
+
+
+@pytest.mark.mpi
+def test_prestress_of_groups_and_beams(comm):
+    """Only parts with an initial tension count; a compressed beam has a negative one."""
+    mesh = line(comm, [(0, 0, 0), (1, 0, 0)], 10)
+    half = gx.Cable(mesh, ROPE, initial_tension=lambda X: np.where(X[0] < 0.5, 20.0, 0.0))
+    fixed = gx.Equilibrium(gx.Scene(half, gx.Fixed(half, "line"))).find()
+    reached = fixed.prestress["cable"]
+    assert (reached.asked, reached.mean) == pytest.approx((20.0, 20.0), rel=1e-12)
+    section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
+    beam = gx.Beam(mesh, section, initial_tension=-30.0)
+    clamps = [gx.Fixed(beam, end, rotation=True) for end in ("start", "end")]
+    pressed = gx.Equilibrium(gx.Scene(beam, *clamps)).find()
+    reached = pressed.prestress["beam"]
+    assert (reached.asked, reached.mean) == pytest.approx((-30.0, -30.0), rel=1e-9)
+    short = gx.Cable(mesh, ROPE, length_factor=0.98)
+    taut = gx.Equilibrium(gx.Scene(short, gx.Fixed(short, "line"))).find()
+    tension = 1e4 * ((1 / 0.98) ** 2 - 1) / 2 / 0.98
+    assert taut.prestress["cable"].mean == pytest.approx(tension, rel=1e-12)
+    # Without prestress nothing is compared.
+    plain = gx.Cable(mesh, ROPE)
+    assert not gx.Equilibrium(gx.Scene(plain, gx.Fixed(plain, "line"))).find().prestress

@@ -11,7 +11,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.analysis import modes
+from gossamer_fx.analysis import modes, remedies
 from gossamer_fx.analysis.search_progress import SearchProgress, SearchState
 from gossamer_fx.cli.command import main
 from gossamer_fx.meshes.airbag import airbag
@@ -330,6 +330,24 @@ def ellipsoid_with_rings(comm, turn, orient):
             model.mesh.reverse()
 
     return gx.gmsh_mesh(build, comm, orient=orient)
+
+
+def test_what_a_pressed_film_encloses_is_measured_once(comm, monkeypatch):
+    """Increments of a load are many searches of one scene, whose normals stay where they are."""
+    measured = []
+    enclosed_by = remedies.enclosed_by
+
+    def recorded(domain, table):
+        measured.append(domain)
+        return enclosed_by(domain, table)
+
+    monkeypatch.setattr(remedies, "enclosed_by", recorded)
+    film = gx.Membrane(airbag(comm, 1.0, 4), LAW, displacement=_pillow)
+    scene = gx.Scene(film, gx.Pressure(film, lambda t: 100.0 + t))
+    equilibrium = gx.Equilibrium(scene)
+    for load in range(3):
+        equilibrium.find(at=float(load))
+    assert measured == [film.mesh.domain]
 
 
 @pytest.mark.mpi

@@ -29,6 +29,7 @@ UNCALLED = {
     "analysis.Derivative",
     "analysis.RunTape",
     "analysis.EquilibriumResult",
+    "analysis.ReachedPrestress",
     "analysis.Convergence",
     "analysis.Gradient",
     "analysis.Fit",
@@ -141,6 +142,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     B = other.frame()
     P = gx.PointMass(1.0, (1.0, 0.0, 0.0)).port()
     Q = gx.Ground((0.0, 0.0, 0.0))
+    spring = gx.connectors.Spring(P, Q, stiffness=1.0, length=0.9)
     tank = gx.Tank(1e-3, gas=gas, pressure=1e5, temperature=300.0)
     cable_law = {"EA": 1e5, "line_density": 0.1}
     z = (0.0, 0.0, 1.0)
@@ -155,6 +157,9 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "orbit.Air": {"density": 1e-12, "temperature": 1000.0, "molecule": 1e-26},
         "loads.AirDrag": {"body": film, "density": 0.1, "drag_coefficient": 1.2, "wind": z},
         "gas.Ambient": {"pressure": 1.0, "temperature": 300.0},
+        "probes.AxialStrain": {"line": spring, "which": "mean"},
+        "probes.Tension": {"line": spring, "which": "least"},
+        "probes.Length": {"line": spring},
         "probes.AngularVelocity": {"frame": A, "axis": "x"},
         "probes.AreaFraction": {"body": film, "state": "taut"},
         "At": {"time": 0.1},
@@ -553,6 +558,13 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "gas.WallHeat": {"chamber": tank, "conductance": 1.0, "temperature": 300.0},
         "When": {"probe": lambda run: 0.0, "value": 1.0, "tolerance": 1e-9},
         "fields.field_values": {"state": gx.Equilibrium(scene), "body": film, "field": "stress1"},
+        "fields.line_values": {"state": gx.Equilibrium(gx.Scene(spring)), "line": spring},
+        "fields.LineValues": {
+            "points": np.zeros((1, 3)),
+            "tension": np.zeros(1),
+            "strain": np.zeros(1),
+            "length": np.ones(1),
+        },
         "fields.positions": {"state": gx.Equilibrium(scene), "body": film},
         "analysis.find_form": {
             "body": soap,

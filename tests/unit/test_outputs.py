@@ -17,10 +17,11 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.fields.fields import AreaFractions, FieldFunctions
+from gossamer_fx.fields.fields import FieldFunctions
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.plot.rasterise import Canvas
+from gossamer_fx.system.film_states import AreaFractions
 from tests.hanging import HANG_TIMEOUT
 
 adios2 = pytest.importorskip("adios2", exc_type=ImportError)  # the light install has none

@@ -9,12 +9,14 @@ from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.plot import page
 from gossamer_fx.plot import plot as pictures
 from gossamer_fx.plot.colours import STATE_COLOURS
 from gossamer_fx.plot.curve_panels import label_ends, run_curves, wrapped
@@ -193,6 +195,31 @@ def test_a_curve_that_ends_at_zero_has_its_name(tmp_path: Path) -> None:
     assert {text.get_text() for text in axes.texts} == {"kinetic", "in contact"}
 
 
+@pytest.mark.parametrize("count", [1, 4, 6])
+def test_captions_of_images_side_by_side_do_not_meet(count: int) -> None:
+    """As those of pictures that are enlarged, of a scene that is high and narrow."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    captions = [f"equilibrium of t = 0.{k}234 s, {k}.9 times larger" for k in range(count)]
+    views = page.Views(captions, size=(0.2, 2.0), draw=lambda scale: [], key={})
+    rows, columns = page._arrange(views, page.WIDTH)
+    height = page._caption_height(views, columns, page.WIDTH)
+    height += page._image_height(views, rows, columns, page.WIDTH)
+    figure = Figure(figsize=(page.WIDTH, rows * height), layout="constrained")
+    FigureCanvasAgg(figure)
+    part = figure.subfigures(1, 1)
+    with matplotlib.rc_context(page._STYLE):
+        frames = page._frames(part, views, rows, columns, page.WIDTH)
+        figure.draw_without_rendering()
+        boxes = [axes._left_title.get_window_extent() for axes in frames]
+    assert len(boxes) == count
+    for left, right in pairwise(boxes):
+        assert left.x1 < right.x0 or left.y0 > right.y1
+    for box in boxes:
+        assert box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1
+
+
 # ---- a phone, a film as MP4 ----------------------------------------------------------------------
 
 
@@ -202,9 +229,9 @@ def test_a_report_has_pictures_for_a_narrow_screen(
     from PIL import Image
 
     gx.write_report(recorded, tmp_path / "report.html")
-    page = (tmp_path / "report.html").read_text()
-    narrow = re.findall(r'<source media="\(max-width: 700px\)" srcset="data:[^,]*,([^"]*)">', page)
-    wide = re.findall(r'<img [^>]*src="data:[^,]*,([^"]*)">', page)
+    text = (tmp_path / "report.html").read_text()
+    narrow = re.findall(r'<source media="\(max-width: 700px\)" srcset="data:[^,]*,([^"]*)">', text)
+    wide = re.findall(r'<img [^>]*src="data:[^,]*,([^"]*)">', text)
     assert len(narrow) == len(wide) == 2
     for one, other in zip(narrow, wide, strict=True):
         with (
@@ -213,7 +240,7 @@ def test_a_report_has_pictures_for_a_narrow_screen(
         ):
             assert large.width == 3 * small.width
             assert small.height > small.width
-    assert page.count('<div class="table">') == page.count("<table>")
+    assert text.count('<div class="table">') == text.count("<table>")
     assert run_curves(recorded).panels
 
 

@@ -32,7 +32,7 @@ from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
 from demos.validation.models.braided_tube import End, Lowered, half_tube_mesh, inflation
 from gossamer_fx.checks.errors import check
-from gossamer_fx.fields.fields import STATES
+from gossamer_fx.system.film_states import STATES
 
 # Cells over half of the section.
 CELLS_AROUND = 8
