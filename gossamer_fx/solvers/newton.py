@@ -590,8 +590,7 @@ class Newton:
         return 0
 
     def _has_stalled(self) -> bool:
-        """Whether the last eight residuals of a time step with contact are hardly smaller than those
-        before them.
+        """Whether the last residuals of a time step with contact are hardly smaller than before.
 
         The first residual does not count, as it may be round-off when the predictor is nearly
         exact. A residual that passes the test of the forces waits for the other parts of the test.
@@ -724,7 +723,7 @@ class Newton:
         names = {v: k for k, v in vars(PETSc.SNES.ConvergedReason).items() if isinstance(v, int)}
         why = names.get(reason, str(reason)).lower().replace("_", " ")
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_LOCAL_MIN:
-            # PETSc has no code of its own for an iteration that stalls.
+            # PETSc has no code for an iteration that stalls.
             why = "the residual no longer falls"
         if self.ksp.getConvergedReason() < 0 or not self._has_update:
             why += f", linear solver: {linear.reason(self.ksp, self._preconditioner)}"

@@ -119,7 +119,7 @@ def find_overlaps(
             surface.filtered(vertex_points, lower, upper),
             vertices,
             expected=expected[0],
-            near=near and near.of(PairKind.POINT_TRIANGLE, vertex_points, surface.triangles),
+            near=_nearness(near, PairKind.POINT_TRIANGLE, vertex_points, surface.triangles),
         )
     all_edges = surface.filtered(surface.edges, lower, upper)
     with_edges = BoxTree(all_edges).overlaps(
@@ -127,7 +127,7 @@ def find_overlaps(
         edges,
         in_tree=True,
         expected=expected[1],
-        near=near and near.of(PairKind.EDGE_EDGE, surface.edges, surface.edges),
+        near=_nearness(near, PairKind.EDGE_EDGE, surface.edges, surface.edges),
     )
 
     triangle_pairs = np.hstack(
@@ -143,3 +143,12 @@ def find_overlaps(
         points=np.ascontiguousarray(points, dtype=np.int32),
         primitives=np.vstack([with_triangles, with_edges]).astype(np.int64),
     )
+
+
+def _nearness(
+    near: Nearness | None, kind: PairKind, asked: Int32Array, in_tree: Int32Array
+) -> CStruct | None:
+    """Return the C structure of `near` for pairs of one kind; None if all pairs are wanted."""
+    if near is None:
+        return None
+    return near.of(kind, asked, in_tree)

@@ -77,7 +77,7 @@ def test_ranks_find_together_what_one_finds() -> None:
 
 @pytest.mark.parametrize("margin", [0.0, 0.02])
 def test_pairs_that_can_come_near_are_kept_and_no_others(margin: float) -> None:
-    """What is left out of the overlapping boxes stays farther apart than the distance."""
+    """Pairs of overlapping boxes that are dropped stay farther apart than the distance."""
     distance = 0.05
     surface, x0 = triangle_soup(30, seed=3)
     generator = np.random.default_rng(4)
@@ -86,7 +86,7 @@ def test_pairs_that_can_come_near_are_kept_and_no_others(margin: float) -> None:
     near = Nearness(x0, x1, np.full(len(x0), margin), radius, distance)
     vertices = np.arange(len(surface.vertices), dtype=np.int32)
     edges = np.arange(len(surface.edges), dtype=np.int32)
-    # Boxes so large that all overlap: what is left out is left out by its distance.
+    # Boxes so large that all overlap: pairs are dropped by their distance alone.
     kept = find_overlaps(surface, x0 - 10, x0 + 10, vertices, edges, near=near)
     every = find_overlaps(surface, x0 - 10, x0 + 10, vertices, edges)
     sides = radius[every.points[:, 0]] + radius[every.second_point]
@@ -96,12 +96,12 @@ def test_pairs_that_can_come_near_are_kept_and_no_others(margin: float) -> None:
     expected = every.rows(gap < reach)
     assert 0 < len(expected) < len(every)
     assert keys_of(kept) == keys_of(expected)
-    left_out = every.rows(gap >= reach)
-    least = np.full(len(left_out), np.inf)
+    dropped = every.rows(gap >= reach)
+    least = np.full(len(dropped), np.inf)
     for t in np.linspace(0, 1, 20):
         at = np.ascontiguousarray(x0 + t * (x1 - x0))
-        least = np.minimum(least, np.sqrt(closest_points(left_out, at)[0]))
-    radii = radius[left_out.points[:, 0]] + radius[left_out.second_point]
+        least = np.minimum(least, np.sqrt(closest_points(dropped, at)[0]))
+    radii = radius[dropped.points[:, 0]] + radius[dropped.second_point]
     # 1e-12: round-off of the square roots.
     assert (least - radii - 2 * margin >= distance - 1e-12).all()
 
