@@ -16,8 +16,9 @@ Where the values come from:
                          1420 kg/m³
     tank                 chosen: 1 ml of nitrogen at 1.5 MPa and 293 K, which fills the tube to
                          about 9 kPa
-    crease               0.02 N m/m/rad for creases with memory: B/L* with L* = 29 thicknesses, as
-                         of the crease of Gori & Bosi (2022), doi:10.1016/j.eml.2022.101849
+    crease               0.02 N m/m/rad for creases with memory: B/L* with L* = 7 thicknesses; the
+                         crease of Gori & Bosi (2022), doi:10.1016/j.eml.2022.101849, has 29, which
+                         would be 0.005
     manufacturing        `SCATTER`, chosen; a `seed` draws the errors of one specimen, see
                          demos/common/manufacturing.py
 
@@ -78,6 +79,8 @@ SCATTER = Scatter(fold_position=1e-3, fold_angle=math.radians(2.0), diameter=0.0
 # The tip has arrived at this part of the length from the clamp.  The flat ends shorten a tube that
 # is full by some 7 %.
 ARRIVED = 0.9
+# Half of the way: creases that are flat at rest act before it.
+HALFWAY = 0.5
 OPEN = 0.5  # a ring counts as open at this part of the area of the round tube
 
 
@@ -277,8 +280,9 @@ def main(
 
     Returns the figures of `run_figures` and `dissipation`, mass_error (of the gas, relative),
     opening times of the rings [ms], pressures at the end [Pa], the largest speed [m/s] of the tip,
-    its distance from the clamp at the end and its largest one [m], the time [s] at which that first
-    is `ARRIVED` of the length, and with creases the figures of `crease_figures`.
+    its distance from the clamp at the end and its largest one [m], the times [s] at which that
+    first is `HALFWAY` and `ARRIVED` of the length, and with creases the figures of
+    `crease_figures`.
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.08, 0.2, 0.35, 0.6, 1.0)
@@ -301,6 +305,7 @@ def main(
         "tip_speed": float(series["tip speed [m/s]"].max()),
         "tip_distance": float(distance[-1]),
         "farthest": float(distance.max()),
+        "halfway": first_time(series.time, distance, HALFWAY * length),
         "arrived": first_time(series.time, distance, ARRIVED * length),
         **{f"opening_{i + 1}_ms": 1e3 * t for i, t in enumerate(opened)},
         **{f"pressure_{name[1:]}": p for name, p in ends.items()},

@@ -151,6 +151,9 @@ def main(
             )
         if (abs(error) < tolerance * wanted).all():
             break
+        # Two equations for two numbers.  The least squares of `gx.analysis.fit_runs` take ten runs
+        # of the test's coarser tube, this takes four: time and pressure depend on both numbers
+        # almost alike, so that steps along a sum of squares are short.
         update = -np.linalg.solve(found[-1].slopes, error)
         # Far from the solution the slopes are others: no number changes by more than a factor of e.
         numbers += update / max(1.0, abs(update).max())

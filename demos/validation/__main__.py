@@ -53,10 +53,12 @@ def main(words: list[str] | None = None) -> int:
         "--store is for the inputs of the cases; leave --set out.",
     )
     changes = dict(_change(word) for word in wanted.set)
+    # Sentences about errors that are too large, of all cases.
     missed = []
     folder = STORED if wanted.store else wanted.out
     for path in _paths(wanted.name):
         case = with_inputs(read_case(path, MODELS), changes)
+        # Of all cases only those with such a test are run; a single case without one is refused.
         is_concerned = any(wanted.only in test.name for test in case.tests)
         if wanted.name == "all" and not is_concerned:
             continue
@@ -72,6 +74,7 @@ def main(words: list[str] | None = None) -> int:
             _report(case, stored, folder, wanted.quick)
     if comm.rank == 0 and not wanted.sensitivity:
         if wanted.store:
+            # Only this rank is here, so that an error need not be shared with others.
             on_rank_zero(MPI.COMM_SELF, write_page)
         if wanted.quick:
             # A coarse mesh need not predict well, so only failures count.
@@ -113,6 +116,7 @@ def _parser() -> argparse.ArgumentParser:
 def _change(word: str) -> tuple[str, float]:
     """Name and number of a word INPUT=NUMBER."""
     name, _, text = word.partition("=")
+    # A word that is not a number is refused like a number that is not finite, by one message.
     try:
         number = float(text)
     except ValueError:
@@ -141,6 +145,7 @@ def _report(case: Case, stored: Stored, folder: Path, quick: bool) -> None:
     """Print the table of a case, and write it and the figure next to the results."""
     text = table([(case, stored)], quick)
     path = result_path(folder, case, quick)
+    # Stored results are shown by docs/measured.md, which has its own table.
     if folder != STORED:
         path.with_suffix(".md").write_text(text, encoding="utf-8")
     figure(case, stored, path.with_suffix(".png"), quick)
@@ -171,6 +176,7 @@ if __name__ == "__main__":
     try:
         sys.exit(main())
     except InputError as error:
+        # All ranks raise the error, and one reports it.
         if MPI.COMM_WORLD.rank == 0:
             print(f"gossamer: {error}", file=sys.stderr)
         sys.exit(2)

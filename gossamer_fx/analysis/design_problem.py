@@ -101,13 +101,23 @@ class RunSource:
         comm: of the runs.
     """
 
+    # Name of the function of the user's program, for messages.
+    who = "minimise_runs"
+
     def __init__(
         self,
         evaluate: Callable[[dict[str, Array]], Gradient],
         start: Mapping[str, Any],
         comm: MPI.Intracomm,
     ) -> None:
-        """Copy the first values; the class describes the arguments."""
+        """Copy the first values; no run is made yet.
+
+        Args:
+            evaluate: takes values by name, arrays (k,), makes a run with them, and returns the
+                gradient of its result.
+            start: first values by name, numbers or arrays (k,).
+            comm: of the runs.
+        """
         self.comm = comm
         self._evaluate = evaluate
         self._values = {}
@@ -127,27 +137,35 @@ class RunSource:
         self._found = None
 
     def gradient(self, objective: None) -> Gradient:
+        """Make a run with the present values, and return its result with derivatives.  Collective.
+
+        Args:
+            objective: not used, as the function of the user has one result.
+
+        Raises:
+            InputError: the function returns something else, or lacks the derivative by a parameter.
+        """
         # Each gradient is a run: one that is known is not made again.
         if self._found is not None:
             return self._found
         found = self._evaluate(self.values())
         check(
             isinstance(found, Gradient),
-            f"minimise_runs: evaluate returned a {type(found).__name__}; return what "
+            f"{self.who}: evaluate returned a {type(found).__name__}; return what "
             "gx.analysis.gradient returns.",
         )
         known = {derivative.name: derivative for derivative in found}
         for name, value in self._values.items():
             check(
                 name in known,
-                f"minimise_runs: the gradient has no derivative by '{name}'; it has: "
+                f"{self.who}: the gradient has no derivative by '{name}'; it has: "
                 f"{', '.join(known)}.",
             )
             size = len(known[name].values)
             check_on_all(
                 self.comm,
                 size == len(value),
-                f"minimise_runs: '{name}' has {len(value)} values and its derivative has {size}; "
+                f"{self.who}: '{name}' has {len(value)} values and its derivative has {size}; "
                 "give as many.",
             )
         self._found = found
@@ -210,7 +228,8 @@ class DesignProblem:
         source: of results and gradients.
         of: the result.
         basis: columns (k, m) of fields, by name.
-        record: file to which parameters are written after each iteration.
+        record: file to which parameters are written after each iteration; None: no file.
+        restart: whether the search goes on from that file.
 
     Attributes:
         comm: of the source.
@@ -227,6 +246,20 @@ class DesignProblem:
         record: Path | None,
         restart: bool,
     ) -> None:
+        """Make the vector of scaled numbers, and evaluate the result at its start.  Collective.
+
+        Args:
+            who: name of the function, for messages.
+            source: of results and gradients.
+            of: the result.
+            basis: for fields by name the columns (k, m) that are combined.
+            record: file to which parameters are written after each iteration; None: no file.
+            restart: whether the search goes on from that file.
+
+        Raises:
+            InputError: a basis of another parameter or of another shape, or no file to restart
+                from.
+        """
         self.who = who
         self.comm = source.comm
         self._source = source
@@ -385,7 +418,17 @@ class DesignProblem:
 
     def evaluate(self, objective: Any, x: Array) -> tuple[float, Array]:
         """A result, and its derivative with respect to the scaled numbers of this rank.
-        Collective."""
+        Collective.
+
+        Results of the present numbers are kept, so that a second call for one costs nothing.
+
+        Args:
+            objective: the result, by whose identity it is kept.
+            x: scaled numbers (n,) of this rank.
+
+        Returns:
+            the result in its unit, and its derivatives (n,).
+        """
         self.move_to(x)
         if id(objective) not in self._known:
             found = self._source.gradient(objective)
@@ -433,7 +476,13 @@ class DesignProblem:
         return self._record if self.comm.rank == 0 else None
 
     def _read(self, present: Mapping[str, Array]) -> dict[str, Array]:
-        """The values of a record.
+        """Return the values of a record.  Collective.
+
+        Args:
+            present: values (k,) of the parameters by name, which say how many there are.
+
+        Returns:
+            values (k,) of the same parameters at the last iteration that was written.
 
         Raises:
             InputError: the file does not exist, or it was written for another scene.

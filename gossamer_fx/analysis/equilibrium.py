@@ -298,7 +298,16 @@ class Equilibrium:
         *,
         gas: GasProcess = "adiabatic",
     ) -> None:
-        """Check the arguments, which the class describes, and compile the scene.  Collective."""
+        """Check the arguments, and compile the scene.  Collective.
+
+        Args:
+            scene: whose equilibrium is looked for; it needs a body.
+            search: step lengths, tolerance and limits of the search.
+            gas: how the gas of chambers changes state while the search moves the film.
+
+        Raises:
+            InputError: the scene has no body.
+        """
         check(
             bool(scene.bodies),
             "Equilibrium: the scene has no body to move; add a film, cable, beam or mass.",
@@ -528,7 +537,11 @@ class Equilibrium:
                 )
 
     def _leave_on_signal(self, signals: Listener, residual: float) -> None:
-        """End the search if a signal has come.
+        """End the search if a signal has come.  Collective.
+
+        Args:
+            signals: listens for SIGINT, SIGTERM and the like on this rank.
+            residual: unbalanced force over the load [-], for the warning in the log.
 
         Raises:
             Interrupted: with the state of the last pseudo-step in the system.

@@ -211,7 +211,16 @@ class Convergence:
     def _curves(
         self, name: str, others: Mapping[str, Convergence], *, of_errors: bool
     ) -> Iterator[tuple[str, Array, Array, Array]]:
-        """Label, CPU times, sizes and errors or values of all curves of `plot`."""
+        """Yield the curves of `plot`, one for each quantity of each series.
+
+        Args:
+            name: label of this series; may be empty.
+            others: further series by label.
+            of_errors: whether errors are drawn, of quantities that have any, instead of values.
+
+        Yields:
+            label, CPU times (m,) [s], sizes of cells (m,), and values or errors (m,) on m meshes.
+        """
         for label, found in {name: self, **others}.items():
             quantities = found.values
             if of_errors:
@@ -404,7 +413,16 @@ def _listed(values: Array) -> str:
 
 
 def _sizes(meshes: Sequence[Any], given: Sequence[float]) -> Array:
-    """h of each mesh."""
+    """Return the size h of the cells of each mesh, (m,).
+
+    Args:
+        meshes: m meshes, or numbers of cells n, whose size is 1/n.
+        given: sizes that the user gave; empty: they are measured.
+
+    Raises:
+        InputError: another number of sizes than of meshes, one that is not positive, or a mesh
+            whose size is not known.
+    """
     if len(given):
         found = np.asarray(given, dtype=float)
         check(

@@ -144,10 +144,12 @@ class Frequency:
     def add_derivative(
         self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Find the mode, and add ∂f/∂q at the given mode.  Collective.
+        """Find the mode, and add the derivative ∂f/∂q of its frequency f [Hz] by the coordinates
+        q [m].  Collective.
 
-        φ is the mode normalised by φ·M φ = 1, ω = 2π f [1/s], b a work vector of nodal derivatives
-        with ghosts. The mode and its frequency are stored in the constants of `forms`.
+        φ is the mode normalised by φ·M φ = 1, with the mass matrix M, ω = 2π f [1/s], and b a work
+        vector of nodal derivatives with ghosts. The mode and its frequency are stored in the
+        constants of `forms`.
 
         Args:
             system: the compiled scene, at its equilibrium.
@@ -155,7 +157,8 @@ class Frequency:
             by_velocity: stays as it is, since the frequency does not depend on velocities.
 
         Raises:
-            InputError: the errors of `_mode` and `forms`, or the stiffness is not symmetric.
+            InputError: the mode does not exist, another one has the same frequency, forces act on
+                or between points, or the stiffness is not symmetric.
         """
         self.forms(system)
         mode = self._mode()
@@ -172,6 +175,7 @@ class Frequency:
             owned = system.block(body).owned
             field.take(φ, shape.array_r[owned])
             factor, ω2 = self._numbers[body]
+            # f = ω/(2π), and ∂(ω²) = φ·∂K φ: ∂f = φ·∂K φ/(8π² f).
             factor.value = 1 / (8 * math.pi**2 * mode.frequency)
             ω2.value = ω**2
             dofs = body.space.dofmap

@@ -277,8 +277,19 @@ def _orthogonal_group(group: Sequence[Mode], M: PETSc.Mat) -> list[Mode]:
 
 
 def _gas_stiffnesses(system: System, is_turning: bool) -> list[tuple[Array, float]]:
-    """Pairs (g, κ) of the stiffness κ g⊗g of each closed film; this rank's part of g, 0 at fixed
-    coordinates."""
+    """Return the stiffness κ g⊗g that the gas gives each closed film.
+
+    Args:
+        system: the compiled scene, at its equilibrium.
+        is_turning: whether modes are asked for in a frame that turns.
+
+    Returns:
+        for each closed film the derivative g (n,) [m²] of its volume by this rank's coordinates,
+        zero where these are fixed, and κ [Pa/m³].
+
+    Raises:
+        InputError: scalar unknowns that are not gas, or gas in a frame that turns.
+    """
     found = []
     for scalars in system.scalar_unknowns:
         check(
@@ -318,8 +329,14 @@ def _least_gas_square(M: PETSc.Mat, stiffnesses: Sequence[tuple[Array, float]]) 
 
 
 def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
-    """Warn of frequencies that are zero within round-off [rad²/s²]: slack film and free motions
-    have them.  Collective."""
+    """Warn of frequencies that are zero within round-off: slack film and free motions have them.
+    Collective.
+
+    Args:
+        equilibrium: whose modes they are.
+        found: the modes.
+        least: square of an angular frequency [rad²/s²] that round-off explains.
+    """
     result = equilibrium.result
     assert result is not None
     limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least) / (2 * math.pi)
@@ -350,8 +367,14 @@ def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float
 
 
 def _warn_of_growth(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
-    """Warn of modes that grow faster than round-off [rad²/s²] explains: the equilibrium is not
-    stable.  Collective."""
+    """Warn of modes that grow faster than round-off explains: the equilibrium is not stable.
+    Collective.
+
+    Args:
+        equilibrium: whose modes they are.
+        found: the modes, with their growth [1/s].
+        least: square of an angular frequency [rad²/s²] that round-off explains.
+    """
     limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least)
     growing = [mode for mode in found if mode.growth > limit]
     if not growing:
@@ -537,11 +560,12 @@ def _modes_at_rest(
         modes with frequency [Hz] and growth [1/s], in the order in which they are found.
     """
     inverse = _ShiftedInverse(K, M, shift, stiffnesses)
-    operator = PETSc.Mat().createPython((K.getSizes()), inverse, K.comm)
+    operator = PETSc.Mat().createPython(K.getSizes(), inverse, K.comm)
     operator.setUp()
     found = []
     for θ, shape in _largest_eigenpairs(operator, count):
-        # θ = 0 is that of an infinite frequency.
+        # ω² = shift + 1/θ, and the mode moves as exp(λ t) with λ² = -ω².  θ = 0 is that of an
+        # infinite frequency.
         if θ:
             λ = cmath.sqrt(-shift - 1 / θ)
             frequency = abs(λ.imag) / (2 * math.pi)
@@ -550,7 +574,14 @@ def _modes_at_rest(
 
 
 def _largest_eigenpairs(operator: PETSc.Mat, count: int) -> Iterator[tuple[complex, Shape]]:
-    """Eigenvalues of largest magnitude, and this rank's parts of their vectors."""
+    """Yield the eigenvalues of largest magnitude, and this rank's parts of their vectors.
+
+    Collective, by SLEPc.  There may be more or fewer of them than asked for.
+
+    Args:
+        operator: matrix whose eigenvalues they are; it need not be symmetric.
+        count: how many are wanted.
+    """
     # Imported here, as only modes need it.
     from slepc4py import SLEPc
 

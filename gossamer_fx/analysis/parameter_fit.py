@@ -115,6 +115,9 @@ def fit(
         tolerance: relative change of the sum of squares, and of the parameters, at which the fit
             ends.
 
+    Returns:
+        the fitted parameters with their standard deviations, and the scatter of the results.
+
     Raises:
         InputError: lists of different length, fewer results than numbers, parameters that the
             results do not determine, or a field on several ranks without a basis.
@@ -174,8 +177,13 @@ def fit_runs(
             ends.
         comm: ranks of the runs.
 
+    Returns:
+        the fitted parameters with their standard deviations, and the scatter of the results.
+
     Raises:
-        InputError: as of `fit`; another number of gradients than of measured values.
+        InputError: no start values, another number of gradients than of measured values, fewer
+            results than numbers, parameters that the results do not determine, or a field on
+            several ranks.
 
     Example:
         >>> def areas(values):
@@ -207,7 +215,20 @@ class _Number:
 
 
 class _Series(RunSource):
-    """Several results of the same runs; each evaluation gives all of them."""
+    """Several results of the same runs; each evaluation gives all of them.
+
+    Args:
+        evaluate: takes values by name, arrays (k,), makes runs with them, and returns the gradients
+            of all results.
+        start: first values by name, numbers or arrays (k,).
+        count: number of results.
+        comm: of the runs.
+
+    Attributes:
+        numbers: an object for each result, by which `gradient` is asked for it.
+    """
+
+    who = "fit_runs"
 
     def __init__(
         self,

@@ -131,6 +131,12 @@ class _PrestressOfPart:
     """The comparison of one film, cable or beam."""
 
     def __init__(self, system: System, body: MeshBody) -> None:
+        """Compile the forms of the stress that was asked for and of the one reached.  Collective.
+
+        Args:
+            system: the compiled scene.
+            body: with an initial stress, strain or tension.
+        """
         self._comm = system.comm
         self._shape = BodyShape(system, body)
         part: Any = self._shape.body
@@ -192,14 +198,19 @@ def lost_prestress_words(found: dict[str, ReachedPrestress]) -> str:
     lost = {name: one for name, one in found.items() if one.ratio < SMALLEST_SHARE}
     if not lost:
         return ""
-    words = [f"'{name}' has {one.short()} ({100 * one.ratio:.3g} %)" for name, one in lost.items()]
-    named = ", ".join(words[:MAX_NAMED_PARTS])
-    more = len(words) - MAX_NAMED_PARTS
-    if more > 0:
-        named += f", and {more} others have less than {100 * SMALLEST_SHARE:.0f} %"
+    # The part that has lost most comes first.
+    names = sorted(lost, key=lambda name: lost[name].ratio)
+    words = []
+    for name in names[:MAX_NAMED_PARTS]:
+        words.append(f"'{name}' has {lost[name].short()} ({100 * lost[name].ratio:.3g} %)")
+    if len(names) > MAX_NAMED_PARTS:
+        words.append(f"and {len(names) - MAX_NAMED_PARTS} more below {100 * SMALLEST_SHARE:.0f} %")
+    remedy = "support it more stiffly, or ask for more"
+    if any(one.unit == "Pa" for one in lost.values()):
+        remedy += "; a straight free edge of a film bears no stress, an arc with a cord does"
     return (
-        f"The prestress that was asked for is not reached, as supports give way or loads relieve "
-        f"it: {named}; support it more stiffly, or ask for more."
+        "The prestress that was asked for is not reached, as supports give way or loads relieve "
+        f"it: {', '.join(words)}; {remedy}."
     )
 
 

@@ -137,8 +137,16 @@ def free_motions(
 
 
 def parts(system: System, K: PETSc.Mat) -> tuple[Labels, int]:
-    """The part of every unknown of this rank, -1 where it is fixed, and the number of parts on all
-    ranks."""
+    """Divide the unknowns of a scene into parts that no stiffness connects.  Collective.
+
+    Args:
+        system: the compiled scene.
+        K: its tangent; an entry that is not negligible connects two unknowns.
+
+    Returns:
+        the part (n,) of every unknown of this rank, numbered from 0 and -1 where it is fixed, and
+        the number of parts on all ranks.
+    """
     numbering = system.numbering
     n = numbering.size_local
     rows, columns, _ = _entries(K)
@@ -176,8 +184,15 @@ def _edges_within_nodes(
     system: System,
     is_fixed: npt.NDArray[np.bool_],
 ) -> tuple[Labels, Labels]:
-    """Edges between consecutive free components of each node: local indices of both ends, (m,)
-    each."""
+    """Return edges of a graph that connect the free components of each node with each other.
+
+    Args:
+        system: the compiled scene.
+        is_fixed: mask (n,) of this rank's unknowns.
+
+    Returns:
+        indices (m,) of the unknowns at the first and at the second end of m edges.
+    """
     sources: list[Labels] = []
     targets: list[Labels] = []
     for body in system.bodies:
@@ -253,7 +268,16 @@ def _motions(
     unbalanced: float,
     stiffnesses: Sequence[tuple[Array, float]],
 ) -> Iterator[tuple[list[str], Array, Array]]:
-    """The free motions of each part.
+    """Yield the free motions of each part, at most `MAX_PARTS` of them.  Collective.
+
+    Args:
+        system: the compiled scene.
+        K: its tangent [N/m].
+        part: number (n,) of the part of each of this rank's unknowns, -1 where it is fixed.
+        count: number of parts.
+        unbalanced: force [N] that the equilibrium leaves, below which a stiffness is not known.
+        stiffnesses: of gas, as `natural_modes` has them: g (n,) and κ of κ g⊗g for each closed
+            film.
 
     Yields:
         Names of the bodies, centre (3,) [m], and k free motions (6, k): velocity of the centre and
@@ -301,7 +325,8 @@ def _motions(
 
 
 def _nodes_of(system: System, k: int, part: Labels) -> _Nodes:
-    """The nodes of body k."""
+    """Return this rank's nodes of body k of the system, with the part (n,) of each of its unknowns
+    in `part`."""
     body = system.bodies[k]
     owned = system.block(body).owned
     shape = (-1, body.block.size // 3, 3)
@@ -325,7 +350,13 @@ def _names(system: System, nodes: Sequence[_Nodes], count: int) -> list[list[str
 
 
 def _centres(comm: MPI.Intracomm, nodes: Sequence[_Nodes], count: int) -> Array:
-    """Mean position of the nodes of each part, (parts, 3) [m]."""
+    """Return the mean position of the free nodes of each part, (count, 3) [m].  Collective.
+
+    Args:
+        comm: the ranks.
+        nodes: of each body on this rank, with the part that each belongs to.
+        count: number of parts.
+    """
     sums = np.zeros((count, 4))  # of positions, and number of nodes
     for one in nodes:
         positions = one.vectors[one.is_free, 0]
@@ -459,10 +490,20 @@ def _null_space(forces: Array, moved: Array, n: int) -> Array:
 
 
 def _describe(motions: Array, centre: Array) -> list[str]:
-    """Translations and rotations that span some motions (6, k), along axes where these do."""
+    """Return descriptions of translations and rotations that span some motions, along the
+    coordinate axes if possible.
+
+    Args:
+        motions: k motions (6, k) of a part: velocity of its centre, then angular velocity.
+        centre: (3,) [m].
+
+    Returns:
+        one text for each, e.g. "translation x" or "rotation z about (1, 0, 0)".
+    """
     # Combinations whose angular velocity is zero are translations, all others rotations.
     ω = motions[3:]
     svd = np.linalg.svd(ω, full_matrices=True)
+    # Number of independent rotations; the last rows of Vh are the combinations without any.
     rank = 0
     if svd.S.max(initial=0.0) > NO_ROTATION:
         threshold = NEGLIGIBLE_ROTATION * np.abs(ω).max()

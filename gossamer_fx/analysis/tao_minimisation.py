@@ -44,10 +44,15 @@ class TaoResult:
 
 
 class _Layout:
-    """Between the numbers of a rank, with those that all share, and a distributed vector without
-    repetition."""
+    """Copies numbers between the array of a rank, which has those that all ranks share, and a
+    distributed vector, which has each number once."""
 
     def __init__(self, problem: DesignProblem) -> None:
+        """Note which numbers of this rank are in its part of the vector.
+
+        Args:
+            problem: whose variables are numbers that all ranks have, or fields over the ranks.
+        """
         self._comm = problem.comm
         shared = []
         for variable in problem.variables:

@@ -131,7 +131,9 @@ class RotationGuides:
             f"RotationGuides '{name}': drawn is {drawn!r}; give a function of time, as lambda t: "
             "0.1 * t, or None.",
         )
-        self.hub, self._height, self._rod_radius = hub, height, rod_radius
+        self.hub = hub
+        self._height = height
+        self._rod_radius = rod_radius
         # A thin ring: its whole mass is at the radius.  Half of the polar moment is that about a
         # diameter.
         polar = mass * radius**2

@@ -56,7 +56,9 @@ class Curve(Meshed):
             f"{domain.geometry.dim}-D space; "
             "give line elements in 3-D.",
         )
-        self.name, self.comm, self.order = name, domain.comm, order
+        self.name = name
+        self.comm = domain.comm
+        self.order = order
         self.space = fem.functionspace(domain, ("Lagrange", order, (size,)))
         self.block = Block(self.space.dofmap.index_map, size)
         # the strain of the element is taken where it does not lock

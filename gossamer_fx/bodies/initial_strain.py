@@ -132,6 +132,15 @@ class _GivenTensors:
     3, n)."""
 
     def __init__(self, given: Tensors, what: str) -> None:
+        """Check a tensor; a function is checked by the caller, when it returns.
+
+        Args:
+            given: a number, a tensor (3, 3), or a function of points (3, n) [m].
+            what: name of the argument, for messages.
+
+        Raises:
+            InputError: an array that is not a tensor.
+        """
         self._function = given if callable(given) else None
         self._tensor: Array = np.zeros((3, 3))
         if not callable(given) and not isinstance(given, Mapping):

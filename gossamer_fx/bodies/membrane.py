@@ -136,7 +136,10 @@ class Membrane(Meshed):
             f"order {domain.geometry.cmap.degree} without stress; use order=2, or mesh with plane "
             "triangles.",
         )
-        self.name, self.law, self.order, self.comm = name, law, order, domain.comm
+        self.name = name
+        self.law = law
+        self.order = order
+        self.comm = domain.comm
         self.space = fem.functionspace(domain, ("Lagrange", order, (3,)))
         self.block = Block(self.space.dofmap.index_map, 3)
         self.constants = constants(law, domain)

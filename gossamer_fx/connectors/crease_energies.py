@@ -287,8 +287,15 @@ class CreaseEnergies(
     def add_start_derivatives(
         self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Carry the sums for rest angles to the start of the step; the reversed step has all
-        forces."""
+        """Carry the derivatives by the rest angles of creases that yield from the end of a step to
+        its start.  Collective.
+
+        The reversed step has the derivatives of all forces, so that nothing is added to vectors.
+
+        Args:
+            μ: adjoint vector of the step, over all unknowns.
+            by_position, by_velocity: stay as they are.
+        """
         if not self._yielding:
             return
         displacements = self._gather(μ)

@@ -16,12 +16,8 @@ from petsc4py import PETSc
 from gossamer_fx.contact.arrays import Array
 from gossamer_fx.contact.contact_set import ContactSet
 from gossamer_fx.contact.origin_derivative import add_product_through_origins
-from gossamer_fx.contact.potential import energy_of_pairs, evaluate
-from gossamer_fx.contact.stiffness_adjoint import (
-    StiffnessAdjoint,
-    closing_derivatives,
-    unit_energies,
-)
+from gossamer_fx.contact.potential import energy_of_pairs, evaluate, unit_energies
+from gossamer_fx.contact.stiffness_adjoint import StiffnessAdjoint, closing_derivatives
 from gossamer_fx.model.body import MeshBody
 
 
@@ -164,7 +160,7 @@ class ContactGradient:
         _, scaled = energy_of_pairs(pairs, self._set.x0, self._set.law)
         # The sums are subtracted from the derivatives, as those of all forces are.
         self._stiffness_adjoint.add(
-            pairs.identifier, -share * unit_energies(pairs.kind, scaled, self._set.law)
+            pairs.identifier, -share * unit_energies(pairs, scaled, self._set.law)
         )
 
     # ---- by numbers ----

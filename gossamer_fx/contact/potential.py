@@ -252,6 +252,28 @@ def energy_of_pairs(
     return float(energy), scaled_distance
 
 
+def unit_energies(pairs: ActivePairs, scaled_distance: Array, law: ContactLaw) -> Array:
+    """Return b(x) (n,) of contact pairs [-]: their energy over their stiffness.
+
+    Args:
+        pairs: n pairs, of which only the kinds count.
+        scaled_distance: x (n,) [-] of each, from `energy_of_pairs`.
+        law: of the energy.
+
+    Raises:
+        ValueError: an array is not contiguous, or not of the shape above.
+    """
+    c = library()
+    count = len(pairs)
+    energy = np.empty(count)
+    c.lib.unit_energies(
+        _active_pairs(pairs, None, law).pointer,
+        c.array("scaled_distance", scaled_distance, "float64", (count,)),
+        c.array("energy", energy, "float64", (count,), writable=True),
+    )
+    return energy
+
+
 def evaluate(
     pairs: ActivePairs,
     x0: Array,

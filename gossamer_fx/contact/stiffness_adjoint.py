@@ -25,12 +25,11 @@ from __future__ import annotations
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.contact.arrays import Array, ByteArray, Int32Array, Int64Array
+from gossamer_fx.contact.arrays import Array, Int32Array, Int64Array
 from gossamer_fx.contact.friction.tangent_directions import TINY, gap_weights, lengths_of
 from gossamer_fx.contact.narrow_phase.closest_points import closest_points
 from gossamer_fx.contact.pair_stiffness import SHORT_TIME, SPEED_RESERVE
-from gossamer_fx.contact.pair_table import ActivePairs, PairKind, is_wall
-from gossamer_fx.contact.potential import ContactLaw
+from gossamer_fx.contact.pair_table import ActivePairs, PairKind
 
 
 class StiffnessAdjoint:
@@ -192,21 +191,3 @@ def _distances_of_walls(kind: PairKind, at: Array) -> tuple[Array, Array]:
         gradient[:, 2:] = share[:, :, None] * r[:, None]
     gradient[:, 1] = -gradient[:, 0]
     return distance, gradient
-
-
-def unit_energies(kind: ByteArray, scaled_distance: Array, law: ContactLaw) -> Array:
-    """Return b(x) (n,) of pairs, their energy over their stiffness; `kernels/contact_law.h` has the
-    same.
-
-    Args:
-        kind: of each pair (n,), a `PairKind`.
-        scaled_distance: x (n,) of each.
-        law: of the energy.
-    """
-    x = np.minimum(scaled_distance, 1.0)
-    if law == ContactLaw.BARRIER:
-        energy: Array = (1 - x) ** 3 / (4 * x)
-        return energy
-    distance = np.where(is_wall(kind), x, np.sqrt(np.maximum(x, 0)))
-    penalty: Array = (1 - distance) ** 2 / 2
-    return penalty

@@ -25,6 +25,9 @@ UNITS = {
     "contact_pressure": "Pa",
 }
 
+# Fields that cables and beams have, and films do not.
+LINE_FIELDS = ("tension", "axial_strain")
+
 _PREFIXES = {1e-9: "n", 1e-6: "µ", 1e-3: "m", 1.0: "", 1e3: "k", 1e6: "M", 1e9: "G"}
 _ROUND_OFF = 1e-9  # of a factor: 0.9999999999 is written as 1, not as 1000 of the smaller unit
 

@@ -233,8 +233,10 @@ class Ikaros(FoldMap):
     def _rise(self, p: Array) -> Array:
         """Return the height above the hub, in layers of film, of a strip that is wound round it.
 
-        It lies on the hub at first, and leaves it to make room for the turns of the next trapezoid:
-        a quarter of 2 `bends` columns on, it is above two halves of that.
+        A trapezoid takes 2 `bends` columns of the circumference, on which both halves of its arm
+        lie, as many layers each as the arm has columns.  Over these columns a strip rises linearly,
+        by the layers of one half and one more.  At the first column of the next trapezoid it is
+        above both halves of all that it has passed.
 
         Args:
             p: columns (n,) from where the trapezoid of the strip begins, ≥ 0.
@@ -242,13 +244,13 @@ class Ikaros(FoldMap):
         Returns:
             (n,) layers between the hub and the seam of the strip.
         """
-        quarter = 2 * self.bends
-        # 0 in the first quarter, its end included.
-        whole_quarters = np.ceil(p / quarter) - 1
-        # Columns since the last whole quarter.  In the first of them the strip does not rise.
-        columns = np.maximum(p - quarter * whole_quarters, 1.0)
-        below = whole_quarters * (2 * self._arm + 1)
-        rise: Array = below + (self._arm + 1) * (columns - 1) / (quarter - 1)
+        columns_of_trapezoid = 2 * self.bends
+        # 0 on the columns of the first trapezoid, the last of them included.
+        passed = np.ceil(p / columns_of_trapezoid) - 1
+        # Columns on the present trapezoid, from one: at the first the strip has not yet risen.
+        columns = np.maximum(p - columns_of_trapezoid * passed, 1.0)
+        below = passed * (2 * self._arm + 1)
+        rise: Array = below + (self._arm + 1) * (columns - 1) / (columns_of_trapezoid - 1)
         return rise
 
     @property

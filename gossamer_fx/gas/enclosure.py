@@ -299,6 +299,12 @@ class _CompiledFilm:
     """One chamber of a `FilmSurface`, with the sign of its normals."""
 
     def __init__(self, surface: FilmSurface, side: Side) -> None:
+        """Add the chamber to the surface, which computes volumes and forces of all its chambers.
+
+        Args:
+            surface: of the film.
+            side: triangles of the chamber, and their directions.
+        """
         self._surface = surface
         self._side = side
         self._index = surface.add(side)

@@ -152,7 +152,11 @@ class Ring:
             # the other one of the two edges at the vertex
             i = sum(edges_at[vertex]) - i
         # A shorter walk means that the edges form several closed lines.
-        check(len(walk) == len(edges), message)
+        check(
+            len(walk) == len(edges),
+            f"Ring: the edges '{self.edges}' of '{self.body.name}' form several closed lines; make "
+            "a group of each line, and give a Ring for each.",
+        )
         numbers = np.array([edge[:5] for edge in walk])
         starts = np.array([edge.start for edge in walk])
         return np.roll(numbers, -_lowest(starts), axis=0)

@@ -26,6 +26,13 @@ class _OnVectors:
     """Forces Σ_j m_ij A (X_j - c_j) on the vectors of one node, A = |Ω|² 1 - Ω Ωᵀ."""
 
     def __init__(self, mass: Array, A: Array, centre: Array) -> None:
+        """Multiply masses and A; directors, which have no centre, come after the point.
+
+        Args:
+            mass: m (k, k) of the k vectors: kg, kg m and kg m² for points and directors.
+            A: (3, 3) [1/s²] of the angular velocity Ω.
+            centre: a point (3,) [m] of the axis.
+        """
         self._K = np.kron(mass, A)
         self._c = np.concatenate([centre, np.zeros(self._K.shape[0] - 3)])
 

@@ -66,6 +66,13 @@ class ForceInTime:
     depends_on_position_only = True
 
     def __init__(self, comm: MPI.Intracomm, name: str, value: History) -> None:
+        """Take the function, which is first called when a step begins.
+
+        Args:
+            comm: the ranks, which must agree on its values.
+            name: of the load, for messages.
+            value: function of time [s] that returns three components [N].
+        """
         self._comm = comm
         self._name = name
         self._value = value
@@ -206,6 +213,7 @@ class ConstantTorque(Couple):
     """Torque (3,) in space axes that never changes."""
 
     def __init__(self, torque: Array) -> None:
+        """Take the torque (3,) [N m], in axes of space."""
         super().__init__()
         self.torque = torque
 
@@ -215,6 +223,13 @@ class TorqueInTime(Couple):
     of the step."""
 
     def __init__(self, comm: MPI.Intracomm, name: str, value: History) -> None:
+        """Take the function, which is first called when a step begins.
+
+        Args:
+            comm: the ranks, which must agree on its values.
+            name: of the load, for messages.
+            value: function of time [s] that returns three components [N m].
+        """
         super().__init__()
         self._comm = comm
         self._name = name

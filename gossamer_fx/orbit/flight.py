@@ -58,7 +58,8 @@ class Flight:
         Args:
             around: gravity field, Sun and shadow of the orbit, with the state in which it starts.
         """
-        self.around, self.origin = around, Origin(*around.state, around.mu)
+        self.around = around
+        self.origin = Origin(*around.state, around.mu)
         self.moments: Callable[[], Moments] | None = None
         self._for: tuple[float, float] | None = None
         self.time = 0.0

@@ -442,6 +442,7 @@ class _Coordinate:
     """A coordinate [m] of the first node of a body, as a probe."""
 
     def __init__(self, body: Body, axis: int) -> None:
+        """Take the body, and the number of the axis: 0, 1 or 2 for x, y or z."""
         self._body = body
         self._axis = axis
 

@@ -194,6 +194,7 @@ def _take(entity: Any, scale: float, drawing: Drawing) -> None:
         from ezdxf import path as paths
 
         drawn = paths.make_path(entity)
+        # A first, coarse polyline has the size of the curve, to which the sagitta is relative.
         corners = np.array([[p[0], p[1]] for p in drawn.approximate(16)])
         tolerance = SAGITTA * float(np.linalg.norm(np.ptp(corners, axis=0)))
         points = np.array([[p[0], p[1]] for p in drawn.flattening(tolerance, segments=16)])

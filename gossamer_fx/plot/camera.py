@@ -195,7 +195,8 @@ def render(
         corners = project(shape.corners)
         shades = _shades(corners, shape.normals @ camera.axes.T)
         parts = [_Triangles(corners, shades, shape.kinds)]
-        parts.append(_bars(project(shape.lines), ink))
+        line_kinds = np.where(shape.line_kinds < 0, ink, shape.line_kinds)
+        parts.append(_bars(project(shape.lines), line_kinds))
         parts.append(_balls(project(shape.dots), ink))
         near = camera.depth[0] * pixels_per_metre
         far = camera.depth[1] * pixels_per_metre
@@ -252,12 +253,12 @@ class _Projection:
         return pixels
 
 
-def _bars(ends: Array, kind: int) -> _Triangles:
+def _bars(ends: Array, kinds: Integers) -> _Triangles:
     """Lines as round bars: on each side of the axis a strip of triangles that gets darker outwards.
 
     Args:
         ends: (m, 2, 3) [pixels]: to the right, down and away from the eye.
-        kind: row of the palette for lines.
+        kinds: rows (m,) of the palette.
 
     Returns:
         4 m triangles with their brightness.
@@ -277,8 +278,7 @@ def _bars(ends: Array, kind: int) -> _Triangles:
         shades.append(np.tile([0.35, 0.8, 0.8], (len(ends), 1)))
         corners.append(np.stack([start + side, end + crest, end + side], axis=1))
         shades.append(np.tile([0.35, 0.8, 0.35], (len(ends), 1)))
-    kinds = np.full(4 * len(ends), kind)
-    return _Triangles(np.concatenate(corners), np.concatenate(shades), kinds)
+    return _Triangles(np.concatenate(corners), np.concatenate(shades), np.tile(kinds, 4))
 
 
 def _balls(centres: Array, kind: int) -> _Triangles:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gossamer_fx.fields.units import LINE_FIELDS
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
 from gossamer_fx.model.body import Array
 from gossamer_fx.plot.run_reader import RunReader
@@ -141,7 +142,7 @@ def colouring(run: RunReader, field: str) -> Colouring:
     if field == "group":
         key = dict(zip(run.groups, GROUP_COLOURS, strict=False))
         return Colouring(key, group_table(len(run.groups)))
-    if field == "state" or not run.films:
+    if field == "state" or (not run.films and field not in LINE_FIELDS):
         return by_state(bool(run.films))
     samples = [values.mean(axis=1) for frame in sampled(run) for values in run.values(field, frame)]
     found = scale(field, samples)

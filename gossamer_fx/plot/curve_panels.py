@@ -170,13 +170,16 @@ def overlay_curves(run: RunReader, series: Sequence[MeasuredSeries]) -> Curves:
 
 
 def grouped(probes: Tables) -> dict[str, Tables]:
-    """Curves of one panel by their last words, by the title of the panel.
+    """Group probes into panels: those whose names differ in the last word share one.
 
-    "tip x [m]" and "tip y [m]" are the curves x and y of "tip [m]".  A name without a unit, or of
-    one word, is a title by itself, whose curve has an empty name.
+    "tip x [m]" and "tip y [m]" are the curves x and y of the panel "tip [m]".  A name without a
+    unit, or of one word, is a panel by itself, whose curve has an empty name.
 
     Args:
         probes: columns (n,) of a table of probes by name; "time" and "step" are left out.
+
+    Returns:
+        the curves (n,) of each panel by the last words of their names, by the title of the panel.
     """
     panels: dict[str, Tables] = {}
     for name, values in probes.items():

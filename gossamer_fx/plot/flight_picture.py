@@ -181,9 +181,17 @@ class FlightPicture(DrawnRun):
 
 
 class _FlightNumber:
-    """A component of the position, of the velocity or of the way to the Sun, as a probe."""
+    """A component of the position, of the velocity or of that of the Sun, as a probe."""
 
     def __init__(self, orbit: Orbit, what: int, axis: int) -> None:
+        """Choose the component.
+
+        Args:
+            orbit: of the scene.
+            what: 0 for the position [m], 1 for the velocity [m/s], 2 for the position of the Sun
+                [m], all from the attracting centre.
+            axis: 0, 1 or 2 for x, y or z.
+        """
         self._orbit = orbit
         self._what = what
         self._axis = axis

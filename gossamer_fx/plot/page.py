@@ -190,6 +190,7 @@ def _arrange(views: Views | None, page_width: float) -> tuple[int, int]:
     for columns in range(1, count + 1):
         rows = math.ceil(count / columns)
         width = _image_height(views, rows, columns, page_width) * views.size[0] / views.size[1]
+        # Width of an image, less for positions that stay empty and for more rows.
         score = width * count / (columns * rows) / rows**_FEW_ROWS
         if score > best_score:
             best = columns

@@ -18,7 +18,7 @@ import numpy as np
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, check
 from gossamer_fx.drawing.html import table
-from gossamer_fx.fields.units import without_unit
+from gossamer_fx.fields.units import LINE_FIELDS, without_unit
 from gossamer_fx.mesh.linear_pieces import from_vtk, linear_pieces, middles
 from gossamer_fx.mesh.quality import ALIKE
 from gossamer_fx.model.body import Array
@@ -28,7 +28,7 @@ from gossamer_fx.outputs.file_names import file_name, segments
 from gossamer_fx.outputs.run_file import read_run_file
 from gossamer_fx.outputs.solid_frames import REST, placed
 from gossamer_fx.outputs.vtu_format import Grid, read_pvd, read_vtu
-from gossamer_fx.plot.shapes import SOLID, Integers, Shape, smooth_normals
+from gossamer_fx.plot.shapes import INK, SOLID, Integers, Shape, smooth_normals
 
 Tables = dict[str, Array]
 
@@ -91,6 +91,8 @@ class RunReader:
         self._points = self._vectors("points.csv", 3)
         self._frames = self._vectors("solids.csv", _VECTOR_PARTS)
         self._connectors = self._vectors("lines.csv", _LINE_PARTS)
+        self._connector_names = _names_of_lines(self.table("lines.csv"))
+        self._tensions = self.table("tensions.csv")
         self.times: Array = self._points[0]
         if self.bodies:
             # a run that was killed may have written fewer steps of one body
@@ -238,8 +240,12 @@ class RunReader:
 
     def known_fields(self) -> list[str]:
         """Names of the fields of films or, where there are only lines, of lines; without the
-        direction of tension."""
+        direction of tension.  Tensions of cables and beams come last."""
         names = [name for body in self.films or self.fields for name in self.fields[body]]
+        for fields in self.fields.values():
+            names += [name for name in fields if name in LINE_FIELDS]
+        if self._tensions and self.bodies:
+            names.append("tension")
         return list(dict.fromkeys(name for name in names if name != "direction"))
 
     def check_field(self, field: str) -> None:
@@ -263,20 +269,61 @@ class RunReader:
 
     def values(self, field: str, frame: int) -> list[Array]:
         """Values (n, 3) at the corners of the triangles of each film that has the field; lengths of
-        vectors.
+        vectors.  Of a tension they are the values (n, 2) at the ends of the pieces of each line.
 
         Args:
             frame: number of the recorded state, see `frame`.
-            field: name of a field; films that did not record it are left out.
+            field: name of a field; bodies that did not record it are left out.
 
         Raises:
             InputError: a file of fields is missing or damaged.
         """
         found = []
-        for name in self.films:
+        bodies = self.films
+        if field in LINE_FIELDS:
+            bodies = list(self.fields)
+        for name in bodies:
             if field in self.fields[name]:
                 segment, step = self.bodies[name].at(frame)
                 found.append(segment.read(field, step)[segment.pieces])
+        if field == "tension":
+            for name in self._lines_with_means():
+                mean = self._mean_tension(name, float(self.times[frame]))
+                found.append(np.full((1, 2), mean))
+        return found
+
+    def _lines_with_means(self) -> list[str]:
+        """Names of connectors, and of cables and beams whose field "tension" was not recorded."""
+        names = list(dict.fromkeys(self._connector_names))
+        for name, body in self.bodies.items():
+            if not body.is_film and "tension" not in self.fields[name]:
+                names.append(name)
+        return names
+
+    def _mean_tension(self, name: str, time: float) -> float:
+        """Mean tension [N] of a line at a recorded time [s]; NaN if it was not recorded."""
+        values = self._tensions.get(f"{name} mean [N]", np.zeros(0))
+        if not len(values):
+            return float("nan")
+        return float(values[int(np.abs(self._tensions["time"] - time).argmin())])
+
+    def _line_kinds(
+        self, names: list[str], field: str, time: float, kinds: Callable[[Array], Integers]
+    ) -> Integers:
+        """Rows of the table of colours (n,) of lines by their mean tension, INK for other fields.
+
+        Args:
+            names: of the connectors, cables or beams to which the n lines belong.
+            field: by which the picture is coloured.
+            time: of a recorded state [s].
+            kinds: function that returns rows of the table for values (n,) of the field.
+        """
+        found = np.full(len(names), INK, dtype=np.int64)
+        if field == "tension":
+            of_name = {name: self._mean_tension(name, time) for name in set(names)}
+            values = np.array([of_name[name] for name in names])
+            is_known = np.isfinite(values)
+            found[is_known] = kinds(values[is_known])
         return found
 
     def film_corners(self, frame: int) -> list[Array]:
@@ -309,11 +356,18 @@ class RunReader:
         normals: list[Array] = [np.zeros((0, 3, 3))]
         values: list[Array] = [np.zeros((0, 3))]
         lines: list[Array] = [np.zeros((0, 2, 3))]
+        line_kinds: list[Integers] = [np.zeros(0, dtype=np.int64)]
         for name, body in self.bodies.items():
             segment, step = body.at(frame)
             points = segment.positions(step)[segment.pieces]
             if not body.is_film:
                 lines.append(points)
+                if field in LINE_FIELDS and field in self.fields[name]:
+                    at_ends = segment.read(field, step)[segment.pieces]
+                    line_kinds.append(kinds(at_ends.mean(axis=1)))
+                else:
+                    time = float(self.times[frame])
+                    line_kinds.append(self._line_kinds([name] * len(points), field, time, kinds))
                 continue
             corners.append(points)
             normals.append(smooth_normals(points, segment.vertices))
@@ -322,7 +376,11 @@ class RunReader:
             else:
                 values.append(np.full(points.shape[:2], np.nan))
         fine = _refined(*(np.concatenate(parts) for parts in (corners, normals, values)))
-        of_triangles = [kinds(fine[2].mean(axis=1))]
+        of_films = kinds(fine[2].mean(axis=1))
+        if field in LINE_FIELDS:
+            # Films have no tension of this kind: they are drawn as solids are.
+            of_films = np.full(len(of_films), SOLID, dtype=np.int64)
+        of_triangles = [of_films]
         corners = [fine[0]]
         normals = [fine[1]]
         time = float(self.times[frame])
@@ -333,13 +391,16 @@ class RunReader:
             of_triangles.append(np.full(len(surface), SOLID, dtype=np.int64))
             if not len(solid.triangles):
                 lines.append(X[solid.lines])
+                line_kinds.append(np.full(len(solid.lines), INK))
         lines.append(self.connector_lines(time))
+        line_kinds.append(self._line_kinds(self._connector_names, field, time, kinds))
         return Shape(
             time=time,
             corners=np.concatenate(corners),
             normals=np.concatenate(normals),
             kinds=np.concatenate(of_triangles),
             lines=np.concatenate(lines),
+            line_kinds=np.concatenate(line_kinds),
             dots=self.dots(time),
         )
 
@@ -357,6 +418,16 @@ class RunReader:
         return [
             placed(solid.X, next(frames, REST) if solid.moves else REST) for solid in self.solids
         ]
+
+
+def _names_of_lines(table: Tables) -> list[str]:
+    """Names (n,) of the connectors to which the lines of lines.csv belong.
+
+    Args:
+        table: lines.csv, whose columns are called "NUMBER NAME ax" and so on; may be empty.
+    """
+    firsts = [column for column in table if column not in ("time", "step")][::_LINE_PARTS]
+    return [column.partition(" ")[2].removesuffix(" ax") for column in firsts]
 
 
 def _at_time(table: tuple[Array, Array], time: float) -> Array:
@@ -399,6 +470,7 @@ class RecordedSolid:
     """
 
     def __init__(self, about: dict[str, Any]) -> None:
+        """Read the arrays of an entry of "solids" in run.json."""
         self.X: Array = np.array(about["X"], dtype=float).reshape(-1, 3)
         self.triangles = np.array(about["triangles"], dtype=np.int64).reshape(-1, 3)
         self.lines = np.array(about["lines"], dtype=np.int64).reshape(-1, 2)

@@ -14,6 +14,7 @@ from gossamer_fx.model.body import Array
 Integers = npt.NDArray[np.int64]
 
 SOLID = -1  # kind of the triangles of solids
+INK = -2  # kind of lines that are not coloured by a field
 # Cosine of the angle between a triangle and the mean of its neighbours beyond which an edge is
 # drawn sharp: about 53°.
 _SHARP_EDGE = 0.6
@@ -33,6 +34,7 @@ class Shape:
         normals: (n, 3, 3), unit vectors at the corners.
         kinds: (n,), rows of a table of colours, or SOLID.
         lines: (m, 2, 3), ends [m].
+        line_kinds: (m,), rows of the table of colours, or INK.
         dots: (k, 3), centres [m].
     """
 
@@ -41,6 +43,7 @@ class Shape:
     normals: Array = field(default_factory=lambda: _empty(0, 3, 3))
     kinds: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     lines: Array = field(default_factory=lambda: _empty(0, 2, 3))
+    line_kinds: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     dots: Array = field(default_factory=lambda: _empty(0, 3))
 
     @property

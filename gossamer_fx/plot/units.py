@@ -12,6 +12,8 @@ from gossamer_fx.fields.units import scaled as scaled
 NAMES = {
     "displacement": "Displacement",
     "velocity": "Speed",
+    "tension": "Tension",
+    "axial_strain": "Axial strain",
     "curvature1": "Larger principal curvature",
     "curvature2": "Smaller principal curvature",
     "moment1": "Larger bending moment",

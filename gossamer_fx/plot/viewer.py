@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gossamer_fx.fields.units import LINE_FIELDS
 from gossamer_fx.model.body import Array
 from gossamer_fx.plot.colours import Colouring, Scale, colouring, default_field
 from gossamer_fx.plot.run_reader import FieldFile, RunReader
@@ -117,7 +118,9 @@ def _fields(run: RunReader) -> list[tuple[str, Colouring]]:
     first = default_field(run)
     names = [first]
     if run.films:
-        names += [name for name in run.known_fields() if name not in (first, "velocity")]
+        # The view colours triangles only.
+        hidden = (first, "velocity", *LINE_FIELDS)
+        names += [name for name in run.known_fields() if name not in hidden]
     return [(name, colouring(run, name)) for name in names]
 
 

@@ -39,7 +39,15 @@ class AngularMomentum:
     unit = "kg m²/s"
 
     def __init__(self, axis: str, *, frame: Frame | None = None) -> None:
-        """Check the arguments, which the class describes."""
+        """Check the arguments; nothing is computed before the first call.
+
+        Args:
+            axis: "x", "y" or "z": of space, or the first, second or third axis of `frame`.
+            frame: with three directors, of a body or of the ground; None: axes of space.
+
+        Raises:
+            InputError: the axis is unknown, or the frame has two directors only.
+        """
         check_axis(axis)
         check(
             frame is None or len(frame.directors) == 3,

@@ -126,7 +126,15 @@ class Imbalance:
     unit = "1"
 
     def __init__(self, ports: Sequence[Port], frame: Frame) -> None:
-        """Check the arguments, which the class describes."""
+        """Check the arguments; nothing is computed before the first call.
+
+        Args:
+            ports: points whose distances from the third axis of the frame are compared, at least 2.
+            frame: with three directors.
+
+        Raises:
+            InputError: fewer than 2 points, or the frame has two directors only.
+        """
         check(len(ports) >= 2, f"Imbalance: {len(ports)} points have none; give at least 2.")
         check(
             len(frame.directors) == 3,

@@ -54,8 +54,13 @@ class StaticGradients:
         """Check that the scene has a gradient at an equilibrium, and find the variables.
         Collective.
 
+        Args:
+            equilibrium: of the scene.
+            by: names of the variables, "item.parameter".
+
         Raises:
-            InputError: as the class says.
+            InputError: a name that the scene has not, a part of the scene without a gradient, or
+                gas chambers.
         """
         system = equilibrium.system
         check(

@@ -117,11 +117,14 @@ class RunTape:
     """
 
     def __init__(self, run: RunToRecord, *, memory: float = DEFAULT_MEMORY) -> None:
-        """Check the arguments, which the class describes, and record every step from now on.
-        Collective.
+        """Check the arguments, and record every step from now on.  Collective.
+
+        Args:
+            run: a `Simulation` with `Midpoint` steps.
+            memory: what the tape may take on each rank [bytes].
 
         Raises:
-            InputError: as the class says.
+            InputError: another stepper or stress rule, or no room for four states.
         """
         stepper = run.stepper
         check(

@@ -60,8 +60,13 @@ class TransientGradients:
     def __init__(self, tape: RunTape, by: Sequence[str]) -> None:
         """Check that the scene has a gradient of runs, and find the variables.  Collective.
 
+        Args:
+            tape: of the run, which stands at its last step.
+            by: names of the variables, "item.parameter".
+
         Raises:
-            InputError: as the class says.
+            InputError: a name that the scene has not, a part of the scene without a gradient, or no
+                step.
         """
         system = tape.system
         check(

@@ -108,6 +108,14 @@ class Variable(ABC):
     is_distributed: bool
 
     def __init__(self, name: str, unit: str, is_distributed: bool, size: int) -> None:
+        """Begin with a derivative of zero.
+
+        Args:
+            name: "item.parameter".
+            unit: SI unit.
+            is_distributed: whether each rank has its own part of the values.
+            size: number of values on this rank.
+        """
         self.name = name
         self.unit = unit
         self.is_distributed = is_distributed
@@ -262,6 +270,14 @@ class InitialVariable(Variable):
     """Coordinates or velocities of a body at the start of a run."""
 
     def __init__(self, name: str, body: Body, system: System, is_velocity: bool) -> None:
+        """Take as many values as this rank has unknowns of the body.
+
+        Args:
+            name: "body.parameter".
+            body: whose initial state it is.
+            system: the compiled scene.
+            is_velocity: whether the variable is the velocities [m/s], else the coordinates [m].
+        """
         unit = "m/s" if is_velocity else "m"
         owned = system.block(body).owned
         super().__init__(name, unit, True, owned.stop - owned.start)
@@ -297,6 +313,13 @@ class RigidMotionVariable(Variable):
     """
 
     def __init__(self, name: str, body: RigidBody, system: System) -> None:
+        """Tell velocity and angular velocity apart by the name.
+
+        Args:
+            name: "body.velocity" or "body.spin".
+            body: the rigid body.
+            system: the compiled scene.
+        """
         self._is_spin = name.rpartition(".")[2] == SPIN
         super().__init__(name, "rad/s" if self._is_spin else "m/s", False, 3)
         self._body = body
@@ -324,6 +347,14 @@ class ScalarVariable(Variable):
     """A number of scalar unknowns: of a chamber, an orifice, a wall or a reservoir of gas."""
 
     def __init__(self, name: str, adjoint: ScalarsAdjoint, item: Any, system: System) -> None:
+        """Take the unit of the parameter from the adjoint.
+
+        Args:
+            name: "item.parameter".
+            adjoint: sums the derivative over the steps of a run.
+            item: chamber, opening, wall or reservoir of the scene.
+            system: the compiled scene.
+        """
         self._what = name.rpartition(".")[2]
         self._item = item
         self._adjoint = adjoint

@@ -182,6 +182,12 @@ class Bordered:
     """The operator of (1), as PETSc's Python matrix."""
 
     def __init__(self, composite: Composite, A: Tangent) -> None:
+        """Begin without rows and columns of the scalar unknowns, which `set` gives.
+
+        Args:
+            composite: vectors of coordinates and scalars.
+            A: block of the coordinates: the stored tangent and couplings of contact.
+        """
         self.composite = composite
         self.A = A
         self._out = composite.fields.duplicate()

@@ -314,7 +314,8 @@ class ElementForces:
         self._e0 = self._at_points(mesh, m)
         self._strain_variable = self._at_points(mesh, m)
         self._strain_before = self._e0.x.array.copy()
-        # S and D, row after row, and whether they are those of the present ê.
+        # Stress S (m,) of the step and its derivatives D (m, m) by the strain at its end, row after
+        # row, and whether they are those of the present ê.
         self._has_response = False
         self._response = self._at_points(mesh, m + m * m)
         S = ufl.as_vector([self._response[i] for i in range(m)])

@@ -174,6 +174,28 @@ def test_a_ring_inside_of_a_surface_is_refused():
         gx.Simulation(gx.Scene(film, bag), gx.Midpoint(dt=1e-4))
 
 
+def test_two_rims_in_one_group_are_no_ring():
+    """Of an open cylinder, whose two rims have one name."""
+
+    def cylinder(model):
+        wall = model.occ.addCylinder(0, 0, 0, 0, 0, 1, 0.3)
+        model.occ.synchronize()
+        surfaces = model.getBoundary([(3, wall)], oriented=False)
+        sides = [tag for dim, tag in surfaces if model.getType(dim, tag) == "Cylinder"]
+        rims = []
+        for _, curve in model.getEntities(1):
+            if model.getType(1, curve) == "Circle":
+                rims.append(curve)
+        model.addPhysicalGroup(2, sides, name="wall")
+        model.addPhysicalGroup(1, rims, name="rims")
+        model.mesh.setSize(model.getEntities(0), 0.2)
+        model.mesh.generate(2)
+
+    film = gx.Membrane(gx.gmsh_mesh(cylinder, MPI.COMM_WORLD), FILM)
+    with pytest.raises(gx.InputError, match="form several closed lines; make a group of each"):
+        gx.gas.Ring(film, "rims").loop()
+
+
 def test_an_open_line_is_no_ring():
     film = gx.Membrane(flat_tube(MPI.COMM_WORLD, 0.3, 0.06, 4), FILM)
     bag = gx.Chamber(

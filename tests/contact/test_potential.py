@@ -15,6 +15,7 @@ from gossamer_fx.contact.potential import (
     evaluate,
     infinite_at_crossings,
     pair_starts,
+    unit_energies,
 )
 from tests.contact.pairs_twin import PairTwin
 from tests.contact.random_pairs import near_pairs
@@ -59,6 +60,17 @@ def test_the_kernel_agrees_with_its_twin(kind: int, law: ContactLaw) -> None:
         one = pairs.rows(np.array([i]))
         measured = energy_of_pairs(one, x0, law)[0]
         assert measured == pytest.approx(twin.energy(x0), rel=1e-9)
+
+
+@every_kind
+@every_law
+def test_stiffness_times_unit_energies_adds_up_to_the_energy(kind: int, law: ContactLaw) -> None:
+    pairs, x0, _ = near_pairs(kind, 200)
+    energy, scaled_distance = energy_of_pairs(pairs, x0, law)
+    parts = pairs.stiffness * unit_energies(pairs, scaled_distance, law)
+    assert energy > 0
+    assert parts.sum() == pytest.approx(energy, rel=1e-12)
+    assert (parts[scaled_distance >= 1] == 0).all()
 
 
 @every_kind

@@ -243,13 +243,42 @@ def test_recorded_tensions_are_in_table_report_and_curves(comm, tmp_path):
     for name in (*columns, "spring mean [N]"):
         assert tensions[name][-1] == pytest.approx(10.0, rel=1e-6)
     assert recorded.known_fields() == ["displacement", "tension"]
-    gx.plot.field(recorded, "displacement", times=[0.0], path=tmp_path / "lines.png")
+    gx.plot.field(recorded, "tension", times=[0.0], path=tmp_path / "lines.png")
     gx.write_report(recorded, tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
     assert "<h2>Tensions at the end</h2>" in page
     assert "<h2>Prestress</h2>" in page
     reached = recorded.about["prestress"]["cable"]
     assert reached["mean"] == pytest.approx(10.0, rel=1e-6)
+
+
+def test_pictures_colour_lines_by_their_tension(comm, tmp_path):
+    """A cable of the field, a rope and a tape of the table; film and slack lines have no colour."""
+    film = gx.Membrane(sheet(comm, 4, 3), gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6))
+    tape = gx.connectors.Tape.along_edges(film, ROPE, edges="top", length_factor=0.999)
+    cable = gx.Cable(line(comm, [(0, 0, 1), (1, 0, 1)], 3), ROPE, initial_tension=10.0)
+    rope = gx.connectors.Rope(
+        film.port("bottom left"), gx.Ground((-1.0, 0.0, 0.0)), stiffness=50.0, length=0.9
+    )
+    supports = [gx.Fixed(film, "film"), gx.Fixed(cable, "line")]
+    statics = gx.Equilibrium(gx.Scene(film, tape, cable, rope, *supports))
+    fields = {"cable": ("displacement", "tension")}
+    gx.outputs.record(statics, [gx.Recording(tmp_path / "lines", fields)], at=[0.0])
+    recorded = gx.plot.RunReader(tmp_path / "lines")
+    assert recorded.known_fields()[-1] == "tension"
+    values = {round(float(value), 3) for part in recorded.values("tension", 0) for value in part[0]}
+    of_tape = gx.probes.Tension(tape)(statics)
+    assert values == {10.0, 5.0, round(of_tape, 3)}
+
+    def kinds(found):
+        return np.rint(10 * np.nan_to_num(found)).astype(np.int64)
+
+    shape = recorded.shape(0, "tension", kinds)
+    # Three pieces of the cable, then four bars of the tape and the rope in the order of the scene
+    assert sorted(shape.line_kinds)[:4] == [50, 100, 100, 100]
+    assert len(shape.line_kinds) == len(shape.lines) == 3 + 4 + 1
+    plain = recorded.shape(0, "displacement", kinds)
+    assert set(plain.line_kinds) == {-2}
 
 
 def test_a_scene_without_lines_has_no_table_of_tensions(comm, tmp_path):

@@ -179,6 +179,14 @@ def test_what_cannot_be_fitted_is_refused(comm):
             start,
             measured=[0.0, 1.0],
         )
+    with pytest.raises(
+        gx.InputError, match=r"fit_runs: the gradient has no derivative by 'line.c'"
+    ):
+        gx.analysis.fit_runs(
+            line,
+            start | {"line.c": 0.0},
+            measured=[0.0, 1.0, 2.0],
+        )
     with pytest.raises(gx.InputError, match="uncertainties that are not positive"):
         gx.analysis.fit_runs(
             line,

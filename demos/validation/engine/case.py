@@ -45,6 +45,7 @@ import numpy as np
 from demos.validation.engine.units import UNITS, conversion_factor
 from gossamer_fx.checks.errors import InputError, check
 
+# Of case files.  A reader refuses files of a later format, whose entries it may misunderstand.
 FORMAT = 1
 
 # Largest case file [bytes].  The parser is slow, so that a file of any size would stop the program.
@@ -110,6 +111,7 @@ class Inputs:
             InputError: it is missing, or is not such a number, or has a unit of another dimension.
         """
         found = self._array(name, unit, dimensions=0)
+        # Compared in the unit of the model, which the message shows, whatever that of the file is.
         value = float(found)
         check(
             value > above, f"{self.where}: {name} is {value:g} {unit}; give a number > {above:g}."
@@ -152,6 +154,7 @@ class Inputs:
         return self.values[name]
 
     def _array(self, name: str, unit: str, dimensions: int) -> Array:
+        # Case, test and entry, so that an author finds the number from the message alone.
         where = f"{self.where}: {name}"
         value, own_unit = _quantity(where, self._entry(name))
         found = _finite(where, value, dimensions)
@@ -210,6 +213,7 @@ class Case:
         """
         if not only:
             return self
+        # All tests, since one that is not of the quick form may be asked for by name.
         names = [test.name for test in self.tests]
         wanted = [name for name in names if only in name]
         check(
@@ -217,6 +221,7 @@ class Case:
             f"No test of '{self.name}' has '{only}' in its name; give a part of one of: "
             f"{'; '.join(names)}.",
         )
+        # A dictionary keeps the order, and drops tests that are of the quick form anyway.
         return replace(self, quick_tests=tuple(dict.fromkeys([*self.quick_tests, *wanted])))
 
 
@@ -238,6 +243,7 @@ def read_case(path: Path, models: list[str]) -> Case:
     version = data.get("format")
     check(version == FORMAT, f"{where}: format is {_short(version)}; this program reads {FORMAT}.")
     name = _line(where, data, "name")
+    # Results are stored in files of this name.
     check(
         NAME.fullmatch(name) is not None,
         f"{where}: name is '{name}'; give up to 60 small letters, digits and underscores.",
@@ -251,9 +257,11 @@ def read_case(path: Path, models: list[str]) -> Case:
         f"{where}: there are no tests; add one as [[tests]].",
     )
     found = tuple(_test(where, model, shared, test) for test in tests)
+    # Stored results belong to tests by their names.
     names = [test.name for test in found]
     repeated = {one for one in names if names.count(one) > 1}
     check(not repeated, f"{where}: several tests have the name '{min(repeated, default='')}'.")
+    # One test shows that the model works, unless the case says which ones do.
     quick_tests = data.get("quick_tests", names[:1])
     check(
         isinstance(quick_tests, list) and all(one in names for one in quick_tests),
@@ -284,6 +292,7 @@ def with_inputs(case: Case, changes: Mapping[str, float]) -> Case:
     """
     tests = []
     for test in case.tests:
+        # A copy: the case that is given stays as it is.
         values = dict(test.inputs.values)
         for name, number in changes.items():
             old = values.get(name, {"value": 0.0, "unit": "1"})
@@ -295,6 +304,7 @@ def with_inputs(case: Case, changes: Mapping[str, float]) -> Case:
             values[name] = {**old, "value": number}
         inputs = Inputs(test.inputs.where, values)
         tests.append(
+            # With a separate digest, so that results of the file's inputs are not taken for it.
             replace(
                 test,
                 inputs=inputs,
@@ -306,6 +316,7 @@ def with_inputs(case: Case, changes: Mapping[str, float]) -> Case:
 
 def digest_of(model: str, values: Mapping[str, Any]) -> str:
     """A short text that differs if a model or its inputs differ."""
+    # Sorted, so that the order of entries in the file does not matter; JSON has no dates.
     text = json.dumps(
         [model, values],
         sort_keys=True,
@@ -327,6 +338,7 @@ def _parsed(path: Path, where: str) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        # Further lines of the parser show parts of the file, which may be long.
         words = str(error).splitlines()[0]
         raise InputError(f"{where} is not a TOML file ({words}); correct it.") from error
     except RecursionError as error:
@@ -347,6 +359,7 @@ def _test(where: str, model: str, shared: Mapping[str, Any], data: Any) -> Test:
         f"{where}: a test has the name '{name}'; give letters, digits, spaces and ._,+/- only.",
     )
     here = f"{where}, test '{name}'"
+    # Inputs of the test replace those of all tests.
     values = {**shared, **_mapping(here, entry.get("inputs", {}), "inputs")}
     digest = digest_of(model, values)
     measured = entry.get("measured")
@@ -355,6 +368,7 @@ def _test(where: str, model: str, shared: Mapping[str, Any], data: Any) -> Test:
         f"{here}: nothing is measured; add [[tests.measured]].",
     )
     found = tuple(_measured(here, item) for item in measured)
+    # A prediction has one value or curve under each name.
     quantities = [item.quantity for item in found]
     check(
         len(set(quantities)) == len(quantities),
@@ -371,6 +385,7 @@ def _measured(where: str, data: Any) -> Measured:
     quantity = _line(where, entry, "quantity")
     here = f"{where}, measured '{quantity}'"
     check("y" in entry, f"{here}: y is missing; add the measured values.")
+    # One number is an array of one value from here on.
     y_value, unit = _quantity(f"{here}: y", entry["y"])
     y = np.atleast_1d(
         _finite(
@@ -386,6 +401,7 @@ def _measured(where: str, data: Any) -> Measured:
     if "x" in entry:
         x_value, x_unit = _quantity(f"{here}: x", entry["x"])
         x = _finite(f"{here}: x", x_value, dimensions=1)
+        # Interpolation between the points needs abscissae in rising order.
         rises = x.shape == y.shape and len(x) > 1 and bool((np.diff(x) > 0).all())
         check(rises, f"{here}: x does not rise, or has another length than y; give rising values.")
         x_range = _pair(
@@ -414,6 +430,7 @@ def _measured(where: str, data: Any) -> Measured:
         isinstance(labels, list) and len(labels) in (0, len(y)),
         f"{here}: labels is {_short(labels)}; give as many words as values.",
     )
+    # The one is asked of the mean size of the errors, the other of their mean with signs.
     tolerance = entry.get("tolerance")
     check(
         tolerance is None or "accepted" not in entry,
@@ -495,6 +512,7 @@ def _quantity(where: str, data: Any) -> tuple[Any, str]:
 def _finite(where: str, value: Any, dimensions: int) -> Array:
     """Finite numbers in an array of so many dimensions."""
     shape = ("one number", "a list of numbers", "a list of rows")[dimensions]
+    # Rows of different lengths make no array.
     try:
         found = np.array(value)
         is_right = found.dtype.kind in "if" and found.ndim == dimensions
@@ -506,6 +524,7 @@ def _finite(where: str, value: Any, dimensions: int) -> Array:
 
 
 def _number(where: str, value: Any, *, finite: bool = True) -> float:
+    # Truth values are whole numbers in Python, but not in TOML.
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     check(
         is_number and (not finite or math.isfinite(value)),

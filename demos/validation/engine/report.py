@@ -57,6 +57,7 @@ def table(cases: Iterable[tuple[Case, Stored]], quick: bool = False) -> str:
 def _cells(comparison: Comparison) -> list[str]:
     """Quantity, predicted, measured, our error, asked, peer's error."""
     measured = comparison.measured
+    # One value stands for a curve or several values; the error is that of all of them.
     k = comparison.middle
     name = measured.quantity
     if comparison.x is not None:
@@ -77,6 +78,7 @@ def _cells(comparison: Comparison) -> list[str]:
 
 
 def _percent(value: float, signed: bool = False) -> str:
+    # Missing values, as the error of a peer that is not known, leave their cell empty.
     if not math.isfinite(value):
         return ""
     return f"{100 * value:+.1f} %" if signed else f"{100 * value:.1f} %"
@@ -116,6 +118,7 @@ def misses(case: Case, stored: Stored, quick: bool = False) -> list[str]:
 
 def figure(case: Case, stored: Stored, path: Path, quick: bool = False) -> None:
     """Draw a panel for each measured quantity: measured points over predicted curves or values."""
+    # Loaded here, as tables need no pictures; "Agg" needs no screen.
     import matplotlib
 
     matplotlib.use("Agg")
@@ -146,6 +149,7 @@ def figure(case: Case, stored: Stored, path: Path, quick: bool = False) -> None:
     drawing, axes = pyplot.subplots(
         rows, columns, figsize=size, squeeze=False, layout="constrained"
     )
+    # The last row may have axes that no panel takes.
     for axis in axes.ravel()[len(panels) :]:
         axis.set_visible(False)
     for axis, ((quantity, test_name), entries) in zip(axes.ravel(), panels.items(), strict=False):
@@ -216,6 +220,7 @@ def _draw_curve(axis, comparison: Comparison, result: Stored) -> None:
         fontsize=8,
         parse_math=False,
     )
+    # From zero, so that errors are seen against the whole quantity.
     axis.set_ylim(bottom=min(0.0, *axis.get_ylim()))
 
 
@@ -248,6 +253,7 @@ def _draw_values(axis, entries: list[tuple[Test, Comparison]]) -> None:
         markersize=14,
         markeredgewidth=2.5,
     )
+    # For the legend: the wide mark above would be cut off there.
     axis.plot(
         [],
         [],

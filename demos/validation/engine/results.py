@@ -22,6 +22,7 @@ from gossamer_fx.checks.errors import (
 )
 from gossamer_fx.version import VERSION
 
+# Of result files; those of another format are refused.
 FORMAT = 1
 
 # Digits of stored numbers: more only make files larger.
@@ -59,6 +60,7 @@ def run(
         InputError: an input is missing or wrong, or the file cannot be read or written.
     """
     path = result_path(folder, case, quick)
+    # All ranks must agree on what is known, or they would not compute the same tests.
     stored = comm.bcast(on_rank_zero(comm, lambda: read(path, case)))
     tests = case.chosen(quick)
     model = importlib.import_module(f"demos.validation.models.{case.model}")
@@ -66,6 +68,7 @@ def run(
         if only not in test.name:
             continue
         known = stored["tests"].get(test.name, {})
+        # A result of other inputs does not count, and a test that failed is tried again.
         is_known = known.get("digest") == test.digest and not known.get("failed")
         if is_known and not fresh:
             continue
@@ -100,6 +103,7 @@ def _compute(predict: Any, test: Test, comm: MPI.Intracomm, quick: bool) -> Stor
             comm,
             quick,
         )
+    # Wrong input still ends the command: it would be wrong in the next attempt, too.
     except (NoEquilibrium, StepFailure) as failure:
         result["failed"] = str(failure)
     else:

@@ -144,6 +144,7 @@ class Torus:
         count = len(shape)
         stations = inputs.numbers("station_angles", "rad")
         forces = inputs.numbers("first_forces", "N")
+        # The mesh has six columns around at least, and cords lie on its lines.
         between = (tube.cord_angles - tube.cord_angles[0]) / (math.pi / 3)
         check(
             bool(np.allclose(between, np.rint(between), atol=1e-9)),
@@ -168,6 +169,7 @@ class Torus:
             f"{inputs.where}: largest_load is {largest_load:g} N; give one above the sum of "
             f"first_forces, {forces.sum():.4g} N.",
         )
+        # Of the full or the quick form, unless the case has its own.
         cells = None
         if "cells_along" in inputs or "cells_around" in inputs:
             cells = inputs.whole("cells_along"), inputs.whole("cells_around")
@@ -193,6 +195,7 @@ class Torus:
 
     def measured_line(self, angle: Array) -> Array:
         """Radius and height (n, 2) [m] of the measured centre line at angles (n,)."""
+        # The line is closed: between the last measured point and the first one, too.
         period = 2 * math.pi
         radius = np.interp(
             angle,
@@ -238,6 +241,7 @@ def torus_mesh(comm: MPI.Intracomm, points: Array, cord_columns: list[int]) -> g
     number = np.arange(along * around).reshape(along, around)
 
     def node(i: int, k: int) -> int:
+        # Both directions are closed, and gmsh counts from 1.
         return int(number[i % along, k % around]) + 1
 
     def build(model: Any) -> None:
@@ -256,6 +260,7 @@ def torus_mesh(comm: MPI.Intracomm, points: Array, cord_columns: list[int]) -> g
                 triangles += [node(i + 1, k), node(i + 2, k + 1), node(i + 1, k + 1)]
                 triangles += [node(i, k), node(i + 2, k + 2), node(i, k + 2)]
                 triangles += [node(i + 1, k + 1), node(i + 1, k + 2), node(i, k + 1)]
+        # Kinds of elements in gmsh's numbering, this one and that of lines below.
         six_node_triangle = 9
         model.mesh.addElementsByType(
             film,
@@ -319,6 +324,7 @@ class Cable:
             return self._first_force
         length = float(np.linalg.norm(self._pulley - X))
         shortening = self._drawn + length - self._first_length
+        # Slack: the point came nearer to the pulley than the cable was drawn in.
         return max(self._first_force + self._stiffness * shortening, 0.0)
 
     def force(self, X: Array) -> Array:
@@ -333,6 +339,7 @@ class Cable:
         n = arm / length
         along = np.outer(n, n)
         tension = self.tension(X)
+        # The first term turns the force with the cable, the second one stretches it.
         derivative = -tension / length * (np.eye(3) - along)
         if self._first_length is not None and tension > 0:
             derivative -= self._stiffness * along
@@ -447,6 +454,7 @@ def build(
     tube = torus.tube
     λ_L, λ_H = tube.stretches()
     φ = section_angles(torus, around)
+    # The inflated film has the given line; the stretches of the wall lead to that without stress.
     stress_free = surface(line / λ_L, tube.radius / λ_H, φ)
     inflated = surface(line, tube.radius, φ)
     columns = [round((angle - φ[0]) * around / math.pi) for angle in tube.cord_angles]
@@ -474,7 +482,9 @@ def build(
         displacement=inflate,
         name="wall",
     )
+    # Cords have their force F_c after inflation, when their edges are longer by λ_L.
     factor = λ_L / (1 + tube.cord_strain_after_inflation())
+    # Bonded to the wall, cords bear some compression: a straight branch before the table.
     strain = np.concatenate([[-LARGEST_STRAIN, 0.0], tube.cord_strain])
     force = np.concatenate([[-LARGEST_STRAIN * tube.cord_compression, 0.0], tube.cord_table])
     cord_law = gx.TabulatedCable(
@@ -521,6 +531,7 @@ class Numbering:
         index_map = film.block.index_map
         owned = np.arange(index_map.size_local, dtype=np.int32)
         X = film.space.tabulate_dof_coordinates()[owned]
+        # By position: dolfinx numbers nodes in another order than the surface.
         mine = (self.of(X.T), index_map.local_to_global(owned))
         table = np.zeros(self._shape[0] * self._shape[1], dtype=np.int64)
         # A few thousand numbers: sections and cables of a torus are spread over all ranks.
@@ -602,6 +613,7 @@ def corrected(
             around,
             torus.tube.pressure,
         )
+        # At time zero cables have their first forces, with which the shape was measured.
         model.search.find(at=0.0)
         difference = (target - model.line())[:, 0]
         remaining = float(np.abs(difference).max())
@@ -658,6 +670,7 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
     first = search.find(at=0.0)
     iterations = first.iterations
     seconds = first.seconds
+    # From here on the cables are drawn in: forces that stay the same would buckle the ring.
     model.hold_cables()
     loads = [model.load()]
     radii = [model.line()[:, 0]]
@@ -671,6 +684,7 @@ def predict(inputs: Inputs, comm: MPI.Intracomm, quick: bool) -> Prediction:
         radii.append(model.line()[:, 0])
     wanted = torus.largest_load * np.array(LOAD_FRACTIONS)
     means = [radius.mean() for radius in radii]
+    # A load that was not reached has no prediction.
     changes = np.interp(wanted, loads, means, right=math.nan) - means[0]
     # The shape at the largest load lies between the last two states.
     part = (torus.largest_load - loads[-2]) / (loads[-1] - loads[-2])
@@ -707,6 +721,7 @@ def _inflate_further(
         around,
         lambda t: first + t * (second - first),
     )
+    # The cables have their first forces throughout, whatever their length.
     model.search.find(at=0.0)
     before = model.line()[:, 0].mean()
     for k in range(1, PRESSURE_INCREMENTS + 1):

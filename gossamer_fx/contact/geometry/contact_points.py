@@ -47,7 +47,11 @@ class _Map:
     """The rows of W and c for the points of obstacles, as they are added one by one."""
 
     def __init__(self, system: Assembly) -> None:
-        """Start without points and block rows."""
+        """Start without points and block rows.
+
+        Args:
+            system: with the numbering of the unknowns, of which block rows are made.
+        """
         self._system = system
         self._block_row_of: dict[int, int] = {}
         self.first_dofs: list[int] = []

@@ -110,7 +110,13 @@ class PairDistances:
     """
 
     def __init__(self, candidates: CandidatePairs, x: Array, lower_bound: Array) -> None:
-        """Start with lower bounds (n,) [m] of the gaps; `make_exact` replaces some of them."""
+        """Start with lower bounds of the gaps; `make_exact` replaces some of them.
+
+        Args:
+            candidates: the n pairs.
+            x: points (m, 3) [m].
+            lower_bound: of each gap (n,) [m]; the array becomes `gap` and is changed in place.
+        """
         count = len(candidates)
         self.candidates = candidates
         self.x = x
