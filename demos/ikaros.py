@@ -198,7 +198,7 @@ def build(
             name="drum",
         )
         items.append(touching := gx.Contact(film, drum, distance=contact, friction=friction))
-        probes["penetrations"] = gx.probes.Penetrations(touching)
+        probes["penetrations"] = gx.probes.Penetrations(touching, every=10)
     else:
         probes["penetrations"] = gx.probes.Crossings(film)
     control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)

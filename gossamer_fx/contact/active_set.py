@@ -52,9 +52,10 @@ class Activation:
         if candidates is not self._candidates or of_points is not self._of_points:
             self._candidates = candidates
             self._of_points = of_points
-            by_point = of_points[candidates.points.T]
-            walls = is_wall(candidates.kind)
-            self._of_pairs = np.where(walls, by_point[0], by_point.min(axis=0))
+            first, second, third, fourth = of_points[candidates.points.T]
+            # Four arrays at a time: a minimum along the short axis takes four times as long.
+            least = np.minimum(np.minimum(first, second), np.minimum(third, fourth))
+            self._of_pairs = np.where(is_wall(candidates.kind), first, least)
         return self._of_pairs
 
 

@@ -120,6 +120,7 @@ class CompiledContacts(
             if contact_set.friction is not None
         }
         self.losses = list(self._with_friction)
+        self.has_plateaus = bool(self._with_friction)
         self._is_static = system.rule.alpha == 1
 
     def update_active_set(self) -> None:

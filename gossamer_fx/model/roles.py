@@ -173,7 +173,14 @@ class StateObserver(Protocol):
 
 @runtime_checkable
 class ActiveSet(Protocol):
-    """Has a connectivity that changes from step to step, as contact has."""
+    """Has a connectivity that changes from step to step, as contact has.
+
+    Attributes:
+        has_plateaus: whether a Newton iteration that converges may stay at one residual for many
+            iterations, as where friction changes between sticking and sliding.
+    """
+
+    has_plateaus: bool = False
 
     @abstractmethod
     def update_active_set(self) -> None:

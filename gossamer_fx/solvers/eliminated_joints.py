@@ -154,6 +154,7 @@ class EliminatedJoints:
         factorisation.choose(self._complete)
         self._is_complete = False
         self._complete_steps = 0  # left before F̃ is tried again
+        self._complete_steps_at_start = 0  # the same at the first matrix of the step
         self.max_applications = max_applications(system.numbering.size_local, max_iterations)
         self._step: tuple[float, float] | None = None  # time and length of the step of Z
         self._applications = 0  # since the last set-up
@@ -195,8 +196,9 @@ class EliminatedJoints:
         step = self._system.time, self._system.h
         is_new_step = step != self._step
         self._step = step
-        if is_new_step and self._complete_steps:
-            self._complete_steps -= 1
+        if is_new_step:
+            self._complete_steps = max(self._complete_steps - 1, 0)
+            self._complete_steps_at_start = self._complete_steps
         # With factors of an earlier matrix, many iterations say nothing about those of the present
         # one.
         if self._applications > self.max_applications and not self._is_kept:
@@ -313,8 +315,15 @@ class EliminatedJoints:
             out[self._rest] = of_rest
 
     def recover(self) -> None:
-        """Become usable again after a system that was not solved: the next ones are factorised if
-        this failed."""
+        """Become usable again after a step that was not solved.
+
+        The next matrices are factorised if this one could not be.  Otherwise many Krylov iterations
+        of the failed step count for nothing: its iterates were far from any solution, and the
+        matrices of a shorter step are better conditioned.
+        """
         self._step = None
+        self._applications = 0
         if self.problem:
             self._complete_steps = FACTORISED_STEPS
+        else:
+            self._complete_steps = self._complete_steps_at_start

@@ -325,6 +325,27 @@ def test_probes_tell_force_gap_and_penetrations(comm):
         gx.probes.ContactGap(gx.Contact(lower, distance=1e-3))(run)
 
 
+def test_penetrations_may_be_counted_in_every_third_step(
+    comm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counted_at = []
+
+    def count(*arguments) -> list[int]:
+        counted_at.append(run.step)
+        return [1]
+
+    monkeypatch.setattr("gossamer_fx.probes.contact.find_intersections", count)
+    contact = gx.Contact(film(comm, name="film"), distance=1e-3)
+    seen = gx.Series({"penetrations": gx.probes.Penetrations(contact, every=3)})
+    run = gx.Simulation(gx.Scene(*contact.bodies, contact), gx.Midpoint(dt=1e-4), outputs=[seen])
+    run.run(until=7e-4)
+    assert counted_at == [0, 3, 6]
+    # Steps between have the last number; each rank has found one.
+    assert list(seen["penetrations"]) == [comm.size] * 8
+    with pytest.raises(gx.InputError, match="every is 0"):
+        gx.probes.Penetrations(contact, every=0)
+
+
 def test_films_that_rest_node_over_node_do_not_believe_to_have_passed():
     one = film(MPI.COMM_SELF, name="one")
     other = film(MPI.COMM_SELF, height=1.2e-3, name="other")

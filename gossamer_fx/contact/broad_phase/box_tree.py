@@ -71,6 +71,7 @@ class BoxTree:
         which: Int32Array,
         in_tree: bool = False,
         expected: int = 0,
+        near: CStruct | None = None,
     ) -> Int32Array:
         """Return the pairs of another primitive (vertex, edge or triangle) and one of the tree
         whose boxes overlap.
@@ -83,6 +84,8 @@ class BoxTree:
             which: numbers (q,) of those that are asked for by this rank.
             in_tree: whether they are the primitives of the tree; pairs (i, j) then have i < j.
             expected: number of pairs that are likely; zero: not known.
+            near: structure `nearness` of the kernels, by which pairs are left out that cannot come
+                near; None: none is.
 
         Returns:
             numbers (k, 2) of the primitive in `others` and of that in the tree.
@@ -95,6 +98,9 @@ class BoxTree:
         query = _query(others, which, in_tree)
         of_query = _filter(others)
         of_tree = _filter(self._primitives)
+        near_pointer = c.ffi.NULL
+        if near is not None:
+            near_pointer = near.pointer
         room = max(EXPECTED_OVERLAPS * len(which) + 64, int(ROOM_FACTOR * expected))
         while True:
             pairs: Int32Array = np.empty((room, 2), dtype=np.int32)
@@ -103,6 +109,7 @@ class BoxTree:
                 query.pointer,
                 of_query.pointer,
                 of_tree.pointer,
+                near_pointer,
                 room,
                 c.array("pairs", pairs, "int32", (room, 2), writable=True),
             )

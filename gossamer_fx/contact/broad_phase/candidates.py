@@ -10,10 +10,9 @@ from mpi4py import MPI
 
 from gossamer_fx.contact.arrays import Array
 from gossamer_fx.contact.broad_phase.facet_exchange import import_facets
-from gossamer_fx.contact.broad_phase.overlaps import find_overlaps
+from gossamer_fx.contact.broad_phase.overlaps import Nearness, find_overlaps
 from gossamer_fx.contact.broad_phase.trajectory_bounds import RigidDrift, TrajectoryBounds
 from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
-from gossamer_fx.contact.narrow_phase.closest_points import closest_points
 from gossamer_fx.contact.pair_table import CandidatePairs, PairKind, is_wall
 
 # Part of its expected way by which a point may miss its expected position.  A wider margin makes
@@ -67,7 +66,7 @@ class CandidateSearch:
         self._activation_distance = activation_distance
         self._horizon = FIRST_HORIZON
         self._age = 0
-        self._overlap_counts = (0, 0)  # of triangle pairs and edge pairs in the last search
+        self._pair_counts = (0, 0)  # of triangle pairs and edge pairs found in the last search
         self.count = 0
 
     def begin_step(self) -> None:
@@ -204,8 +203,8 @@ class CandidateSearch:
         if mesh.comm.size > 1:
             import_facets(mesh, *searched_boxes(mesh, bounds, self._activation_distance))
             bounds = bounds_of_mesh()
-        self.pairs, self._overlap_counts = find_candidates(
-            mesh, bounds, self._activation_distance, self._overlap_counts
+        self.pairs, self._pair_counts = find_candidates(
+            mesh, bounds, self._activation_distance, self._pair_counts
         )
         self.bounds = bounds
         self._age = 0
@@ -243,7 +242,8 @@ def find_candidates(
     bounds.
 
     1. Boxes of primitives, with half of the distance and their radius around them, overlap.
-    2. The gap at the beginning, less what the pair can come closer, is below the distance.
+    2. The gap at the beginning, less what the pair can come closer, is below the distance.  Both
+       are asked in one pass: in packed layers most boxes overlap without coming near.
     3. Pairs are sorted by their primitives: their order depends on no position, so that sums over
        pairs are the same after a restart.
     4. Each point of a body and each wall are a pair.
@@ -252,29 +252,32 @@ def find_candidates(
         mesh: the points, edges and triangles that may touch.
         bounds: of the trajectories of the points in the next steps.
         activation_distance: gap [m] below which pairs have energy.
-        expected: numbers of triangle pairs and edge pairs that step 1 will find; zero: not known.
+        expected: numbers of triangle pairs and edge pairs that will be found; zero: not known.
 
     Returns:
-        the pairs, and how many triangle pairs and edge pairs step 1 has found, which the next
-        search may take as `expected`.
+        the pairs, and how many triangle pairs and edge pairs there are, which the next search may
+        take as `expected`.
 
     Raises:
         ValueError: a pair has a point that does not exist, or an array is not of the type that C
             takes; both would be errors of this package.
     """
     lower, upper = searched_boxes(mesh, bounds, activation_distance)
-    found = find_overlaps(mesh.surface, lower, upper, mesh.own_vertices, mesh.own_edges, expected)
-    found.check(len(bounds.x))
+    near = Nearness(
+        x0=bounds.x,
+        x1=bounds.end,
+        margin=bounds.margin,
+        radius=mesh.radius,
+        distance=activation_distance,
+    )
+    found = find_overlaps(
+        mesh.surface, lower, upper, mesh.own_vertices, mesh.own_edges, expected, near
+    )
     edge_pair_count = int((found.kind == PairKind.EDGE_EDGE).sum())
     counts = (len(found) - edge_pair_count, edge_pair_count)
-    radius = mesh.radius[found.points[:, 0]] + mesh.radius[found.second_point]
-    squared_distance, _ = closest_points(found, bounds.x)
-    gap = np.sqrt(squared_distance) - radius
-    near = np.flatnonzero(gap < activation_distance + bounds.approach(found))
-    first, second = found.primitives[near].T
-    near = near[np.lexsort((first, second, found.kind[near]))]
-
-    pairs = found.rows(near)
+    first, second = found.primitives.T
+    pairs = found.rows(np.lexsort((first, second, found.kind)))
+    radius = mesh.radius[pairs.points[:, 0]] + mesh.radius[pairs.second_point]
     wall_kind, wall_points, wall_identifier, wall_radius = mesh.wall_pairs()
     area = mesh.areas(pairs.kind, pairs.points, pairs.primitives)
     identifier = mesh.identifiers(pairs.kind, pairs.primitives)
@@ -284,7 +287,7 @@ def find_candidates(
         points=np.vstack([pairs.points, wall_points]),
         identifier=np.concatenate([identifier, wall_identifier]),
         area=np.concatenate([area, mesh.area[wall_point]]),
-        radius=np.concatenate([radius[near], mesh.radius[wall_point]]),
+        radius=np.concatenate([radius, mesh.radius[wall_point]]),
         wall_radius=np.concatenate([np.zeros(len(pairs)), wall_radius]),
     )
     return candidates, counts

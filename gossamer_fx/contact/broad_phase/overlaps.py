@@ -1,4 +1,5 @@
-"""Pairs of primitives whose boxes overlap: a point and a triangle, or two edges."""
+"""Pairs of primitives whose boxes overlap, and that can come near: a point and a triangle, or two
+edges."""
 
 from __future__ import annotations
 
@@ -9,7 +10,9 @@ import numpy as np
 from gossamer_fx.contact.arrays import Array, ByteArray, Int32Array, Int64Array
 from gossamer_fx.contact.broad_phase.box_tree import BoxTree
 from gossamer_fx.contact.geometry.collision_primitives import CollisionPrimitives
+from gossamer_fx.contact.kernels.library import library
 from gossamer_fx.contact.pair_table import PairKind, PairTable
+from gossamer_fx.forms.c_source import CStruct, check_indices
 
 
 @dataclass
@@ -24,6 +27,58 @@ class OverlappingPairs(PairTable):
     primitives: Int64Array
 
 
+@dataclass(frozen=True)
+class Nearness:
+    """Which pairs of overlapping boxes can come near: their gap, less what they can come closer, is
+    below a distance.
+
+    In packed layers that is one pair in three to six, so that it is asked while boxes are compared.
+
+    Attributes:
+        x0: points (m, 3) [m] at the start.
+        x1: points (m, 3) [m] at the end of a straight motion.
+        margin: distances (m,) [m] from it within which points may be.
+        radius: of the body at each point (m,) [m].
+        distance: [m].
+    """
+
+    x0: Array
+    x1: Array
+    margin: Array
+    radius: Array
+    distance: float
+
+    def of(self, kind: PairKind, asked: Int32Array, in_tree: Int32Array) -> CStruct:
+        """Return the C structure for pairs of one kind.
+
+        Args:
+            kind: a point and a triangle, or two edges.
+            asked: points (p, 1) or (p, 2) of the primitives that are asked for.
+            in_tree: points (q, 3) or (q, 2) of those in the tree.
+
+        Raises:
+            ValueError: an array is not contiguous, or not of the type that C takes.
+        """
+        # The compiled C library of contact, which checks the arrays that it gets
+        c = library()
+        points = len(self.x0)
+        check_indices("The points of primitives", asked, points)
+        check_indices("The points of primitives", in_tree, points)
+        return c.struct(
+            "nearness",
+            {
+                "kind": int(kind),
+                "query_points": c.array("asked", asked, "int32", asked.shape),
+                "tree_points": c.array("in_tree", in_tree, "int32", in_tree.shape),
+                "x0": c.array("x0", self.x0, "float64", (points, 3)),
+                "x1": c.array("x1", self.x1, "float64", (points, 3)),
+                "margin": c.array("margin", self.margin, "float64", (points,)),
+                "radius": c.array("radius", self.radius, "float64", (points,)),
+                "distance": self.distance,
+            },
+        )
+
+
 def find_overlaps(
     surface: CollisionPrimitives,
     lower: Array,
@@ -31,6 +86,7 @@ def find_overlaps(
     vertices: Int32Array,
     edges: Int32Array,
     expected: tuple[int, int] = (0, 0),
+    near: Nearness | None = None,
 ) -> OverlappingPairs:
     """Return all pairs of vertex and triangle, or of two edges, whose boxes overlap and that may
     touch.
@@ -45,6 +101,7 @@ def find_overlaps(
             together the ranks ask for all.
         expected: numbers of vertex-triangle and of edge-edge pairs that are likely; zero: not
             known.
+        near: which of them to keep; None: all.
 
     Returns:
         table of vertex-triangle pairs, then of edge-edge pairs.
@@ -59,10 +116,19 @@ def find_overlaps(
         # The tree is built over the triangles, which are asked by fewer points.
         tree = BoxTree(surface.filtered(surface.triangles, lower, upper))
         with_triangles = tree.overlaps(
-            surface.filtered(vertex_points, lower, upper), vertices, expected=expected[0]
+            surface.filtered(vertex_points, lower, upper),
+            vertices,
+            expected=expected[0],
+            near=_nearness(near, PairKind.POINT_TRIANGLE, vertex_points, surface.triangles),
         )
     all_edges = surface.filtered(surface.edges, lower, upper)
-    with_edges = BoxTree(all_edges).overlaps(all_edges, edges, in_tree=True, expected=expected[1])
+    with_edges = BoxTree(all_edges).overlaps(
+        all_edges,
+        edges,
+        in_tree=True,
+        expected=expected[1],
+        near=_nearness(near, PairKind.EDGE_EDGE, surface.edges, surface.edges),
+    )
 
     triangle_pairs = np.hstack(
         [vertex_points[with_triangles[:, 0]], surface.triangles[with_triangles[:, 1]]]
@@ -77,3 +143,12 @@ def find_overlaps(
         points=np.ascontiguousarray(points, dtype=np.int32),
         primitives=np.vstack([with_triangles, with_edges]).astype(np.int64),
     )
+
+
+def _nearness(
+    near: Nearness | None, kind: PairKind, asked: Int32Array, in_tree: Int32Array
+) -> CStruct | None:
+    """Return the C structure of `near` for pairs of one kind; None if all pairs are wanted."""
+    if near is None:
+        return None
+    return near.of(kind, asked, in_tree)

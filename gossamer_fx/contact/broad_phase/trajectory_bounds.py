@@ -19,8 +19,6 @@ from mpi4py import MPI
 
 from gossamer_fx.algebra.rotations import rotations
 from gossamer_fx.contact.arrays import Array
-from gossamer_fx.contact.narrow_phase.closest_points import approach_bounds
-from gossamer_fx.contact.pair_table import PairTable
 
 # Singular values of the inertia tensor below this part of the largest one count as zero: points on
 # a line have no spin about it.
@@ -129,14 +127,11 @@ class TrajectoryBounds:
         """Return the least and the greatest coordinates (m, 3) [m] of each point without the
         drift."""
         margin = self.margin[:, None]
-        lower = np.minimum(self.x, self._end) - margin
-        upper = np.maximum(self.x, self._end) + margin
+        lower = np.minimum(self.x, self.end) - margin
+        upper = np.maximum(self.x, self.end) + margin
         return lower, upper
 
-    def approach(self, pairs: PairTable) -> Array:
-        """Return by how much (n,) [m] pairs can come closer at most."""
-        return approach_bounds(pairs, self.x, self._end, self.margin)
-
     @cached_property
-    def _end(self) -> Array:
+    def end(self) -> Array:
+        """Points (m, 3) [m] where they are expected at last, without the drift."""
         return np.ascontiguousarray(self.x + self.duration * self.velocities)

@@ -2,7 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "contact.h"
+#include "closest_point.h"
 
 /* Nodes that wait in a search: one a level of the tree, and its sibling; there are at most 2^31
    leaves. */
@@ -57,9 +57,28 @@ static int is_candidate(const box_query *query, int32_t i, int32_t j,
     return !have_common_label(of_query, i, of_tree, j);
 }
 
+/* Whether primitive i that is asked for and primitive j of the tree can come near. */
+static int can_come_near(const nearness *near, int32_t i, int32_t j)
+{
+    int32_t points[4];
+    const int first_count = near->kind == EDGE_EDGE ? 2 : 1;
+    for (int k = 0; k < first_count; ++k) points[k] = near->query_points[first_count * (ptrdiff_t)i + k];
+    const int second_count = 4 - first_count;
+    for (int k = 0; k < second_count; ++k)
+        points[first_count + k] = near->tree_points[second_count * (ptrdiff_t)j + k];
+    const pair_vectors vectors = vectors_at(PAIR_COEFFICIENTS[near->kind], near->x0, points);
+    const closest_point closest = closest_point_of_vectors(near->kind, &vectors);
+    const double distance = sqrt(squared_length_between(&vectors, closest.u, closest.v));
+    const double gap = distance - (near->radius[points[0]] + near->radius[points[first_count]]);
+    const double approach = approach_bound(near->kind, near->x0, near->x1, points)
+                            + margin_of_pair(near->kind, near->margin, points);
+    return gap < near->distance + approach;
+}
+
 int64_t find_overlaps(const box_tree *tree, const box_query *query,
                       const primitive_filter *of_query,
-                      const primitive_filter *of_tree, int64_t room, int32_t *pairs)
+                      const primitive_filter *of_tree, const nearness *near, int64_t room,
+                      int32_t *pairs)
 {
     int64_t found = 0;
     for (ptrdiff_t k = 0; k < query->count; ++k) {
@@ -80,6 +99,7 @@ int64_t find_overlaps(const box_tree *tree, const box_query *query,
             if (leaf >= tree->box_count) continue;
             const int32_t j = tree->order[leaf];
             if (!is_candidate(query, i, j, of_query, of_tree)) continue;
+            if (near && !can_come_near(near, i, j)) continue;
             if (found < room) {
                 pairs[2 * found] = i;
                 pairs[2 * found + 1] = j;

@@ -30,16 +30,10 @@ void closest_points(const pair_list *pairs, const double *x, double *squared_dis
     }
 }
 
-void approach_bounds(const pair_list *pairs, const double *x0, const double *x1,
-                     const double *margin, double *bound)
+void approach_bounds(const pair_list *pairs, const double *x0, const double *x1, double *bound)
 {
     for (ptrdiff_t i = 0; i < pairs->count; ++i) {
-        const int32_t *points = pairs->points + 4 * i;
         const int kind = pairs->kind[i];
-        bound[i] = is_wall(kind) ? INFINITY : approach_bound(kind, x0, x1, points);
-        if (!margin || is_wall(kind)) continue;
-        const double first = margin[points[0]], second = margin[points[1]];
-        const double others = fmax(margin[points[2]], margin[points[3]]);
-        bound[i] += kind == EDGE_EDGE ? fmax(first, second) + others : first + fmax(second, others);
+        bound[i] = is_wall(kind) ? INFINITY : approach_bound(kind, x0, x1, pairs->points + 4 * i);
     }
 }

@@ -77,10 +77,9 @@ void closest_points(const pair_list *pairs, const double *x, double *squared_dis
 void rounded_squared_distances(const active_pairs *pairs, const double *x, const double *parameters,
                                double *squared_distance);
 
-/* Upper bounds (n) of how much closer pairs can come on straight lines from x0 to x1, or to points
-   within margin (m), which may be NULL, of x1; infinite for walls. */
-void approach_bounds(const pair_list *pairs, const double *x0, const double *x1,
-                     const double *margin, double *bound);
+/* Upper bounds (n) of how much closer pairs can come on straight lines from x0 to x1; infinite for
+   walls. */
+void approach_bounds(const pair_list *pairs, const double *x0, const double *x1, double *bound);
 
 /* Forces and tangents of a step; returns the number of pairs that have any. */
 ptrdiff_t evaluate_pairs(const active_pairs *pairs, const contact_step *step,
@@ -135,11 +134,26 @@ typedef struct {
 
 void build_box_tree(const box_tree *tree, const double *boxes);
 
+/* Which pairs of overlapping boxes can come near: those whose gap, less what they can come closer
+   while points go from x0 to within their margin of x1, is below a distance. */
+typedef struct {
+    int kind;                    /* of all pairs: POINT_TRIANGLE or EDGE_EDGE */
+    const int32_t *query_points; /* (primitives, 1 or 2) of those that are asked for */
+    const int32_t *tree_points;  /* (primitives, 3 or 2) of those in the tree */
+    const double *x0;            /* (m, 3) */
+    const double *x1;            /* (m, 3) */
+    const double *margin;        /* (m) */
+    const double *radius;        /* (m) of the body at a point */
+    double distance;
+} nearness;
+
 /* Pairs (room, 2) of a primitive that is asked for and one of the tree whose boxes overlap, unless
-   they are connected or both fixed.  Returns their number, of which at most `room` are written. */
+   they are connected or both fixed, or cannot come near (`near` may be NULL: all can).  Returns
+   their number, of which at most `room` are written. */
 int64_t find_overlaps(const box_tree *tree, const box_query *query,
                       const primitive_filter *of_query,
-                      const primitive_filter *of_tree, int64_t room, int32_t *pairs);
+                      const primitive_filter *of_tree, const nearness *near, int64_t room,
+                      int32_t *pairs);
 
 typedef struct {
     ptrdiff_t count;

@@ -114,4 +114,13 @@ static inline double approach_bound(int kind, const double *x0, const double *x1
     return length[0] + fmax(length[1], fmax(length[2], length[3]));
 }
 
+/* How much closer the two sides can be for points that miss their expected positions by up to
+   margin (m). */
+static inline double margin_of_pair(int kind, const double *margin, const int32_t *points)
+{
+    const double first = margin[points[0]], second = margin[points[1]];
+    const double others = fmax(margin[points[2]], margin[points[3]]);
+    return kind == EDGE_EDGE ? fmax(first, second) + others : first + fmax(second, others);
+}
+
 #endif

@@ -49,13 +49,12 @@ def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
     return squared_distance, parameters
 
 
-def approach_bounds(pairs: PairTable, x0: Array, x1: Array, margin: Array | None = None) -> Array:
+def approach_bounds(pairs: PairTable, x0: Array, x1: Array) -> Array:
     """Return by how much contact pairs can come closer on straight lines, at most.
 
     Args:
         pairs: n pairs: a point and a triangle, two edges, or a point and a wall.
         x0, x1: points (m, 3) [m] at the start and at the end.
-        margin: distance (m,) [m] from x1 within which points may end; None: they end at x1.
 
     Returns:
         bounds (n,) [m]; infinite for walls.
@@ -71,7 +70,6 @@ def approach_bounds(pairs: PairTable, x0: Array, x1: Array, margin: Array | None
         pair_list(pairs).pointer,
         c.array("x0", x0, "float64", (points, 3)),
         c.array("x1", x1, "float64", (points, 3)),
-        c.array("margin", margin, "float64", (points,)),
         c.array("bound", bound, "float64", (len(pairs),), writable=True),
     )
     return bound

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gossamer_fx.contact.broad_phase.overlaps import OverlappingPairs, find_overlaps
+from gossamer_fx.contact.broad_phase.overlaps import Nearness, OverlappingPairs, find_overlaps
 from gossamer_fx.contact.geometry.collision_primitives import CollisionPrimitives
-from gossamer_fx.contact.narrow_phase.closest_points import closest_points
+from gossamer_fx.contact.narrow_phase.closest_points import approach_bounds, closest_points
 from gossamer_fx.contact.pair_table import PairKind
 from tests.contact.random_pairs import all_pairs, table_of_primitives, triangle_soup
 
@@ -73,6 +73,37 @@ def test_ranks_find_together_what_one_finds() -> None:
             )
         )
     assert sorted(parts) == sorted(whole)
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.02])
+def test_pairs_that_can_come_near_are_kept_and_no_others(margin: float) -> None:
+    """Pairs of overlapping boxes that are dropped stay farther apart than the distance."""
+    distance = 0.05
+    surface, x0 = triangle_soup(30, seed=3)
+    generator = np.random.default_rng(4)
+    x1 = x0 + 0.03 * generator.uniform(-1, 1, x0.shape)
+    radius = 0.01 * generator.uniform(0, 1, len(x0))
+    near = Nearness(x0, x1, np.full(len(x0), margin), radius, distance)
+    vertices = np.arange(len(surface.vertices), dtype=np.int32)
+    edges = np.arange(len(surface.edges), dtype=np.int32)
+    # Boxes so large that all overlap: pairs are dropped by their distance alone.
+    kept = find_overlaps(surface, x0 - 10, x0 + 10, vertices, edges, near=near)
+    every = find_overlaps(surface, x0 - 10, x0 + 10, vertices, edges)
+    sides = radius[every.points[:, 0]] + radius[every.second_point]
+    gap = np.sqrt(closest_points(every, x0)[0]) - sides
+    # Each of the two sides may come nearer by its margin.
+    reach = distance + approach_bounds(every, x0, x1) + 2 * margin
+    expected = every.rows(gap < reach)
+    assert 0 < len(expected) < len(every)
+    assert keys_of(kept) == keys_of(expected)
+    dropped = every.rows(gap >= reach)
+    least = np.full(len(dropped), np.inf)
+    for t in np.linspace(0, 1, 20):
+        at = np.ascontiguousarray(x0 + t * (x1 - x0))
+        least = np.minimum(least, np.sqrt(closest_points(dropped, at)[0]))
+    radii = radius[dropped.points[:, 0]] + radius[dropped.second_point]
+    # 1e-12: round-off of the square roots.
+    assert (least - radii - 2 * margin >= distance - 1e-12).all()
 
 
 def test_connected_and_fixed_primitives_are_no_pairs() -> None:

@@ -59,9 +59,6 @@ def test_no_pair_comes_closer_than_its_bound(kind: int) -> None:
         distance = np.sqrt(closest_points(pairs, np.ascontiguousarray(x0 + t * (x1 - x0)))[0])
         # 1e-12: round-off of the square roots.
         assert (start - distance <= bound + 1e-12).all()
-    margin = np.full(len(x0), 0.1)
-    # Each of the two sides may come nearer by its margin of 0.1.
-    assert np.allclose(approach_bounds(pairs, x0, x1, margin), bound + 0.2)
 
 
 def test_closest_points_of_a_state_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
