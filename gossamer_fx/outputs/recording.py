@@ -177,8 +177,23 @@ class Recording:
             output.open(run)
 
     def resume(self, run: Run, cursor: Mapping[str, Any]) -> None:
-        """Continue after a restart, from the positions of all files in a checkpoint."""
+        """Continue after a restart, from the positions of all files in a checkpoint.
+
+        Args:
+            run: that was restarted.
+            cursor: of `cursor`, by the names of files.
+
+        Raises:
+            InputError: the checkpoint is of a recording with other files.
+        """
         self._prepare(run)
+        # All names are known before the first file is shortened to its position.
+        missing = [name for name, _ in self._outputs() if name not in cursor]
+        check(
+            not missing,
+            f"Recording: the checkpoint has no position in '{' and '.join(missing)}', so that it is "
+            "of a run with another recording, or of an older version; start the run again.",
+        )
         for name, output in self._outputs():
             output.resume(run, cursor[name])
 

@@ -125,6 +125,17 @@ def test_a_restart_on_other_ranks_is_one_run(folder: Path) -> None:
     assert sum(part["frames"] for part in view_data(run)["parts"]) == 6
 
 
+def test_a_checkpoint_that_lacks_a_file_is_refused_by_its_name(tmp_path: Path) -> None:
+    """As one of a version that did not write this file."""
+    case = pillow(MPI.COMM_SELF)
+    recording = case.recording(tmp_path)
+    run = case.simulation([recording])
+    cursor = recording.cursor()
+    del cursor["ledger.csv"]
+    with pytest.raises(gx.InputError, match=r"no position in 'ledger.csv'.*start the run again"):
+        recording.resume(run, cursor)
+
+
 @pytest.mark.parametrize("order", [1, 2])
 def test_films_of_either_order_are_seen(tmp_path: Path, order: int) -> None:
     case = pillow(MPI.COMM_SELF, order)

@@ -13,6 +13,9 @@ from gossamer_fx.solvers.newton import STALLED_WINDOW, Newton
 STALLED = [40.0, 1.0, 0.1, *[0.2, 0.09, 0.3, 0.15] * 2]
 
 
+SHARES = [1.0] * (len(STALLED) - 1)
+
+
 def newton_of(comm, friction: float = 0.0) -> Newton:
     """The solver of a film above a floor, at rest, with a tolerance of 1e-9 N."""
     film = gx.Membrane(
@@ -33,7 +36,12 @@ def test_residuals_that_no_longer_fall_are_given_up(comm) -> None:
     newton = newton_of(comm)
     newton._norm = STALLED[-1]
     newton._norms = STALLED
+    newton._kept_shares = SHARES
     assert newton._has_stalled()
+    # Contact shortens all updates much: the iteration is on its way.
+    newton._kept_shares = [0.3] * len(SHARES)
+    assert not newton._has_stalled()
+    newton._kept_shares = SHARES
     # One residual below 0.7 of the least one before, and the iteration goes on.
     newton._norms = [*STALLED[:-1], 0.69 * 0.1]
     newton._norm = newton._norms[-1]
@@ -52,6 +60,7 @@ def test_a_first_residual_of_round_off_does_not_count(comm) -> None:
 def test_friction_may_stay_at_one_residual(comm) -> None:
     newton = newton_of(comm, friction=0.3)
     newton._norms = STALLED
+    newton._kept_shares = SHARES
     newton._norm = STALLED[-1]
     assert not newton._has_stalled()
 
