@@ -191,8 +191,8 @@ class Recording:
         missing = [name for name, _ in self._outputs() if name not in cursor]
         check(
             not missing,
-            f"Recording: the checkpoint has no position in '{' and '.join(missing)}', so that it is "
-            "of a run with another recording, or of an older version; start the run again.",
+            f"Recording: the checkpoint has no position in '{' and '.join(missing)}', so that it "
+            "is of a run with another recording, or of an older version; start the run again.",
         )
         for name, output in self._outputs():
             output.resume(run, cursor[name])
