@@ -113,9 +113,9 @@ def extract(model: Any) -> RawMesh:
     )
     _check(
         len(np.unique(np.sort(cells, axis=1), axis=0)) == len(cells),
-        "Two cells of the mesh have the same nodes: where two sheets meet at a corner, choose the "
-        "triangles so that "
-        "each has a separate node.",
+        "Two cells of the mesh have the same nodes: a file of version 2.2 has cells twice that are "
+        "in two physical groups, so save it as version 4.1; where two sheets meet at a corner, "
+        "choose the triangles so that each has a separate node.",
     )
 
     # Only the nodes of cells become points, in rising order of their tags.

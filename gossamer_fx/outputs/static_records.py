@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -296,10 +297,11 @@ def record(
     Args:
         equilibrium: of which `find` was called, if no times are given.
         outputs: e.g. `Recording("sail")`, `outputs.VTX("sail.bp", film)`, `outputs.Probes(...)`.
-        at: times of loads and prescribed positions [s].
+        at: times of loads and prescribed positions [s], each later than the one before.
 
     Raises:
-        InputError: a file or folder cannot be written, or holds another run.
+        InputError: times that do not ascend; a file or folder that cannot be written, or holds
+            another run.
         NoEquilibrium: of a time `at`; the states before are written.
 
     Example:
@@ -310,6 +312,12 @@ def record(
         >>> gx.plot.RunReader(folder / "held").about["kind"]
         'equilibrium'
     """
+    for before, after in pairwise(at):
+        check(
+            after > before,
+            f"record: `at` goes from {before:g} s to {after:g} s; give ascending times, and loads "
+            "that fall in them.",
+        )
     run = StaticRun(equilibrium)
     locks = _open(run, outputs)
     try:

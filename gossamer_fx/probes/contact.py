@@ -115,7 +115,7 @@ class ContactForce:
         contact_set = contact_set_of(self.contact, run)
         # Each rank holds the forces of its pairs on all points, so that the sum over ranks is
         # complete.
-        of_body = contact_set.mesh.body == self._number
+        of_body = (contact_set.mesh.body == self._number) & contact_set.points.is_position()
         # The forces of the residual are internal ones, opposite to those on the body.
         force = -float(contact_set.forces.point_forces[of_body, AXES[self.axis]].sum())
         return float(run.comm.allreduce(force))
@@ -149,11 +149,15 @@ class Penetrations:
         self._next_step = 0
 
     def __call__(self, run: Any) -> float:
+        step = getattr(run, "step", None)
+        if step is None:
+            # An equilibrium has no steps.
+            return self._count(run)
         # A restarted run begins at any step: the first call counts.
-        is_due = run.step >= self._next_step or run.step < self._next_step - self.every
+        is_due = step >= self._next_step or step < self._next_step - self.every
         if is_due:
             self._last = self._count(run)
-            self._next_step = run.step + self.every
+            self._next_step = step + self.every
         return self._last
 
     def _count(self, run: Any) -> float:

@@ -325,6 +325,27 @@ def test_probes_tell_force_gap_and_penetrations(comm):
         gx.probes.ContactGap(gx.Contact(lower, distance=1e-3))(run)
 
 
+@pytest.mark.mpi
+def test_the_force_on_a_plane_is_opposite_to_that_on_the_film(comm) -> None:
+    falling = film(comm, height=1.2e-3, velocity=(0.5, 0.0, -2.0), turn=0.4, name="film")
+    # Leaning a little: the film touches it in some points only, so that the moment is not zero.
+    floor = gx.contact.Plane(point=(0.0, 0.0, 0.0), normal=(0.01, 0.0, 1.0))
+    contact = gx.Contact(falling, floor, distance=1e-3)
+    forces = {
+        f"{body.name} {axis}": gx.probes.ContactForce(contact, body, axis=axis)
+        for body in (falling, floor)
+        for axis in "xyz"
+    }
+    seen = gx.Series(forces)
+    simulate([contact], 8e-4, outputs=[seen])
+    largest = max(seen["film z"])
+    assert largest > 1.0
+    for axis in "xyz":
+        total = np.add(seen[f"film {axis}"], seen[f"{floor.name} {axis}"])
+        # Round-off of the sums over pairs.
+        assert abs(total).max() < 1e-12 * largest
+
+
 def test_penetrations_may_be_counted_in_every_third_step(
     comm, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -53,6 +53,12 @@ def test_a_film_lies_on_a_floor_where_contact_carries_its_weight(comm, law, slop
     # The floor resists neither sliding nor the turn about z.
     assert set(result.free) == {"translation x", "translation y", "rotation z"}
     assert result.residual < 1e-7
+    # Probes take an equilibrium as they take a run.
+    assert gx.probes.Penetrations(contact)(equilibrium) == 0
+    push = gx.probes.ContactForce(contact, sheet, axis="z")(equilibrium)
+    assert gx.probes.ContactForce(contact, floor, axis="z")(equilibrium) == pytest.approx(
+        -push, rel=1e-12
+    )
 
 
 RADIUS = 0.05

@@ -20,7 +20,7 @@ from scipy.sparse import csr_matrix
 
 from gossamer_fx.algebra.point_measures import Gather
 from gossamer_fx.checks.failures import Inadmissible
-from gossamer_fx.contact.arrays import Array, Int32Array, Int64Array
+from gossamer_fx.contact.arrays import Array, Int32Array, Int64Array, MaskArray
 from gossamer_fx.contact.geometry.obstacle_motion import ObstacleMotion, PrescribedMotion
 from gossamer_fx.model.body import Attached, Body, Ground, Port
 from gossamer_fx.terms.assembly import Assembly
@@ -133,8 +133,12 @@ class ContactPoints:
         self._blocks = [system.block(body) for body in bodies]
         self._of_obstacles = _Map(system)
         self._motions: list[tuple[Int64Array, ObstacleMotion]] = []
+        self._directions: list[int] = []  # numbers among the points of obstacles
         for obstacle in obstacles:
             numbers = [self._of_obstacles.add(vector) for vector in obstacle.at]
+            self._directions += [
+                n for n, is_point in zip(numbers, obstacle.is_point, strict=True) if not is_point
+            ]
             if obstacle.motion is not None:
                 moved = [
                     n for n, is_point in zip(numbers, obstacle.is_point, strict=True) if is_point
@@ -145,6 +149,13 @@ class ContactPoints:
         self.obstacle_count = len(self._of_obstacles.constants)
         # Without obstacles on rigid bodies W is the identity, and products with it are left out.
         self._are_block_rows = not self._of_obstacles.rows
+
+    def is_position(self) -> MaskArray:
+        """Return which points (m,) are positions: the others are directions of obstacles, such as
+        normals, on which no force [N] but a moment acts."""
+        found = np.ones(self.count, dtype=bool)
+        found[self.body_count + np.array(self._directions, dtype=np.int64)] = False
+        return found
 
     def set_nodes(self, body: Int64Array, node: Int64Array) -> None:
         """Let the first n points of a contact be some nodes of bodies; points of obstacles follow.
