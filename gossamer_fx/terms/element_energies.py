@@ -366,12 +366,16 @@ class ElementForces:
             mesh: of the body.
 
         Raises:
-            InputError: the law is written in C, and the rule has no function for such laws.
+            InputError: the law is written in C, and the rule has no function for such laws; or
+                there is no C compiler.
             RuntimeError: dolfinx numbers quadrature points differently than the kernel expects.
         """
         from gossamer_fx.terms.law_kernel.functions import law_functions
+        from gossamer_fx.terms.law_kernel.library import library
         from gossamer_fx.terms.law_kernel.point_law import PointLaw, PointValues
 
+        # Before the law: a missing compiler is no fault of this body.
+        library(mesh.comm)
         m = self._size
         rows = cell_nodes(self._strain_variable.function_space)
         # The kernel uses the same rows for all of its arrays.  The strain at the start of the step
