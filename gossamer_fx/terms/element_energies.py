@@ -374,7 +374,7 @@ class ElementForces:
         from gossamer_fx.terms.law_kernel.library import library
         from gossamer_fx.terms.law_kernel.point_law import PointLaw, PointValues
 
-        # Before the law: a missing compiler is no fault of this body.
+        # Before the law, so that a missing compiler is not blamed on this body.
         library(mesh.comm)
         m = self._size
         rows = cell_nodes(self._strain_variable.function_space)
