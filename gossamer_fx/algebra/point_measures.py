@@ -53,23 +53,25 @@ def evaluated_here(tuples: Sequence[Ports]) -> list[int]:
 
 
 def refuse_ports_outside(
-    comm: MPI.Intracomm, bodies: Sequence[Body], ports_by_name: Iterable[tuple[str, Ports]]
+    comm: MPI.Intracomm,
+    bodies: Sequence[Body],
+    tuples_by_name: Iterable[tuple[str, Sequence[Ports]]],
 ) -> None:
     """Refuse ports of bodies that are not in the scene.  Collective.
 
     Args:
         comm: the ranks of the scene.
         bodies: of the scene.
-        ports_by_name: name of the item of the scene, and a tuple of its ports, for each tuple that
-            this rank has; ranks may have different ones.
+        tuples_by_name: name of each item of the scene, and its tuples of ports that this rank has;
+            ranks may have different ones.
 
     Raises:
         InputError: on all ranks, if one of them has such a port.
     """
     known = {id(body) for body in bodies}
     message = ""
-    for name, ports in ports_by_name:
-        for port in ports:
+    for name, tuples in tuples_by_name:
+        for port in itertools.chain.from_iterable(tuples):
             if isinstance(port, Port) and id(port.body) not in known:
                 message = (
                     f"'{name}' has a port of '{port.body.name}', which is not in the scene; add "

@@ -283,7 +283,7 @@ def _motions(
         Names of the bodies, centre (3,) [m], and k free motions (6, k): velocity of the centre and
         angular velocity.
     """
-    # Where all unknowns are fixed there is no part, and nothing can move.
+    # Where all unknowns are fixed, nothing can move.
     if count == 0:
         return
     comm = system.comm

@@ -97,7 +97,7 @@ def tao_minimise(
     Args:
         problem: what is minimised.
         bounds: smallest and largest values of the scaled (dimensionless) numbers of this rank, each
-            (n,); infinite where there is no bound.
+            (n,); infinite for numbers without a bound.
         method: "blmvm" or "bqnls".
         iterations: at most.
         tolerance: change of the scaled result at which the search ends.

@@ -16,9 +16,8 @@ from gossamer_fx.fields.fields import position
 from gossamer_fx.fields.values import HasSystem
 from gossamer_fx.forms.backend import interpolation_points
 from gossamer_fx.forms.compilation import compile_expression, compile_form
-from gossamer_fx.forms.kinematics import line_derivative
 from gossamer_fx.model.body import Array, Attached, Port
-from gossamer_fx.system.axial_force import GaussValues, axial_strain, tension
+from gossamer_fx.system.axial_force import GaussValues, axial_strain, stretch, tension
 from gossamer_fx.system.body_shape import BodyShape
 from gossamer_fx.system.line_forces import line_forces
 from gossamer_fx.system.system import System
@@ -160,9 +159,7 @@ def _length_density(shape: BodyShape) -> ufl.Form:
     """The length [m] of each cell as a form with one test function for each cell."""
     body = shape.body
     cellwise = fem.functionspace(body.space.mesh, ("Discontinuous Lagrange", 0))
-    dq = line_derivative(shape.q)
-    dx = ufl.as_vector([dq[0], dq[1], dq[2]])
-    return ufl.sqrt(ufl.dot(dx, dx)) * ufl.TestFunction(cellwise) * body.mass_dx
+    return stretch(shape) * ufl.TestFunction(cellwise) * body.mass_dx
 
 
 def _middles(shape: BodyShape) -> Array:

@@ -20,6 +20,23 @@ from gossamer_fx.system.system import System
 KINDS = ("mean", "least", "largest")
 
 
+class _ForSystem[T]:
+    """What a probe compiles for the system of its last call: it is called at each step of one run.
+
+    Args:
+        compiled: compiles it for a system.
+    """
+
+    def __init__(self, compiled: Callable[[System], T]) -> None:
+        self._compile = compiled
+        self._last: tuple[System, T] | None = None
+
+    def __call__(self, system: System) -> T:
+        if self._last is None or self._last[0] is not system:
+            self._last = (system, self._compile(system))
+        return self._last[1]
+
+
 class _AlongLine:
     """A quantity along a line: its mean, its least or its largest value.
 
@@ -45,10 +62,9 @@ class _AlongLine:
         check(which in KINDS, f"{kind}: which is {which!r}; choose among: {', '.join(KINDS)}.")
         self.line = line
         self.which = which
-        self._of_body = of_body
         self._of_connector = of_connector
-        # Compiled for the system of the last call, as a probe is called at each step of one run.
-        self._compiled: tuple[System, GaussValues] | None = None
+        if isinstance(line, Curve):
+            self._values = _ForSystem(lambda system: GaussValues(system, line, of_body))
 
     def __call__(self, run: HasSystem) -> float:
         """The value in the state of a run or an equilibrium.  Collective, the same on every rank.
@@ -60,7 +76,7 @@ class _AlongLine:
             InputError: the line is not in the scene.
         """
         if isinstance(self.line, Curve):
-            return self._along_body(run.system, self.line)
+            return self._along_body(run.system)
         lines = line_forces(run.system, self.line)
         values = self._of_connector(lines)
         if self.which == "least":
@@ -69,11 +85,9 @@ class _AlongLine:
             return float(values.max())
         return float(values @ lines.weights)
 
-    def _along_body(self, system: System, body: Curve) -> float:
+    def _along_body(self, system: System) -> float:
         """The value of a cable or beam."""
-        if self._compiled is None or self._compiled[0] is not system:
-            self._compiled = (system, GaussValues(system, body, self._of_body))
-        values = self._compiled[1]
+        values = self._values(system)
         values.update()
         if self.which == "mean":
             return values.mean()
@@ -166,8 +180,8 @@ class Length:
 
     def __init__(self, line: Curve | DrawnAsLines) -> None:
         self.line = line
-        # Compiled for the system of the last call
-        self._compiled: tuple[System, CurrentLength] | None = None
+        if isinstance(line, Curve):
+            self._length = _ForSystem(lambda system: CurrentLength(system, line))
 
     def __call__(self, run: HasSystem) -> float:
         """The length [m] in the state of a run or an equilibrium.  Collective.
@@ -181,6 +195,4 @@ class Length:
         system = run.system
         if not isinstance(self.line, Curve):
             return float(line_forces(system, self.line).lengths.sum())
-        if self._compiled is None or self._compiled[0] is not system:
-            self._compiled = (system, CurrentLength(system, self.line))
-        return self._compiled[1]()
+        return self._length(system)()

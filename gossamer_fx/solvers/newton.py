@@ -122,9 +122,6 @@ STALLED_WINDOW = 8
 STALLED_RATIO = 0.7
 STALLED_KEPT_SHARE = 0.5
 
-# No length: divisions by smaller ones are meaningless.
-TINY = 1e-300
-
 # With contact the margin is wider, provided that the residual passes (5): a gap is the difference
 # of two squared distances, so that friction and steep barriers have ten times the round-off of
 # their stiffness.
@@ -360,7 +357,6 @@ class Newton:
         self._reference = 0.0  # R in (4) [N]
         self._round_off_floor = 0.0  # third number of (4) [N]; zero: not known yet
         self._contact_floor = 0.0  # fourth number of (4) [N]
-        self._largest_early = 0.0  # larger one of the first two residuals [N]
         self._previous_norm = math.inf  # of the residual of the iterate before [N]
         self._norm = math.inf  # of the residual of this iterate, with the strains (3) [N]
         self._norms: list[float] = []  # of all iterates of the present iteration [N]
@@ -446,7 +442,7 @@ class Newton:
         length = float(update.norm())
         with update as values:
             self.system.limit_update(values[: self._composite.n])
-        self._kept_shares.append(float(update.norm()) / max(length, TINY))
+        self._kept_shares.append(float(update.norm()) / max(length, factorisation.TINY))
         return True
 
     def _jacobian(
@@ -588,11 +584,8 @@ class Newton:
             self._evaluate(y, snes.getFunction()[0])
             if self._is_solved():
                 return int(reasons.CONVERGED_FNORM_ABS)
-        if iteration == 0:
-            self._largest_early = self._norm
-        elif iteration == 1:
-            self._largest_early = max(self._largest_early, self._norm)
-        if self._norm > DIVERGENCE_RATIO * max(self._largest_early, self._tolerance):
+        largest_early = max(self._norms[:2])
+        if self._norm > DIVERGENCE_RATIO * max(largest_early, self._tolerance):
             return int(reasons.DIVERGED_DTOL)
         if iteration >= self.tolerances.max_iterations:
             return int(reasons.DIVERGED_MAX_IT)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import basix.ufl
 import numpy as np
@@ -39,6 +38,18 @@ def tension(shape: BodyShape) -> Expr:
         shape: coordinates of a cable or beam as functions on its mesh.
     """
     return shape.body.axial_force(shape.q, shape.elastic_strain())
+
+
+def stretch(shape: BodyShape) -> Expr:
+    """The present length |x'| of a cable or beam over the stress-free one.
+
+    Args:
+        shape: coordinates of a cable or beam as functions on its mesh.
+    """
+    dq = line_derivative(shape.q)
+    # Beams have directors behind the positions.
+    dx = ufl.as_vector([dq[0], dq[1], dq[2]])
+    return ufl.sqrt(ufl.dot(dx, dx))
 
 
 class GaussValues:
@@ -129,10 +140,7 @@ class CurrentLength:
         """Compile the length as a form.  Collective."""
         self._shape = BodyShape(system, body)
         self._comm = system.comm
-        q: Any = self._shape.q
-        dq = line_derivative(q)
-        dx = ufl.as_vector([dq[0], dq[1], dq[2]])
-        self._form = compile_form(ufl.sqrt(ufl.dot(dx, dx)) * body.mass_dx)
+        self._form = compile_form(stretch(self._shape) * body.mass_dx)
 
     def __call__(self) -> float:
         """The length [m], the same on every rank.  Collective."""

@@ -111,11 +111,8 @@ class PointConstraints(
             InputError: a port whose nodes, weights and vectors do not belong together, or one of a
                 body that is not in the scene.
         """
-        refuse_ports_outside(
-            system.comm,
-            system.bodies,
-            [(term.name, ports) for term in terms for ports in term.measure.ports],
-        )
+        tuples = [(term.name, term.measure.ports) for term in terms]
+        refuse_ports_outside(system.comm, system.bodies, tuples)
         numbering = system.numbering
         self._system = system
         self._comm = system.comm

@@ -335,11 +335,8 @@ class PointEnergies(
             InputError: a port whose nodes, weights and vectors do not belong together, or one of a
                 body that is not in the scene.
         """
-        refuse_ports_outside(
-            system.comm,
-            system.bodies,
-            [(term.name, ports) for term in terms for ports in term.measure.ports],
-        )
+        tuples = [(term.name, term.measure.ports) for term in terms]
+        refuse_ports_outside(system.comm, system.bodies, tuples)
         self._system = system
         self._names = [term.name for term in terms if isinstance(term, PointStoredEnergy)]
         # Terms of one kind become arrays: a thousand ropes cost little more than one.

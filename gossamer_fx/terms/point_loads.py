@@ -168,9 +168,8 @@ class PointLoads(
             InputError: a point or direction whose nodes, weights and vectors do not belong
                 together, or one of a body that is not in the scene.
         """
-        refuse_ports_outside(
-            system.comm, system.bodies, [(term.name, term.ports) for term in terms]
-        )
+        tuples = [(term.name, [term.ports]) for term in terms]
+        refuse_ports_outside(system.comm, system.bodies, tuples)
         self._system = system
         self._terms = terms
         self._laws = [term.law for term in terms]
