@@ -24,10 +24,11 @@ Algorithm.
 2. Once a step, compute Z by an application of F̃⁻¹ to each column of B, and factorise Σ.
 3. In each Krylov iteration, apply (2) and (3).
 4. Within a step keep F̃ for the next Newton iteration while solves with it take few Krylov
-   iterations.
+   iterations.  F̃ of the first iterate is not kept: the first update is by far the largest one.
 5. Where F is too ill-conditioned, as in slack film and long steps, Krylov iterations rise.  If a
-   solve has taken more of them than a complete factorisation costs, factorise the matrices
-   completely for the next `FACTORISED_STEPS` steps.
+   solve has taken more of them than a complete factorisation costs, factorise the other matrices of
+   the step completely.  Each further step in a row in which that happens doubles the number of
+   steps that begin with complete factorisations, up to `MAX_FACTORISED_STEPS`.
 
 Cost.  Step 2 costs as many applications of F̃⁻¹ as there are eliminated unknowns, hence at most
 `MAX_ELIMINATED`.  Step 3 costs one application of F̃⁻¹ and products with Z and C.
@@ -72,8 +73,11 @@ UNKNOWNS_OF_MAX_APPLICATIONS = 30_000
 # new one costs as much as eight or nine.
 MAX_APPLICATIONS_TO_KEEP = 7
 
-# Steps in which matrices are then factorised, before F̃ is tried again.
-FACTORISED_STEPS = 10
+# Largest number of steps in which matrices are factorised completely before F̃ is tried again.  One
+# solve with many Krylov iterations says little about the next step: if ten steps followed it, half
+# of the factorisations of the opening sail were complete ones, each for as much time as 50 Krylov
+# iterations, without need.
+MAX_FACTORISED_STEPS = 8
 
 
 def eliminated_unknowns(system: System) -> Indices | None:
@@ -130,7 +134,7 @@ class EliminatedJoints:
         needs_couplings: all couplings of contact are part of its matrix.
         problem: why the last factorisation failed; empty if it did not.
         max_applications: Krylov iterations of a solve after which matrices are factorised
-            completely for some steps.
+            completely for the rest of the step, at least.
     """
 
     needs_couplings = True
@@ -153,8 +157,11 @@ class EliminatedJoints:
         self._complete = PETSc.PC().create(PETSc.COMM_SELF)
         factorisation.choose(self._complete)
         self._is_complete = False
-        self._complete_steps = 0  # left before F̃ is tried again
+        self._complete_steps = 0  # left before F̃ is tried again, the present one included
         self._complete_steps_at_start = 0  # the same at the first matrix of the step
+        self._next_complete_steps = 1  # after the next solve with many iterations
+        self._next_complete_steps_at_start = 1  # the same at the first matrix of the step
+        self._is_first = False  # whether the factors are those of the first matrix of the step
         self.max_applications = max_applications(system.numbering.size_local, max_iterations)
         self._step: tuple[float, float] | None = None  # time and length of the step of Z
         self._applications = 0  # since the last set-up
@@ -168,14 +175,14 @@ class EliminatedJoints:
     def keep_factors(self) -> bool:
         """Keep the factors of an earlier matrix for the next one, if they serve.
 
-        They serve within the same time step, if the last solve with them took at most 7 Krylov
-        iterations and no factorisation failed.
+        They serve within the same time step from its second matrix on, if the last solve with them
+        took at most 7 Krylov iterations and no factorisation failed.
 
         Returns:
             Whether they are kept; then their applications are counted from zero.
         """
         is_same_step = (self._system.time, self._system.h) == self._step
-        is_usable = is_same_step and not self._is_complete and not self.problem
+        is_usable = is_same_step and not (self._is_complete or self._is_first or self.problem)
         if not is_usable or not 0 < self._applications <= MAX_APPLICATIONS_TO_KEEP:
             return False
         self._applications = 0
@@ -196,13 +203,14 @@ class EliminatedJoints:
         step = self._system.time, self._system.h
         is_new_step = step != self._step
         self._step = step
+        self._is_first = is_new_step
         if is_new_step:
-            self._complete_steps = max(self._complete_steps - 1, 0)
-            self._complete_steps_at_start = self._complete_steps
+            self._begin_step()
         # With factors of an earlier matrix, many iterations say nothing about those of the present
         # one.
         if self._applications > self.max_applications and not self._is_kept:
-            self._complete_steps = FACTORISED_STEPS
+            self._complete_steps = self._next_complete_steps
+            self._next_complete_steps = min(2 * self._next_complete_steps, MAX_FACTORISED_STEPS)
         self._applications = 0
         self._is_kept = False
         self._is_complete = self._complete_steps > 0
@@ -211,6 +219,15 @@ class EliminatedJoints:
             self.problem = factorisation.set_up(self._complete)
         else:
             self._set_up_incomplete(matrix, is_new_step)
+
+    def _begin_step(self) -> None:
+        """Count the steps with complete factorisations; a step without any halves the next
+        number."""
+        if not self._complete_steps:
+            self._next_complete_steps = max(self._next_complete_steps // 2, 1)
+        self._complete_steps = max(self._complete_steps - 1, 0)
+        self._complete_steps_at_start = self._complete_steps
+        self._next_complete_steps_at_start = self._next_complete_steps
 
     def _set_up_incomplete(self, matrix: PETSc.Mat, is_new_step: bool) -> None:
         """Factorise the block F of the films incompletely, and eliminate the other unknowns g.
@@ -323,7 +340,7 @@ class EliminatedJoints:
         """
         self._step = None
         self._applications = 0
+        self._next_complete_steps = self._next_complete_steps_at_start
+        self._complete_steps = self._complete_steps_at_start
         if self.problem:
-            self._complete_steps = FACTORISED_STEPS
-        else:
-            self._complete_steps = self._complete_steps_at_start
+            self._complete_steps = MAX_FACTORISED_STEPS

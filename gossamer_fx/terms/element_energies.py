@@ -42,6 +42,10 @@ Algorithm, for one iteration.  S(ê) is the stress of the step by the stress rul
    stress.
 5. Evaluate S and D at the new ê once at all points.  The forms of 1 and 2 only read them.
 
+Viscous stresses are linear in the strain, so that (1) is the stress at e(q1) whatever ê is.  Their
+forms compute them from the coordinates, without stored values.  All forms of a body are summed, so
+that one loop over its cells assembles them.
+
 How S and D are evaluated.  Compiled expressions, of which a path that stays in one state of the
 film (taut, wrinkled or slack) has a separate one; it costs a third to a sixth of the general one.
 Laws with several states are evaluated by a C kernel (`terms.law_kernel`), which also chooses the
@@ -135,26 +139,36 @@ class ElementEnergies(
             InputError: a law is written in C, and the stress rule has no function for such laws.
         """
         self._system = system
-        self.elements = [ElementForces(t, system.fields[t.body], system.rule) for t in terms]
-        self._dissipating = [
-            force for force in self.elements if isinstance(force.term, ViscousDissipation)
+        self._stored = [
+            StoredForces(term, system.fields[term.body], system.rule)
+            for term in terms
+            if isinstance(term, StoredEnergy)
         ]
-        self.losses = [force.term.name for force in self._dissipating]
-        # One vector for each body, to which all of its terms are assembled.
-        self._forces = {term.body: _vector_of(system.fields[term.body]) for term in terms}
+        self._viscous = [
+            ViscousForces(term, system.fields[term.body])
+            for term in terms
+            if isinstance(term, ViscousDissipation)
+        ]
+        self.losses = [force.term.name for force in self._viscous]
+        self._all: list[StoredForces | ViscousForces] = [*self._stored, *self._viscous]
+        self._on_bodies: dict[Body, _BodyForces] = {}
+        for body in dict.fromkeys(term.body for term in terms):
+            on_body = [force for force in self._all if force.term.body is body]
+            self._on_bodies[body] = _BodyForces(on_body, system.fields[body])
 
     def begin_step(self, t: float) -> None:
-        for force in self.elements:
-            self._system.fields[force.term.body].h.value = self._system.h
+        for body in self._on_bodies:
+            self._system.fields[body].h.value = self._system.h
+        for force in self._stored:
             force.begin_step(self._system.time + self._system.h)
 
     def take_time(self, t: float) -> None:
-        for force in self.elements:
+        for force in self._stored:
             if force.thermal is not None:
                 force.thermal.set_end(t)
 
     def update(self, linearly: bool) -> None:
-        for force in self.elements:
+        for force in self._stored:
             if linearly:
                 force.linearise()
             else:
@@ -167,37 +181,35 @@ class ElementEnergies(
         Args:
             r: residual [N] of all unknowns, changed in place.
         """
-        # b: assembly vector [N] of one body, owned and ghost unknowns.
-        for b in self._forces.values():
-            b.array[:] = 0
-        for force in self.elements:
+        for force in self._stored:
             force.respond()
-            fem.assemble_vector(self._forces[force.term.body].array, force.residual)
         with r as values:
-            for body, b in self._forces.items():
-                b.scatter_reverse(la.InsertMode.add)
+            for body, forces in self._on_bodies.items():
+                assembled = forces.assemble()
                 owned = self._system.block(body).owned
-                self._system.fields[body].add_forces(b.array, values[owned])
+                self._system.fields[body].add_forces(assembled, values[owned])
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
-        on_body = [force for force in self.elements if force.term.body is body]
-        for force in on_body:
-            force.respond()
-        return [force.tangent for force in on_body]
+        if body not in self._on_bodies:
+            return []
+        for force in self._stored:
+            if force.term.body is body:
+                force.respond()
+        return [self._on_bodies[body].tangent]
 
     def dissipated(self) -> Array:
-        return np.array([force.dissipated() for force in self._dissipating])
+        return np.array([force.dissipated() for force in self._viscous])
 
     def supplied(self) -> float:
         """Work [J] of heat on thermal strains in the step, this rank's share."""
-        return sum(force.heat() for force in self.elements)
+        return sum(force.heat() for force in self._stored)
 
     def commit(self) -> None:
-        for force in self.elements:
+        for force in self._stored:
             force.commit()
 
     def energies(self) -> dict[str, float]:
-        return {f.term.name: f.energy() for f in self.elements if isinstance(f.term, StoredEnergy)}
+        return {force.term.name: force.energy() for force in self._stored}
 
     def without_gradient(self) -> str:
         """In words, which stored energy has no gradient by parameters, and what to do; empty if all
@@ -208,8 +220,8 @@ class ElementEnergies(
         # At rest the stress is the derivative of the density, which is in UFL for all laws.
         if self._system.rule.alpha != MIDPOINT:
             return ""
-        for force in self.elements:
-            if isinstance(force.term, StoredEnergy) and force.term.c_law is not None:
+        for force in self._stored:
+            if force.term.c_law is not None:
                 return (
                     f"the law of '{force.term.name}' is written in C, without derivatives; use one "
                     "of UFL"
@@ -217,14 +229,10 @@ class ElementEnergies(
         return ""
 
     def residual_forms(self, body: Body, w: Expr) -> list[ufl.Form]:
-        return [force.residual_form(w) for force in self.elements if force.term.body is body]
+        return [force.residual_form(w) for force in self._all if force.term.body is body]
 
     def energy_forms(self, body: Body) -> list[ufl.Form]:
-        return [
-            force.energy_form()
-            for force in self.elements
-            if force.term.body is body and isinstance(force.term, StoredEnergy)
-        ]
+        return [force.energy_form() for force in self._stored if force.term.body is body]
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +263,11 @@ class StoredEnergy:
 @dataclass(frozen=True, eq=False)
 class ViscousDissipation:
     """Dissipation: stress φ'(ė) against the rate of the measure; φ is quadratic and convex, the
-    loss 2∫∫φ(ė) dx dt."""
+    loss 2∫∫φ(ė) dx dt.
+
+    `measure` is quadratic in q, `density` is φ as a function of its rate; `parameters` are
+    coefficients of φ.
+    """
 
     name: str
     body: MeshBody
@@ -263,12 +275,102 @@ class ViscousDissipation:
     density: Callable[[Expr], Expr]
     dx: ufl.Measure
     parameters: tuple[Parameter, ...] = ()
-    thermal: ClassVar[None] = None
     compiler: ClassVar[Compiler] = ElementEnergies
 
 
-class ElementForces:
-    """Forces, tangent and energy of one `StoredEnergy` or `ViscousDissipation`, compiled.
+class _BodyForces:
+    """The sums of all residuals and of all tangents of a body, compiled.
+
+    Attributes:
+        tangent: the compiled sum of the forms 2 of the module.
+    """
+
+    def __init__(self, forces: Sequence[StoredForces | ViscousForces], at: Coordinates) -> None:
+        """Compile both sums; collective.
+
+        Args:
+            forces: of all terms of the body, at least one.
+            at: the coordinates of the body in a step.
+        """
+        self._residual = compile_form(sum(force.residual for force in forces))
+        self.tangent: fem.Form = compile_form(sum(force.tangent for force in forces))
+        dofmap = at.q0.function_space.dofmap
+        self._vector = la.vector(dofmap.index_map, dofmap.index_map_bs)
+
+    def assemble(self) -> Array:
+        """The forces [N] at the present iterate, on owned nodes, then ghosts; overwritten by the
+        next call.  Collective."""
+        self._vector.array[:] = 0
+        fem.assemble_vector(self._vector.array, self._residual)
+        self._vector.scatter_reverse(la.InsertMode.add)
+        values: Array = self._vector.array
+        return values
+
+
+class ViscousForces:
+    """Forces, tangent and loss of one `ViscousDissipation`, with the damping stress
+
+        σ(e) = φ'((e - e0)/h)
+
+    at the strain e, where e0 is the strain at the start of the step and h its length.
+
+    Args:
+        term: what it computes.
+        at: the coordinates of the body in a step.
+
+    Attributes:
+        residual, tangent: the forms 1 and 2 of the module, in UFL.
+    """
+
+    def __init__(self, term: ViscousDissipation, at: Coordinates) -> None:
+        """Write the forms down, and compile the loss.  Collective.
+
+        Args:
+            term: measure (strain, m components) and dissipation as functions of the coordinates.
+            at: the coordinates of the body, as functions for forms.
+        """
+        self.term = term
+        self._at = at
+        # Strains at the start and at the end of the step, and that which is linear in the last
+        # update: the geometric stiffness of its stress is without the second-order part.
+        self._e0 = term.measure(at.q0)
+        e1 = term.measure(at.q1)
+        first_variation = ufl.derivative(e1, at.q1, at.w)
+        at_middle = ufl.replace(first_variation, {at.q1: at.mid})
+        along_update = ufl.derivative(e1, at.q1, at.dq)
+        second_variation = ufl.derivative(first_variation, at.q1, at.dq)
+        σ = self._stress(e1 - self._e0)
+        self.residual = ufl.dot(σ, at_middle) * term.dx
+        material = ufl.dot(self._stress(along_update), at_middle)
+        linear_change = _linearised(e1, at) - self._e0
+        geometric = at.α * at.γ * ufl.dot(self._stress(linear_change), second_variation)
+        self.tangent = (material + geometric) * term.dx
+        self._work = compile_form(ufl.dot(σ, e1 - self._e0) * term.dx)
+
+    def _stress(self, change: Expr) -> Expr:
+        """The damping stress σ of a change of strain within the step, to which it is
+        proportional."""
+        return gradient(self.term.density, change / self._at.h)
+
+    def dissipated(self) -> float:
+        """Energy [J] dissipated in the step, this rank's share; asked before the step is
+        accepted."""
+        return float(fem.assemble_scalar(self._work))
+
+    def residual_form(self, w: Expr) -> ufl.Form:
+        """The forces of the step, ∫ σ(e1)·De(q_mid)[w] dx [J], in UFL.
+
+        Args:
+            w: test function on the space of the coordinates.
+        """
+        at = self._at
+        e1 = self.term.measure(at.q1)
+        at_middle = ufl.replace(ufl.derivative(e1, at.q1, w), {at.q1: at.mid})
+        return ufl.dot(self._stress(e1 - self._e0), at_middle) * self.term.dx
+
+
+class StoredForces:
+    """Forces, tangent and energy of one `StoredEnergy`.
 
     Args:
         term: what it computes.
@@ -276,16 +378,13 @@ class ElementForces:
         rule: the stress rule.
 
     Attributes:
-        residual, tangent: the compiled forms 1 and 2 of the module.
+        residual, tangent: the forms 1 and 2 of the module, in UFL.
         thermal: thermal strain that is subtracted from the measure of the term; None without
             expansion.
     """
 
-    def __init__(
-        self, term: StoredEnergy | ViscousDissipation, at: Coordinates, rule: StressRule
-    ) -> None:
-        """Compile one stored energy or dissipation on a mesh: strains, stresses, residual and
-        tangent.
+    def __init__(self, term: StoredEnergy, at: Coordinates, rule: StressRule) -> None:
+        """Compile strains and stresses of one stored energy on a mesh, and write its forms down.
 
         The strain at the quadrature points is an unknown in addition to the coordinates.
         Collective.
@@ -325,20 +424,14 @@ class ElementForces:
         # Only laws with several states need the kernel, and the choice of strains.
         self._law: PointLaw | None = None
         strain = ufl.variable(self._strain_variable)
-        if isinstance(term, StoredEnergy):
-            if term.quadratic:
-                self._compile_response(rule.stress(term, self._e0, strain), strain)
-                self._energy = compile_form(term.density(self._e0) * term.dx)
-            else:
-                self._compile_law(term, rule, mesh)
+        if term.quadratic:
+            self._compile_response(rule.stress(term, self._e0, strain), strain)
+            self._energy = compile_form(term.density(self._e0) * term.dx)
         else:
-            rate = (strain - self._e0) / at.h
-            self._compile_response(gradient(term.density, rate), strain)
-            self._work = compile_form(ufl.dot(S, self._strain_variable - self._e0) * term.dx)
-        second_variation = ufl.derivative(ufl.derivative(e, at.q1, at.δ), at.q1, at.δ)
+            self._compile_law(term, rule, mesh)
         self._true_strain = compile_expression(e, self._points)
-        self._linearised_strain = compile_expression(e - second_variation / 2, self._points)
-        self._compile_forms(e, S, D, at, rule)
+        self._linearised_strain = compile_expression(_linearised(e, at), self._points)
+        self._set_forms(e, S, D)
 
     def _strain_at_end(self) -> Expr:
         """The measure of the term at q1, less the thermal strain."""
@@ -404,33 +497,32 @@ class ElementForces:
         self._density = self._at_points(mesh)
         self._energy = compile_form(self._density * term.dx)
 
-    def _compile_forms(self, e: Expr, S: Expr, D: Expr, at: Coordinates, rule: StressRule) -> None:
-        """Compile residual and tangent of the mixed iteration, in which the strain is a separate
+    def _set_forms(self, e: Expr, S: Expr, D: Expr) -> None:
+        """Write down residual and tangent of the mixed iteration, in which the strain is a separate
         unknown.
 
         Args:
             e: strain (m,) at the end of the step, an expression of the coordinates.
             S: stress (m,) at the quadrature points at the separate strain.
             D: its derivatives (m, m) by that strain.
-            at: coordinates of the body in the step.
-            rule: how the stress of a step follows from the strains at its ends.
         """
         term = self.term
+        at = self._at
         first_variation = ufl.derivative(e, at.q1, at.w)
         at_middle = ufl.replace(first_variation, {at.q1: at.mid})
         along_update = ufl.derivative(e, at.q1, at.dq)
         second_variation = ufl.derivative(first_variation, at.q1, at.dq)
         stress = S + ufl.dot(D, e - self._strain_variable)
-        self.residual = compile_form(ufl.dot(stress, at_middle) * term.dx)
+        self.residual = ufl.dot(stress, at_middle) * term.dx
         if self.thermal is not None:
             expansion = self.thermal.end - self.thermal.start
             self._work_of_expansion = compile_form(ufl.dot(stress, expansion) * term.dx)
         stress_in_tangent = at.γ * S
-        if isinstance(term, StoredEnergy) and term.pulling is not None and rule.alpha == 1.0:
+        if term.pulling is not None and self._rule.alpha == 1.0:
             stress_in_tangent += (1 - at.γ) * term.pulling(S)
         material = ufl.dot(ufl.dot(D, along_update), at_middle)
         geometric = at.α * ufl.dot(stress_in_tangent, second_variation)
-        self.tangent = compile_form((material + geometric) * term.dx)
+        self.tangent = (material + geometric) * term.dx
 
     # ---- the course of a step --------------------------------------------------------------------
 
@@ -507,11 +599,6 @@ class ElementForces:
             self._law.density(self._density.x.array)
         return float(fem.assemble_scalar(self._energy))
 
-    def dissipated(self) -> float:
-        """Energy [J] dissipated in the step, this rank's share; asked before `commit`."""
-        self.respond()
-        return float(fem.assemble_scalar(self._work))
-
     def heat(self) -> float:
         """Energy [J] that heat supplies in the step, -∫ S_mean·Δe_th dx; this rank's share."""
         if self.thermal is None:
@@ -538,10 +625,7 @@ class ElementForces:
         if self.thermal is not None:
             e0 -= self.thermal.start
         e1 = ufl.variable(self._strain_at_end())
-        if isinstance(term, StoredEnergy):
-            S_mean = self._rule.stress(term, e0, e1)
-        else:
-            S_mean = gradient(term.density, (e1 - e0) / at.h)
+        S_mean = self._rule.stress(term, e0, e1)
         first_variation = ufl.derivative(term.measure(at.q1), at.q1, w)
         at_middle = ufl.replace(first_variation, {at.q1: at.mid})
         return ufl.dot(S_mean, at_middle) * term.dx
@@ -565,10 +649,15 @@ def thermal_strain_of(system: Assembly, body: Body) -> ThermalStrain | None:
     return None
 
 
-def _vector_of(at: Coordinates) -> la.Vector:
-    """An assembly vector of the space of a body, owned and ghost nodes."""
-    dofmap = at.q0.function_space.dofmap
-    return la.vector(dofmap.index_map, dofmap.index_map_bs)
+def _linearised(e: Expr, at: Coordinates) -> Expr:
+    """The strain (3) of the module, which is linear in the last update δ.
+
+    Args:
+        e: strain (m,) at q1, quadratic in the coordinates.
+        at: coordinates of the body in the step.
+    """
+    second_variation = ufl.derivative(ufl.derivative(e, at.q1, at.δ), at.q1, at.δ)
+    return e - second_variation / 2
 
 
 def quadrature_element(mesh: Any, metadata: dict[str, Any], shape: tuple[int, ...]) -> Any:
