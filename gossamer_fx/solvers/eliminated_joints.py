@@ -151,6 +151,10 @@ class EliminatedJoints:
         self._rest = eliminated
         films = np.setdiff1d(np.arange(system.numbering.size_local), eliminated)
         self._films = films
+        # Films mostly stand one after the other, and a slice copies nothing.
+        self._film_slice: Indices | slice = films
+        if films[-1] - films[0] == len(films) - 1:
+            self._film_slice = slice(int(films[0]), int(films[-1]) + 1)
         self._film_set = PETSc.IS().createBlock(3, (films[::3] // 3).astype(PETSc.IntType))
         self._incomplete = PETSc.PC().create(PETSc.COMM_SELF)
         self._incomplete.setOptionsPrefix(PREFIX + "local_")
@@ -262,34 +266,46 @@ class EliminatedJoints:
         if is_new_step or len(self._Z) != len(self._rest):
             columns = self._columns(matrix)
             self._Z = np.array([self._films_of(column) for column in columns])
-        self._schur = lu_factor(self._D - self._C @ self._Z.T, check_finite=False)
+        coupling = self._C @ self._Z[:, self._coupled].T
+        self._schur = lu_factor(self._D - coupling, check_finite=False)
 
     def _take_rows(self, matrix: PETSc.Mat) -> None:
-        """Read C (k, films) and D (k, k), row by row."""
+        """Read C (k, c) and D (k, k) row by row, where c counts the unknowns of films that are
+        coupled with the k eliminated ones.
+
+        These are few: the nodes to which tethers are tied, and those that touch a hub.  `_coupled`
+        has their positions among the films, `_coupled_rows` their rows.
+        """
         rows = np.zeros((len(self._rest), matrix.getSize()[0]))
+        is_stored = np.zeros(rows.shape[1], dtype=bool)
         for k, row in enumerate(self._rest):
             columns, values = matrix.getRow(int(row))
             rows[k, columns] = values
-        self._C = rows[:, self._films]
+            is_stored[columns] = True
         self._D = rows[:, self._rest]
+        self._coupled = np.flatnonzero(is_stored[self._films])
+        self._coupled_rows = self._films[self._coupled]
+        self._C = rows[:, self._coupled_rows]
 
     def _columns(self, matrix: PETSc.Mat) -> Array:
         """Return the transpose Bᵀ (k, films) of the block of the matrix that couples films to the k
         eliminated unknowns, [N/m] for coordinates.
 
-        Computed by k products of the matrix with unit vectors; there is one rank only.
+        The matrix has the same pattern as its transpose, so that only the rows of coupled unknowns
+        are read.
 
         Args:
-            matrix: of all unknowns.
+            matrix: of all unknowns, on one rank.
         """
-        unit, product = matrix.createVecs()
-        columns = np.zeros((len(self._rest), len(self._films)))
-        for k, column in enumerate(self._rest):
-            unit.zeroEntries()
-            unit.array[column] = 1.0
-            matrix.mult(unit, product)
-            columns[k] = product.array_r[self._films]
-        return columns
+        position = np.full(matrix.getSize()[0], -1)
+        position[self._rest] = np.arange(len(self._rest))
+        transpose = np.zeros((len(self._rest), len(self._films)))
+        for film, row in zip(self._coupled, self._coupled_rows, strict=True):
+            columns, values = matrix.getRow(int(row))
+            eliminated = position[columns]
+            is_eliminated = eliminated >= 0
+            transpose[eliminated[is_eliminated], film] = values[is_eliminated]
+        return transpose
 
     def _films_of(self, values: Array) -> Array:
         """F̃⁻¹ of some values (films,)."""
@@ -323,12 +339,13 @@ class EliminatedJoints:
             self._complete.apply(r, z)
             return
         values = r.array_r
-        of_films = self._films_of(values[self._films])
-        of_rest = lu_solve(self._schur, values[self._rest] - self._C @ of_films, check_finite=False)
+        of_films = self._films_of(values[self._film_slice])
+        coupling = self._C @ of_films[self._coupled]
+        of_rest = lu_solve(self._schur, values[self._rest] - coupling, check_finite=False)
         if not np.isfinite(of_rest).all():
             self.problem = "the Schur complement of the joints is singular"
         with z as out:
-            out[self._films] = of_films - of_rest @ self._Z
+            out[self._film_slice] = of_films - of_rest @ self._Z
             out[self._rest] = of_rest
 
     def recover(self) -> None:
