@@ -297,8 +297,8 @@ class ElementForces:
     ) -> None:
         """Compile one stored energy or dissipation on a mesh: strains, stresses and energy.
 
-        Residual and tangent are those of `ElementForms`.  The strain at the quadrature points is an unknown in addition to the coordinates.
-        Collective.
+        Residual and tangent are those of `ElementForms`.  The strain at the quadrature points is an
+        unknown in addition to the coordinates.  Collective.
 
         Args:
             term: measure (strain, m components) and density as functions of the coordinates.
