@@ -70,6 +70,7 @@ import numpy as np
 import ufl
 from dolfinx import fem, la
 from petsc4py import PETSc
+from ufl.algorithms.renumbering import renumber_indices
 
 from gossamer_fx.checks.errors import InputError
 from gossamer_fx.forms.backend import interpolation_points, tabulate
@@ -617,7 +618,8 @@ def _is_alike(one: ElementForces, other: ElementForces) -> bool:
     """Whether two terms may share residual and tangent."""
     if one.term.body is not other.term.body or one.term.dx != other.term.dx:
         return False
-    return one.measure_at_end == other.measure_at_end
+    # UFL gives the free indices of each expression new numbers.
+    return renumber_indices(one.measure_at_end) == renumber_indices(other.measure_at_end)
 
 
 def _sum(expressions: Sequence[Expr]) -> Expr:
