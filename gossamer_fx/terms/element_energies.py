@@ -42,14 +42,17 @@ Algorithm, for one iteration.  S(ê) is the stress of the step by the stress rul
    stress.
 5. Evaluate S and D at the new ê once at all points.  The forms of 1 and 2 only read them.
 
-Viscous stresses are linear in the strain, so that (1) is the stress at e(q1) whatever ê is.  Their
-forms compute them from the coordinates, without stored values.  All forms of a body are summed, so
-that one loop over its cells assembles them.
-
 How S and D are evaluated.  Compiled expressions, of which a path that stays in one state of the
 film (taut, wrinkled or slack) has a separate one; it costs a third to a sixth of the general one.
 Laws with several states are evaluated by a C kernel (`terms.law_kernel`), which also chooses the
 strains.
+
+Terms that share a measure.  The stiffness and the viscous damping of a film have the same measure
+e. The forms (1) and (2) are linear in S and D, so such terms share one form of the sum of their
+stresses: a cell then has one kernel and one entry into the matrix, and not one for each term.
+Viscous stresses are linear in the strain, so that (1) has the stress at e(q1) whatever ê is.  The
+forms compute them from the strains of the term that they share the form with; nothing more is
+stored for them.
 
 Cost.  The law is evaluated once at each point and iteration, as in Newton's method on the
 coordinates. ê, S and D are stored: 15 numbers at each quadrature point of a film.  (5) is one
@@ -61,6 +64,7 @@ iterates and not the solution: at its end ê = e(q1) to the tolerance of the ite
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -70,6 +74,7 @@ import numpy as np
 import ufl
 from dolfinx import fem, la
 from petsc4py import PETSc
+from ufl.algorithms.renumbering import renumber_indices
 
 from gossamer_fx.checks.errors import InputError
 from gossamer_fx.forms.backend import interpolation_points, tabulate
@@ -139,25 +144,25 @@ class ElementEnergies(
             InputError: a law is written in C, and the stress rule has no function for such laws.
         """
         self._system = system
-        self._stored = [
-            StoredForces(term, system.fields[term.body], system.rule)
-            for term in terms
-            if isinstance(term, StoredEnergy)
-        ]
-        self._viscous = [
-            ViscousForces(term, system.fields[term.body])
-            for term in terms
-            if isinstance(term, ViscousDissipation)
+        self._stored: list[StoredForces] = []
+        self._viscous: list[ViscousForces] = []
+        for term in terms:
+            at = system.fields[term.body]
+            if isinstance(term, StoredEnergy):
+                self._stored.append(StoredForces(term, at, system.rule))
+            else:
+                self._viscous.append(ViscousForces(term, at))
+        self.elements: list[ElementForces] = [*self._stored, *self._viscous]
+        self._forms = [
+            ElementForms(alike, system.fields[alike[0].term.body], system.rule)
+            for alike in _with_one_measure(self.elements)
         ]
         self.losses = [force.term.name for force in self._viscous]
-        self._all: list[StoredForces | ViscousForces] = [*self._stored, *self._viscous]
-        self._on_bodies: dict[Body, _BodyForces] = {}
-        for body in dict.fromkeys(term.body for term in terms):
-            on_body = [force for force in self._all if force.term.body is body]
-            self._on_bodies[body] = _BodyForces(on_body, system.fields[body])
+        # One vector for each body, to which all of its terms are assembled.
+        self._forces = {term.body: _vector_of(system.fields[term.body]) for term in terms}
 
     def begin_step(self, t: float) -> None:
-        for body in self._on_bodies:
+        for body in self._forces:
             self._system.fields[body].h.value = self._system.h
         for force in self._stored:
             force.begin_step(self._system.time + self._system.h)
@@ -181,21 +186,24 @@ class ElementEnergies(
         Args:
             r: residual [N] of all unknowns, changed in place.
         """
+        # b: assembly vector [N] of one body, owned and ghost unknowns.
+        for b in self._forces.values():
+            b.array[:] = 0
         for force in self._stored:
             force.respond()
+        for forms in self._forms:
+            fem.assemble_vector(self._forces[forms.body].array, forms.residual)
         with r as values:
-            for body, forces in self._on_bodies.items():
-                assembled = forces.assemble()
+            for body, b in self._forces.items():
+                b.scatter_reverse(la.InsertMode.add)
                 owned = self._system.block(body).owned
-                self._system.fields[body].add_forces(assembled, values[owned])
+                self._system.fields[body].add_forces(b.array, values[owned])
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
-        if body not in self._on_bodies:
-            return []
         for force in self._stored:
             if force.term.body is body:
                 force.respond()
-        return [self._on_bodies[body].tangent]
+        return [forms.tangent for forms in self._forms if forms.body is body]
 
     def dissipated(self) -> Array:
         return np.array([force.dissipated() for force in self._viscous])
@@ -229,7 +237,7 @@ class ElementEnergies(
         return ""
 
     def residual_forms(self, body: Body, w: Expr) -> list[ufl.Form]:
-        return [force.residual_form(w) for force in self._all if force.term.body is body]
+        return [force.residual_form(w) for force in self.elements if force.term.body is body]
 
     def energy_forms(self, body: Body) -> list[ufl.Form]:
         return [force.energy_form() for force in self._stored if force.term.body is body]
@@ -278,52 +286,51 @@ class ViscousDissipation:
     compiler: ClassVar[Compiler] = ElementEnergies
 
 
-class _BodyForces:
-    """The sums of all residuals and of all tangents of a body, compiled.
+class ElementForces(ABC):
+    """Stresses of one term on a mesh, in UFL.
 
     Attributes:
-        tangent: the compiled sum of the forms 2 of the module.
+        term: what it computes.
+        measure_at_end: the measure (m,) of the term at q1.
+        S: stress (m,) at the quadrature points at the strain ê.
+        D: its derivatives (m, m) by that strain.
+        linear_stress: S + D (e(q1) - ê).
     """
 
-    def __init__(self, forces: Sequence[StoredForces | ViscousForces], at: Coordinates) -> None:
-        """Compile both sums; collective.
+    term: StoredEnergy | ViscousDissipation
+    measure_at_end: Expr
+    S: Expr
+    D: Expr
+    linear_stress: Expr
+
+    @abstractmethod
+    def residual_form(self, w: Expr) -> ufl.Form:
+        """The forces of the converged step, ∫ S_mean·De(q_mid)[w] dx [J], with its true strains.
+
+        The compiled residual reads strains and stresses as numbers at points; here they are
+        expressions, so that UFL can derive them with respect to anything.
 
         Args:
-            forces: of all terms of the body, at least one.
-            at: the coordinates of the body in a step.
+            w: test function on the space of the coordinates.
         """
-        self._residual = compile_form(sum(force.residual for force in forces))
-        self.tangent: fem.Form = compile_form(sum(force.tangent for force in forces))
-        dofmap = at.q0.function_space.dofmap
-        self._vector = la.vector(dofmap.index_map, dofmap.index_map_bs)
-
-    def assemble(self) -> Array:
-        """The forces [N] at the present iterate, on owned nodes, then ghosts; overwritten by the
-        next call.  Collective."""
-        self._vector.array[:] = 0
-        fem.assemble_vector(self._vector.array, self._residual)
-        self._vector.scatter_reverse(la.InsertMode.add)
-        values: Array = self._vector.array
-        return values
 
 
-class ViscousForces:
-    """Forces, tangent and loss of one `ViscousDissipation`, with the damping stress
+class ViscousForces(ElementForces):
+    """Stresses and loss of one `ViscousDissipation`, with the damping stress
 
-        σ(e) = φ'((e - e0)/h)
+        σ = φ'((e - e0)/h)
 
-    at the strain e, where e0 is the strain at the start of the step and h its length.
+    for the strain e and that of the start of the step, e0; h is the length of the step.
 
     Args:
         term: what it computes.
         at: the coordinates of the body in a step.
-
-    Attributes:
-        residual, tangent: the forms 1 and 2 of the module, in UFL.
     """
 
+    term: ViscousDissipation
+
     def __init__(self, term: ViscousDissipation, at: Coordinates) -> None:
-        """Write the forms down, and compile the loss.  Collective.
+        """Write the stresses down, and compile the loss.  Collective.
 
         Args:
             term: measure (strain, m components) and dissipation as functions of the coordinates.
@@ -331,25 +338,31 @@ class ViscousForces:
         """
         self.term = term
         self._at = at
-        # Strains at the start and at the end of the step, and that which is linear in the last
-        # update: the geometric stiffness of its stress is without the second-order part.
-        self._e0 = term.measure(at.q0)
-        e1 = term.measure(at.q1)
-        first_variation = ufl.derivative(e1, at.q1, at.w)
-        at_middle = ufl.replace(first_variation, {at.q1: at.mid})
-        along_update = ufl.derivative(e1, at.q1, at.dq)
-        second_variation = ufl.derivative(first_variation, at.q1, at.dq)
-        σ = self._stress(e1 - self._e0)
-        self.residual = ufl.dot(σ, at_middle) * term.dx
-        material = ufl.dot(self._stress(along_update), at_middle)
-        linear_change = _linearised(e1, at) - self._e0
-        geometric = at.α * at.γ * ufl.dot(self._stress(linear_change), second_variation)
-        self.tangent = (material + geometric) * term.dx
-        self._work = compile_form(ufl.dot(σ, e1 - self._e0) * term.dx)
+        self.measure_at_end = term.measure(at.q1)
+        self._set_stresses(_linearised(self.measure_at_end, at), term.measure(at.q0))
+        change = self.measure_at_end - term.measure(at.q0)
+        self._work = compile_form(ufl.dot(self._stress(change), change) * term.dx)
+
+    def share_strains(self, stored: StoredForces) -> None:
+        """Use the strains at the quadrature points that a stored energy with the same measure
+        keeps."""
+        self._set_stresses(stored.strain_variable, stored.strain_at_start)
+
+    def _set_stresses(self, strain: Expr, start: Expr) -> None:
+        """Write S, D and the linear stress down.
+
+        Args:
+            strain: ê (m,), which is linear in the last update.
+            start: e0 (m,), at the start of the step.
+        """
+        change = ufl.variable(strain - start)
+        σ = self._stress(change)
+        self.S = σ
+        self.D = ufl.diff(σ, change)
+        self.linear_stress = self._stress(self.measure_at_end - start)
 
     def _stress(self, change: Expr) -> Expr:
-        """The damping stress σ of a change of strain within the step, to which it is
-        proportional."""
+        """The damping stress of a change of strain within the step, to which it is proportional."""
         return gradient(self.term.density, change / self._at.h)
 
     def dissipated(self) -> float:
@@ -358,19 +371,15 @@ class ViscousForces:
         return float(fem.assemble_scalar(self._work))
 
     def residual_form(self, w: Expr) -> ufl.Form:
-        """The forces of the step, ∫ σ(e1)·De(q_mid)[w] dx [J], in UFL.
-
-        Args:
-            w: test function on the space of the coordinates.
-        """
         at = self._at
-        e1 = self.term.measure(at.q1)
-        at_middle = ufl.replace(ufl.derivative(e1, at.q1, w), {at.q1: at.mid})
-        return ufl.dot(self._stress(e1 - self._e0), at_middle) * self.term.dx
+        first_variation = ufl.derivative(self.measure_at_end, at.q1, w)
+        at_middle = ufl.replace(first_variation, {at.q1: at.mid})
+        change = self.measure_at_end - self.term.measure(at.q0)
+        return ufl.dot(self._stress(change), at_middle) * self.term.dx
 
 
-class StoredForces:
-    """Forces, tangent and energy of one `StoredEnergy`.
+class StoredForces(ElementForces):
+    """Strains, stresses and energy of one `StoredEnergy`, compiled.
 
     Args:
         term: what it computes.
@@ -378,16 +387,19 @@ class StoredForces:
         rule: the stress rule.
 
     Attributes:
-        residual, tangent: the forms 1 and 2 of the module, in UFL.
+        strain_variable: ê (m,) at the quadrature points.
+        strain_at_start: strain (m,) there at the start of the step.
         thermal: thermal strain that is subtracted from the measure of the term; None without
             expansion.
     """
 
-    def __init__(self, term: StoredEnergy, at: Coordinates, rule: StressRule) -> None:
-        """Compile strains and stresses of one stored energy on a mesh, and write its forms down.
+    term: StoredEnergy
 
-        The strain at the quadrature points is an unknown in addition to the coordinates.
-        Collective.
+    def __init__(self, term: StoredEnergy, at: Coordinates, rule: StressRule) -> None:
+        """Compile one stored energy on a mesh: strains, stresses and energy.
+
+        Residual and tangent are those of `ElementForms`.  The strain at the quadrature points is an
+        unknown in addition to the coordinates.  Collective.
 
         Args:
             term: measure (strain, m components) and density as functions of the coordinates.
@@ -401,6 +413,7 @@ class StoredForces:
         self._at = at
         self._rule = rule
         self.thermal: ThermalStrain | None = term.thermal
+        self.measure_at_end = term.measure(at.q1)
         e = self._strain_at_end()
         self._size = m = e.ufl_shape[0]
         mesh = at.q1.function_space.mesh
@@ -410,35 +423,39 @@ class StoredForces:
 
         # Strains at the quadrature points: at the start of the step, at its present iterate (ê),
         # and at the start of the step before.
-        self._e0 = self._at_points(mesh, m)
-        self._strain_variable = self._at_points(mesh, m)
-        self._strain_before = self._e0.x.array.copy()
+        self.strain_at_start = self._at_points(mesh, m)
+        self.strain_variable = self._at_points(mesh, m)
+        self._strain_before = self.strain_at_start.x.array.copy()
         # Stress S (m,) of the step and its derivatives D (m, m) by the strain at its end, row after
         # row, and whether they are those of the present ê.
         self._has_response = False
         self._response = self._at_points(mesh, m + m * m)
-        S = ufl.as_vector([self._response[i] for i in range(m)])
-        D = ufl.as_matrix([[self._response[m + i * m + j] for j in range(m)] for i in range(m)])
-        self._points = interpolation_points(self._e0.function_space)
+        self.S = ufl.as_vector([self._response[i] for i in range(m)])
+        self.D = ufl.as_matrix(
+            [[self._response[m + i * m + j] for j in range(m)] for i in range(m)]
+        )
+        self.linear_stress = self.S + ufl.dot(self.D, e - self.strain_variable)
+        self._points = interpolation_points(self.strain_at_start.function_space)
 
         # Only laws with several states need the kernel, and the choice of strains.
         self._law: PointLaw | None = None
-        strain = ufl.variable(self._strain_variable)
+        strain = ufl.variable(self.strain_variable)
         if term.quadratic:
-            self._compile_response(rule.stress(term, self._e0, strain), strain)
-            self._energy = compile_form(term.density(self._e0) * term.dx)
+            self._compile_response(rule.stress(term, self.strain_at_start, strain), strain)
+            self._energy = compile_form(term.density(self.strain_at_start) * term.dx)
         else:
             self._compile_law(term, rule, mesh)
+        if self.thermal is not None:
+            expansion = self.thermal.end - self.thermal.start
+            self._work_of_expansion = compile_form(ufl.dot(self.linear_stress, expansion) * term.dx)
         self._true_strain = compile_expression(e, self._points)
         self._linearised_strain = compile_expression(_linearised(e, at), self._points)
-        self._set_forms(e, S, D)
 
     def _strain_at_end(self) -> Expr:
         """The measure of the term at q1, less the thermal strain."""
-        e = self.term.measure(self._at.q1)
-        if self.thermal is not None:
-            e -= self.thermal.end
-        return e
+        if self.thermal is None:
+            return self.measure_at_end
+        return self.measure_at_end - self.thermal.end
 
     def _at_points(self, mesh: Any, *shape: int) -> fem.Function:
         """A function with values of a shape at each quadrature point."""
@@ -470,19 +487,19 @@ class StoredForces:
         # Before the law, so that a missing compiler is not blamed on this body.
         library(mesh.comm)
         m = self._size
-        rows = cell_nodes(self._strain_variable.function_space)
+        rows = cell_nodes(self.strain_variable.function_space)
         # The kernel uses the same rows for all of its arrays.  The strain at the start of the step
-        # is `_e0`, that of the iterate `_strain_variable`.
+        # is `strain_at_start`, that of the iterate `strain_variable`.
         if not np.array_equal(rows, cell_nodes(self._response.function_space)):
             raise RuntimeError("dolfinx numbers the points of strains and responses differently.")
         values = PointValues(
-            start=self._e0.x.array.reshape(-1, m),
-            strain=self._strain_variable.x.array.reshape(-1, m),
+            start=self.strain_at_start.x.array.reshape(-1, m),
+            strain=self.strain_variable.x.array.reshape(-1, m),
             response=self._response.x.array.reshape(-1, m + m * m),
             rows=rows,
         )
         try:
-            functions = law_functions(term, rule, self._e0, self._strain_variable)
+            functions = law_functions(term, rule, self.strain_at_start, self.strain_variable)
         except InputError as error:
             # The rule knows neither the body nor its law.
             raise InputError(f"'{term.body.name}': {error}") from error
@@ -497,33 +514,6 @@ class StoredForces:
         self._density = self._at_points(mesh)
         self._energy = compile_form(self._density * term.dx)
 
-    def _set_forms(self, e: Expr, S: Expr, D: Expr) -> None:
-        """Write down residual and tangent of the mixed iteration, in which the strain is a separate
-        unknown.
-
-        Args:
-            e: strain (m,) at the end of the step, an expression of the coordinates.
-            S: stress (m,) at the quadrature points at the separate strain.
-            D: its derivatives (m, m) by that strain.
-        """
-        term = self.term
-        at = self._at
-        first_variation = ufl.derivative(e, at.q1, at.w)
-        at_middle = ufl.replace(first_variation, {at.q1: at.mid})
-        along_update = ufl.derivative(e, at.q1, at.dq)
-        second_variation = ufl.derivative(first_variation, at.q1, at.dq)
-        stress = S + ufl.dot(D, e - self._strain_variable)
-        self.residual = ufl.dot(stress, at_middle) * term.dx
-        if self.thermal is not None:
-            expansion = self.thermal.end - self.thermal.start
-            self._work_of_expansion = compile_form(ufl.dot(stress, expansion) * term.dx)
-        stress_in_tangent = at.γ * S
-        if term.pulling is not None and self._rule.alpha == 1.0:
-            stress_in_tangent += (1 - at.γ) * term.pulling(S)
-        material = ufl.dot(ufl.dot(D, along_update), at_middle)
-        geometric = at.α * ufl.dot(stress_in_tangent, second_variation)
-        self.tangent = (material + geometric) * term.dx
-
     # ---- the course of a step --------------------------------------------------------------------
 
     def begin_step(self, end: float) -> None:
@@ -535,8 +525,8 @@ class StoredForces:
 
     def commit(self) -> None:
         """End a step: the strain of its end is that of the next one's start."""
-        self._strain_before[:] = self._e0.x.array
-        self._e0.x.array[:] = self._strain_variable.x.array
+        self._strain_before[:] = self.strain_at_start.x.array
+        self.strain_at_start.x.array[:] = self.strain_variable.x.array
         if self.thermal is not None:
             self.thermal.commit()
 
@@ -556,12 +546,12 @@ class StoredForces:
             )
             self._has_response = True
             return
-        self._tabulate(self._linearised_strain, self._strain_variable)
+        self._tabulate(self._linearised_strain, self.strain_variable)
         self._has_response = False
 
     def evaluate(self) -> None:
         """Take the true strain e(q1) for ê."""
-        self._tabulate(self._true_strain, self._strain_variable)
+        self._tabulate(self._true_strain, self.strain_variable)
         self._has_response = False
 
     def respond(self) -> None:
@@ -609,15 +599,6 @@ class StoredForces:
     # ---- sensitivities ---------------------------------------------------------------------------
 
     def residual_form(self, w: Expr) -> ufl.Form:
-        """The forces of the converged step, ∫ S_mean·De(q_mid)[w] dx [J], with its true strains, in
-        UFL.
-
-        The compiled residual reads strains and stresses as numbers at points; here they are
-        expressions, so that UFL can derive them with respect to anything.
-
-        Args:
-            w: test function on the space of the coordinates.
-        """
         # Strains at the start (e0) and the end (e1) of the step, without thermal strain.
         at = self._at
         term = self.term
@@ -637,16 +618,92 @@ class StoredForces:
     @property
     def strain(self) -> Array:
         """Strains at the quadrature points, owned and ghost, flattened."""
-        array: Array = self._strain_variable.x.array
+        array: Array = self.strain_variable.x.array
         return array
 
 
-def thermal_strain_of(system: Assembly, body: Body) -> ThermalStrain | None:
-    """The thermal strain of a body in a compiled scene; None without thermal expansion."""
-    for term in system.terms:
-        if isinstance(term, StoredEnergy) and term.body is body and term.thermal is not None:
-            return term.thermal
-    return None
+class ElementForms:
+    """Residual and tangent of terms that have one measure on one body, as one form each.
+
+    The forms are (1) and (2) of the module with the sums of S, D and S + D (e - ê) of the terms.
+
+    Args:
+        forces: one or more terms, with equal measures and domains of integration.
+        at: the coordinates of the body in a step.
+        rule: the stress rule.
+
+    Attributes:
+        body: the body of the terms.
+        residual, tangent: the compiled forms.
+    """
+
+    def __init__(self, forces: Sequence[ElementForces], at: Coordinates, rule: StressRule) -> None:
+        """Compile residual and tangent of the mixed iteration, in which the strain is a separate
+        unknown.  Collective.
+
+        Args:
+            forces: the terms, of `_with_one_measure`.
+            at: coordinates of the body at the start and the end of a step, as functions for forms.
+            rule: how the stress of a step follows from the strains at its ends.
+        """
+        term = forces[0].term
+        self.body = term.body
+        stored = [force for force in forces if isinstance(force, StoredForces)]
+        # The strain of a heated film is its measure less the thermal strain.
+        if stored and stored[0].thermal is None:
+            for force in forces:
+                if isinstance(force, ViscousForces):
+                    force.share_strains(stored[0])
+        # Thermal strain does not depend on the coordinates, so that all terms have these
+        # variations.
+        e = forces[0].measure_at_end
+        first_variation = ufl.derivative(e, at.q1, at.w)
+        at_middle = ufl.replace(first_variation, {at.q1: at.mid})
+        along_update = ufl.derivative(e, at.q1, at.dq)
+        second_variation = ufl.derivative(first_variation, at.q1, at.dq)
+        S = _sum([force.S for force in forces])
+        D = _sum([force.D for force in forces])
+        stress = _sum([force.linear_stress for force in forces])
+        self.residual = compile_form(ufl.dot(stress, at_middle) * term.dx)
+        stress_in_tangent = at.γ * S
+        for force in stored:
+            if force.term.pulling is not None and rule.alpha == 1.0:
+                stress_in_tangent += (1 - at.γ) * force.term.pulling(force.S)
+        material = ufl.dot(ufl.dot(D, along_update), at_middle)
+        geometric = at.α * ufl.dot(stress_in_tangent, second_variation)
+        self.tangent = compile_form((material + geometric) * term.dx)
+
+
+def _with_one_measure(elements: Sequence[ElementForces]) -> list[list[ElementForces]]:
+    """Group terms on the same body that have equal measures and domains of integration.
+
+    Measures are compared as UFL expressions: those of a film and of its damping are different
+    functions in Python.
+    """
+    groups: list[list[ElementForces]] = []
+    for force in elements:
+        alike = next((group for group in groups if _is_alike(group[0], force)), None)
+        if alike is None:
+            groups.append([force])
+        else:
+            alike.append(force)
+    return groups
+
+
+def _is_alike(one: ElementForces, other: ElementForces) -> bool:
+    """Whether two terms may share residual and tangent."""
+    if one.term.body is not other.term.body or one.term.dx != other.term.dx:
+        return False
+    # UFL gives the free indices of each expression new numbers.
+    return renumber_indices(one.measure_at_end) == renumber_indices(other.measure_at_end)
+
+
+def _sum(expressions: Sequence[Expr]) -> Expr:
+    """The sum of one or more UFL expressions, without a zero in front."""
+    total = expressions[0]
+    for expression in expressions[1:]:
+        total += expression
+    return total
 
 
 def _linearised(e: Expr, at: Coordinates) -> Expr:
@@ -658,6 +715,20 @@ def _linearised(e: Expr, at: Coordinates) -> Expr:
     """
     second_variation = ufl.derivative(ufl.derivative(e, at.q1, at.δ), at.q1, at.δ)
     return e - second_variation / 2
+
+
+def thermal_strain_of(system: Assembly, body: Body) -> ThermalStrain | None:
+    """The thermal strain of a body in a compiled scene; None without thermal expansion."""
+    for term in system.terms:
+        if isinstance(term, StoredEnergy) and term.body is body and term.thermal is not None:
+            return term.thermal
+    return None
+
+
+def _vector_of(at: Coordinates) -> la.Vector:
+    """An assembly vector of the space of a body, owned and ghost nodes."""
+    dofmap = at.q0.function_space.dofmap
+    return la.vector(dofmap.index_map, dofmap.index_map_bs)
 
 
 def quadrature_element(mesh: Any, metadata: dict[str, Any], shape: tuple[int, ...]) -> Any:
