@@ -47,6 +47,10 @@ film (taut, wrinkled or slack) has a separate one; it costs a third to a sixth o
 Laws with several states are evaluated by a C kernel (`terms.law_kernel`), which also chooses the
 strains.
 
+Terms that share a measure.  The stiffness and the viscous damping of a film have the same measure
+e. The forms (1) and (2) are linear in S and D, so such terms share one form of the sum of their
+stresses: a cell then has one kernel and one entry into the matrix, and not one for each term.
+
 Cost.  The law is evaluated once at each point and iteration, as in Newton's method on the
 coordinates. ê, S and D are stored: 15 numbers at each quadrature point of a film.  (5) is one
 linear system of the size of the strain at each point that asks for it.
@@ -66,6 +70,7 @@ import numpy as np
 import ufl
 from dolfinx import fem, la
 from petsc4py import PETSc
+from ufl.algorithms.renumbering import renumber_indices
 
 from gossamer_fx.checks.errors import InputError
 from gossamer_fx.forms.backend import interpolation_points, tabulate
@@ -136,6 +141,10 @@ class ElementEnergies(
         """
         self._system = system
         self.elements = [ElementForces(t, system.fields[t.body], system.rule) for t in terms]
+        self._forms = [
+            ElementForms(alike, system.fields[alike[0].term.body], system.rule)
+            for alike in _with_one_measure(self.elements)
+        ]
         self._dissipating = [
             force for force in self.elements if isinstance(force.term, ViscousDissipation)
         ]
@@ -170,9 +179,9 @@ class ElementEnergies(
         # b: assembly vector [N] of one body, owned and ghost unknowns.
         for b in self._forces.values():
             b.array[:] = 0
-        for force in self.elements:
-            force.respond()
-            fem.assemble_vector(self._forces[force.term.body].array, force.residual)
+        for forms in self._forms:
+            forms.respond()
+            fem.assemble_vector(self._forces[forms.body].array, forms.residual)
         with r as values:
             for body, b in self._forces.items():
                 b.scatter_reverse(la.InsertMode.add)
@@ -180,10 +189,10 @@ class ElementEnergies(
                 self._system.fields[body].add_forces(b.array, values[owned])
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
-        on_body = [force for force in self.elements if force.term.body is body]
-        for force in on_body:
-            force.respond()
-        return [force.tangent for force in on_body]
+        on_body = [forms for forms in self._forms if forms.body is body]
+        for forms in on_body:
+            forms.respond()
+        return [forms.tangent for forms in on_body]
 
     def dissipated(self) -> Array:
         return np.array([force.dissipated() for force in self._dissipating])
@@ -268,7 +277,7 @@ class ViscousDissipation:
 
 
 class ElementForces:
-    """Forces, tangent and energy of one `StoredEnergy` or `ViscousDissipation`, compiled.
+    """Strains, stresses and energy of one `StoredEnergy` or `ViscousDissipation`, compiled.
 
     Args:
         term: what it computes.
@@ -276,7 +285,10 @@ class ElementForces:
         rule: the stress rule.
 
     Attributes:
-        residual, tangent: the compiled forms 1 and 2 of the module.
+        measure_at_end: the measure (m,) of the term at q1, in UFL.
+        S: stress (m,) at the quadrature points at the strain ê, in UFL.
+        D: its derivatives (m, m) by that strain, in UFL.
+        linear_stress: S + D (e(q1) - ê), in UFL.
         thermal: thermal strain that is subtracted from the measure of the term; None without
             expansion.
     """
@@ -284,11 +296,10 @@ class ElementForces:
     def __init__(
         self, term: StoredEnergy | ViscousDissipation, at: Coordinates, rule: StressRule
     ) -> None:
-        """Compile one stored energy or dissipation on a mesh: strains, stresses, residual and
-        tangent.
+        """Compile one stored energy or dissipation on a mesh: strains, stresses and energy.
 
-        The strain at the quadrature points is an unknown in addition to the coordinates.
-        Collective.
+        Residual and tangent are those of `ElementForms`.  The strain at the quadrature points is an
+        unknown in addition to the coordinates.  Collective.
 
         Args:
             term: measure (strain, m components) and density as functions of the coordinates.
@@ -302,6 +313,7 @@ class ElementForces:
         self._at = at
         self._rule = rule
         self.thermal: ThermalStrain | None = term.thermal
+        self.measure_at_end = term.measure(at.q1)
         e = self._strain_at_end()
         self._size = m = e.ufl_shape[0]
         mesh = at.q1.function_space.mesh
@@ -318,8 +330,11 @@ class ElementForces:
         # row, and whether they are those of the present ê.
         self._has_response = False
         self._response = self._at_points(mesh, m + m * m)
-        S = ufl.as_vector([self._response[i] for i in range(m)])
-        D = ufl.as_matrix([[self._response[m + i * m + j] for j in range(m)] for i in range(m)])
+        self.S = ufl.as_vector([self._response[i] for i in range(m)])
+        self.D = ufl.as_matrix(
+            [[self._response[m + i * m + j] for j in range(m)] for i in range(m)]
+        )
+        self.linear_stress = self.S + ufl.dot(self.D, e - self._strain_variable)
         self._points = interpolation_points(self._e0.function_space)
 
         # Only laws with several states need the kernel, and the choice of strains.
@@ -334,18 +349,19 @@ class ElementForces:
         else:
             rate = (strain - self._e0) / at.h
             self._compile_response(gradient(term.density, rate), strain)
-            self._work = compile_form(ufl.dot(S, self._strain_variable - self._e0) * term.dx)
+            self._work = compile_form(ufl.dot(self.S, self._strain_variable - self._e0) * term.dx)
+        if self.thermal is not None:
+            expansion = self.thermal.end - self.thermal.start
+            self._work_of_expansion = compile_form(ufl.dot(self.linear_stress, expansion) * term.dx)
         second_variation = ufl.derivative(ufl.derivative(e, at.q1, at.δ), at.q1, at.δ)
         self._true_strain = compile_expression(e, self._points)
         self._linearised_strain = compile_expression(e - second_variation / 2, self._points)
-        self._compile_forms(e, S, D, at, rule)
 
     def _strain_at_end(self) -> Expr:
         """The measure of the term at q1, less the thermal strain."""
-        e = self.term.measure(self._at.q1)
-        if self.thermal is not None:
-            e -= self.thermal.end
-        return e
+        if self.thermal is None:
+            return self.measure_at_end
+        return self.measure_at_end - self.thermal.end
 
     def _at_points(self, mesh: Any, *shape: int) -> fem.Function:
         """A function with values of a shape at each quadrature point."""
@@ -403,34 +419,6 @@ class ElementForces:
         self._linear_strain = self._at_points(mesh, m)
         self._density = self._at_points(mesh)
         self._energy = compile_form(self._density * term.dx)
-
-    def _compile_forms(self, e: Expr, S: Expr, D: Expr, at: Coordinates, rule: StressRule) -> None:
-        """Compile residual and tangent of the mixed iteration, in which the strain is a separate
-        unknown.
-
-        Args:
-            e: strain (m,) at the end of the step, an expression of the coordinates.
-            S: stress (m,) at the quadrature points at the separate strain.
-            D: its derivatives (m, m) by that strain.
-            at: coordinates of the body in the step.
-            rule: how the stress of a step follows from the strains at its ends.
-        """
-        term = self.term
-        first_variation = ufl.derivative(e, at.q1, at.w)
-        at_middle = ufl.replace(first_variation, {at.q1: at.mid})
-        along_update = ufl.derivative(e, at.q1, at.dq)
-        second_variation = ufl.derivative(first_variation, at.q1, at.dq)
-        stress = S + ufl.dot(D, e - self._strain_variable)
-        self.residual = compile_form(ufl.dot(stress, at_middle) * term.dx)
-        if self.thermal is not None:
-            expansion = self.thermal.end - self.thermal.start
-            self._work_of_expansion = compile_form(ufl.dot(stress, expansion) * term.dx)
-        stress_in_tangent = at.γ * S
-        if isinstance(term, StoredEnergy) and term.pulling is not None and rule.alpha == 1.0:
-            stress_in_tangent += (1 - at.γ) * term.pulling(S)
-        material = ufl.dot(ufl.dot(D, along_update), at_middle)
-        geometric = at.α * ufl.dot(stress_in_tangent, second_variation)
-        self.tangent = compile_form((material + geometric) * term.dx)
 
     # ---- the course of a step --------------------------------------------------------------------
 
@@ -555,6 +543,91 @@ class ElementForces:
         """Strains at the quadrature points, owned and ghost, flattened."""
         array: Array = self._strain_variable.x.array
         return array
+
+
+class ElementForms:
+    """Residual and tangent of terms that have one measure on one body, as one form each.
+
+    The forms are (1) and (2) of the module with the sums of S, D and S + D (e - ê) of the terms.
+
+    Args:
+        forces: one or more terms, with equal measures and domains of integration.
+        at: the coordinates of the body in a step.
+        rule: the stress rule.
+
+    Attributes:
+        body: the body of the terms.
+        residual, tangent: the compiled forms.
+    """
+
+    def __init__(self, forces: Sequence[ElementForces], at: Coordinates, rule: StressRule) -> None:
+        """Compile residual and tangent of the mixed iteration, in which the strain is a separate
+        unknown.  Collective.
+
+        Args:
+            forces: the terms, of `_with_one_measure`.
+            at: coordinates of the body at the start and the end of a step, as functions for forms.
+            rule: how the stress of a step follows from the strains at its ends.
+        """
+        self._forces = forces
+        term = forces[0].term
+        self.body = term.body
+        # Thermal strain does not depend on the coordinates, so that all terms have these
+        # variations.
+        e = forces[0].measure_at_end
+        first_variation = ufl.derivative(e, at.q1, at.w)
+        at_middle = ufl.replace(first_variation, {at.q1: at.mid})
+        along_update = ufl.derivative(e, at.q1, at.dq)
+        second_variation = ufl.derivative(first_variation, at.q1, at.dq)
+        S = _sum([force.S for force in forces])
+        D = _sum([force.D for force in forces])
+        stress = _sum([force.linear_stress for force in forces])
+        self.residual = compile_form(ufl.dot(stress, at_middle) * term.dx)
+        stress_in_tangent = at.γ * S
+        for force in forces:
+            pulling = force.term.pulling if isinstance(force.term, StoredEnergy) else None
+            if pulling is not None and rule.alpha == 1.0:
+                stress_in_tangent += (1 - at.γ) * pulling(force.S)
+        material = ufl.dot(ufl.dot(D, along_update), at_middle)
+        geometric = at.α * ufl.dot(stress_in_tangent, second_variation)
+        self.tangent = compile_form((material + geometric) * term.dx)
+
+    def respond(self) -> None:
+        """Evaluate the stresses of all terms that the forms read, see `ElementForces.respond`."""
+        for force in self._forces:
+            force.respond()
+
+
+def _with_one_measure(elements: Sequence[ElementForces]) -> list[list[ElementForces]]:
+    """Group terms on the same body that have equal measures and domains of integration.
+
+    Measures are compared as UFL expressions: those of a film and of its damping are different
+    functions in Python.
+    """
+    groups: list[list[ElementForces]] = []
+    for force in elements:
+        alike = next((group for group in groups if _is_alike(group[0], force)), None)
+        if alike is None:
+            groups.append([force])
+        else:
+            alike.append(force)
+    return groups
+
+
+def _is_alike(one: ElementForces, other: ElementForces) -> bool:
+    """Whether two terms may share residual and tangent."""
+    if one.term.body is not other.term.body or one.term.dx != other.term.dx:
+        return False
+    # UFL gives the free indices of each expression new numbers.
+    return renumber_indices(one.measure_at_end) == renumber_indices(other.measure_at_end)
+
+
+def _sum(expressions: Sequence[Expr]) -> Expr:
+    """The sum of one or more UFL expressions, without a zero in front."""
+    total = expressions[0]
+    for expression in expressions[1:]:
+        total += expression
+    return total
 
 
 def thermal_strain_of(system: Assembly, body: Body) -> ThermalStrain | None:
