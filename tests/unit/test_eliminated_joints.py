@@ -12,6 +12,7 @@ from petsc4py import PETSc
 
 import gossamer_fx as gx
 import gossamer_fx.solvers.linear as linear
+from demos import ikaros
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solvers import eliminated_joints
 from gossamer_fx.solvers.eliminated_joints import (
@@ -197,3 +198,18 @@ def test_ranks_share_the_elimination(comm, monkeypatch):
     assert not context._is_complete
     assert run.totals.energy == pytest.approx(other.totals.energy, rel=1e-9)
     assert run.solver.newton.linear_iterations < 12 * run.solver.newton.all_iterations
+
+
+@pytest.mark.mpi
+def test_ranks_with_contact_take_the_steps_of_one_rank(comm, monkeypatch):
+    """Couplings of contact between hub, film and ranks are part of the eliminated matrix."""
+    monkeypatch.setattr(linear, "MAX_UNKNOWNS_DIRECT_WITH_CONTACT", 0)
+    runs = []
+    for ranks in (comm, MPI.COMM_SELF):
+        run = ikaros.build(ranks, pitch=0.64, until=0.05).simulation([])
+        context = run.solver.newton._preconditioner.getPythonContext()
+        assert isinstance(context, EliminatedJoints)
+        run.run(until=4e-3)
+        assert not context._is_complete
+        runs.append(run)
+    assert runs[0].totals.energy == pytest.approx(runs[1].totals.energy, rel=1e-9)
