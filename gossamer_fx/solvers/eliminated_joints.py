@@ -33,7 +33,11 @@ Algorithm.
 Cost.  Step 2 costs as many applications of F̃⁻¹ as there are eliminated unknowns, hence at most
 `MAX_ELIMINATED`.  Step 3 costs one application of F̃⁻¹ and products with Z and C.
 
-Limits.  One rank, and bodies whose nodes have three unknowns.
+Several ranks.  F̃ is additive Schwarz: each rank factorises its part of F, which overlaps the others
+by two cells.  Every rank keeps the columns of C and the rows of Z that belong to its own films, and
+all of Σ, so that a Krylov iteration sums one small array over the ranks.
+
+Limits.  Bodies whose nodes have three unknowns.
 """
 
 from __future__ import annotations
@@ -59,7 +63,10 @@ if TYPE_CHECKING:
 # take 29 s.
 ILU_LEVELS = 3
 
-# Largest number of unknowns g: an application of F̃⁻¹ for each, once a step.
+# Cells by which the parts of several ranks overlap, as in `solvers.two_level`.
+OVERLAP = 2
+
+# Largest number of unknowns g, of all ranks: an application of F̃⁻¹ for each, once a step.
 MAX_ELIMINATED = 60
 
 # Krylov iterations of a solve that cost as much as a complete factorisation of as many unknowns.
@@ -84,24 +91,26 @@ def eliminated_unknowns(system: System) -> Indices | None:
     """Indices (k,) of the few unknowns that are not films, which the preconditioner eliminates
     exactly.
 
-    They are those of rigid bodies, point masses, beams and Lagrange multipliers.
+    They are those of rigid bodies, point masses, beams and Lagrange multipliers.  Collective.
 
     Args:
         system: compiled scene.
 
     Returns:
-        local indices, or None if this preconditioner does not serve the scene: on several ranks, if
-        there are none or more than 60 of them, or if matrices do not have blocks of three rows.
+        local indices of those that this rank owns, maybe none; or None, on all ranks, if this
+        preconditioner does not serve the scene: if all ranks together have none or more than 60 of
+        them, or if matrices do not have blocks of three rows.
     """
     numbering = system.numbering
-    if system.comm.size > 1 or numbering.block_size != 3:
+    if numbering.block_size != 3:
         return None
     is_film = np.zeros(numbering.size_local, dtype=bool)
     for body in system.fields:
         if body.block.size == 3:
             is_film[system.block(body).owned] = True
     eliminated = np.flatnonzero(~is_film).astype(PETSc.IntType)
-    if not 0 < len(eliminated) <= MAX_ELIMINATED:
+    # Summed, so that all ranks decide alike.
+    if not 0 < system.comm.allreduce(len(eliminated)) <= MAX_ELIMINATED:
         return None
     return eliminated
 
@@ -110,7 +119,7 @@ def max_applications(unknowns: int, max_iterations: int) -> float:
     """Krylov iterations of a solve that cost as much as a complete factorisation.
 
     Args:
-        unknowns: their number, on one rank.
+        unknowns: their number on all ranks together, as both kinds of work are shared by the ranks.
         max_iterations: Krylov iterations at which a solve ends.
 
     Returns:
@@ -143,8 +152,8 @@ class EliminatedJoints:
         """Find the unknowns of films; `setUp` takes the first matrix.
 
         Args:
-            system: compiled scene on one rank.
-            eliminated: indices (k,) of the unknowns that are eliminated.
+            system: compiled scene.
+            eliminated: local indices of the unknowns of this rank that are eliminated.
             max_iterations: Krylov iterations at which a solve ends.
         """
         self._system = system
@@ -153,12 +162,21 @@ class EliminatedJoints:
         self._films = films
         # Films mostly stand one after the other, and a slice copies nothing.
         self._film_slice: Indices | slice = films
-        if films[-1] - films[0] == len(films) - 1:
+        if len(films) and films[-1] - films[0] == len(films) - 1:
             self._film_slice = slice(int(films[0]), int(films[-1]) + 1)
-        self._film_set = PETSc.IS().createBlock(3, (films[::3] // 3).astype(PETSc.IntType))
-        self._incomplete = PETSc.PC().create(PETSc.COMM_SELF)
-        self._incomplete.setOptionsPrefix(PREFIX + "local_")
-        self._complete = PETSc.PC().create(PETSc.COMM_SELF)
+        self._comm = system.comm
+        self._start = system.numbering.start
+        nodes = (self._start + films[::3]) // 3
+        self._film_set = PETSc.IS().createBlock(3, nodes.astype(PETSc.IntType), comm=self._comm)
+        # Global indices of the eliminated unknowns of all ranks, in ascending order, and which of
+        # them this rank owns.
+        self._all_rest = np.concatenate(self._comm.allgather(self._start + eliminated))
+        first = int(self._comm.exscan(len(eliminated)) or 0)
+        self._own = slice(first, first + len(eliminated))
+        self._incomplete = PETSc.PC().create(self._comm)
+        self._right: PETSc.Vec = None
+        self._solution: PETSc.Vec = None
+        self._complete = PETSc.PC().create(self._comm)
         factorisation.choose(self._complete)
         self._is_complete = False
         self._complete_steps = 0  # left before F̃ is tried again, the present one included
@@ -166,7 +184,7 @@ class EliminatedJoints:
         self._next_complete_steps = 1  # after the next solve with many iterations
         self._next_complete_steps_at_start = 1  # the same at the first matrix of the step
         self._is_first = False  # whether the factors are those of the first matrix of the step
-        self.max_applications = max_applications(system.numbering.size_local, max_iterations)
+        self.max_applications = max_applications(system.numbering.size, max_iterations)
         self._step: tuple[float, float] | None = None  # time and length of the step of Z
         self._applications = 0  # since the last set-up
         self._is_kept = False  # whether the factors are those of an earlier matrix
@@ -174,7 +192,10 @@ class EliminatedJoints:
         self.problem = ""
 
     def __str__(self) -> str:
-        return f"ilu of {ILU_LEVELS} levels and {len(self._rest)} unknowns eliminated"
+        kind = "ilu"
+        if self._comm.size > 1:
+            kind = "asm"
+        return f"{kind} of {ILU_LEVELS} levels and {len(self._all_rest)} unknowns eliminated"
 
     def keep_factors(self) -> bool:
         """Keep the factors of an earlier matrix for the next one, if they serve.
@@ -243,73 +264,111 @@ class EliminatedJoints:
         C Z.
 
         Args:
-            matrix: of all unknowns, on one rank; `_take_rows` copies C and D from it.
+            matrix: of all unknowns; `_take_rows` copies C and D from it.
             is_new_step: whether Z, which costs most, has to be computed again.
         """
         F = matrix.createSubMatrix(self._film_set, self._film_set)
+        self._factorise_incompletely(F)
+        self.problem = ""
+        has_failed = self._incomplete.getFailedReason() != PETSc.PC.FailedReason.NOERROR
+        # All ranks must do the same from here.
+        if self._comm.allreduce(has_failed):
+            self.problem = "PETSc: the incomplete factorisation of the films failed"
+            F.destroy()
+            return
+        if self._right is not None:
+            self._right.destroy()
+            self._solution.destroy()
+        self._right, self._solution = F.createVecs()
+        # The preconditioner retains it; on several ranks PETSc would hold what Python drops.
+        F.destroy()
+        self._take_rows(matrix)
+        if is_new_step or len(self._Z) != len(self._all_rest):
+            columns = self._columns(matrix)
+            self._Z = np.array([self._films_of(column) for column in columns])
+        coupling = self._sum(self._C @ self._Z[:, self._coupled].T)
+        self._schur = lu_factor(self._D - coupling, check_finite=False)
+
+    def _factorise_incompletely(self, F: PETSc.Mat) -> None:
+        """Set up F̃: an incomplete factorisation of F, on several ranks of overlapping parts of
+        it."""
         # A new object: the pattern of contact differs from that of the matrix before.
         self._incomplete.destroy()
-        self._incomplete = PETSc.PC().create(PETSc.COMM_SELF)
+        self._incomplete = PETSc.PC().create(self._comm)
         self._incomplete.setOptionsPrefix(PREFIX + "local_")
-        self._incomplete.setType("ilu")
+        kind = "ilu"
+        if self._comm.size > 1:
+            kind = "asm"
+        self._incomplete.setType(kind)
+        self._incomplete.setASMOverlap(OVERLAP)
         self._incomplete.setFactorOrdering("rcm")
         self._incomplete.setFactorLevels(ILU_LEVELS)
         self._incomplete.setFromOptions()
         self._incomplete.setOperators(F)
         self._incomplete.setUp()
-        self.problem = ""
-        if self._incomplete.getFailedReason() != PETSc.PC.FailedReason.NOERROR:
-            self.problem = "PETSc: the incomplete factorisation of the films failed"
+        if self._incomplete.getType() != "asm":
             return
-        self._right, self._solution = F.createVecs()
-        self._take_rows(matrix)
-        if is_new_step or len(self._Z) != len(self._rest):
-            columns = self._columns(matrix)
-            self._Z = np.array([self._films_of(column) for column in columns])
-        coupling = self._C @ self._Z[:, self._coupled].T
-        self._schur = lu_factor(self._D - coupling, check_finite=False)
+        # The parts exist after the first set-up only.
+        for ksp in self._incomplete.getASMSubKSP():
+            part = ksp.getPC()
+            part.setType("ilu")
+            part.setFactorOrdering("rcm")
+            part.setFactorLevels(ILU_LEVELS)
+            part.setFromOptions()
+        self._incomplete.setUpOnBlocks()
+
+    def _sum(self, values: Array) -> Array:
+        """Sum of an array over the ranks, on all of them.  Collective."""
+        if self._comm.size == 1:
+            return values
+        total = np.zeros_like(values)
+        self._comm.Allreduce(np.ascontiguousarray(values), total)
+        return total
 
     def _take_rows(self, matrix: PETSc.Mat) -> None:
-        """Read C (k, c) and D (k, k) row by row, where c counts the unknowns of films that are
-        coupled with the k eliminated ones.
+        """Read C (k, c) and D (k, k), where c counts this rank's unknowns of films that are coupled
+        with the k eliminated ones.  Collective.
 
         These are few: the nodes to which tethers are tied, and those that touch a hub.  `_coupled`
-        has their positions among the films, `_coupled_rows` their rows.
+        has their positions among the films of this rank.  The k sparse rows are sent to all ranks,
+        each of which takes its own columns.
         """
-        rows = np.zeros((len(self._rest), matrix.getSize()[0]))
-        is_stored = np.zeros(rows.shape[1], dtype=bool)
-        for k, row in enumerate(self._rest):
-            columns, values = matrix.getRow(int(row))
-            rows[k, columns] = values
-            is_stored[columns] = True
-        self._D = rows[:, self._rest]
+        own_rows = [matrix.getRow(int(self._start + row)) for row in self._rest]
+        all_rows = [row for rows in self._comm.allgather(own_rows) for row in rows]
+        in_own_columns = np.zeros((len(all_rows), self._system.numbering.size_local))
+        is_stored = np.zeros(in_own_columns.shape[1], dtype=bool)
+        self._D = np.zeros((len(all_rows), len(all_rows)))
+        for k, (columns, values) in enumerate(all_rows):
+            is_own = (columns >= self._start) & (columns < self._start + len(is_stored))
+            in_own_columns[k, columns[is_own] - self._start] = values[is_own]
+            is_stored[columns[is_own] - self._start] = True
+            is_rest = np.isin(columns, self._all_rest)
+            self._D[k, np.searchsorted(self._all_rest, columns[is_rest])] = values[is_rest]
         self._coupled = np.flatnonzero(is_stored[self._films])
-        self._coupled_rows = self._films[self._coupled]
-        self._C = rows[:, self._coupled_rows]
+        self._C = in_own_columns[:, self._films[self._coupled]]
 
     def _columns(self, matrix: PETSc.Mat) -> Array:
-        """Return the transpose Bᵀ (k, films) of the block of the matrix that couples films to the k
-        eliminated unknowns, [N/m] for coordinates.
+        """Return the transpose Bᵀ (k, films of this rank) of the block of the matrix that couples
+        films to the k eliminated unknowns, [N/m] for coordinates.
 
         The matrix has the same pattern as its transpose, so that only the rows of coupled unknowns
         are read.
 
         Args:
-            matrix: of all unknowns, on one rank.
+            matrix: of all unknowns.
         """
-        position = np.full(matrix.getSize()[0], -1)
-        position[self._rest] = np.arange(len(self._rest))
-        transpose = np.zeros((len(self._rest), len(self._films)))
-        for film, row in zip(self._coupled, self._coupled_rows, strict=True):
-            columns, values = matrix.getRow(int(row))
-            eliminated = position[columns]
-            is_eliminated = eliminated >= 0
-            transpose[eliminated[is_eliminated], film] = values[is_eliminated]
+        transpose = np.zeros((len(self._all_rest), len(self._films)))
+        for film in self._coupled:
+            columns, values = matrix.getRow(int(self._start + self._films[film]))
+            is_rest = np.isin(columns, self._all_rest)
+            eliminated = np.searchsorted(self._all_rest, columns[is_rest])
+            transpose[eliminated, film] = values[is_rest]
         return transpose
 
     def _films_of(self, values: Array) -> Array:
-        """F̃⁻¹ of some values (films,)."""
-        if not values.any():
+        """F̃⁻¹ of some values (films of this rank,).  Collective."""
+        # On several ranks those of another one may not be zero.
+        if self._comm.size == 1 and not values.any():
             return np.zeros(len(values))
         self._right.array[:] = values
         self._incomplete.apply(self._right, self._solution)
@@ -340,13 +399,14 @@ class EliminatedJoints:
             return
         values = r.array_r
         of_films = self._films_of(values[self._film_slice])
-        coupling = self._C @ of_films[self._coupled]
-        of_rest = lu_solve(self._schur, values[self._rest] - coupling, check_finite=False)
+        right = -(self._C @ of_films[self._coupled])
+        right[self._own] += values[self._rest]
+        of_rest = lu_solve(self._schur, self._sum(right), check_finite=False)
         if not np.isfinite(of_rest).all():
             self.problem = "the Schur complement of the joints is singular"
         with z as out:
             out[self._film_slice] = of_films - of_rest @ self._Z
-            out[self._rest] = of_rest
+            out[self._rest] = of_rest[self._own]
 
     def recover(self) -> None:
         """Become usable again after a step that was not solved.
