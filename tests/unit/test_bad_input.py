@@ -786,7 +786,7 @@ def test_bodies_on_other_ranks_are_refused(comm) -> None:
         # The same rank in both.
         assert scene.compile().numbering.size == 27 + 18
         return
-    with pytest.raises(gx.InputError, match="'hub' is on 2 ranks and 'sail' on 1.*same comm"):
+    with pytest.raises(gx.InputError, match=r"'hub' is on 2 ranks and 'sail' on 1.*same comm"):
         scene.compile()
 
 
