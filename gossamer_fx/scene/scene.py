@@ -143,8 +143,7 @@ class Scene:
     def _refuse_other_ranks(self) -> None:
         """Raise `InputError` if the bodies are not all on the same ranks.
 
-        A rank that is only in some of the communicators could not tell the others: each decides by
-        those of its own bodies.
+        Each rank decides by its bodies alone, as there is no communicator that all of them share.
         """
         for body in self.bodies:
             same = MPI.Comm.Compare(body.comm, self.comm) in (MPI.IDENT, MPI.CONGRUENT)
