@@ -155,6 +155,7 @@ def build(
         (*HUB_INERTIA[:2], hub_inertia),
         position=disturbance.hub_position(),
         name="hub",
+        comm=comm,
     )
     tips = [film.port(f"tip {k}") for k in range(4)]
     items: list[object] = [film, folds.start(film), hub]
@@ -289,7 +290,7 @@ def steady(
     film = sail(
         comm, pitch, displacement=(lambda X: np.vstack([0 * X[:2], waves(X)])) if bent else None
     )
-    hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub")
+    hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub", comm=comm)
     items = [
         gx.connectors.AttachedMass(film.port(f"tip {k}"), TIP, name=f"mass {k}") for k in range(4)
     ]

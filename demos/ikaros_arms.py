@@ -116,7 +116,7 @@ def build(
     corners, angle = wound(cells)
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(lengths)])
-    hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub")
+    hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub", comm=comm)
     step = winding(cells)[0]
     radius = HUB_RADIUS * math.cos(step / 2) - ARM_RADIUS - 1.05 * CONTACT_DISTANCE
     half = HUB_HEIGHT / 4

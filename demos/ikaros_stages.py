@@ -123,7 +123,7 @@ def build(
     """
     folds, (_, outer, bends) = folded(pitch, gap, out), rows(pitch)
     film = sail(comm, pitch, folds.mark, refine=refine)
-    hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub")
+    hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub", comm=comm)
     guides = _guides(hub, folds, contact, brake, release, rods)
     tips = [film.port(f"tip {k}") for k in range(4)]
     radius = folds.radius * math.cos(math.pi / 8 / bends) - 2 * contact

@@ -65,6 +65,7 @@ def main(
         ikaros.HUB_INERTIA,
         spin=(0.0, 0.0, extra * ikaros.RPM),
         name="hub",
+        comm=comm,
     )
     items: list[object] = [film, hub]
     items += [

@@ -150,7 +150,11 @@ def build(
     disturbance = Disturbance(tilt, offset, stuck)
     across = slenderness * inertia
     hub = gx.RigidBody(
-        0.1, (across, across, inertia), position=disturbance.hub_position(), name="hub"
+        0.1,
+        (across, across, inertia),
+        position=disturbance.hub_position(),
+        name="hub",
+        comm=comm,
     )
     # The inscribed circle of the roll, less the gap to the film.
     radius = folds.radius * math.cos(math.pi / n / cells) - CLEAR * contact

@@ -75,6 +75,7 @@ def build(
         ikaros.HUB_INERTIA,
         spin=(0.0, 0.0, EXTRA * ikaros.RPM),
         name="hub",
+        comm=comm,
     )
     items: list[object] = [film, hub, ikaros.tethers(film, hub, pitch, ikaros.HUB_RADIUS)]
     for k in range(4):

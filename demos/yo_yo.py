@@ -85,7 +85,7 @@ def build(
     """
     R, length, step = wound(cells)
     I = inertia(cells)  # noqa: E741 (as in the formula)
-    hub = gx.RigidBody(2 * I / RADIUS**2, (I / 2, I / 2, I), name="hub")
+    hub = gx.RigidBody(2 * I / RADIUS**2, (I / 2, I / 2, I), name="hub", comm=comm)
     drum = gx.contact.Cylinder(
         start=(0.0, 0.0, -0.02),
         end=(0.0, 0.0, 0.02),
@@ -110,7 +110,8 @@ def build(
             displacement=wind,
         )
         end = math.pi * k - cells * step
-        tip = gx.PointMass(MASS, (R * math.cos(end), R * math.sin(end), 0.0), name=f"mass {k + 1}")
+        place = (R * math.cos(end), R * math.sin(end), 0.0)
+        tip = gx.PointMass(MASS, place, name=f"mass {k + 1}", comm=comm)
         root = hub.port((R * math.cos(math.pi * k), R * math.sin(math.pi * k), 0.0))
         items += [
             cord,

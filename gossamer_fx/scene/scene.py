@@ -140,6 +140,19 @@ class Scene:
         """That of the bodies; a scene without bodies is computed on every rank alike."""
         return self.bodies[0].comm if self.bodies else MPI.COMM_WORLD
 
+    def _refuse_other_ranks(self) -> None:
+        """Raise `InputError` if the bodies are not all on the same ranks.
+
+        Each rank decides by its bodies alone, as there is no communicator that all of them share.
+        """
+        for body in self.bodies:
+            same = MPI.Comm.Compare(body.comm, self.comm) in (MPI.IDENT, MPI.CONGRUENT)
+            check(
+                same,
+                f"'{body.name}' is on {body.comm.size} ranks and '{self.bodies[0].name}' on "
+                f"{self.comm.size}; make all bodies of a scene with the same comm.",
+            )
+
     def compile(self, rule: StressRule | None = None) -> System:
         """Number the unknowns, compile the forms, take the initial state.  Collective.
 
@@ -150,10 +163,11 @@ class Scene:
             the system of equations with the initial state.
 
         Raises:
-            InputError: cells without size, initial data that are not finite, or what a part finds
-                wrong with its surroundings.
+            InputError: bodies on different ranks, cells without size, initial data that are not
+                finite, or what a part finds wrong with its surroundings.
         """
         # Before anything is compiled, which takes seconds for new forms.
+        self._refuse_other_ranks()
         validate(self.items, self.comm)
         for body in self.bodies:
             for what, values in zip(

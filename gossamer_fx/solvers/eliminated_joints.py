@@ -24,15 +24,20 @@ Algorithm.
 2. Once a step, compute Z by an application of F̃⁻¹ to each column of B, and factorise Σ.
 3. In each Krylov iteration, apply (2) and (3).
 4. Within a step keep F̃ for the next Newton iteration while solves with it take few Krylov
-   iterations.
+   iterations.  F̃ of the first iterate is not kept: the first update is by far the largest one.
 5. Where F is too ill-conditioned, as in slack film and long steps, Krylov iterations rise.  If a
-   solve has taken more of them than a complete factorisation costs, factorise the matrices
-   completely for the next `FACTORISED_STEPS` steps.
+   solve has taken more of them than a complete factorisation costs, factorise the other matrices of
+   the step completely.  Each further step in a row in which that happens doubles the number of
+   steps that begin with complete factorisations, up to `MAX_FACTORISED_STEPS`.
 
 Cost.  Step 2 costs as many applications of F̃⁻¹ as there are eliminated unknowns, hence at most
 `MAX_ELIMINATED`.  Step 3 costs one application of F̃⁻¹ and products with Z and C.
 
-Limits.  One rank, and bodies whose nodes have three unknowns.
+Several ranks.  F̃ is additive Schwarz: each rank factorises its part of F, which overlaps the others
+by two cells.  Every rank keeps the columns of C and the rows of Z that belong to its own films, and
+all of Σ, so that a Krylov iteration sums one small array over the ranks.
+
+Limits.  Bodies whose nodes have three unknowns.
 """
 
 from __future__ import annotations
@@ -58,7 +63,10 @@ if TYPE_CHECKING:
 # take 29 s.
 ILU_LEVELS = 3
 
-# Largest number of unknowns g: an application of F̃⁻¹ for each, once a step.
+# Cells by which the parts of several ranks overlap, as in `solvers.two_level`.
+OVERLAP = 2
+
+# Largest number of unknowns g, of all ranks: an application of F̃⁻¹ for each, once a step.
 MAX_ELIMINATED = 60
 
 # Krylov iterations of a solve that cost as much as a complete factorisation of as many unknowns.
@@ -72,32 +80,37 @@ UNKNOWNS_OF_MAX_APPLICATIONS = 30_000
 # new one costs as much as eight or nine.
 MAX_APPLICATIONS_TO_KEEP = 7
 
-# Steps in which matrices are then factorised, before F̃ is tried again.
-FACTORISED_STEPS = 10
+# Largest number of steps in which matrices are factorised completely before F̃ is tried again.  One
+# solve with many Krylov iterations says little about the next step: if ten steps followed it, half
+# of the factorisations of the opening sail were complete ones, each for as much time as 50 Krylov
+# iterations, without need.
+MAX_FACTORISED_STEPS = 8
 
 
 def eliminated_unknowns(system: System) -> Indices | None:
     """Indices (k,) of the few unknowns that are not films, which the preconditioner eliminates
     exactly.
 
-    They are those of rigid bodies, point masses, beams and Lagrange multipliers.
+    They are those of rigid bodies, point masses, beams and Lagrange multipliers.  Collective.
 
     Args:
         system: compiled scene.
 
     Returns:
-        local indices, or None if this preconditioner does not serve the scene: on several ranks, if
-        there are none or more than 60 of them, or if matrices do not have blocks of three rows.
+        local indices of those that this rank owns, maybe none; or None, on all ranks, if this
+        preconditioner does not serve the scene: if all ranks together have none or more than 60 of
+        them, or if matrices do not have blocks of three rows.
     """
     numbering = system.numbering
-    if system.comm.size > 1 or numbering.block_size != 3:
+    if numbering.block_size != 3:
         return None
     is_film = np.zeros(numbering.size_local, dtype=bool)
     for body in system.fields:
         if body.block.size == 3:
             is_film[system.block(body).owned] = True
     eliminated = np.flatnonzero(~is_film).astype(PETSc.IntType)
-    if not 0 < len(eliminated) <= MAX_ELIMINATED:
+    # Summed, so that all ranks decide alike.
+    if not 0 < system.comm.allreduce(len(eliminated)) <= MAX_ELIMINATED:
         return None
     return eliminated
 
@@ -106,7 +119,7 @@ def max_applications(unknowns: int, max_iterations: int) -> float:
     """Krylov iterations of a solve that cost as much as a complete factorisation.
 
     Args:
-        unknowns: their number, on one rank.
+        unknowns: their number on all ranks together, as both kinds of work are shared by the ranks.
         max_iterations: Krylov iterations at which a solve ends.
 
     Returns:
@@ -130,7 +143,7 @@ class EliminatedJoints:
         needs_couplings: all couplings of contact are part of its matrix.
         problem: why the last factorisation failed; empty if it did not.
         max_applications: Krylov iterations of a solve after which matrices are factorised
-            completely for some steps.
+            completely for the rest of the step, at least.
     """
 
     needs_couplings = True
@@ -139,23 +152,39 @@ class EliminatedJoints:
         """Find the unknowns of films; `setUp` takes the first matrix.
 
         Args:
-            system: compiled scene on one rank.
-            eliminated: indices (k,) of the unknowns that are eliminated.
+            system: compiled scene.
+            eliminated: local indices of the unknowns of this rank that are eliminated.
             max_iterations: Krylov iterations at which a solve ends.
         """
         self._system = system
         self._rest = eliminated
         films = np.setdiff1d(np.arange(system.numbering.size_local), eliminated)
         self._films = films
-        self._film_set = PETSc.IS().createBlock(3, (films[::3] // 3).astype(PETSc.IntType))
-        self._incomplete = PETSc.PC().create(PETSc.COMM_SELF)
-        self._incomplete.setOptionsPrefix(PREFIX + "local_")
-        self._complete = PETSc.PC().create(PETSc.COMM_SELF)
+        # Films mostly stand one after the other, and a slice copies nothing.
+        self._film_slice: Indices | slice = films
+        if len(films) and films[-1] - films[0] == len(films) - 1:
+            self._film_slice = slice(int(films[0]), int(films[-1]) + 1)
+        self._comm = system.comm
+        self._start = system.numbering.start
+        nodes = (self._start + films[::3]) // 3
+        self._film_set = PETSc.IS().createBlock(3, nodes.astype(PETSc.IntType), comm=self._comm)
+        # Global indices of the eliminated unknowns of all ranks, in ascending order, and which of
+        # them this rank owns.
+        self._all_rest = np.concatenate(self._comm.allgather(self._start + eliminated))
+        first = int(self._comm.exscan(len(eliminated)) or 0)
+        self._own = slice(first, first + len(eliminated))
+        self._incomplete = PETSc.PC().create(self._comm)
+        self._right: PETSc.Vec = None
+        self._solution: PETSc.Vec = None
+        self._complete = PETSc.PC().create(self._comm)
         factorisation.choose(self._complete)
         self._is_complete = False
-        self._complete_steps = 0  # left before F̃ is tried again
+        self._complete_steps = 0  # left before F̃ is tried again, the present one included
         self._complete_steps_at_start = 0  # the same at the first matrix of the step
-        self.max_applications = max_applications(system.numbering.size_local, max_iterations)
+        self._next_complete_steps = 1  # after the next solve with many iterations
+        self._next_complete_steps_at_start = 1  # the same at the first matrix of the step
+        self._is_first = False  # whether the factors are those of the first matrix of the step
+        self.max_applications = max_applications(system.numbering.size, max_iterations)
         self._step: tuple[float, float] | None = None  # time and length of the step of Z
         self._applications = 0  # since the last set-up
         self._is_kept = False  # whether the factors are those of an earlier matrix
@@ -163,19 +192,22 @@ class EliminatedJoints:
         self.problem = ""
 
     def __str__(self) -> str:
-        return f"ilu of {ILU_LEVELS} levels and {len(self._rest)} unknowns eliminated"
+        kind = "ilu"
+        if self._comm.size > 1:
+            kind = "asm"
+        return f"{kind} of {ILU_LEVELS} levels and {len(self._all_rest)} unknowns eliminated"
 
     def keep_factors(self) -> bool:
         """Keep the factors of an earlier matrix for the next one, if they serve.
 
-        They serve within the same time step, if the last solve with them took at most 7 Krylov
-        iterations and no factorisation failed.
+        They serve within the same time step from its second matrix on, if the last solve with them
+        took at most 7 Krylov iterations and no factorisation failed.
 
         Returns:
             Whether they are kept; then their applications are counted from zero.
         """
         is_same_step = (self._system.time, self._system.h) == self._step
-        is_usable = is_same_step and not self._is_complete and not self.problem
+        is_usable = is_same_step and not (self._is_complete or self._is_first or self.problem)
         if not is_usable or not 0 < self._applications <= MAX_APPLICATIONS_TO_KEEP:
             return False
         self._applications = 0
@@ -196,13 +228,14 @@ class EliminatedJoints:
         step = self._system.time, self._system.h
         is_new_step = step != self._step
         self._step = step
+        self._is_first = is_new_step
         if is_new_step:
-            self._complete_steps = max(self._complete_steps - 1, 0)
-            self._complete_steps_at_start = self._complete_steps
+            self._begin_step()
         # With factors of an earlier matrix, many iterations say nothing about those of the present
         # one.
         if self._applications > self.max_applications and not self._is_kept:
-            self._complete_steps = FACTORISED_STEPS
+            self._complete_steps = self._next_complete_steps
+            self._next_complete_steps = min(2 * self._next_complete_steps, MAX_FACTORISED_STEPS)
         self._applications = 0
         self._is_kept = False
         self._is_complete = self._complete_steps > 0
@@ -211,6 +244,15 @@ class EliminatedJoints:
             self.problem = factorisation.set_up(self._complete)
         else:
             self._set_up_incomplete(matrix, is_new_step)
+
+    def _begin_step(self) -> None:
+        """Count the steps with complete factorisations; a step without any halves the next
+        number."""
+        if not self._complete_steps:
+            self._next_complete_steps = max(self._next_complete_steps // 2, 1)
+        self._complete_steps = max(self._complete_steps - 1, 0)
+        self._complete_steps_at_start = self._complete_steps
+        self._next_complete_steps_at_start = self._next_complete_steps
 
     def _set_up_incomplete(self, matrix: PETSc.Mat, is_new_step: bool) -> None:
         """Factorise the block F of the films incompletely, and eliminate the other unknowns g.
@@ -222,61 +264,111 @@ class EliminatedJoints:
         C Z.
 
         Args:
-            matrix: of all unknowns, on one rank; `_take_rows` copies C and D from it.
+            matrix: of all unknowns; `_take_rows` copies C and D from it.
             is_new_step: whether Z, which costs most, has to be computed again.
         """
         F = matrix.createSubMatrix(self._film_set, self._film_set)
+        self._factorise_incompletely(F)
+        self.problem = ""
+        has_failed = self._incomplete.getFailedReason() != PETSc.PC.FailedReason.NOERROR
+        # All ranks must do the same from here.
+        if self._comm.allreduce(has_failed):
+            self.problem = "PETSc: the incomplete factorisation of the films failed"
+            F.destroy()
+            return
+        if self._right is not None:
+            self._right.destroy()
+            self._solution.destroy()
+        self._right, self._solution = F.createVecs()
+        # The preconditioner retains it; on several ranks PETSc would hold what Python drops.
+        F.destroy()
+        self._take_rows(matrix)
+        if is_new_step or len(self._Z) != len(self._all_rest):
+            columns = self._columns(matrix)
+            self._Z = np.array([self._films_of(column) for column in columns])
+        coupling = self._sum(self._C @ self._Z[:, self._coupled].T)
+        self._schur = lu_factor(self._D - coupling, check_finite=False)
+
+    def _factorise_incompletely(self, F: PETSc.Mat) -> None:
+        """Set up F̃: an incomplete factorisation of F, on several ranks of overlapping parts of
+        it."""
         # A new object: the pattern of contact differs from that of the matrix before.
         self._incomplete.destroy()
-        self._incomplete = PETSc.PC().create(PETSc.COMM_SELF)
+        self._incomplete = PETSc.PC().create(self._comm)
         self._incomplete.setOptionsPrefix(PREFIX + "local_")
-        self._incomplete.setType("ilu")
+        kind = "ilu"
+        if self._comm.size > 1:
+            kind = "asm"
+        self._incomplete.setType(kind)
+        self._incomplete.setASMOverlap(OVERLAP)
         self._incomplete.setFactorOrdering("rcm")
         self._incomplete.setFactorLevels(ILU_LEVELS)
         self._incomplete.setFromOptions()
         self._incomplete.setOperators(F)
         self._incomplete.setUp()
-        self.problem = ""
-        if self._incomplete.getFailedReason() != PETSc.PC.FailedReason.NOERROR:
-            self.problem = "PETSc: the incomplete factorisation of the films failed"
+        if self._incomplete.getType() != "asm":
             return
-        self._right, self._solution = F.createVecs()
-        self._take_rows(matrix)
-        if is_new_step or len(self._Z) != len(self._rest):
-            columns = self._columns(matrix)
-            self._Z = np.array([self._films_of(column) for column in columns])
-        self._schur = lu_factor(self._D - self._C @ self._Z.T, check_finite=False)
+        # The parts exist after the first set-up only.
+        for ksp in self._incomplete.getASMSubKSP():
+            part = ksp.getPC()
+            part.setType("ilu")
+            part.setFactorOrdering("rcm")
+            part.setFactorLevels(ILU_LEVELS)
+            part.setFromOptions()
+        self._incomplete.setUpOnBlocks()
+
+    def _sum(self, values: Array) -> Array:
+        """Sum of an array over the ranks, on all of them.  Collective."""
+        if self._comm.size == 1:
+            return values
+        total = np.zeros_like(values)
+        self._comm.Allreduce(np.ascontiguousarray(values), total)
+        return total
 
     def _take_rows(self, matrix: PETSc.Mat) -> None:
-        """Read C (k, films) and D (k, k), row by row."""
-        rows = np.zeros((len(self._rest), matrix.getSize()[0]))
-        for k, row in enumerate(self._rest):
-            columns, values = matrix.getRow(int(row))
-            rows[k, columns] = values
-        self._C = rows[:, self._films]
-        self._D = rows[:, self._rest]
+        """Read C (k, c) and D (k, k), where c counts this rank's unknowns of films that are coupled
+        with the k eliminated ones.  Collective.
+
+        These are few: the nodes to which tethers are tied, and those that touch a hub.  `_coupled`
+        has their positions among the films of this rank.  The k sparse rows are sent to all ranks,
+        each of which takes its own columns.
+        """
+        own_rows = [matrix.getRow(int(self._start + row)) for row in self._rest]
+        all_rows = [row for rows in self._comm.allgather(own_rows) for row in rows]
+        in_own_columns = np.zeros((len(all_rows), self._system.numbering.size_local))
+        is_stored = np.zeros(in_own_columns.shape[1], dtype=bool)
+        self._D = np.zeros((len(all_rows), len(all_rows)))
+        for k, (columns, values) in enumerate(all_rows):
+            is_own = (columns >= self._start) & (columns < self._start + len(is_stored))
+            in_own_columns[k, columns[is_own] - self._start] = values[is_own]
+            is_stored[columns[is_own] - self._start] = True
+            is_rest = np.isin(columns, self._all_rest)
+            self._D[k, np.searchsorted(self._all_rest, columns[is_rest])] = values[is_rest]
+        self._coupled = np.flatnonzero(is_stored[self._films])
+        self._C = in_own_columns[:, self._films[self._coupled]]
 
     def _columns(self, matrix: PETSc.Mat) -> Array:
-        """Return the transpose Bᵀ (k, films) of the block of the matrix that couples films to the k
-        eliminated unknowns, [N/m] for coordinates.
+        """Return the transpose Bᵀ (k, films of this rank) of the block of the matrix that couples
+        films to the k eliminated unknowns, [N/m] for coordinates.
 
-        Computed by k products of the matrix with unit vectors; there is one rank only.
+        The matrix has the same pattern as its transpose, so that only the rows of coupled unknowns
+        are read.
 
         Args:
             matrix: of all unknowns.
         """
-        unit, product = matrix.createVecs()
-        columns = np.zeros((len(self._rest), len(self._films)))
-        for k, column in enumerate(self._rest):
-            unit.zeroEntries()
-            unit.array[column] = 1.0
-            matrix.mult(unit, product)
-            columns[k] = product.array_r[self._films]
-        return columns
+        transpose = np.zeros((len(self._all_rest), len(self._films)))
+        for film in self._coupled:
+            columns, values = matrix.getRow(int(self._start + self._films[film]))
+            is_rest = np.isin(columns, self._all_rest)
+            eliminated = np.searchsorted(self._all_rest, columns[is_rest])
+            transpose[eliminated, film] = values[is_rest]
+        return transpose
 
     def _films_of(self, values: Array) -> Array:
-        """F̃⁻¹ of some values (films,)."""
-        if not values.any():
+        """F̃⁻¹ of some values (films of this rank,).  Collective."""
+        # On several ranks those of another one may not be zero.
+        if self._comm.size == 1 and not values.any():
             return np.zeros(len(values))
         self._right.array[:] = values
         self._incomplete.apply(self._right, self._solution)
@@ -306,13 +398,15 @@ class EliminatedJoints:
             self._complete.apply(r, z)
             return
         values = r.array_r
-        of_films = self._films_of(values[self._films])
-        of_rest = lu_solve(self._schur, values[self._rest] - self._C @ of_films, check_finite=False)
+        of_films = self._films_of(values[self._film_slice])
+        right = -(self._C @ of_films[self._coupled])
+        right[self._own] += values[self._rest]
+        of_rest = lu_solve(self._schur, self._sum(right), check_finite=False)
         if not np.isfinite(of_rest).all():
             self.problem = "the Schur complement of the joints is singular"
         with z as out:
-            out[self._films] = of_films - of_rest @ self._Z
-            out[self._rest] = of_rest
+            out[self._film_slice] = of_films - of_rest @ self._Z
+            out[self._rest] = of_rest[self._own]
 
     def recover(self) -> None:
         """Become usable again after a step that was not solved.
@@ -323,7 +417,7 @@ class EliminatedJoints:
         """
         self._step = None
         self._applications = 0
+        self._next_complete_steps = self._next_complete_steps_at_start
+        self._complete_steps = self._complete_steps_at_start
         if self.problem:
-            self._complete_steps = FACTORISED_STEPS
-        else:
-            self._complete_steps = self._complete_steps_at_start
+            self._complete_steps = MAX_FACTORISED_STEPS

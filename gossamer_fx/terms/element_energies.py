@@ -50,6 +50,9 @@ strains.
 Terms that share a measure.  The stiffness and the viscous damping of a film have the same measure
 e. The forms (1) and (2) are linear in S and D, so such terms share one form of the sum of their
 stresses: a cell then has one kernel and one entry into the matrix, and not one for each term.
+Viscous stresses are linear in the strain, so that (1) has the stress at e(q1) whatever ê is.  The
+forms compute them from the strains of the term that they share the form with; nothing more is
+stored for them.
 
 Cost.  The law is evaluated once at each point and iteration, as in Newton's method on the
 coordinates. ê, S and D are stored: 15 numbers at each quadrature point of a film.  (5) is one
@@ -61,6 +64,7 @@ iterates and not the solution: at its end ê = e(q1) to the tolerance of the ite
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -140,30 +144,36 @@ class ElementEnergies(
             InputError: a law is written in C, and the stress rule has no function for such laws.
         """
         self._system = system
-        self.elements = [ElementForces(t, system.fields[t.body], system.rule) for t in terms]
+        self._stored: list[StoredForces] = []
+        self._viscous: list[ViscousForces] = []
+        for term in terms:
+            at = system.fields[term.body]
+            if isinstance(term, StoredEnergy):
+                self._stored.append(StoredForces(term, at, system.rule))
+            else:
+                self._viscous.append(ViscousForces(term, at))
+        self.elements: list[ElementForces] = [*self._stored, *self._viscous]
         self._forms = [
             ElementForms(alike, system.fields[alike[0].term.body], system.rule)
             for alike in _with_one_measure(self.elements)
         ]
-        self._dissipating = [
-            force for force in self.elements if isinstance(force.term, ViscousDissipation)
-        ]
-        self.losses = [force.term.name for force in self._dissipating]
+        self.losses = [force.term.name for force in self._viscous]
         # One vector for each body, to which all of its terms are assembled.
         self._forces = {term.body: _vector_of(system.fields[term.body]) for term in terms}
 
     def begin_step(self, t: float) -> None:
-        for force in self.elements:
-            self._system.fields[force.term.body].h.value = self._system.h
+        for body in self._forces:
+            self._system.fields[body].h.value = self._system.h
+        for force in self._stored:
             force.begin_step(self._system.time + self._system.h)
 
     def take_time(self, t: float) -> None:
-        for force in self.elements:
+        for force in self._stored:
             if force.thermal is not None:
                 force.thermal.set_end(t)
 
     def update(self, linearly: bool) -> None:
-        for force in self.elements:
+        for force in self._stored:
             if linearly:
                 force.linearise()
             else:
@@ -179,8 +189,9 @@ class ElementEnergies(
         # b: assembly vector [N] of one body, owned and ghost unknowns.
         for b in self._forces.values():
             b.array[:] = 0
+        for force in self._stored:
+            force.respond()
         for forms in self._forms:
-            forms.respond()
             fem.assemble_vector(self._forces[forms.body].array, forms.residual)
         with r as values:
             for body, b in self._forces.items():
@@ -189,24 +200,24 @@ class ElementEnergies(
                 self._system.fields[body].add_forces(b.array, values[owned])
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
-        on_body = [forms for forms in self._forms if forms.body is body]
-        for forms in on_body:
-            forms.respond()
-        return [forms.tangent for forms in on_body]
+        for force in self._stored:
+            if force.term.body is body:
+                force.respond()
+        return [forms.tangent for forms in self._forms if forms.body is body]
 
     def dissipated(self) -> Array:
-        return np.array([force.dissipated() for force in self._dissipating])
+        return np.array([force.dissipated() for force in self._viscous])
 
     def supplied(self) -> float:
         """Work [J] of heat on thermal strains in the step, this rank's share."""
-        return sum(force.heat() for force in self.elements)
+        return sum(force.heat() for force in self._stored)
 
     def commit(self) -> None:
-        for force in self.elements:
+        for force in self._stored:
             force.commit()
 
     def energies(self) -> dict[str, float]:
-        return {f.term.name: f.energy() for f in self.elements if isinstance(f.term, StoredEnergy)}
+        return {force.term.name: force.energy() for force in self._stored}
 
     def without_gradient(self) -> str:
         """In words, which stored energy has no gradient by parameters, and what to do; empty if all
@@ -217,8 +228,8 @@ class ElementEnergies(
         # At rest the stress is the derivative of the density, which is in UFL for all laws.
         if self._system.rule.alpha != MIDPOINT:
             return ""
-        for force in self.elements:
-            if isinstance(force.term, StoredEnergy) and force.term.c_law is not None:
+        for force in self._stored:
+            if force.term.c_law is not None:
                 return (
                     f"the law of '{force.term.name}' is written in C, without derivatives; use one "
                     "of UFL"
@@ -229,11 +240,7 @@ class ElementEnergies(
         return [force.residual_form(w) for force in self.elements if force.term.body is body]
 
     def energy_forms(self, body: Body) -> list[ufl.Form]:
-        return [
-            force.energy_form()
-            for force in self.elements
-            if force.term.body is body and isinstance(force.term, StoredEnergy)
-        ]
+        return [force.energy_form() for force in self._stored if force.term.body is body]
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,7 +271,11 @@ class StoredEnergy:
 @dataclass(frozen=True, eq=False)
 class ViscousDissipation:
     """Dissipation: stress φ'(ė) against the rate of the measure; φ is quadratic and convex, the
-    loss 2∫∫φ(ė) dx dt."""
+    loss 2∫∫φ(ė) dx dt.
+
+    `measure` is quadratic in q, `density` is φ as a function of its rate; `parameters` are
+    coefficients of φ.
+    """
 
     name: str
     body: MeshBody
@@ -272,12 +283,103 @@ class ViscousDissipation:
     density: Callable[[Expr], Expr]
     dx: ufl.Measure
     parameters: tuple[Parameter, ...] = ()
-    thermal: ClassVar[None] = None
     compiler: ClassVar[Compiler] = ElementEnergies
 
 
-class ElementForces:
-    """Strains, stresses and energy of one `StoredEnergy` or `ViscousDissipation`, compiled.
+class ElementForces(ABC):
+    """Stresses of one term on a mesh, in UFL.
+
+    Attributes:
+        term: what it computes.
+        measure_at_end: the measure (m,) of the term at q1.
+        S: stress (m,) at the quadrature points at the strain ê.
+        D: its derivatives (m, m) by that strain.
+        linear_stress: S + D (e(q1) - ê).
+    """
+
+    term: StoredEnergy | ViscousDissipation
+    measure_at_end: Expr
+    S: Expr
+    D: Expr
+    linear_stress: Expr
+
+    @abstractmethod
+    def residual_form(self, w: Expr) -> ufl.Form:
+        """The forces of the converged step, ∫ S_mean·De(q_mid)[w] dx [J], with its true strains.
+
+        The compiled residual reads strains and stresses as numbers at points; here they are
+        expressions, so that UFL can derive them with respect to anything.
+
+        Args:
+            w: test function on the space of the coordinates.
+        """
+
+
+class ViscousForces(ElementForces):
+    """Stresses and loss of one `ViscousDissipation`, with the damping stress
+
+        σ = φ'((e - e0)/h)
+
+    for the strain e and that of the start of the step, e0; h is the length of the step.
+
+    Args:
+        term: what it computes.
+        at: the coordinates of the body in a step.
+    """
+
+    term: ViscousDissipation
+
+    def __init__(self, term: ViscousDissipation, at: Coordinates) -> None:
+        """Write the stresses down, and compile the loss.  Collective.
+
+        Args:
+            term: measure (strain, m components) and dissipation as functions of the coordinates.
+            at: the coordinates of the body, as functions for forms.
+        """
+        self.term = term
+        self._at = at
+        self.measure_at_end = term.measure(at.q1)
+        self._set_stresses(_linearised(self.measure_at_end, at), term.measure(at.q0))
+        change = self.measure_at_end - term.measure(at.q0)
+        self._work = compile_form(ufl.dot(self._stress(change), change) * term.dx)
+
+    def share_strains(self, stored: StoredForces) -> None:
+        """Use the strains at the quadrature points that a stored energy with the same measure
+        keeps."""
+        self._set_stresses(stored.strain_variable, stored.strain_at_start)
+
+    def _set_stresses(self, strain: Expr, start: Expr) -> None:
+        """Write S, D and the linear stress down.
+
+        Args:
+            strain: ê (m,), which is linear in the last update.
+            start: e0 (m,), at the start of the step.
+        """
+        change = ufl.variable(strain - start)
+        σ = self._stress(change)
+        self.S = σ
+        self.D = ufl.diff(σ, change)
+        self.linear_stress = self._stress(self.measure_at_end - start)
+
+    def _stress(self, change: Expr) -> Expr:
+        """The damping stress of a change of strain within the step, to which it is proportional."""
+        return gradient(self.term.density, change / self._at.h)
+
+    def dissipated(self) -> float:
+        """Energy [J] dissipated in the step, this rank's share; asked before the step is
+        accepted."""
+        return float(fem.assemble_scalar(self._work))
+
+    def residual_form(self, w: Expr) -> ufl.Form:
+        at = self._at
+        first_variation = ufl.derivative(self.measure_at_end, at.q1, w)
+        at_middle = ufl.replace(first_variation, {at.q1: at.mid})
+        change = self.measure_at_end - self.term.measure(at.q0)
+        return ufl.dot(self._stress(change), at_middle) * self.term.dx
+
+
+class StoredForces(ElementForces):
+    """Strains, stresses and energy of one `StoredEnergy`, compiled.
 
     Args:
         term: what it computes.
@@ -285,18 +387,16 @@ class ElementForces:
         rule: the stress rule.
 
     Attributes:
-        measure_at_end: the measure (m,) of the term at q1, in UFL.
-        S: stress (m,) at the quadrature points at the strain ê, in UFL.
-        D: its derivatives (m, m) by that strain, in UFL.
-        linear_stress: S + D (e(q1) - ê), in UFL.
+        strain_variable: ê (m,) at the quadrature points.
+        strain_at_start: strain (m,) there at the start of the step.
         thermal: thermal strain that is subtracted from the measure of the term; None without
             expansion.
     """
 
-    def __init__(
-        self, term: StoredEnergy | ViscousDissipation, at: Coordinates, rule: StressRule
-    ) -> None:
-        """Compile one stored energy or dissipation on a mesh: strains, stresses and energy.
+    term: StoredEnergy
+
+    def __init__(self, term: StoredEnergy, at: Coordinates, rule: StressRule) -> None:
+        """Compile one stored energy on a mesh: strains, stresses and energy.
 
         Residual and tangent are those of `ElementForms`.  The strain at the quadrature points is an
         unknown in addition to the coordinates.  Collective.
@@ -323,9 +423,9 @@ class ElementForces:
 
         # Strains at the quadrature points: at the start of the step, at its present iterate (ê),
         # and at the start of the step before.
-        self._e0 = self._at_points(mesh, m)
-        self._strain_variable = self._at_points(mesh, m)
-        self._strain_before = self._e0.x.array.copy()
+        self.strain_at_start = self._at_points(mesh, m)
+        self.strain_variable = self._at_points(mesh, m)
+        self._strain_before = self.strain_at_start.x.array.copy()
         # Stress S (m,) of the step and its derivatives D (m, m) by the strain at its end, row after
         # row, and whether they are those of the present ê.
         self._has_response = False
@@ -334,28 +434,22 @@ class ElementForces:
         self.D = ufl.as_matrix(
             [[self._response[m + i * m + j] for j in range(m)] for i in range(m)]
         )
-        self.linear_stress = self.S + ufl.dot(self.D, e - self._strain_variable)
-        self._points = interpolation_points(self._e0.function_space)
+        self.linear_stress = self.S + ufl.dot(self.D, e - self.strain_variable)
+        self._points = interpolation_points(self.strain_at_start.function_space)
 
         # Only laws with several states need the kernel, and the choice of strains.
         self._law: PointLaw | None = None
-        strain = ufl.variable(self._strain_variable)
-        if isinstance(term, StoredEnergy):
-            if term.quadratic:
-                self._compile_response(rule.stress(term, self._e0, strain), strain)
-                self._energy = compile_form(term.density(self._e0) * term.dx)
-            else:
-                self._compile_law(term, rule, mesh)
+        strain = ufl.variable(self.strain_variable)
+        if term.quadratic:
+            self._compile_response(rule.stress(term, self.strain_at_start, strain), strain)
+            self._energy = compile_form(term.density(self.strain_at_start) * term.dx)
         else:
-            rate = (strain - self._e0) / at.h
-            self._compile_response(gradient(term.density, rate), strain)
-            self._work = compile_form(ufl.dot(self.S, self._strain_variable - self._e0) * term.dx)
+            self._compile_law(term, rule, mesh)
         if self.thermal is not None:
             expansion = self.thermal.end - self.thermal.start
             self._work_of_expansion = compile_form(ufl.dot(self.linear_stress, expansion) * term.dx)
-        second_variation = ufl.derivative(ufl.derivative(e, at.q1, at.δ), at.q1, at.δ)
         self._true_strain = compile_expression(e, self._points)
-        self._linearised_strain = compile_expression(e - second_variation / 2, self._points)
+        self._linearised_strain = compile_expression(_linearised(e, at), self._points)
 
     def _strain_at_end(self) -> Expr:
         """The measure of the term at q1, less the thermal strain."""
@@ -393,19 +487,19 @@ class ElementForces:
         # Before the law, so that a missing compiler is not blamed on this body.
         library(mesh.comm)
         m = self._size
-        rows = cell_nodes(self._strain_variable.function_space)
+        rows = cell_nodes(self.strain_variable.function_space)
         # The kernel uses the same rows for all of its arrays.  The strain at the start of the step
-        # is `_e0`, that of the iterate `_strain_variable`.
+        # is `strain_at_start`, that of the iterate `strain_variable`.
         if not np.array_equal(rows, cell_nodes(self._response.function_space)):
             raise RuntimeError("dolfinx numbers the points of strains and responses differently.")
         values = PointValues(
-            start=self._e0.x.array.reshape(-1, m),
-            strain=self._strain_variable.x.array.reshape(-1, m),
+            start=self.strain_at_start.x.array.reshape(-1, m),
+            strain=self.strain_variable.x.array.reshape(-1, m),
             response=self._response.x.array.reshape(-1, m + m * m),
             rows=rows,
         )
         try:
-            functions = law_functions(term, rule, self._e0, self._strain_variable)
+            functions = law_functions(term, rule, self.strain_at_start, self.strain_variable)
         except InputError as error:
             # The rule knows neither the body nor its law.
             raise InputError(f"'{term.body.name}': {error}") from error
@@ -431,8 +525,8 @@ class ElementForces:
 
     def commit(self) -> None:
         """End a step: the strain of its end is that of the next one's start."""
-        self._strain_before[:] = self._e0.x.array
-        self._e0.x.array[:] = self._strain_variable.x.array
+        self._strain_before[:] = self.strain_at_start.x.array
+        self.strain_at_start.x.array[:] = self.strain_variable.x.array
         if self.thermal is not None:
             self.thermal.commit()
 
@@ -452,12 +546,12 @@ class ElementForces:
             )
             self._has_response = True
             return
-        self._tabulate(self._linearised_strain, self._strain_variable)
+        self._tabulate(self._linearised_strain, self.strain_variable)
         self._has_response = False
 
     def evaluate(self) -> None:
         """Take the true strain e(q1) for ê."""
-        self._tabulate(self._true_strain, self._strain_variable)
+        self._tabulate(self._true_strain, self.strain_variable)
         self._has_response = False
 
     def respond(self) -> None:
@@ -495,11 +589,6 @@ class ElementForces:
             self._law.density(self._density.x.array)
         return float(fem.assemble_scalar(self._energy))
 
-    def dissipated(self) -> float:
-        """Energy [J] dissipated in the step, this rank's share; asked before `commit`."""
-        self.respond()
-        return float(fem.assemble_scalar(self._work))
-
     def heat(self) -> float:
         """Energy [J] that heat supplies in the step, -∫ S_mean·Δe_th dx; this rank's share."""
         if self.thermal is None:
@@ -510,15 +599,6 @@ class ElementForces:
     # ---- sensitivities ---------------------------------------------------------------------------
 
     def residual_form(self, w: Expr) -> ufl.Form:
-        """The forces of the converged step, ∫ S_mean·De(q_mid)[w] dx [J], with its true strains, in
-        UFL.
-
-        The compiled residual reads strains and stresses as numbers at points; here they are
-        expressions, so that UFL can derive them with respect to anything.
-
-        Args:
-            w: test function on the space of the coordinates.
-        """
         # Strains at the start (e0) and the end (e1) of the step, without thermal strain.
         at = self._at
         term = self.term
@@ -526,10 +606,7 @@ class ElementForces:
         if self.thermal is not None:
             e0 -= self.thermal.start
         e1 = ufl.variable(self._strain_at_end())
-        if isinstance(term, StoredEnergy):
-            S_mean = self._rule.stress(term, e0, e1)
-        else:
-            S_mean = gradient(term.density, (e1 - e0) / at.h)
+        S_mean = self._rule.stress(term, e0, e1)
         first_variation = ufl.derivative(term.measure(at.q1), at.q1, w)
         at_middle = ufl.replace(first_variation, {at.q1: at.mid})
         return ufl.dot(S_mean, at_middle) * term.dx
@@ -541,7 +618,7 @@ class ElementForces:
     @property
     def strain(self) -> Array:
         """Strains at the quadrature points, owned and ghost, flattened."""
-        array: Array = self._strain_variable.x.array
+        array: Array = self.strain_variable.x.array
         return array
 
 
@@ -569,9 +646,14 @@ class ElementForms:
             at: coordinates of the body at the start and the end of a step, as functions for forms.
             rule: how the stress of a step follows from the strains at its ends.
         """
-        self._forces = forces
         term = forces[0].term
         self.body = term.body
+        stored = [force for force in forces if isinstance(force, StoredForces)]
+        # The strain of a heated film is its measure less the thermal strain.
+        if stored and stored[0].thermal is None:
+            for force in forces:
+                if isinstance(force, ViscousForces):
+                    force.share_strains(stored[0])
         # Thermal strain does not depend on the coordinates, so that all terms have these
         # variations.
         e = forces[0].measure_at_end
@@ -584,18 +666,12 @@ class ElementForms:
         stress = _sum([force.linear_stress for force in forces])
         self.residual = compile_form(ufl.dot(stress, at_middle) * term.dx)
         stress_in_tangent = at.γ * S
-        for force in forces:
-            pulling = force.term.pulling if isinstance(force.term, StoredEnergy) else None
-            if pulling is not None and rule.alpha == 1.0:
-                stress_in_tangent += (1 - at.γ) * pulling(force.S)
+        for force in stored:
+            if force.term.pulling is not None and rule.alpha == 1.0:
+                stress_in_tangent += (1 - at.γ) * force.term.pulling(force.S)
         material = ufl.dot(ufl.dot(D, along_update), at_middle)
         geometric = at.α * ufl.dot(stress_in_tangent, second_variation)
         self.tangent = compile_form((material + geometric) * term.dx)
-
-    def respond(self) -> None:
-        """Evaluate the stresses of all terms that the forms read, see `ElementForces.respond`."""
-        for force in self._forces:
-            force.respond()
 
 
 def _with_one_measure(elements: Sequence[ElementForces]) -> list[list[ElementForces]]:
@@ -628,6 +704,17 @@ def _sum(expressions: Sequence[Expr]) -> Expr:
     for expression in expressions[1:]:
         total += expression
     return total
+
+
+def _linearised(e: Expr, at: Coordinates) -> Expr:
+    """The strain (3) of the module, which is linear in the last update δ.
+
+    Args:
+        e: strain (m,) at q1, quadratic in the coordinates.
+        at: coordinates of the body in the step.
+    """
+    second_variation = ufl.derivative(ufl.derivative(e, at.q1, at.δ), at.q1, at.δ)
+    return e - second_variation / 2
 
 
 def thermal_strain_of(system: Assembly, body: Body) -> ThermalStrain | None:

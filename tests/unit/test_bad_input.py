@@ -777,6 +777,19 @@ def test_a_dry_run_shows_the_side_of_the_normals(tmp_path: Path, monkeypatch, ca
     assert "normals" not in capsys.readouterr().out
 
 
+@pytest.mark.mpi
+def test_bodies_on_other_ranks_are_refused(comm) -> None:
+    """A hub without `comm` is on all ranks, its film on one."""
+    sail = gx.Membrane(sheet(MPI.COMM_SELF, 2, 2), LAW, name="sail")
+    scene = gx.Scene(sail, gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="hub", comm=comm))
+    if comm.size == 1:
+        # The same rank in both.
+        assert scene.compile().numbering.size == 27 + 18
+        return
+    with pytest.raises(gx.InputError, match=r"'hub' is on 2 ranks and 'sail' on 1.*same comm"):
+        scene.compile()
+
+
 def test_a_run_is_kept_and_can_go_on(tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     Path("scene.py").write_text(GOOD)

@@ -12,6 +12,7 @@ from petsc4py import PETSc
 
 import gossamer_fx as gx
 import gossamer_fx.solvers.linear as linear
+from demos import ikaros
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.solvers import eliminated_joints
 from gossamer_fx.solvers.eliminated_joints import (
@@ -110,9 +111,11 @@ def test_factors_are_kept_within_a_step_and_the_steps_stay_the_same(monkeypatch)
     assert kept.totals.energy == pytest.approx(every.totals.energy, rel=1e-9)
 
 
-def test_one_application_solves_where_the_films_are_factorised_completely(monkeypatch):
-    """With enough levels of fill F̃ is F, and the elimination exact, multipliers included."""
-    run = run_iteratively(MPI.COMM_SELF, monkeypatch)
+@pytest.mark.mpi
+def test_one_application_solves_where_the_films_are_factorised_completely(comm, monkeypatch):
+    """With enough levels of fill and an overlap of the whole film F̃ is F, and the elimination
+    exact, multipliers included."""
+    run = run_iteratively(comm, monkeypatch)
     system = run.system
     system.begin_step(1e-3)
     system.set_inertia(2e6)
@@ -121,10 +124,11 @@ def test_one_application_solves_where_the_films_are_factorised_completely(monkey
     system.set_increment(zero, None)
     A = system.tangent()
     monkeypatch.setattr(eliminated_joints, "ILU_LEVELS", 1000)
+    monkeypatch.setattr(eliminated_joints, "OVERLAP", 100)
     unknowns = eliminated_unknowns(system)
-    assert len(unknowns) == 12 + 6
+    assert comm.allreduce(len(unknowns)) == 12 + 6
     exact = EliminatedJoints(system, unknowns, max_iterations=60)
-    pc = PETSc.PC().create(PETSc.COMM_SELF)
+    pc = PETSc.PC().create(comm)
     pc.setOperators(A)
     exact.setUp(pc)
     r, z = A.createVecs()
@@ -134,9 +138,10 @@ def test_one_application_solves_where_the_films_are_factorised_completely(monkey
     assert left.norm() < 1e-9 * r.norm()
 
 
-def test_matrices_are_factorised_after_a_solve_that_took_too_long(monkeypatch):
+@pytest.mark.mpi
+def test_matrices_are_factorised_after_a_solve_that_took_too_long(comm, monkeypatch):
     """A limit of no application at all lets each solve be too long."""
-    run = run_iteratively(MPI.COMM_SELF, monkeypatch)
+    run = run_iteratively(comm, monkeypatch)
     context = run.solver.newton._preconditioner.getPythonContext()
     monkeypatch.setattr(context, "max_applications", 0)
     monkeypatch.setattr(eliminated_joints, "MAX_APPLICATIONS_TO_KEEP", 0)
@@ -156,10 +161,11 @@ def test_iterations_are_preferred_to_factorisations_the_longer_the_larger_the_fi
     assert max_applications(10**6, 60) == 59
 
 
-def test_a_singular_elimination_is_followed_by_factorisations(monkeypatch):
+@pytest.mark.mpi
+def test_a_singular_elimination_is_followed_by_factorisations(comm, monkeypatch):
     """A Schur complement of zeros ends the iteration, and the step is made with complete
     factors."""
-    run = run_iteratively(MPI.COMM_SELF, monkeypatch)
+    run = run_iteratively(comm, monkeypatch)
     context = run.solver.newton._preconditioner.getPythonContext()
     zeros = (
         np.full((18, 18), np.nan),
@@ -172,8 +178,38 @@ def test_a_singular_elimination_is_followed_by_factorisations(monkeypatch):
 
 
 @pytest.mark.mpi
-def test_several_ranks_and_many_joints_are_factorised(comm):
-    """There the preconditioner does not serve."""
+def test_many_joints_are_factorised(comm):
+    """More than 60 unknowns that are not films: the preconditioner does not serve, on any rank."""
     many = [gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name=f"body {k}") for k in range(4)]
     system = hung_film(comm, 6, *many).system
     assert eliminated_unknowns(system) is None
+
+
+@pytest.mark.mpi
+def test_ranks_share_the_elimination(comm, monkeypatch):
+    """All ranks together eliminate hub and multipliers, and the steps are those of one rank."""
+    run = run_iteratively(comm, monkeypatch)
+    context = run.solver.newton._preconditioner.getPythonContext()
+    assert isinstance(context, EliminatedJoints)
+    assert comm.allreduce(len(eliminated_unknowns(run.system))) == 12 + 6
+    other = hung_film(MPI.COMM_SELF)
+    for simulation in (run, other):
+        simulation.run(until=5e-3)
+    assert not context._is_complete
+    assert run.totals.energy == pytest.approx(other.totals.energy, rel=1e-9)
+    assert run.solver.newton.linear_iterations < 12 * run.solver.newton.all_iterations
+
+
+@pytest.mark.mpi
+def test_ranks_with_contact_take_the_steps_of_one_rank(comm, monkeypatch):
+    """Couplings of contact between hub, film and ranks are part of the eliminated matrix."""
+    monkeypatch.setattr(linear, "MAX_UNKNOWNS_DIRECT_WITH_CONTACT", 0)
+    runs = []
+    for ranks in (comm, MPI.COMM_SELF):
+        run = ikaros.build(ranks, pitch=0.64, until=0.05).simulation([])
+        context = run.solver.newton._preconditioner.getPythonContext()
+        assert isinstance(context, EliminatedJoints)
+        run.run(until=4e-3)
+        assert not context._is_complete
+        runs.append(run)
+    assert runs[0].totals.energy == pytest.approx(runs[1].totals.energy, rel=1e-9)
