@@ -143,7 +143,7 @@ class Scene:
     def _refuse_other_ranks(self) -> None:
         """Raise `InputError` if the bodies are not all on the same ranks.
 
-        Each rank decides by its bodies alone, as there is no communicator that all of them share.
+        The bodies have no communicator in common, so that ranks do not exchange what they find.
         """
         for body in self.bodies:
             same = MPI.Comm.Compare(body.comm, self.comm) in (MPI.IDENT, MPI.CONGRUENT)

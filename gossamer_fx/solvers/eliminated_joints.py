@@ -50,7 +50,6 @@ from petsc4py import PETSc
 from scipy.linalg import lu_factor, lu_solve
 
 import gossamer_fx.solvers.factorisation as factorisation
-from gossamer_fx.algebra.numbering import PREFIX
 from gossamer_fx.model.body import Array, Indices
 
 if TYPE_CHECKING:
@@ -62,9 +61,6 @@ if TYPE_CHECKING:
 # factorisations; with three none is needed, and 28 steps take 26 instead of 33 s of CPU time.  Five
 # take 29 s.
 ILU_LEVELS = 3
-
-# Cells by which the parts of several ranks overlap, as in `solvers.two_level`.
-OVERLAP = 2
 
 # Largest number of unknowns g, of all ranks: an application of F̃⁻¹ for each, once a step.
 MAX_ELIMINATED = 60
@@ -81,9 +77,8 @@ UNKNOWNS_OF_MAX_APPLICATIONS = 30_000
 MAX_APPLICATIONS_TO_KEEP = 7
 
 # Largest number of steps in which matrices are factorised completely before F̃ is tried again.  One
-# solve with many Krylov iterations says little about the next step: if ten steps followed it, half
-# of the factorisations of the opening sail were complete ones, each for as much time as 50 Krylov
-# iterations, without need.
+# solve with many Krylov iterations says little about the next step: when ten steps followed it,
+# complete factorisations took 11 % of the time of the sail of IKAROS at 3.5 s.
 MAX_FACTORISED_STEPS = 8
 
 
@@ -173,7 +168,7 @@ class EliminatedJoints:
         self._all_rest = np.concatenate(self._comm.allgather(self._start + eliminated))
         first = int(self._comm.exscan(len(eliminated)) or 0)
         self._own = slice(first, first + len(eliminated))
-        self._incomplete = PETSc.PC().create(self._comm)
+        self._incomplete = factorisation.new_incomplete(self._comm)
         self._right: PETSc.Vec = None
         self._solution: PETSc.Vec = None
         self._complete = PETSc.PC().create(self._comm)
@@ -192,9 +187,7 @@ class EliminatedJoints:
         self.problem = ""
 
     def __str__(self) -> str:
-        kind = "ilu"
-        if self._comm.size > 1:
-            kind = "asm"
+        kind = self._incomplete.getType()
         return f"{kind} of {ILU_LEVELS} levels and {len(self._all_rest)} unknowns eliminated"
 
     def keep_factors(self) -> bool:
@@ -294,27 +287,10 @@ class EliminatedJoints:
         it."""
         # A new object: the pattern of contact differs from that of the matrix before.
         self._incomplete.destroy()
-        self._incomplete = PETSc.PC().create(self._comm)
-        self._incomplete.setOptionsPrefix(PREFIX + "local_")
-        kind = "ilu"
-        if self._comm.size > 1:
-            kind = "asm"
-        self._incomplete.setType(kind)
-        self._incomplete.setASMOverlap(OVERLAP)
-        self._incomplete.setFactorOrdering("rcm")
-        self._incomplete.setFactorLevels(ILU_LEVELS)
-        self._incomplete.setFromOptions()
+        self._incomplete = factorisation.new_incomplete(self._comm)
         self._incomplete.setOperators(F)
+        factorisation.choose_fill(self._incomplete, ILU_LEVELS)
         self._incomplete.setUp()
-        if self._incomplete.getType() != "asm":
-            return
-        # The parts exist after the first set-up only.
-        for ksp in self._incomplete.getASMSubKSP():
-            part = ksp.getPC()
-            part.setType("ilu")
-            part.setFactorOrdering("rcm")
-            part.setFactorLevels(ILU_LEVELS)
-            part.setFromOptions()
         self._incomplete.setUpOnBlocks()
 
     def _sum(self, values: Array) -> Array:

@@ -36,7 +36,7 @@ from __future__ import annotations
 
 from petsc4py import PETSc
 
-from gossamer_fx.algebra.numbering import PREFIX
+import gossamer_fx.solvers.factorisation as factorisation
 from gossamer_fx.solvers.coarse_space import CoarseSpace
 from gossamer_fx.system.system import System
 
@@ -44,9 +44,6 @@ from gossamer_fx.system.system import System
 # module.
 ILU_LEVELS = 2
 ILU_LEVELS_DIFFICULT = 6
-
-# Cells by which the parts of several ranks overlap; without overlap the Krylov iterations double.
-OVERLAP = 2
 
 # Applications in a solve up to which the coarse matrix of an earlier A of the same step is used
 # again.
@@ -74,14 +71,7 @@ class TwoLevel:
         """
         self._system = system
         self._coarse = CoarseSpace(system)
-        self._local = PETSc.PC().create(system.comm)
-        self._local.setOptionsPrefix(PREFIX + "local_")
-        kind = "ilu"
-        if system.comm.size > 1:
-            kind = "asm"
-        self._local.setType(kind)
-        self._local.setASMOverlap(OVERLAP)
-        self._local.setFromOptions()
+        self._local = factorisation.new_incomplete(system.comm)
         self._step: tuple[float, float] | None = None  # time and length of the last set-up's step
         self._levels = 0  # of fill; 0: not chosen yet
         self._applications = 0  # since the last set-up
@@ -153,20 +143,6 @@ class TwoLevel:
         self._step = None
 
     def _choose_fill(self, levels: int) -> None:
-        """Choose the levels of fill of the incomplete factorisations of this rank.
-
-        Args:
-            levels: 0 or more; a higher level is more accurate and costs more.
-        """
+        """Choose the levels of fill, 0 or more, of the incomplete factorisations of this rank."""
         self._levels = levels
-        factorisations = [self._local]
-        if self._local.getType() == "asm":
-            self._local.setUp()
-            factorisations = [ksp.getPC() for ksp in self._local.getASMSubKSP()]
-        # pc is PETSc's preconditioner of one subdomain.
-        for pc in factorisations:
-            pc.setType("ilu")
-            # Reverse Cuthill-McKee: a small bandwidth makes the incomplete factors more accurate.
-            pc.setFactorOrdering("rcm")
-            pc.setFactorLevels(levels)
-            pc.setFromOptions()
+        factorisation.choose_fill(self._local, levels)

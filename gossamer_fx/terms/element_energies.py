@@ -153,10 +153,11 @@ class ElementEnergies(
             else:
                 self._viscous.append(ViscousForces(term, at))
         self.elements: list[ElementForces] = [*self._stored, *self._viscous]
-        self._forms = [
-            ElementForms(alike, system.fields[alike[0].term.body], system.rule)
-            for alike in _with_one_measure(self.elements)
-        ]
+        self._forms: list[ElementForms] = []
+        for alike in _with_one_measure(self.elements):
+            _share_strains(alike)
+            at = system.fields[alike[0].term.body]
+            self._forms.append(ElementForms(alike, at, system.rule))
         self.losses = [force.term.name for force in self._viscous]
         # One vector for each body, to which all of its terms are assembled.
         self._forces = {term.body: _vector_of(system.fields[term.body]) for term in terms}
@@ -649,11 +650,6 @@ class ElementForms:
         term = forces[0].term
         self.body = term.body
         stored = [force for force in forces if isinstance(force, StoredForces)]
-        # The strain of a heated film is its measure less the thermal strain.
-        if stored and stored[0].thermal is None:
-            for force in forces:
-                if isinstance(force, ViscousForces):
-                    force.share_strains(stored[0])
         # Thermal strain does not depend on the coordinates, so that all terms have these
         # variations.
         e = forces[0].measure_at_end
@@ -688,6 +684,20 @@ def _with_one_measure(elements: Sequence[ElementForces]) -> list[list[ElementFor
         else:
             alike.append(force)
     return groups
+
+
+def _share_strains(alike: Sequence[ElementForces]) -> None:
+    """Let viscous stresses read the strains at the points that a stored energy keeps, if one has
+    their measure.
+
+    The strain of a heated body does not serve: it is the measure less the thermal strain.
+    """
+    stored = [force for force in alike if isinstance(force, StoredForces)]
+    if not stored or stored[0].thermal is not None:
+        return
+    for force in alike:
+        if isinstance(force, ViscousForces):
+            force.share_strains(stored[0])
 
 
 def _is_alike(one: ElementForces, other: ElementForces) -> bool:

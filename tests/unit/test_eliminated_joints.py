@@ -11,6 +11,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import gossamer_fx as gx
+import gossamer_fx.solvers.factorisation as factorisation
 import gossamer_fx.solvers.linear as linear
 from demos import ikaros
 from gossamer_fx.meshes.sheet import sheet
@@ -124,7 +125,7 @@ def test_one_application_solves_where_the_films_are_factorised_completely(comm, 
     system.set_increment(zero, None)
     A = system.tangent()
     monkeypatch.setattr(eliminated_joints, "ILU_LEVELS", 1000)
-    monkeypatch.setattr(eliminated_joints, "OVERLAP", 100)
+    monkeypatch.setattr(factorisation, "OVERLAP", 100)
     unknowns = eliminated_unknowns(system)
     assert comm.allreduce(len(unknowns)) == 12 + 6
     exact = EliminatedJoints(system, unknowns, max_iterations=60)
