@@ -28,8 +28,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.figures import BLUE, GREEN, RED, draw_film, new_figure, save, triangles
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sphere import sphere
-from gossamer_fx.model.body import Array
 from gossamer_fx.presets.gases import AIR
 
 RADIUS = 0.15  # of the bag [m]

@@ -33,9 +33,9 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.figures import draw_film, new_figure, save, triangles
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes import antenna as meshes
-from gossamer_fx.model.body import Array
-from gossamer_fx.outputs.output import Output, Probe
+from gossamer_fx.records.outputs.output import Output, Probe
 
 # Edge of the film; from the paper, as all numbers here.
 SIDE = 2.1  # m

@@ -17,9 +17,9 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.antenna_attitude import antenna
-from gossamer_fx.outputs.output import Output
-from gossamer_fx.steppers.stepping import Stepper
-from gossamer_fx.system.totals import relative_drift
+from gossamer_fx.records.outputs.output import Output
+from gossamer_fx.solve.steppers.stepping import Stepper
+from gossamer_fx.solve.system.totals import relative_drift
 
 SPIN = (0.3, 0.1, 1.0)  # rad/s
 DRIFT = (0.1, 0.0, 0.05)  # m/s

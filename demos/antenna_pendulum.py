@@ -27,8 +27,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.antenna_attitude import FILM, SIDE, antenna
-from gossamer_fx.outputs.output import Output
-from gossamer_fx.steppers.stepping import Stepper
+from gossamer_fx.records.outputs.output import Output
+from gossamer_fx.solve.steppers.stepping import Stepper
 
 G = 1.0  # m/s²
 # Order of the film, cells of a side, elements of a boom; the last one is the reference.

@@ -45,10 +45,10 @@ from petsc4py import PETSc
 import gossamer_fx as gx
 from demos.validation.engine.case import Measured, Test, read_case
 from demos.validation.models import braided_tube
-from gossamer_fx.analysis.sensitivities import Gradient
-from gossamer_fx.model.body import Array
-from gossamer_fx.sensitivity.static import StaticGradients
-from gossamer_fx.system.system import System
+from gossamer_fx.analysis.design.sensitivities import Gradient
+from gossamer_fx.analysis.sensitivity.static import StaticGradients
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.solve.system.system import System
 
 CASES = Path(__file__).parent / "validation" / "cases"
 NAMES = ("stretching", "shear")
@@ -76,7 +76,7 @@ class Load:
 
     def _index(self, system: System) -> slice:
         """Own entries of the multiplier in vectors of the system; none on other ranks."""
-        from gossamer_fx.terms.point_constraints import PointConstraint
+        from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
 
         terms = [term for term in system.terms if isinstance(term, PointConstraint)]
         number = next(k for k, term in enumerate(terms) if term.name == self._model.load.name)
@@ -185,7 +185,7 @@ def shape_change(test: Test, film: gx.Membrane, factors: Sequence[float], number
         logarithms.append(np.log(tube_of(test, changed).stretches()))
     along, around = (logarithms[0] - logarithms[1]) / (2 * STRETCH_STEP)
     # The nodes of the mesh, which is of order 1, in the order of the derivative by the shape.
-    from gossamer_fx.sensitivity.form_derivative import MeshNodes
+    from gossamer_fx.analysis.sensitivity.form_derivative import MeshNodes
 
     X = MeshNodes(film.mesh.domain).get().reshape(-1, 3)
     change: Array = -X * np.array([along, around, around])

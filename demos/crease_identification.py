@@ -20,9 +20,9 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.crease import folded
-from gossamer_fx.analysis.crease_identification import GRAVITY
+from gossamer_fx.analysis.design.crease_identification import GRAVITY
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.creased_strip import creased_strip
-from gossamer_fx.model.body import Array
 
 LENGTH = 0.05  # of a panel [m]
 WIDTH = 0.015  # of a panel [m]

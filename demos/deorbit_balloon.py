@@ -26,13 +26,13 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.figures import BLUE, GREY, RED, draw_film, new_figure, save, triangles
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.orbit.free_molecular import coefficients
+from gossamer_fx.mechanics.orbit.surface_forces import Rows
 from gossamer_fx.meshes.airbag import CORNERS, airbag
-from gossamer_fx.model.body import Array
-from gossamer_fx.orbit.free_molecular import coefficients
-from gossamer_fx.orbit.surface_forces import Rows
-from gossamer_fx.outputs.output import Output
 from gossamer_fx.presets.films import MYLAR
 from gossamer_fx.presets.gases import NITROGEN
+from gossamer_fx.records.outputs.output import Output
 
 EDGE = 4.0  # of the flat films [m]
 THICKNESS = 12.5e-6  # m

@@ -33,8 +33,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.figures import BLUE, GREEN, RED, new_figure, save
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.model.body import Array
 
 EDGE = 0.1  # of a sheet [m]
 FRICTION = 0.4

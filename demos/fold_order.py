@@ -39,9 +39,9 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.figures import draw_film, new_figure, save, triangles
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sails import parallelograms
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.model.body import Array
 from gossamer_fx.presets.films import KAPTON_HN
 
 # A square of four quarters, named by their position along x and y.

@@ -33,8 +33,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.figures import BLUE, GREY, draw_film, new_figure, save, triangles
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.tube import flat_tube
-from gossamer_fx.model.body import Array
 from gossamer_fx.presets.films import KAPTON_HN
 
 LENGTH = 0.24  # m

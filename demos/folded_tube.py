@@ -59,12 +59,12 @@ from demos.common.manufacturing import (
     move_rows,
     stations,
 )
-from gossamer_fx.fold.fold_map import FoldMap
+from gossamer_fx.build.fold.fold_map import FoldMap
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.tube import flat_tube
-from gossamer_fx.model.body import Array
-from gossamer_fx.outputs.output import Probe
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import AIR, NITROGEN
+from gossamer_fx.records.outputs.output import Probe
 
 TITLE = "A folded tube, deployed from a tank"
 VIEW = gx.plot.View(

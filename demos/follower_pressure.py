@@ -37,9 +37,9 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.figures import BLUE, RED, new_figure, save
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.extend import Load, State, Term, area_vector, constant
 from gossamer_fx.meshes.tube_section import cylinder
-from gossamer_fx.model.body import Array
 
 # The hoop strain is p R/(E t) = 1.6e-3.
 RADIUS = 0.1  # m

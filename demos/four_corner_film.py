@@ -18,8 +18,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sheet import CORNERS, EDGES, sheet
-from gossamer_fx.model.body import Array
 
 TENSION = 10.0  # n0 of the film [N/m]
 HEIGHT = 0.4  # of two opposite corners [m]

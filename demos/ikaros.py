@@ -48,10 +48,10 @@ from demos.common.deployment import (
     write_figure,
 )
 from demos.common.disturbances import Disturbance, attitude_probes
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sails import trapezoids
-from gossamer_fx.model.body import Array
-from gossamer_fx.outputs.output import Probe
-from gossamer_fx.system.totals import relative_drift
+from gossamer_fx.records.outputs.output import Probe
+from gossamer_fx.solve.system.totals import relative_drift
 
 TITLE = "IKAROS, stage 2: from the cross to the square"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(50))

@@ -44,10 +44,10 @@ from demos.common.deployment import (
     write_figure,
 )
 from demos.ikaros import HUB_HEIGHT, HUB_INERTIA, HUB_MASS, PETALS, RPM, TIP
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.line import line
-from gossamer_fx.model.body import Array
-from gossamer_fx.outputs.output import Output, Probe
-from gossamer_fx.system.totals import relative_drift
+from gossamer_fx.records.outputs.output import Output, Probe
+from gossamer_fx.solve.system.totals import relative_drift
 
 TITLE = "IKAROS, stage 1: arms are let out by guides"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(60))

@@ -46,11 +46,11 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos import ikaros
 from demos.windmill import DISTANCE, FLIGHT, OPTICS
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.orbit.eclipse import AU
+from gossamer_fx.mechanics.orbit.sky import MU_SUN
+from gossamer_fx.mechanics.orbit.surface_forces import Rows, light_force
 from gossamer_fx.meshes.sails import trapezoids
-from gossamer_fx.model.body import Array
-from gossamer_fx.orbit.eclipse import AU
-from gossamer_fx.orbit.sky import MU_SUN
-from gossamer_fx.orbit.surface_forces import Rows, light_force
 
 PITCH = 0.64  # between folds, and side of the squares that are devices [m]
 INNER = 2  # rows of the hole

@@ -59,9 +59,9 @@ from demos.ikaros import (
     square_inertia,
     tethers,
 )
-from gossamer_fx.model.body import Array
-from gossamer_fx.outputs.output import Probe
-from gossamer_fx.system.totals import relative_drift
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.records.outputs.output import Probe
+from gossamer_fx.solve.system.totals import relative_drift
 
 TITLE = "IKAROS, from the roll to the square"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(50), zoom=True)

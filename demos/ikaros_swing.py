@@ -31,8 +31,8 @@ import gossamer_fx as gx
 from demos import ikaros
 from demos.common.deployment import dissipation, dissipation_by_part
 from demos.common.figures import BLUE, GREY, RED, new_figure, save
-from gossamer_fx.checks.errors import check
-from gossamer_fx.model.body import Array
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.body import Array
 
 
 def main(

@@ -37,8 +37,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.tube import flat_tube
-from gossamer_fx.model.body import Array
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN
 

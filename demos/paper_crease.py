@@ -35,8 +35,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.figures import BLUE, GREY, RED, new_figure, save
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.creased_strip import creased_strip
-from gossamer_fx.model.body import Array
 
 PANEL = 0.02  # length of a panel [m]
 WIDTH = 0.03  # m

@@ -25,7 +25,7 @@ from mpi4py import MPI
 from scipy.integrate import quad
 
 import gossamer_fx as gx
-from gossamer_fx.model.body import Array
+from gossamer_fx.core.model.body import Array
 
 # Radius over half the length of a meridian, of the mylar balloon.
 RADIUS = 0.762759764

@@ -31,8 +31,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.line import line
-from gossamer_fx.model.body import Array
 from gossamer_fx.presets.films import KAPTON_HN
 
 CORNERS = np.array([(0.3, 0.3, 0.0), (4.3, 0.3, 0.0), (0.3, 4.3, 0.0)])  # m

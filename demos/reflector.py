@@ -46,8 +46,8 @@ from mpi4py import MPI
 from numpy.polynomial import Legendre
 
 import gossamer_fx as gx
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.disc import quarter_disc
-from gossamer_fx.model.body import Array
 from gossamer_fx.presets.films import KAPTON_HN
 
 RADIUS = 0.5  # of the rim, a [m]

@@ -36,8 +36,8 @@ from demos.common.manufacturing import draw_specimen
 from demos.common.tube_bending import bent_tube
 from demos.folded_tube import ARRIVED, SCATTER
 from demos.folded_tube import build as folded_tube
-from gossamer_fx.outputs.output import Probe
 from gossamer_fx.presets.films import KAPTON_HN
+from gossamer_fx.records.outputs.output import Probe
 
 # A short tube, so that a run takes some ten seconds of CPU time [m].
 LENGTH = 0.16

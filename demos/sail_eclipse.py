@@ -21,8 +21,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.framed_sail import springs_to_frame, stretching
+from gossamer_fx.mechanics.orbit.optics import JPL_SAIL
 from gossamer_fx.meshes.sheet import crossed_sheet
-from gossamer_fx.orbit.optics import JPL_SAIL
 
 SIDE = 10.0  # of the sail [m]
 GAP = 0.2  # between the sail and the frame, bridged by the springs [m]

@@ -19,7 +19,7 @@ curvature is on the sunny side.  As the shape follows the load, the table holds 
 from the Sun.
 
 Where the values come from:
-    film               2.5 µm; optics `gossamer_fx.orbit.optics.JPL_SAIL`
+    film               2.5 µm; optics `gossamer_fx.mechanics.orbit.optics.JPL_SAIL`
     shape              chosen: a frame of 20 m × 20 m, 1 % smaller than the film
     modulus            chosen: 1 MPa instead of 2.5 GPa, so that Newton's method converges; strains
                        are a thousandth then, small against the slack, and a fifth of it changes Fz
@@ -39,10 +39,10 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.figures import BLUE, RED, draw_film, new_figure, save, triangles
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.orbit.optics import JPL_SAIL, PRESSURE
+from gossamer_fx.mechanics.orbit.surface_forces import Rows, light_force
 from gossamer_fx.meshes.sheet import EDGES, crossed_sheet
-from gossamer_fx.model.body import Array
-from gossamer_fx.orbit.optics import JPL_SAIL, PRESSURE
-from gossamer_fx.orbit.surface_forces import Rows, light_force
 
 # Side of the frame, and its centre, about which the torque acts.
 SIDE = 20.0  # m

@@ -24,8 +24,8 @@ import ufl
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.forms.kinematics import half_trace_and_radius
-from gossamer_fx.model.body import Array
+from gossamer_fx.core.forms.kinematics import half_trace_and_radius
+from gossamer_fx.core.model.body import Array
 from meshes.sheet import CORNERS, crossed_sheet
 
 SIDE = 0.5  # m

@@ -43,8 +43,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.figures import BLUE, GREY, RED, draw_film, new_figure, save, triangles
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.tube_section import capped_cylinder
-from gossamer_fx.model.body import Array
 from gossamer_fx.presets.gases import AIR
 
 RADIUS = 5e-3  # of a tube [m]

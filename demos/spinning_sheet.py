@@ -21,8 +21,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.outputs.output import Output
-from gossamer_fx.system.totals import relative_drift
+from gossamer_fx.records.outputs.output import Output
+from gossamer_fx.solve.system.totals import relative_drift
 
 SPIN = 10.0  # rad/s
 TITLE = "A free film, spinning and fluttering"

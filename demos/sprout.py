@@ -62,15 +62,15 @@ from demos.common.deployment import (
     run_figures,
     square_millimetres,
 )
-from gossamer_fx.contact.obstacles import Obstacle
-from gossamer_fx.fold.folded import Folded
+from gossamer_fx.build.fold.folded import Folded
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.meshes.creased import creased_film, creased_tube
-from gossamer_fx.model.body import Array
-from gossamer_fx.outputs.output import Probe
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN
-from gossamer_fx.probes.run import Run
-from gossamer_fx.system.totals import relative_drift
+from gossamer_fx.records.outputs.output import Probe
+from gossamer_fx.solve.system.totals import relative_drift
+from gossamer_fx.solve.view import Run
 
 TITLE = "Two tubes in V unfold a film from a cube"
 VIEW = gx.plot.View(azimuth=math.radians(-60), elevation=math.radians(35), zoom=True)

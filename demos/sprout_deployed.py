@@ -38,8 +38,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.sprout import CUBE, HALF, MASS, SIDES, STAND, Figure, inertia
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.creased import creased_tube
-from gossamer_fx.model.body import Array
 from gossamer_fx.presets.films import KAPTON_HN
 
 TITLE = "SPROUT deployed"

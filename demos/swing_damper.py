@@ -32,7 +32,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos import ikaros
-from gossamer_fx.model.body import Array
+from gossamer_fx.core.model.body import Array
 
 # Spin of the sail, and how much faster the hub is at first [rpm].
 SPIN = 2.5

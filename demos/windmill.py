@@ -18,9 +18,9 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.figures import BLUE, GREY, RED, draw_film, new_figure, petals_of, save
-from gossamer_fx.orbit.eclipse import AU
-from gossamer_fx.orbit.sky import MU_SUN
-from gossamer_fx.outputs.output import Output
+from gossamer_fx.mechanics.orbit.eclipse import AU
+from gossamer_fx.mechanics.orbit.sky import MU_SUN
+from gossamer_fx.records.outputs.output import Output
 
 AREA = 173.0  # of the sail [m²]
 INERTIA = 770.0  # about the axis of spin [kg m²]

@@ -20,11 +20,11 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies import airbag, bending_strip
-from gossamer_fx.fields.fields import FieldFunctions
-from gossamer_fx.materials.film import WRINKLED
-from gossamer_fx.model.body import Array
-from gossamer_fx.plot.colours import STATE_COLOURS
-from gossamer_fx.system.film_states import STATES
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.materials.film import WRINKLED
+from gossamer_fx.records.fields.fields import FieldFunctions
+from gossamer_fx.records.fields.film_states import STATES
+from gossamer_fx.records.plot.colours import STATE_COLOURS
 
 LAW = "Miyazaki 1e-6"  # name of a law in both studies
 K = 3.0  # curvature of the strip, E t H² κ/(2 P)

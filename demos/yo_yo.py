@@ -27,10 +27,10 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import write_figure
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.line import line
-from gossamer_fx.model.body import Array
-from gossamer_fx.outputs.output import Output
-from gossamer_fx.system.totals import relative_drift
+from gossamer_fx.records.outputs.output import Output
+from gossamer_fx.solve.system.totals import relative_drift
 
 TITLE = "A hub is stopped by two masses on cords"
 RADIUS = 0.1  # of the cylinder [m]

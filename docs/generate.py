@@ -19,7 +19,7 @@ from types import FunctionType
 from typing import Any
 
 import gossamer_fx
-from gossamer_fx.checks.lazy_names import public_names
+from gossamer_fx.core.checks.lazy_names import public_names
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -456,7 +456,7 @@ def plain_text(text: str) -> str:
 
 def options() -> str:
     """Help texts as the programs print them."""
-    from gossamer_fx.cli.command import _parser
+    from gossamer_fx.app.cli.command import _parser
 
     launcher = re.search(
         r"<<'TEXT'\n(.*?)TEXT", (ROOT / "gossamer").read_text(encoding="utf-8"), re.DOTALL
@@ -478,8 +478,8 @@ def options() -> str:
 
 def presets() -> str:
     """Films, fibres, layers, gases and surfaces with their figures and sources."""
-    from gossamer_fx.gas.ideal_gas import IdealGas
-    from gossamer_fx.orbit import optics
+    from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
+    from gossamer_fx.mechanics.orbit import optics
     from gossamer_fx.presets import fibres, films, gases, laminae
 
     parts = ["# Presets\n\n## Films\n\n" + markdown(inspect.getdoc(films) or "")]

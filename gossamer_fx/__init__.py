@@ -1,14 +1,20 @@
 """gossamer_fx: films that wrinkle, inflatables and what holds them, moved with exact conservation.
 
+Seven houses, from the ground up: `core`, `mechanics`, `build`, `solve`, `records`, `analysis`,
+`app`.  A module imports from its own house or from those before it.
+
 The public names are listed in `__init__.pyi`: core names, e.g. `gx.Scene`, and namespaces, e.g.
 `gx.gas`, each with its own list.  A name is imported when it is used.
 """
 
-from gossamer_fx.checks.lazy_names import lazy_names
-from gossamer_fx.checks.lone_errors import watch_uncaught_errors
+import sys
+
+from gossamer_fx.core.checks.lazy_names import NamespaceFinder, lazy_names
+from gossamer_fx.core.checks.lone_errors import watch_uncaught_errors
 from gossamer_fx.version import VERSION
 
 __version__ = VERSION
 __getattr__, __dir__, __all__ = lazy_names(__name__, __file__)
 
+sys.meta_path.insert(0, NamespaceFinder(__name__, __file__))
 watch_uncaught_errors()

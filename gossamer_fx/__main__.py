@@ -2,6 +2,6 @@
 
 import sys
 
-from gossamer_fx.cli.command import main
+from gossamer_fx.app.cli.command import main
 
 sys.exit(main(sys.argv[1:]))

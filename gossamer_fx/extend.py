@@ -25,6 +25,6 @@ Checks
     `check`, `check_on_all`, `check_positive`, `is_vector`, `ask`, `ask_numbers`, `InputError`
 """
 
-from gossamer_fx.checks.lazy_names import lazy_names
+from gossamer_fx.core.checks.lazy_names import lazy_names
 
 __getattr__, __dir__, __all__ = lazy_names("gossamer_fx", __file__, module=__name__)

@@ -1,5 +1,5 @@
 """Mesh generators whose groups demos, tutorials and tests call by name.
 
-An installed package has them as `gossamer_fx.meshes`.  In a clone `gossamer_fx/meshes` is a
+An installed package has them as `gossamer_fx.meshes`.  In a clone `gossamer_fx/build/meshes` is a
 symbolic link to this folder.
 """

@@ -1,4 +1,4 @@
-"""Sails and sheets whose nodes lie on fold lines, for the maps of `gossamer_fx.fold`."""
+"""Sails and sheets whose nodes lie on fold lines, for the maps of `gossamer_fx.build.fold`."""
 
 from __future__ import annotations
 

@@ -9,9 +9,9 @@ import numpy as np
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
-from gossamer_fx.forms.backend import evaluate
-from gossamer_fx.forms.compilation import compile_expression
-from gossamer_fx.model.body import Array
+from gossamer_fx.core.forms.backend import evaluate
+from gossamer_fx.core.forms.compilation import compile_expression
+from gossamer_fx.core.model.body import Array
 
 CELLS = 2048  # of SQUARE
 CENTRE = np.array([[1 / 3, 1 / 3]])

@@ -17,10 +17,10 @@ from mpi4py import MPI
 from stopwatch import show
 
 import gossamer_fx as gx
-from gossamer_fx.contact.broad_phase.candidates import nearest_gaps
-from gossamer_fx.contact.compiled import CompiledContacts
-from gossamer_fx.contact.contact_set import ContactSet
-from gossamer_fx.contact.narrow_phase.closest_points import PairDistances
+from gossamer_fx.mechanics.contact.broad_phase.candidates import nearest_gaps
+from gossamer_fx.mechanics.contact.compiled import CompiledContacts
+from gossamer_fx.mechanics.contact.contact_set import ContactSet
+from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances
 from gossamer_fx.meshes.sheet import sheet
 
 # m, m, s

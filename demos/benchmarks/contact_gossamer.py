@@ -9,9 +9,9 @@ from mpi4py import MPI
 from stopwatch import Stopwatch, show
 
 import gossamer_fx as gx
-from gossamer_fx.contact.geometry.facets import facets_of
+from gossamer_fx.mechanics.contact.geometry.facets import facets_of
 from gossamer_fx.meshes.arrays import mesh_of_arrays
-from gossamer_fx.system.totals import relative_drift
+from gossamer_fx.solve.system.totals import relative_drift
 
 case = words({"n": 10, "dt": 1e-4, "until": 0.01, "law": "barrier"})
 watch = Stopwatch()

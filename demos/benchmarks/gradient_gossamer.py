@@ -16,10 +16,10 @@ from stopwatch import show
 
 import gossamer_fx as gx
 from demos.spinning_sheet import throw
+from gossamer_fx.analysis.sensitivity.transient import TransientGradients
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.presets.gases import NITROGEN
-from gossamer_fx.sensitivity.transient import TransientGradients
 
 COMM = MPI.COMM_WORLD
 THICKNESS = 1e-4  # m

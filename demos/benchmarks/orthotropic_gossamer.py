@@ -17,9 +17,9 @@ from stopwatch import show
 
 import gossamer_fx as gx
 from demos.studies.orthotropic import AXES, DT, LAWS, MASS, thrown
-from gossamer_fx.materials.film import FilmLaw
+from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.solvers import newton
+from gossamer_fx.solve.solvers import newton
 
 # Steps before the first that is measured: the sheet begins to wrinkle.
 FIRST_STEPS = 2

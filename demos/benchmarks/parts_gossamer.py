@@ -19,12 +19,12 @@ from stopwatch import Stopwatch, show
 
 import gossamer_fx as gx
 from demos.spinning_sheet import throw
-from gossamer_fx.algebra.rank_exchange import RankExchange
+from gossamer_fx.core.algebra.rank_exchange import RankExchange
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.solvers import factorisation
-from gossamer_fx.solvers.coarse_space import CoarseSpace
-from gossamer_fx.solvers.two_level import TwoLevel
-from gossamer_fx.system.system import System
+from gossamer_fx.solve.solvers import factorisation
+from gossamer_fx.solve.solvers.coarse_space import CoarseSpace
+from gossamer_fx.solve.solvers.two_level import TwoLevel
+from gossamer_fx.solve.system.system import System
 
 COMM = MPI.COMM_WORLD
 

@@ -17,7 +17,7 @@ from petsc4py import PETSc
 from stopwatch import Stopwatch, show
 
 from demos.spinning_sheet import build
-from gossamer_fx.solvers.coarse_space import CoarseSpace
+from gossamer_fx.solve.solvers.coarse_space import CoarseSpace
 
 
 class TimedCoarseSpace:

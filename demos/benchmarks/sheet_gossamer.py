@@ -9,7 +9,7 @@ from stopwatch import Stopwatch, show
 import gossamer_fx as gx
 from demos.spinning_sheet import throw
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.system.totals import relative_drift
+from gossamer_fx.solve.system.totals import relative_drift
 
 case = words({"n": 40, "steps": 5, "dt": 1e-3, "wrinkling": 1, "relative": 1e-10})
 watch = Stopwatch()

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import gossamer_fx as gx
-from gossamer_fx.model.body import Array
-from gossamer_fx.outputs.output import Output, Probe
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.records.outputs.output import Output, Probe
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

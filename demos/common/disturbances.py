@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 import gossamer_fx as gx
-from gossamer_fx.checks.errors import check
-from gossamer_fx.outputs.output import Probe
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.records.outputs.output import Probe
 
 # Speed [m/s] at which the tether of a part that stuck is paid out: far above that of any part, so
 # that it is slack at once.

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
 import gossamer_fx as gx
-from gossamer_fx.model.body import Array
+from gossamer_fx.core.model.body import Array
 
 # Colours that remain different in print and for colour-blind readers.
 BLUE = "#1f5fa8"

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 import gossamer_fx as gx
-from gossamer_fx.model.body import Array
+from gossamer_fx.core.model.body import Array
 
 
 def stretching(side: float, strain: float) -> Callable[[Array], Array]:

@@ -16,9 +16,9 @@ from typing import ClassVar
 import numpy as np
 
 import gossamer_fx as gx
-from gossamer_fx.checks.errors import check
-from gossamer_fx.fold.polyline import Bent
-from gossamer_fx.model.body import Array
+from gossamer_fx.build.fold.polyline import Bent
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.body import Array
 
 # Errors over their standard deviation.
 LARGEST = 2.0

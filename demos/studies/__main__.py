@@ -20,7 +20,7 @@ from mpi4py import MPI
 
 from demos.studies.engine.report import picture, shortfalls, summary, table
 from demos.studies.engine.study import Study, run
-from gossamer_fx.checks.errors import InputError
+from gossamer_fx.core.checks.errors import InputError
 
 HERE = Path(__file__).parent
 NAMES = sorted(path.stem for path in HERE.glob("*.py") if not path.stem.startswith("_"))

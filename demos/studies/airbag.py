@@ -16,10 +16,10 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
-from gossamer_fx.fields.fields import FieldFunctions
-from gossamer_fx.materials.film import FilmLaw
+from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.meshes.sheet import crossed_sheet
-from gossamer_fx.system.film_states import AreaFractions
+from gossamer_fx.records.fields.fields import FieldFunctions
+from gossamer_fx.records.fields.film_states import AreaFractions
 
 # Overpressure [Pa].
 PRESSURE = 5000.0

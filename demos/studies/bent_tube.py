@@ -23,9 +23,9 @@ from scipy.optimize import brentq
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.tube_section import cylinder
-from gossamer_fx.model.body import Array
-from gossamer_fx.system.film_states import AreaFractions
+from gossamer_fx.records.fields.film_states import AreaFractions
 
 # Sizes [m] and modulus [Pa] of half of the tube.
 RADIUS = 1.0

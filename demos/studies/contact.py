@@ -36,7 +36,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.studies import stability
 from demos.studies.engine.study import Result, Study
-from gossamer_fx.checks.errors import check
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube

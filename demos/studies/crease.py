@@ -2,7 +2,7 @@
 elastica and hinge.
 
 The exact solution is that of inextensible panels (an elastica each) and a linear rotational spring
-with a rest angle: the strip of `gossamer_fx.analysis.crease_identification` without own weight.
+with a rest angle: the strip of `gx.analysis.HangingStrip` without own weight.
 Wanted: 1 % of the distance and 0.7° of the angle with 8 cells a panel; with 16, a quarter of it.
 """
 
@@ -17,7 +17,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
 from gossamer_fx.meshes.creased_strip import creased_strip
-from gossamer_fx.probes.crease_angle import FoldAngle
+from gossamer_fx.records.probes.crease_angle import FoldAngle
 
 # Length of a panel, width and thickness [m]; Young's modulus [Pa].
 LENGTH = 0.05

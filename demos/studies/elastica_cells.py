@@ -30,7 +30,7 @@ from scipy import sparse
 import gossamer_fx as gx
 from demos.studies.elastica_law import FILM, HEIGHT, LENGTH, half_wavelength, moved, sheared, waved
 from demos.studies.engine.study import Study
-from gossamer_fx.checks.errors import NoEquilibrium
+from gossamer_fx.core.checks.errors import NoEquilibrium
 from gossamer_fx.meshes.sheet import sheet
 
 THICKNESS = 200e-6  # m

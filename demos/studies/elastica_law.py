@@ -41,7 +41,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.studies.engine.study import Result, Study
 from demos.studies.wrinkled_plate import SEARCH, wrinkles
-from gossamer_fx.materials.film import FilmLaw
+from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.meshes.plates import leaning_sheet
 from gossamer_fx.meshes.sheet import sheet
 

@@ -47,9 +47,9 @@ from scipy.optimize import brentq
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Result, Study
-from gossamer_fx.materials.film import FilmLaw
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.model.body import Array
 
 # Height and length of the strip [m].
 HEIGHT = 0.1

@@ -38,8 +38,8 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos import folded_tube, spin_deployment
 from demos.studies.engine.study import Result, Study
-from gossamer_fx.model.body import Array
-from gossamer_fx.sensitivity.transient import GROWTH_TO_WARN_OF
+from gossamer_fx.analysis.sensitivity.transient import GROWTH_TO_WARN_OF
+from gossamer_fx.core.model.body import Array
 
 # Relative error of a predicted change that is tolerated.
 TOLERATED = 0.1

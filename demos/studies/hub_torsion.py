@@ -26,9 +26,9 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
-from gossamer_fx.fields.fields import FieldFunctions
-from gossamer_fx.materials.film import FilmLaw
+from gossamer_fx.mechanics.materials.film import FilmLaw
 from gossamer_fx.meshes.disc import ring
+from gossamer_fx.records.fields.fields import FieldFunctions
 
 # Radii and thickness [m], modulus [Pa].
 HUB = 0.2

@@ -20,8 +20,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.tube_section import capped_cylinder
-from gossamer_fx.model.body import Array
 
 # Of the wall without pressure [m].
 RADIUS = 1.0

@@ -28,7 +28,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Result, Study
-from gossamer_fx.checks.errors import check
+from gossamer_fx.core.checks.errors import check
 from gossamer_fx.meshes.tube import flat_tube
 
 # Steps of a run, and their usual length [s].

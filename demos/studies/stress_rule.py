@@ -19,9 +19,9 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.spinning_sheet import main
 from demos.studies.engine.study import Study
-from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.terms.discrete_gradient import StressRule, defect, gradient
-from gossamer_fx.terms.element_energies import StoredEnergy
+from gossamer_fx.core.forms.kinematics import Expr
+from gossamer_fx.mechanics.terms.discrete_gradient import StressRule, defect, gradient
+from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
 
 # Steps of each run: enough that all cells switch their state.
 STEPS = 40

@@ -25,9 +25,9 @@ import gossamer_fx as gx
 from demos.antenna_attitude import antenna
 from demos.spinning_sheet import throw
 from demos.studies.engine.study import Measure, Study, Trial
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.sheet import EDGES, sheet
 from gossamer_fx.meshes.sphere import sphere
-from gossamer_fx.model.body import Array
 
 STEPPERS: dict[str, Callable[[float], gx.Midpoint | gx.GeneralizedAlpha]] = {
     "Midpoint": lambda dt: gx.Midpoint(dt=dt),

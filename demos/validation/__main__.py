@@ -27,7 +27,7 @@ from demos.validation.engine.case import Case, read_case, with_inputs
 from demos.validation.engine.report import figure, misses, table
 from demos.validation.engine.results import Stored, read, result_path, run
 from demos.validation.engine.sensitivity import sensitivities
-from gossamer_fx.checks.errors import InputError, check, on_rank_zero
+from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
 
 HERE = Path(__file__).resolve().parent
 CASES = HERE / "cases"

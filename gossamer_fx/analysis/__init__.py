@@ -1,5 +1,5 @@
-"""Equilibria, form finding and vibration modes."""
+"""Questions about a scene: equilibria, modes, gradients, optima, reduced models."""
 
-from gossamer_fx.checks.lazy_names import lazy_names
+from gossamer_fx.core.checks.lazy_names import lazy_names
 
 __getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

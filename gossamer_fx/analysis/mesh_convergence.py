@@ -25,11 +25,11 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.checks.arguments import check_arguments
-from gossamer_fx.checks.errors import InputError, OutputFailure, check
-from gossamer_fx.mesh.mesh import Mesh
-from gossamer_fx.mesh.quality import corner_points, sizes
-from gossamer_fx.model.body import Array
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import InputError, OutputFailure, check
+from gossamer_fx.core.mesh.mesh import Mesh
+from gossamer_fx.core.mesh.quality import corner_points, sizes
+from gossamer_fx.core.model.body import Array
 
 LOG = logging.getLogger("gossamer_fx")
 

@@ -21,7 +21,6 @@ class PyGossamerFx(PythonPackage):
     depends_on("py-hatchling@1.27:", type="build")
     depends_on("py-numpy", type=("build", "run"))
     depends_on("py-scipy", type=("build", "run"))
-    depends_on("py-lazy-loader", type=("build", "run"))
     depends_on("py-filelock", type=("build", "run"))
     depends_on("py-fenics-dolfinx@0.9:0.11", type=("build", "run"))
     depends_on("py-petsc4py ^petsc~complex+mumps", type=("build", "run"))

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import eigh, null_space
 
 import gossamer_fx as gx
-from gossamer_fx.system.system import System
+from gossamer_fx.solve.system.system import System
 
 
 def dense(A: object) -> np.ndarray:

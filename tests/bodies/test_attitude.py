@@ -12,7 +12,12 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.control.rotation import euler_angles, euler_axes, position_gradient, rotation
+from gossamer_fx.mechanics.control.rotation import (
+    euler_angles,
+    euler_axes,
+    position_gradient,
+    rotation,
+)
 
 
 def controlled(

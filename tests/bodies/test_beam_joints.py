@@ -12,7 +12,7 @@ from pairs import DT, Motion, conserves
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
-from gossamer_fx.outputs.description import describe, lines
+from gossamer_fx.records.outputs.description import describe, lines
 
 COMM = MPI.COMM_WORLD
 SECTION = gx.sections.rectangle(

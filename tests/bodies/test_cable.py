@@ -21,7 +21,7 @@ from mpi4py import MPI
 from spectrum import angular_frequencies
 
 import gossamer_fx as gx
-from gossamer_fx.analysis.equilibrium import Equilibrium
+from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.meshes.line import line
 
 COMM = MPI.COMM_WORLD

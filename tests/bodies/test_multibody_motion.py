@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.terms.discrete_gradient import PathAverage
+from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage
 
 TIGHT = gx.Tolerances(relative=1e-13)
 

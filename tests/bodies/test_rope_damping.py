@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.connectors.spring import RopeDamper
+from gossamer_fx.mechanics.connectors.spring import RopeDamper
 
 # Units: N/m, N s/m, kg, m.
 K = 400.0

@@ -7,8 +7,8 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.bodies.edge_lines import edge_line
-from gossamer_fx.constraints.seam import Seam
+from gossamer_fx.mechanics.bodies.edge_lines import edge_line
+from gossamer_fx.mechanics.constraints.seam import Seam
 from gossamer_fx.meshes.disc import ring
 from gossamer_fx.meshes.sheet import sheet
 

@@ -8,9 +8,9 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.core.model.body import Array
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.model.body import Array
 
 COMM = MPI.COMM_WORLD
 TIP = (0.0, 1.0, 0.0)

@@ -12,7 +12,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.analysis.equilibrium import Equilibrium
+from gossamer_fx.analysis.statics.equilibrium import Equilibrium
 from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.meshes.sheet import sheet
 

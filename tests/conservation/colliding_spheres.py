@@ -10,10 +10,9 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
-from gossamer_fx.algebra.point_measures import Gather, PointMeasure, PointMeasures, add_blocks
-from gossamer_fx.connectors.spring import LengthSpring, half_distance_squared
-from gossamer_fx.model.body import Array, Port
-from gossamer_fx.model.roles import (
+from gossamer_fx.core.algebra.point_measures import Gather, PointMeasure, PointMeasures, add_blocks
+from gossamer_fx.core.model.body import Array, Port
+from gossamer_fx.core.model.roles import (
     ActiveSet,
     Forces,
     HistoryVariables,
@@ -21,10 +20,11 @@ from gossamer_fx.model.roles import (
     StepCheck,
     StoredEnergies,
 )
-from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Term
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
-from gossamer_fx.terms.point_energies import Stencil
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.connectors.spring import LengthSpring, half_distance_squared
+from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
+from gossamer_fx.mechanics.terms.point_energies import Stencil
 
 Pairs = frozenset[tuple[int, int]]
 

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.scene.validation import warnings
+from gossamer_fx.solve.scene.validation import warnings
 from tests.survival.scenes import flutter
 
 THIN = {"E": 1e6, "nu": 0.3, "density": 1400.0, "thickness": 1e-5}

@@ -12,10 +12,10 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.connectors.crease import MOUNTAIN, VALLEY
-from gossamer_fx.connectors.crease_energies import CreaseEnergies
-from gossamer_fx.fields.fields import FieldFunctions
+from gossamer_fx.mechanics.connectors.crease import MOUNTAIN, VALLEY
+from gossamer_fx.mechanics.connectors.crease_energies import CreaseEnergies
 from gossamer_fx.meshes.creased_strip import creased_strip
+from gossamer_fx.records.fields.fields import FieldFunctions
 
 WORLD = MPI.COMM_WORLD
 LAW = gx.Linear(

@@ -16,10 +16,10 @@ from petsc4py import PETSc
 import gossamer_fx as gx
 from demos.studies.crease import folded
 from demos.studies.thrown_crease import thrown
+from gossamer_fx.analysis.sensitivity.transient import TransientGradients
+from gossamer_fx.analysis.sensitivity.variables import AdjointFields, Variable, find_variables
+from gossamer_fx.core.model import roles
 from gossamer_fx.extend import PointLoad
-from gossamer_fx.model import roles
-from gossamer_fx.sensitivity.transient import TransientGradients
-from gossamer_fx.sensitivity.variables import AdjointFields, Variable, find_variables
 from meshes.creased_strip import creased_strip
 from meshes.line import line
 from meshes.sheet import sheet

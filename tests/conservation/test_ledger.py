@@ -16,8 +16,8 @@ import gossamer_fx as gx
 from demos import inflate_tube, spinning_sheet
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
-from gossamer_fx.outputs.output import Output
-from gossamer_fx.outputs.run_file import read_run_file
+from gossamer_fx.records.outputs.output import Output
+from gossamer_fx.records.outputs.run_file import read_run_file
 
 LAW = gx.Miyazaki(
     E=1e9,

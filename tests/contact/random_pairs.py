@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gossamer_fx.contact.geometry.collision_primitives import CollisionPrimitives
-from gossamer_fx.contact.pair_table import ActivePairs, PairKind, PairTable
+from gossamer_fx.mechanics.contact.geometry.collision_primitives import CollisionPrimitives
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairKind, PairTable
 
 
 def near_pairs(

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 import gossamer_fx as gx
-from gossamer_fx.contact.compiled import CompiledContacts
-from gossamer_fx.contact.contact_set import ContactSet
-from gossamer_fx.contact.narrow_phase.intersections import find_intersections
+from gossamer_fx.mechanics.contact.compiled import CompiledContacts
+from gossamer_fx.mechanics.contact.contact_set import ContactSet
+from gossamer_fx.mechanics.contact.narrow_phase.intersections import find_intersections
 from gossamer_fx.meshes.sheet import sheet
 
 # A polymer film of 0.1 mm, of 0.14 kg/m².

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.system.tangent import Tangent
+from gossamer_fx.solve.system.tangent import Tangent
 from tests.contact.scenes import contact_set_of, film, simulate
 
 

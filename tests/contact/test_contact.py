@@ -355,7 +355,7 @@ def test_penetrations_may_be_counted_in_every_third_step(
         counted_at.append(run.step)
         return [1]
 
-    monkeypatch.setattr("gossamer_fx.probes.contact.find_intersections", count)
+    monkeypatch.setattr("gossamer_fx.records.probes.contact.find_intersections", count)
     contact = gx.Contact(film(comm, name="film"), distance=1e-3)
     seen = gx.Series({"penetrations": gx.probes.Penetrations(contact, every=3)})
     run = gx.Simulation(gx.Scene(*contact.bodies, contact), gx.Midpoint(dt=1e-4), outputs=[seen])

@@ -9,7 +9,7 @@ import ufl
 from dolfinx import fem
 
 import gossamer_fx as gx
-from gossamer_fx.fields.fields import FieldFunctions
+from gossamer_fx.records.fields.fields import FieldFunctions
 from tests.contact.scenes import film, simulate
 
 

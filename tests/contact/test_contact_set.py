@@ -7,9 +7,9 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.contact.contact_set import MAX_UPDATE
-from gossamer_fx.solvers.newton import COMPLETE_TANGENT_RATIO
-from gossamer_fx.steppers import midpoint
+from gossamer_fx.mechanics.contact.contact_set import MAX_UPDATE
+from gossamer_fx.solve.solvers.newton import COMPLETE_TANGENT_RATIO
+from gossamer_fx.solve.steppers import midpoint
 from tests.contact.scenes import contact_set_of, count_intersections, film, simulate
 
 

@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gossamer_fx.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.contact.pair_table import ActivePairs, PairKind
-from gossamer_fx.contact.potential import (
+from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs, PairKind
+from gossamer_fx.mechanics.contact.potential import (
     ContactLaw,
     PairState,
     energy_of_pairs,

@@ -19,8 +19,8 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.forms.backend import interpolation_points
-from gossamer_fx.forms.kinematics import area_vector, half_trace_and_radius
+from gossamer_fx.core.forms.backend import interpolation_points
+from gossamer_fx.core.forms.kinematics import area_vector, half_trace_and_radius
 from gossamer_fx.meshes.airbag import airbag
 
 # A square whose diagonal is 1.2 m.

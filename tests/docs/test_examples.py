@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 import gossamer_fx.extend
-from gossamer_fx.checks.lazy_names import public_names
+from gossamer_fx.core.checks.lazy_names import public_names
 from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet

@@ -10,7 +10,7 @@ import pytest
 
 import gossamer_fx as gx
 from demos import spin_deployment
-from gossamer_fx.system.totals import relative_drift
+from gossamer_fx.solve.system.totals import relative_drift
 
 
 @pytest.mark.mpi

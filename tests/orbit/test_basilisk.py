@@ -11,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gossamer_fx.orbit.eclipse import AU
-from gossamer_fx.orbit.gravity_field import egm2008
-from gossamer_fx.orbit.optics import Optics
-from gossamer_fx.orbit.surface_forces import Rows, light_force
+from gossamer_fx.mechanics.orbit.eclipse import AU
+from gossamer_fx.mechanics.orbit.gravity_field import egm2008
+from gossamer_fx.mechanics.orbit.optics import Optics
+from gossamer_fx.mechanics.orbit.surface_forces import Rows, light_force
 
 # Points [m] and accelerations [m/s²], copied from Basilisk with all its digits.
 GRAVITY = [

@@ -11,11 +11,11 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.mechanics.orbit.elements import Elements, elements_of
+from gossamer_fx.mechanics.orbit.gravity_field import J2, MU, RADIUS
+from gossamer_fx.mechanics.orbit.mass_points import equivalent_points
+from gossamer_fx.mechanics.orbit.orbit import Orbit
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.orbit.elements import Elements, elements_of
-from gossamer_fx.orbit.gravity_field import J2, MU, RADIUS
-from gossamer_fx.orbit.mass_points import equivalent_points
-from gossamer_fx.orbit.orbit import Orbit
 
 # Semi-major axis [m] of a low orbit, its rate [rad/s] and period [s].
 A = 7e6

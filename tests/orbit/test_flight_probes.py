@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.orbit.elements import elements_of
+from gossamer_fx.mechanics.orbit.elements import elements_of
 from tests.orbit.test_orbit_loads import AIR, film, plate
 
 A = 7e6

@@ -13,16 +13,16 @@ from dolfinx.mesh import locate_entities
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.meshes.sheet import crossed_sheet, sheet
-from gossamer_fx.model import roles
-from gossamer_fx.orbit.radiation import (
+from gossamer_fx.core.model import roles
+from gossamer_fx.mechanics.orbit.radiation import (
     STEFAN_BOLTZMANN,
     advance,
     equilibrium_temperature,
     substeps,
     view_factor,
 )
-from gossamer_fx.orbit.solar_heating import LIGHT_SPEED
+from gossamer_fx.mechanics.orbit.solar_heating import LIGHT_SPEED
+from gossamer_fx.meshes.sheet import crossed_sheet, sheet
 from tests.rates import observed_order
 
 # Material of the film: it matters little where only heat is tested.

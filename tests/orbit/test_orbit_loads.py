@@ -9,18 +9,18 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.core.model.roles import playing
 from gossamer_fx.extend import InitialState, Resultants
+from gossamer_fx.mechanics.orbit.drag import Drag, ExponentialAtmosphere
+from gossamer_fx.mechanics.orbit.flying_loads import _ByComplexSteps, axes_of
+from gossamer_fx.mechanics.orbit.free_molecular import Accommodation, Air
+from gossamer_fx.mechanics.orbit.magnetic_dipole import MagneticDipole
+from gossamer_fx.mechanics.orbit.optics import JPL_SAIL, MIRROR, PRESSURE, Optics
+from gossamer_fx.mechanics.orbit.shadow_map import lit_parts
+from gossamer_fx.mechanics.orbit.solar_pressure import SolarPressure
+from gossamer_fx.mechanics.orbit.surface_forces import Rows, Surface, flow_force, light_force
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
-from gossamer_fx.model.roles import playing
-from gossamer_fx.orbit.drag import Drag, ExponentialAtmosphere
-from gossamer_fx.orbit.flying_loads import _ByComplexSteps, axes_of
-from gossamer_fx.orbit.free_molecular import Accommodation, Air
-from gossamer_fx.orbit.magnetic_dipole import MagneticDipole
-from gossamer_fx.orbit.optics import JPL_SAIL, MIRROR, PRESSURE, Optics
-from gossamer_fx.orbit.shadow_map import lit_parts
-from gossamer_fx.orbit.solar_pressure import SolarPressure
-from gossamer_fx.orbit.surface_forces import Rows, Surface, flow_force, light_force
 from tests.orbit.test_flight import drift
 
 A = 7e6

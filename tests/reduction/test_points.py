@@ -9,12 +9,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.extend import InitialState
-from gossamer_fx.forms.backend import evaluate, interpolation_points
-from gossamer_fx.forms.compilation import compile_expression
-from gossamer_fx.forms.strain_path import with_derivative
-from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.reduction.mode_gradients import (
+from gossamer_fx.analysis.reduction.mode_gradients import (
     mode_gradients,
     own_cells,
     points_and_areas,
@@ -22,9 +17,14 @@ from gossamer_fx.reduction.mode_gradients import (
     strain_operator,
     stress_derivatives,
 )
-from gossamer_fx.reduction.points import Points
-from gossamer_fx.terms.discrete_gradient import PathAverage
-from gossamer_fx.terms.element_energies import quadrature_element
+from gossamer_fx.analysis.reduction.points import Points
+from gossamer_fx.core.forms.backend import evaluate, interpolation_points
+from gossamer_fx.core.forms.compilation import compile_expression
+from gossamer_fx.core.forms.strain_path import with_derivative
+from gossamer_fx.extend import InitialState
+from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage
+from gossamer_fx.mechanics.terms.element_energies import quadrature_element
+from gossamer_fx.meshes.sheet import sheet
 
 LAW = gx.Miyazaki(
     E=2e8,

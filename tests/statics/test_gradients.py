@@ -12,11 +12,11 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos import sail_thickness
 from demos.studies.crease import folded
+from gossamer_fx.analysis.sensitivity.static import StaticGradients
 from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import EDGES, crossed_sheet
 from gossamer_fx.meshes.tube_section import cylinder
-from gossamer_fx.sensitivity.static import StaticGradients
 
 SIDE = 0.5  # m
 # Relative changes of a parameter for differences; the best of them is compared.

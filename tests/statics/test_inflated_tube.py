@@ -11,9 +11,9 @@ from dolfinx import fem
 
 import gossamer_fx as gx
 from demos.studies import bent_tube, inflated_tube
-from gossamer_fx.forms.kinematics import area_vector
+from gossamer_fx.core.forms.kinematics import area_vector
 from gossamer_fx.meshes.tube_section import capped_cylinder, cylinder
-from gossamer_fx.system.film_states import STATES
+from gossamer_fx.records.fields.film_states import STATES
 
 
 @pytest.mark.mpi

@@ -12,12 +12,12 @@ from scipy.optimize import brentq
 import gossamer_fx as gx
 from gossamer_fx import Equilibrium
 from gossamer_fx.analysis import modes
-from gossamer_fx.loads import Centrifugal
+from gossamer_fx.mechanics.loads import Centrifugal
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.disc import quarter_disc, ring
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import EDGES, sheet
-from gossamer_fx.system.film_states import AreaFractions
+from gossamer_fx.records.fields.film_states import AreaFractions
 
 # N/m, m, Pa
 N0 = 10.0

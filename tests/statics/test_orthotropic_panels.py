@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.materials.film import WRINKLED
+from gossamer_fx.mechanics.materials.film import WRINKLED
 from gossamer_fx.meshes.sheet import EDGES, sheet
 
 # Pa; the film is four times as stiff along its first axis.

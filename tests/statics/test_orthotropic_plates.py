@@ -12,9 +12,9 @@ from dolfinx.fem.petsc import assemble_matrix
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.forms.bending import Bending, OrthotropicBending
-from gossamer_fx.forms.compilation import compile_form, constant
-from gossamer_fx.forms.kinematics import frame
+from gossamer_fx.core.forms.bending import Bending, OrthotropicBending
+from gossamer_fx.core.forms.compilation import compile_form, constant
+from gossamer_fx.core.forms.kinematics import frame
 from meshes.plates import irregular_sheet
 from meshes.sheet import EDGES, sheet
 

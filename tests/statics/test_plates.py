@@ -14,15 +14,15 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.studies import tape_spring, wrinkled_plate
 from demos.studies.plate import buckled, curl, elastica, frequencies, pressed, roll_up
-from gossamer_fx.bodies.properties import cellwise
-from gossamer_fx.fields.fields import FieldFunctions
-from gossamer_fx.forms.bending import Bending, IsotropicBending
-from gossamer_fx.forms.compilation import compile_form, constant
-from gossamer_fx.forms.kinematics import frame, green_lagrange, surface_gradient
-from gossamer_fx.forms.tied_strain import tied_strain
+from gossamer_fx.core.forms.bending import Bending, IsotropicBending
+from gossamer_fx.core.forms.compilation import compile_form, constant
+from gossamer_fx.core.forms.kinematics import frame, green_lagrange, surface_gradient
+from gossamer_fx.core.forms.tied_strain import tied_strain
+from gossamer_fx.mechanics.bodies.properties import cellwise
 from gossamer_fx.meshes.plates import irregular_sheet
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
+from gossamer_fx.records.fields.fields import FieldFunctions
 
 WORLD = MPI.COMM_WORLD
 LAW = gx.Linear(

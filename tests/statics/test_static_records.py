@@ -12,8 +12,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.analysis import modes, remedies
-from gossamer_fx.analysis.search_progress import SearchProgress, SearchState
-from gossamer_fx.cli.command import main
+from gossamer_fx.analysis.design.search_progress import SearchProgress, SearchState
+from gossamer_fx.app.cli.command import main
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import EDGES, sheet
 
@@ -189,7 +189,7 @@ def test_a_signal_ends_a_search_with_the_last_state(comm, caplog, folder):
 
 
 def test_progress_tells_where_the_search_stands(comm, capsys, monkeypatch):
-    monkeypatch.setattr("gossamer_fx.analysis.search_progress.QUIET_SECONDS", -1.0)
+    monkeypatch.setattr("gossamer_fx.analysis.design.search_progress.QUIET_SECONDS", -1.0)
     progress = SearchProgress(comm, unknowns=870, is_wanted=True)
     state = SearchState(
         iterations=70,

@@ -446,6 +446,6 @@ def test_what_has_no_thermal_form_says_so(comm) -> None:
         thermal=ThermalExpansion(1e-5),
     )
     with pytest.raises(gx.InputError, match="has a thermal expansion, which sampled cells"):
-        from gossamer_fx.reduction.reduced_membrane import check_reducible
+        from gossamer_fx.analysis.reduction.reduced_membrane import check_reducible
 
         check_reducible(film)

@@ -10,7 +10,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.checks import errors
+from gossamer_fx.core.checks import errors
 from tests.survival.scenes import DT, fluttering_sheet
 
 COMM = MPI.COMM_WORLD

@@ -15,7 +15,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.run.checkpoint import _checksum_of
+from gossamer_fx.records.run.checkpoint import _checksum_of
 from tests.survival.scenes import (
     DT,
     clamped_plate,

@@ -181,7 +181,7 @@ def test_a_signal_ends_the_run_after_its_step(
 
 
 ALONE = [sys.executable]
-LAUNCHER = [sys.executable, "-m", "gossamer_fx.cli.launch", "2"]
+LAUNCHER = [sys.executable, "-m", "gossamer_fx.app.cli.launch", "2"]
 PLAIN = python(2)
 
 

@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.system.totals import relative_drift
+from gossamer_fx.solve.system.totals import relative_drift
 from tests.survival.scenes import DT, fluttering_sheet
 
 STEPS = 100_000

@@ -13,8 +13,8 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.cli.scene_sweep import values_of
-from gossamer_fx.sweep.factorial import Factorial, run_factorial
+from gossamer_fx.app.cli.scene_sweep import values_of
+from gossamer_fx.app.sweep.factorial import Factorial, run_factorial
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = """

@@ -7,8 +7,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from gossamer_fx.checks.errors import InputError
-from gossamer_fx.sweep.orthogonal_arrays import orthogonal_array
+from gossamer_fx.app.sweep.orthogonal_arrays import orthogonal_array
+from gossamer_fx.core.checks.errors import InputError
 
 LEVELS = {
     "L4": [2] * 3,

@@ -9,9 +9,9 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.sweep.robust_design import RobustDesign, signal_to_noise
-from gossamer_fx.sweep.runs import SharedRuns
-from gossamer_fx.sweep.sweep_report import run_design
+from gossamer_fx.app.sweep.robust_design import RobustDesign, signal_to_noise
+from gossamer_fx.app.sweep.runs import SharedRuns
+from gossamer_fx.app.sweep.sweep_report import run_design
 
 CONTROL = {
     "a": [1, 2],

@@ -18,8 +18,8 @@ import numpy.typing as npt
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.checks.arguments import Count, check_arguments, kind_of, resolved
-from gossamer_fx.checks.lazy_names import public_names
+from gossamer_fx.core.checks.arguments import Count, check_arguments, kind_of, resolved
+from gossamer_fx.core.checks.lazy_names import public_names
 
 ROOT = Path(gx.__file__).parents[1]
 
@@ -75,7 +75,7 @@ def test_a_file_is_not_written_before_arguments_are_refused(tmp_path: Path) -> N
 def test_the_check_is_the_same_by_every_import_path() -> None:
     """In a new process, so that no other import came before."""
     code = (
-        "from gossamer_fx.connectors.spring import Rope\n"
+        "from gossamer_fx.mechanics.connectors.spring import Rope\n"
         "import gossamer_fx as gx\n"
         "p, q = gx.PointMass(1.0).port(), gx.Ground((0.0, 0.0, 1.0))\n"
         "try:\n"
@@ -164,8 +164,8 @@ def test_names_for_type_checkers_are_imported_when_a_value_needs_them() -> None:
     """An annotation may name a class whose module is not loaded: it is, when a value is given."""
     code = (
         "import sys\n"
-        "from gossamer_fx.probes.points import GasState\n"
-        "print('gossamer_fx.gas.contract' in sys.modules)\n"
+        "from gossamer_fx.records.probes.points import GasState\n"
+        "print('gossamer_fx.mechanics.gas.contract' in sys.modules)\n"
         "try:\n"
         "    GasState(3.0, 'pressure')\n"
         "except ValueError as error:\n"
@@ -187,7 +187,7 @@ def test_the_name_of_a_part_is_in_the_message() -> None:
 
 
 def test_inherited_fields_of_dataclasses_are_resolved_in_their_own_module() -> None:
-    module = importlib.import_module("gossamer_fx.contact.obstacles")
+    module = importlib.import_module("gossamer_fx.mechanics.contact.obstacles")
     with pytest.raises(gx.InputError, match=r"Plane: friction is 'rough'; give a number or None"):
         module.Plane(
             point=(0, 0, 0),

@@ -15,8 +15,8 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.forms import backend
-from gossamer_fx.forms.compilation import compile_expression, constant
+from gossamer_fx.core.forms import backend
+from gossamer_fx.core.forms.compilation import compile_expression, constant
 from gossamer_fx.meshes.sheet import sheet
 
 PACKAGE = Path(gx.__file__).parent

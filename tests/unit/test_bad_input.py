@@ -15,14 +15,14 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.checks.lazy_names import public_names
-from gossamer_fx.cli.command import main
-from gossamer_fx.cli.user_files import guarded
-from gossamer_fx.contact.obstacles import Obstacle
+from gossamer_fx.app.cli.command import main
+from gossamer_fx.app.cli.user_files import guarded
+from gossamer_fx.core.checks.lazy_names import public_names
+from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
-from gossamer_fx.scene.scene import Item
+from gossamer_fx.solve.scene.scene import Item
 from tests.unit.public_calls import UNCALLED, Inputs, make_inputs, spoiled, valid_calls
 
 AIR = gx.IdealGas(gamma=1.4, R=287.0)

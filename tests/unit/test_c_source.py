@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from gossamer_fx.forms.c_source import CLibrary, check_indices, compile_library
+from gossamer_fx.core.forms.c_source import CLibrary, check_indices, compile_library
 
 HEADER = """
 #ifndef SUM_H
@@ -88,7 +88,7 @@ def test_indices_out_of_range_are_refused() -> None:
 
 
 CONTACT = """
-from gossamer_fx.contact.kernels.library import library
+from gossamer_fx.mechanics.contact.kernels.library import library
 library()
 """
 

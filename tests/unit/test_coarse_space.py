@@ -10,11 +10,11 @@ from scipy.sparse.csgraph import connected_components
 
 import gossamer_fx as gx
 from demos.spinning_sheet import throw
-from gossamer_fx.checks.failures import NotConverged
+from gossamer_fx.core.checks.failures import NotConverged
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
-from gossamer_fx.solvers.coarse_space import NODES_PER_PATCH, patches, prolongation
+from gossamer_fx.solve.solvers.coarse_space import NODES_PER_PATCH, patches, prolongation
 
 FILM = gx.Miyazaki(
     E=1e9,

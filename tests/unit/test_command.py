@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from gossamer_fx.cli import demo, doctor, launch
-from gossamer_fx.cli.mpi_messages import RULE, MessageFilter
+from gossamer_fx.app.cli import demo, doctor, launch
+from gossamer_fx.app.cli.mpi_messages import RULE, MessageFilter
 
 ROOT = Path(__file__).resolve().parents[2]
 

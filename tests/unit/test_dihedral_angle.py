@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gossamer_fx.algebra import dihedral_angle
-from gossamer_fx.algebra.dihedral_angle import Array
+from gossamer_fx.core.algebra import dihedral_angle
+from gossamer_fx.core.algebra.dihedral_angle import Array
 
 
 def panels(θ: float) -> Array:

@@ -12,10 +12,10 @@ import ufl
 from hypothesis import given
 
 from gossamer_fx import Linear, Miyazaki, TensionField
-from gossamer_fx.materials.film import FilmLaw, constants
-from gossamer_fx.steppers import EndPoint, PathAverage
-from gossamer_fx.terms import discrete_gradient
-from gossamer_fx.terms.element_energies import StoredEnergy
+from gossamer_fx.mechanics.materials.film import FilmLaw, constants
+from gossamer_fx.mechanics.terms import discrete_gradient
+from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
+from gossamer_fx.solve.steppers import EndPoint, PathAverage
 from tests.strain_samples import CELLS, SQUARE, Samples, random_strains
 
 UNIT = {"E": 1.0, "nu": 0.3, "density": 1.0, "thickness": 1.0}

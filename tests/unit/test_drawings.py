@@ -13,7 +13,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.bodies.edge_lines import edge_line
+from gossamer_fx.mechanics.bodies.edge_lines import edge_line
 
 ezdxf = pytest.importorskip("ezdxf")
 COMM = MPI.COMM_WORLD

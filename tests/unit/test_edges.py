@@ -10,7 +10,7 @@ from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.mesh.edges import EdgeTable, edges_of
+from gossamer_fx.core.mesh.edges import EdgeTable, edges_of
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import sheet
 

@@ -10,8 +10,8 @@ import pytest
 import ufl
 
 from gossamer_fx import Elastica, InputError, Linear
-from gossamer_fx.materials.elastica import buckled_strip, cubic, onset
-from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED, constants
+from gossamer_fx.mechanics.materials.elastica import buckled_strip, cubic, onset
+from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED, constants
 from tests.strain_samples import CELLS, SQUARE, Samples, random_strains, strain
 
 NU = 0.3

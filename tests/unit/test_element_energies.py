@@ -11,12 +11,12 @@ from dolfinx.fem import petsc
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint, PathAverage, StressRule
+from gossamer_fx.mechanics.terms.element_energies import ElementEnergies, ElementForms
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.model.body import Array
-from gossamer_fx.system.system import System
-from gossamer_fx.terms.discrete_gradient import EndPoint, PathAverage, StressRule
-from gossamer_fx.terms.element_energies import ElementEnergies, ElementForms
+from gossamer_fx.solve.system.system import System
 
 COMM = MPI.COMM_WORLD
 MATERIAL = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}

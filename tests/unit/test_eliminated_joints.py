@@ -11,12 +11,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import gossamer_fx as gx
-import gossamer_fx.solvers.factorisation as factorisation
-import gossamer_fx.solvers.linear as linear
+import gossamer_fx.solve.solvers.factorisation as factorisation
+import gossamer_fx.solve.solvers.linear as linear
 from demos import ikaros
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.solvers import eliminated_joints
-from gossamer_fx.solvers.eliminated_joints import (
+from gossamer_fx.solve.solvers import eliminated_joints
+from gossamer_fx.solve.solvers.eliminated_joints import (
     EliminatedJoints,
     eliminated_unknowns,
     max_applications,

@@ -7,7 +7,7 @@ import pytest
 from petsc4py import PETSc
 
 import gossamer_fx as gx
-from gossamer_fx.solvers import factorisation
+from gossamer_fx.solve.solvers import factorisation
 
 
 def test_a_singular_full_matrix_is_told_and_the_next_one_is_solved():

@@ -13,8 +13,8 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.forms import compilation as forms
-from gossamer_fx.forms.backend import evaluate
+from gossamer_fx.core.forms import compilation as forms
+from gossamer_fx.core.forms.backend import evaluate
 from gossamer_fx.meshes.sheet import sheet
 
 

@@ -16,7 +16,7 @@ from petsc4py import PETSc
 import gossamer_fx as gx
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.solvers.factorisation import choose, replace
+from gossamer_fx.solve.solvers.factorisation import choose, replace
 
 LAW = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
 

@@ -22,9 +22,9 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.mesh import gmsh_reader as raw_mesh
+from gossamer_fx.core.mesh import gmsh_reader as raw_mesh
 from gossamer_fx.meshes.airbag import airbag
-from gossamer_fx.scene.validation import warnings
+from gossamer_fx.solve.scene.validation import warnings
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="files are read by one rank")
 

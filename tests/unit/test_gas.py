@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.gas.orifice import isentropic_flow
+from gossamer_fx.mechanics.gas.orifice import isentropic_flow
 from tests.rates import observed_order
 
 AIR = gx.IdealGas(gamma=1.4, R=287.0)

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.airbag import airbag
-from gossamer_fx.run.simulation import Simulation
+from gossamer_fx.records.run.simulation import Simulation
 
 WORLD = MPI.COMM_WORLD
 AIR = gx.IdealGas(gamma=1.4, R=287.0)

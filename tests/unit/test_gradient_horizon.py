@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from demos.studies import gradient_horizon as study
-from gossamer_fx.sensitivity.transient import GROWTH_TO_WARN_OF
+from gossamer_fx.analysis.sensitivity.transient import GROWTH_TO_WARN_OF
 
 
 def test_the_times_of_a_warning_are_those_of_an_exponential_growth() -> None:

@@ -24,7 +24,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.contact.obstacles import Obstacle
+from gossamer_fx.mechanics.contact.obstacles import Obstacle
 from tests.unit.bad_scenes import LAW, MESHES
 from tests.unit.public_calls import make_inputs, valid_calls
 

@@ -11,9 +11,9 @@ import ufl
 from dolfinx import fem
 
 from gossamer_fx import Linear, Membrane
+from gossamer_fx.core.forms.backend import evaluate
+from gossamer_fx.core.forms.kinematics import area_vector, tension
 from gossamer_fx.extend import InitialState
-from gossamer_fx.forms.backend import evaluate
-from gossamer_fx.forms.kinematics import area_vector, tension
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere

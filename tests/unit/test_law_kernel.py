@@ -10,11 +10,10 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.extend import InitialState
-from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.terms.discrete_gradient import PathAverage
-from gossamer_fx.terms.element_energies import quadrature_element
-from gossamer_fx.terms.law_kernel.functions import law_functions
-from gossamer_fx.terms.law_kernel.point_law import (
+from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage
+from gossamer_fx.mechanics.terms.element_energies import quadrature_element
+from gossamer_fx.mechanics.terms.law_kernel.functions import law_functions
+from gossamer_fx.mechanics.terms.law_kernel.point_law import (
     FRUITFUL_ERROR_RATIO,
     MAX_FRUITLESS_CHOICES,
     STRAIN_CHOICE_STIFFNESS,
@@ -22,6 +21,7 @@ from gossamer_fx.terms.law_kernel.point_law import (
     PointLaw,
     PointValues,
 )
+from gossamer_fx.meshes.sheet import sheet
 
 THICKNESS = {"thickness": lambda X: np.where(X[0] > 0.5, 3e-4, 1e-4)}
 

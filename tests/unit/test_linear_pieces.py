@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from gossamer_fx.mesh.linear_pieces import from_vtk, linear_pieces, middles
+from gossamer_fx.core.mesh.linear_pieces import from_vtk, linear_pieces, middles
 from gossamer_fx.meshes.sheet import sheet
 
 CORNERS = np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]])

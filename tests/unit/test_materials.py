@@ -9,7 +9,7 @@ import pytest
 import ufl
 
 from gossamer_fx import Linear, Miyazaki, TensionField
-from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED, FilmLaw, constants
+from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED, FilmLaw, constants
 from tests.strain_samples import CELLS, SQUARE, Samples, random_strains, strain
 
 UNIT = {"E": 1.0, "nu": 0.3, "density": 1.0, "thickness": 1.0}

@@ -12,10 +12,10 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.cli.command import main
-from gossamer_fx.plot.curve_panels import overlay_curves
-from gossamer_fx.plot.measured_series import read_measured, rms_difference
-from gossamer_fx.plot.units import unit_factor
+from gossamer_fx.app.cli.command import main
+from gossamer_fx.records.plot.curve_panels import overlay_curves
+from gossamer_fx.records.plot.measured_series import read_measured, rms_difference
+from gossamer_fx.records.plot.units import unit_factor
 
 G = 9.81
 DT = 0.01

@@ -15,7 +15,7 @@ from gossamer_fx.meshes.plates import slit_ring
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.meshes.tube import flat_tube
-from gossamer_fx.scene.validation import self_intersections, validate, warnings
+from gossamer_fx.solve.scene.validation import self_intersections, validate, warnings
 
 WORLD = MPI.COMM_WORLD
 LAW = gx.Miyazaki(

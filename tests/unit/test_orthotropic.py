@@ -12,15 +12,15 @@ from mpi4py import MPI
 from scipy.optimize import minimize
 
 import gossamer_fx as gx
-from gossamer_fx.forms.backend import evaluate
-from gossamer_fx.forms.compilation import compile_expression
-from gossamer_fx.forms.kinematics import frame
-from gossamer_fx.forms.strain_path import gradient, with_derivative
-from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED, constants
-from gossamer_fx.materials.kernels.library import library
+from gossamer_fx.analysis.reduction.mode_gradients import own_cells
+from gossamer_fx.core.forms.backend import evaluate
+from gossamer_fx.core.forms.compilation import compile_expression
+from gossamer_fx.core.forms.kinematics import frame
+from gossamer_fx.core.forms.strain_path import gradient, with_derivative
+from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED, constants
+from gossamer_fx.mechanics.materials.kernels.library import library
+from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.reduction.mode_gradients import own_cells
-from gossamer_fx.terms.discrete_gradient import StressRule
 from tests.strain_samples import CENTRE, SQUARE, Samples, random_strains
 
 FABRIC = {"density": 1.0, "thickness": 1.0, "direction": (1.0, 0.0, 0.0)}

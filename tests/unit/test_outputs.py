@@ -17,11 +17,11 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.fields.fields import FieldFunctions
-from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
+from gossamer_fx.mechanics.materials.film import SLACK, TAUT, WRINKLED
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.plot.rasterise import Canvas
-from gossamer_fx.system.film_states import AreaFractions
+from gossamer_fx.records.fields.fields import FieldFunctions
+from gossamer_fx.records.fields.film_states import AreaFractions
+from gossamer_fx.records.plot.rasterise import Canvas
 from tests.hanging import HANG_TIMEOUT
 
 adios2 = pytest.importorskip("adios2", exc_type=ImportError)  # the light install has none
@@ -545,7 +545,7 @@ from gossamer_fx.meshes.sheet import sheet
 film = gx.Membrane(sheet(MPI.COMM_SELF, 2, 2), gx.Linear(E=1e9, nu=0.3, density=1e3, thickness=1e-4))
 outputs = [gx.outputs.VTX({str(folder / "a.bp")!r}), gx.Ledger({str(folder / "a.csv")!r}), gx.outputs.Progress()]
 gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3), outputs=outputs).run(until=1e-3)
-loaded = [name for name in ("matplotlib", "gossamer_fx.gas.network") if name in sys.modules]
+loaded = [name for name in ("matplotlib", "gossamer_fx.mechanics.gas.network") if name in sys.modules]
 sys.exit(f"loaded: {{loaded}}" if loaded else 0)
 """
     subprocess.run([sys.executable, "-c", code], check=True, timeout=HANG_TIMEOUT)

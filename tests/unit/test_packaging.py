@@ -124,7 +124,7 @@ def test_the_wheel_has_the_package_with_its_meshes_and_nothing_else(archives: Ar
         if path.is_file() and "__pycache__" not in path.parts:
             assert str(path.relative_to(ROOT)) in inside
     for path in (ROOT / "meshes").glob("*.py"):
-        assert f"gossamer_fx/meshes/{path.name}" in inside
+        assert f"gossamer_fx/build/meshes/{path.name}" in inside
     assert {name.split("/")[0].split("-")[0] for name in inside} == {"gossamer_fx"}
 
 
@@ -132,7 +132,7 @@ def test_the_wheel_has_the_package_with_its_meshes_and_nothing_else(archives: Ar
 def test_the_source_distribution_makes_the_same_wheel(archives: Archives, tmp_path: Path) -> None:
     tree = unpacked(archives.source, tmp_path / "source")
     files = ("README.md", "CITATION.cff", "gossamer", "docs/conf.py", "tests/conftest.py")
-    for name in (*files, "meshes/sheet.py", "gossamer_fx/meshes/sheet.py"):
+    for name in (*files, "meshes/sheet.py", "gossamer_fx/build/meshes/sheet.py"):
         assert (tree / name).is_file(), name
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path / "dist"]
     execute(*build, folder=tree, extra_modules=archives.hatchling)

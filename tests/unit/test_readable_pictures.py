@@ -16,11 +16,11 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.plot import page
-from gossamer_fx.plot import plot as pictures
-from gossamer_fx.plot.colours import STATE_COLOURS
-from gossamer_fx.plot.curve_panels import label_ends, run_curves, wrapped
-from gossamer_fx.plot.viewer import view_data
+from gossamer_fx.records.plot import page
+from gossamer_fx.records.plot import plot as pictures
+from gossamer_fx.records.plot.colours import STATE_COLOURS
+from gossamer_fx.records.plot.curve_panels import label_ends, run_curves, wrapped
+from gossamer_fx.records.plot.viewer import view_data
 
 COMM = MPI.COMM_SELF
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
@@ -177,7 +177,7 @@ def test_a_curve_that_ends_at_zero_has_its_name(tmp_path: Path) -> None:
     """As the energy of a contact that has opened, on a logarithmic axis."""
     from matplotlib.figure import Figure
 
-    from gossamer_fx.plot.curve_panels import LINES, _lines
+    from gossamer_fx.records.plot.curve_panels import LINES, _lines
 
     t = np.linspace(0, 1, 50)
     contact = np.where(t < 0.5, 1e-4 * t, 0.0)

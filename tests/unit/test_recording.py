@@ -15,9 +15,9 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.meshes.line import line
-from gossamer_fx.plot.colours import scale
-from gossamer_fx.plot.curve_panels import grouped
-from gossamer_fx.plot.viewer import view_data
+from gossamer_fx.records.plot.colours import scale
+from gossamer_fx.records.plot.curve_panels import grouped
+from gossamer_fx.records.plot.viewer import view_data
 
 WORLD = MPI.COMM_WORLD
 AIR = gx.IdealGas(gamma=1.4, R=287.0)
@@ -184,8 +184,8 @@ def test_pictures_from_a_chosen_place(recorded: Path, tmp_path: Path) -> None:
     follow."""
     from PIL import Image
 
-    from gossamer_fx.plot.camera import aim
-    from gossamer_fx.plot.shapes import Shape
+    from gossamer_fx.records.plot.camera import aim
+    from gossamer_fx.records.plot.shapes import Shape
 
     run = gx.plot.RunReader(recorded)
 
@@ -241,10 +241,10 @@ def test_large_films_are_thinned_for_the_view(
     recorded: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "gossamer_fx.plot.viewer._MAX_VERTICES", 1
+        "gossamer_fx.records.plot.viewer._MAX_VERTICES", 1
     )  # at least 100 a body are kept in any case
     assert view_data(gx.plot.RunReader(recorded))["parts"][0]["vertices"] == 38
-    from gossamer_fx.plot.viewer import _thinned
+    from gossamer_fx.records.plot.viewer import _thinned
 
     segment = gx.plot.RunReader(recorded).bodies["the film"].segments[0]
     thin = _thinned(segment, 20)

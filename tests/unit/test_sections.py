@@ -7,7 +7,7 @@ import pytest
 
 import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.plot.plane_cut import PlaneCut, layers
+from gossamer_fx.records.plot.plane_cut import PlaneCut, layers
 
 LAW = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.fields.groups import groups_of
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
-from gossamer_fx.plot.camera import aim, render
-from gossamer_fx.plot.colours import colouring, group_table
+from gossamer_fx.records.fields.groups import groups_of
+from gossamer_fx.records.plot.camera import aim, render
+from gossamer_fx.records.plot.colours import colouring, group_table
 
 ABOVE = {"azimuth": 0.0, "elevation": np.pi / 2}
 

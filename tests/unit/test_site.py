@@ -20,9 +20,9 @@ from types import ModuleType
 import pytest
 
 import gossamer_fx
-from gossamer_fx.checks.interruption import SIGNALS
-from gossamer_fx.checks.lazy_names import public_names
-from gossamer_fx.cli.command import _parser
+from gossamer_fx.app.cli.command import _parser
+from gossamer_fx.core.checks.interruption import SIGNALS
+from gossamer_fx.core.checks.lazy_names import public_names
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

@@ -9,11 +9,11 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.contact.obstacle_drawing import solid_of
+from gossamer_fx.mechanics.contact.obstacle_drawing import solid_of
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.plot.run_reader import RunReader
-from gossamer_fx.plot.shapes import SOLID
-from gossamer_fx.plot.viewer import view_data
+from gossamer_fx.records.plot.run_reader import RunReader
+from gossamer_fx.records.plot.shapes import SOLID
+from gossamer_fx.records.plot.viewer import view_data
 
 NEAR = np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 0.5]])
 LAW = gx.Miyazaki(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import ufl
 
-from gossamer_fx.forms.strain_path import mean_gradient, within_cone
+from gossamer_fx.core.forms.strain_path import mean_gradient, within_cone
 from tests.strain_samples import CELLS, Samples, random_strains
 
 # Parameters of sampled points of a path, the middles of equal pieces.

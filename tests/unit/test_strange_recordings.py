@@ -18,9 +18,9 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.fields.fields import FIELDS
 from gossamer_fx.meshes.tube import flat_tube
-from gossamer_fx.outputs.run_file import read_run_file
+from gossamer_fx.records.fields.fields import FIELDS
+from gossamer_fx.records.outputs.run_file import read_run_file
 
 ALONE = MPI.COMM_SELF
 LAW = gx.Miyazaki(
@@ -255,7 +255,7 @@ def test_any_damaged_key_of_run_json_is_refused_in_a_sentence(
     recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What is still a run is read, and a report of it is made, here without pictures."""
-    monkeypatch.setattr("gossamer_fx.plot.report._image", lambda draw, words: "")
+    monkeypatch.setattr("gossamer_fx.records.plot.report._image", lambda draw, words: "")
     folder = tmp_path / "run"
     shutil.copytree(recorded, folder)
     path = folder / "run.json"
@@ -310,7 +310,7 @@ def test_damaged_tables_are_refused_in_a_sentence(
 ) -> None:
     """Without a column or its first row, with words, with rows of other lengths, with other
     columns."""
-    monkeypatch.setattr("gossamer_fx.plot.report.view_data", lambda run: {})
+    monkeypatch.setattr("gossamer_fx.records.plot.report.view_data", lambda run: {})
     shutil.copytree(recorded, tmp_path / "run")
     path = tmp_path / "run" / name
     rows = path.read_text().splitlines()

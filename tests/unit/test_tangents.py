@@ -11,8 +11,8 @@ import pytest
 import ufl
 
 from gossamer_fx import Elastica, Linear, Miyazaki, TensionField
-from gossamer_fx.materials.film import FilmLaw, constants
-from gossamer_fx.model.body import Array
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.materials.film import FilmLaw, constants
 from tests.strain_samples import CELLS, SQUARE, Samples, random_strains
 
 UNIT = {"E": 1.0, "nu": 0.3, "density": 1.0, "thickness": 1.0}

@@ -12,7 +12,14 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
-from gossamer_fx.outputs.vtu_format import Entry, Grid, read_pvd, read_vtu, write_pvd, write_vtu
+from gossamer_fx.records.outputs.vtu_format import (
+    Entry,
+    Grid,
+    read_pvd,
+    read_vtu,
+    write_pvd,
+    write_vtu,
+)
 
 WORLD = MPI.COMM_WORLD
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)

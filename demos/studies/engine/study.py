@@ -19,7 +19,13 @@ from typing import Any
 
 from mpi4py import MPI
 
-from gossamer_fx.checks.errors import InputError, NoEquilibrium, StepFailure, check, on_rank_zero
+from gossamer_fx.core.checks.errors import (
+    InputError,
+    NoEquilibrium,
+    StepFailure,
+    check,
+    on_rank_zero,
+)
 
 Trial = Mapping[str, Any]  # the values along the axes
 Row = dict[str, str]

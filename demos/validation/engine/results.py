@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from demos.validation.engine.case import Case, Test
 from demos.validation.engine.comparison import Comparison, Predicted, Prediction, compare
-from gossamer_fx.checks.errors import (
+from gossamer_fx.core.checks.errors import (
     InputError,
     NoEquilibrium,
     StepFailure,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from gossamer_fx.checks.errors import check
-from gossamer_fx.plot.units import unit_factor
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.records.plot.units import unit_factor
 
 # The units of case files, divided by commas, by the SI unit of the same dimension.
 DIMENSIONS = {

@@ -49,13 +49,13 @@ from demos.validation.models.braided_tube import (
     THICKNESS,
     Tube,
 )
-from gossamer_fx.algebra.point_measures import PointMeasure
-from gossamer_fx.checks.errors import check
-from gossamer_fx.model.body import Port
-from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Term
-from gossamer_fx.terms.point_constraints import PointConstraint
-from gossamer_fx.terms.point_loads import PointLoad
+from gossamer_fx.core.algebra.point_measures import PointMeasure
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.body import Port
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
+from gossamer_fx.mechanics.terms.point_loads import PointLoad
 
 # Cells along the torus and around its section, of order 2, unless the inputs "cells_along" and
 # "cells_around" are given.

@@ -34,13 +34,13 @@ from scipy.optimize import fsolve
 import gossamer_fx as gx
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
-from gossamer_fx.algebra.point_measures import PointMeasure
-from gossamer_fx.bodies.rigid_piece import RigidPiece
-from gossamer_fx.checks.errors import check
-from gossamer_fx.model.body import Port
-from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Term
-from gossamer_fx.terms.point_constraints import Closing, PointConstraint
+from gossamer_fx.core.algebra.point_measures import PointMeasure
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.body import Port
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.bodies.rigid_piece import RigidPiece
+from gossamer_fx.mechanics.terms.point_constraints import Closing, PointConstraint
 
 # Cells over half of the section in the full and the quick form, unless the input "cells_around" is
 # given.  With 18 of them results change by less than 0.2 %.

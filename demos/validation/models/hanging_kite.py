@@ -43,13 +43,13 @@ from scipy.optimize import brentq
 import gossamer_fx as gx
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
-from gossamer_fx.algebra.point_measures import PointMeasure
-from gossamer_fx.checks.errors import check
+from gossamer_fx.core.algebra.point_measures import PointMeasure
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.terms.one_sided import one_sided_average, one_sided_energy
+from gossamer_fx.mechanics.terms.point_energies import PointStoredEnergy
 from gossamer_fx.meshes.line import line
-from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Term
-from gossamer_fx.terms.one_sided import one_sided_average, one_sided_energy
-from gossamer_fx.terms.point_energies import PointStoredEnergy
 
 GRAVITY = 9.81  # [m/s²], along z
 

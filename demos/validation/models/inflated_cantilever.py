@@ -31,8 +31,8 @@ import gossamer_fx as gx
 from demos.validation.engine.case import Array, Inputs
 from demos.validation.engine.comparison import Predicted, Prediction
 from demos.validation.models.braided_tube import End, Lowered, half_tube_mesh, inflation
-from gossamer_fx.checks.errors import check
-from gossamer_fx.system.film_states import STATES
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.records.fields.film_states import STATES
 
 # Cells over half of the section.
 CELLS_AROUND = 8

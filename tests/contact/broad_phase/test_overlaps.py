@@ -5,10 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gossamer_fx.contact.broad_phase.overlaps import Nearness, OverlappingPairs, find_overlaps
-from gossamer_fx.contact.geometry.collision_primitives import CollisionPrimitives
-from gossamer_fx.contact.narrow_phase.closest_points import approach_bounds, closest_points
-from gossamer_fx.contact.pair_table import PairKind
+from gossamer_fx.mechanics.contact.broad_phase.overlaps import (
+    Nearness,
+    OverlappingPairs,
+    find_overlaps,
+)
+from gossamer_fx.mechanics.contact.geometry.collision_primitives import CollisionPrimitives
+from gossamer_fx.mechanics.contact.narrow_phase.closest_points import (
+    approach_bounds,
+    closest_points,
+)
+from gossamer_fx.mechanics.contact.pair_table import PairKind
 from tests.contact.random_pairs import all_pairs, table_of_primitives, triangle_soup
 
 

@@ -7,17 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gossamer_fx.contact.friction.friction_pairs import (
+from gossamer_fx.mechanics.contact.friction.friction_pairs import (
     FrictionPairs,
     FrictionStep,
     parameters_at_start,
 )
-from gossamer_fx.contact.friction.sliding_geometry import BetweenBodies, SlidingGeometry
-from gossamer_fx.contact.friction.start_derivative import add_product_with_start_derivative
-from gossamer_fx.contact.friction.tangent_directions import EDGE_WEIGHTS, gap_weights
-from gossamer_fx.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.contact.pair_table import PairKind
-from gossamer_fx.contact.potential import ContactLaw, pair_starts
+from gossamer_fx.mechanics.contact.friction.sliding_geometry import BetweenBodies, SlidingGeometry
+from gossamer_fx.mechanics.contact.friction.start_derivative import (
+    add_product_with_start_derivative,
+)
+from gossamer_fx.mechanics.contact.friction.tangent_directions import EDGE_WEIGHTS, gap_weights
+from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
+from gossamer_fx.mechanics.contact.pair_table import PairKind
+from gossamer_fx.mechanics.contact.potential import ContactLaw, pair_starts
 from tests.contact.random_pairs import near_pairs
 
 # Pairs of each kind; of them some ten rub.

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gossamer_fx.algebra.rank_exchange import RankExchange
-from gossamer_fx.contact.geometry.distributed_rows import DistributedRows
+from gossamer_fx.core.algebra.rank_exchange import RankExchange
+from gossamer_fx.mechanics.contact.geometry.distributed_rows import DistributedRows
 
 
 @pytest.mark.mpi

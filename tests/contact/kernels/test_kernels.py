@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 import gossamer_fx
-from gossamer_fx.contact.kernels.library import HEADER, SOURCES, library
-from gossamer_fx.contact.narrow_phase import intersections
-from gossamer_fx.contact.pair_table import PairKind
-from gossamer_fx.contact.potential import ContactLaw, PairState
-from gossamer_fx.forms.c_source import declarations_of
+from gossamer_fx.core.forms.c_source import declarations_of
+from gossamer_fx.mechanics.contact.kernels.library import HEADER, SOURCES, library
+from gossamer_fx.mechanics.contact.narrow_phase import intersections
+from gossamer_fx.mechanics.contact.pair_table import PairKind
+from gossamer_fx.mechanics.contact.potential import ContactLaw, PairState
 
 PACKAGE = Path(gossamer_fx.__file__).parent
 C_FILES = sorted(path for path in PACKAGE.rglob("*.[ch]"))

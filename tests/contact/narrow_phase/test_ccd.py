@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gossamer_fx.contact.narrow_phase.ccd import find_collisions
-from gossamer_fx.contact.narrow_phase.closest_points import closest_points
-from gossamer_fx.contact.pair_table import PairKind, PairTable
+from gossamer_fx.mechanics.contact.narrow_phase.ccd import find_collisions
+from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
+from gossamer_fx.mechanics.contact.pair_table import PairKind, PairTable
 from tests.contact.random_pairs import make_degenerate, table_of
 
 KINDS = (PairKind.POINT_TRIANGLE, PairKind.EDGE_EDGE)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gossamer_fx.contact.narrow_phase import closest_points as module
-from gossamer_fx.contact.narrow_phase.closest_points import (
+from gossamer_fx.mechanics.contact.narrow_phase import closest_points as module
+from gossamer_fx.mechanics.contact.narrow_phase.closest_points import (
     PairDistances,
     approach_bounds,
     closest_points,
 )
-from gossamer_fx.contact.pair_table import CandidatePairs, PairKind
+from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairKind
 from tests.contact.random_pairs import near_pairs, table_of
 
 EDGES = PairKind.EDGE_EDGE

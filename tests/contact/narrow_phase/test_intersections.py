@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gossamer_fx.contact.geometry.collision_primitives import CollisionPrimitives
-from gossamer_fx.contact.narrow_phase.intersections import (
+from gossamer_fx.mechanics.contact.geometry.collision_primitives import CollisionPrimitives
+from gossamer_fx.mechanics.contact.narrow_phase.intersections import (
     find_intersections,
     intersects_exactly,
     sign_of_volume,

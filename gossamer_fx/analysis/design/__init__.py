@@ -1,0 +1,1 @@
+"""Optimisation and identification of parameters."""

@@ -1,0 +1,511 @@
+"""A result and its limits as functions of one vector of scaled numbers, for methods of
+minimisation.
+
+The numbers are those of the parameters over their size, so that their changes are comparable.  A
+field has a number for each entry on each rank, or a few amounts of given changes, its basis,
+
+    θ = θ_start + Σ_j amount_j column_j,    dJ/d(amount_j) = Σ_i dJ/dθ_i column_ij.             (1)
+
+Numbers, and amounts of a basis, are the same on all ranks.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.analysis.sensitivity.objectives import Objective
+from gossamer_fx.analysis.sensitivity.results import Gradient
+from gossamer_fx.analysis.sensitivity.static import StaticGradients
+from gossamer_fx.analysis.statics.equilibrium import Equilibrium
+from gossamer_fx.core.checks.errors import check, check_on_all
+from gossamer_fx.core.model.body import Array
+
+LOGGER = logging.getLogger("gossamer_fx")
+
+TINY = 1e-300  # against division by zero
+
+
+class Source(Protocol):
+    """Where results and gradients come from: an equilibrium, or runs that a function makes."""
+
+    comm: MPI.Intracomm
+
+    def values(self) -> dict[str, Array]:
+        """Present values (k,) of the parameters by name, of this rank."""
+        ...
+
+    def is_distributed(self, name: str) -> bool:
+        """Whether each rank has its own part of the values of a parameter."""
+        ...
+
+    def set(self, values: Mapping[str, Array]) -> None:
+        """Give the parameters other values.  Collective."""
+        ...
+
+    def gradient(self, objective: Any) -> Gradient:
+        """A result and its derivatives with the present values.  Collective."""
+        ...
+
+
+class EquilibriumSource:
+    """Results of an equilibrium, which is found again from the last one when parameters change.
+
+    Args:
+        equilibrium: it is found here.
+        by: names of the parameters.
+    """
+
+    def __init__(self, equilibrium: Equilibrium, by: Sequence[str]) -> None:
+        self.comm = equilibrium.comm
+        self._equilibrium = equilibrium
+        equilibrium.find()
+        # Forms are compiled once, for all evaluations.
+        self._gradients = StaticGradients(equilibrium, by)
+        self._gradients.factorise()
+        self._variables = {variable.name: variable for variable in self._gradients.variables}
+
+    def values(self) -> dict[str, Array]:
+        return {name: variable.get() for name, variable in self._variables.items()}
+
+    def is_distributed(self, name: str) -> bool:
+        return self._variables[name].is_distributed
+
+    def set(self, values: Mapping[str, Array]) -> None:
+        for name, variable in self._variables.items():
+            variable.set(values[name])
+        # Masses and constants that the system keeps depend on parameters.
+        self._equilibrium.system.parameters_changed()
+        self._equilibrium.find()
+        self._gradients.factorise()
+
+    def gradient(self, objective: Objective) -> Gradient:
+        return self._gradients.of(objective)
+
+
+class RunSource:
+    """Results of runs that a function makes with given parameters.
+
+    Args:
+        evaluate: takes values by name, makes a run with them, and returns the gradient of its
+            result.
+        start: first values, numbers or arrays (k,).
+        comm: of the runs.
+    """
+
+    # Name of the function of the user's program, for messages.
+    who = "minimise_runs"
+
+    def __init__(
+        self,
+        evaluate: Callable[[dict[str, Array]], Gradient],
+        start: Mapping[str, Any],
+        comm: MPI.Intracomm,
+    ) -> None:
+        """Copy the first values; no run is made yet.
+
+        Args:
+            evaluate: takes values by name, arrays (k,), makes a run with them, and returns the
+                gradient of its result.
+            start: first values by name, numbers or arrays (k,).
+            comm: of the runs.
+        """
+        self.comm = comm
+        self._evaluate = evaluate
+        self._values = {}
+        # Copies: the method must not change what the user gave.
+        for name, value in start.items():
+            self._values[name] = np.array(np.atleast_1d(value), dtype=float)
+        self._found: Gradient | None = None
+
+    def values(self) -> dict[str, Array]:
+        return {name: value.copy() for name, value in self._values.items()}
+
+    def is_distributed(self, name: str) -> bool:
+        return self.gradient(None)[name].function is not None
+
+    def set(self, values: Mapping[str, Array]) -> None:
+        self._values = {name: np.array(value) for name, value in values.items()}
+        self._found = None
+
+    def gradient(self, objective: None) -> Gradient:
+        """Make a run with the present values, and return its result with derivatives.  Collective.
+
+        Args:
+            objective: not used, as the function of the user has one result.
+
+        Raises:
+            InputError: the function returns something else, or lacks the derivative by a parameter.
+        """
+        # Each gradient is a run: one that is known is not made again.
+        if self._found is not None:
+            return self._found
+        found = self._evaluate(self.values())
+        check(
+            isinstance(found, Gradient),
+            f"{self.who}: evaluate returned a {type(found).__name__}; return what "
+            "gx.analysis.gradient returns.",
+        )
+        known = {derivative.name: derivative for derivative in found}
+        for name, value in self._values.items():
+            check(
+                name in known,
+                f"{self.who}: the gradient has no derivative by '{name}'; it has: "
+                f"{', '.join(known)}.",
+            )
+            size = len(known[name].values)
+            check_on_all(
+                self.comm,
+                size == len(value),
+                f"{self.who}: '{name}' has {len(value)} values and its derivative has {size}; "
+                "give as many.",
+            )
+        self._found = found
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class DesignVariable:
+    """A parameter as a part of the vector of scaled numbers.
+
+    Attributes:
+        name: "item.parameter".
+        start: its values (k,) on this rank.
+        scale: number of one in the vector, in the unit of the parameter; 1 with a basis.
+        basis: columns (k, m) of this rank; None: each entry is a number.
+        is_distributed: whether its numbers are distributed over ranks.
+    """
+
+    name: str
+    start: Array
+    scale: float
+    basis: Array | None
+    is_distributed: bool
+
+    @property
+    def size(self) -> int:
+        """Numbers on this rank."""
+        return len(self.start) if self.basis is None else self.basis.shape[1]
+
+    def first(self) -> Array:
+        """The scaled numbers (n,) at the start."""
+        if self.basis is None:
+            return self.start / self.scale
+        # By (1) no amount of any column is the start.
+        return np.zeros(self.size)
+
+    def values(self, numbers: Array) -> Array:
+        """The values (k,) of the parameter."""
+        if self.basis is None:
+            return numbers * self.scale
+        moved: Array = self.start + self.basis @ numbers
+        return moved
+
+    def slope(self, derivative: Array, comm: MPI.Intracomm, is_field: bool) -> Array:
+        """The derivative (n,) with respect to the scaled numbers, by (1).  Collective."""
+        if self.basis is None:
+            return derivative * self.scale
+        slope = self.basis.T @ derivative
+        # Each rank has the rows of (1) of the entries that it owns; numbers are known to all ranks.
+        if is_field:
+            comm.Allreduce(MPI.IN_PLACE, slope, op=MPI.SUM)
+        return slope
+
+
+class DesignProblem:
+    """A result and its limits as functions of one vector of scaled numbers.
+
+    Args:
+        who: name of the function, for messages.
+        source: of results and gradients.
+        of: the result.
+        basis: columns (k, m) of fields, by name.
+        record: file to which parameters are written after each iteration; None: no file.
+        restart: whether the search goes on from that file.
+
+    Attributes:
+        comm: of the source.
+        variables: parts of the vector.
+        history: the result after each iteration, that of the start first.
+    """
+
+    def __init__(
+        self,
+        who: str,
+        source: Source,
+        of: Any,
+        basis: Mapping[str, Any],
+        record: Path | None,
+        restart: bool,
+    ) -> None:
+        """Make the vector of scaled numbers, and evaluate the result at its start.  Collective.
+
+        Args:
+            who: name of the function, for messages.
+            source: of results and gradients.
+            of: the result.
+            basis: for fields by name the columns (k, m) that are combined.
+            record: file to which parameters are written after each iteration; None: no file.
+            restart: whether the search goes on from that file.
+
+        Raises:
+            InputError: a basis of another parameter or of another shape, or no file to restart
+                from.
+        """
+        self.who = who
+        self.comm = source.comm
+        self._source = source
+        self._of = of
+        self._record = record
+        present = source.values()
+        for name in basis:
+            check(name in present, f"{who}: basis has '{name}', which is not in by.")
+        known = present
+        if restart:
+            known = self._read(present)
+        self.variables = []
+        for name in present:
+            self.variables.append(self._variable(name, known[name], basis.get(name)))
+        self._at: Array | None = None
+        self._known: dict[int, tuple[float, Array]] = {}
+        if not restart:
+            # The source has evaluated its start.
+            self._at = self.start
+        # `value` divides by nothing, so that the scale may follow from it.
+        self._scale_of_value = 1.0
+        self._scale_of_value = max(abs(self.value(self.start)), TINY)
+        self.history = [self.value(self.start)]
+        # The log of an iteration also says how large the problem is.
+        LOGGER.info("%s: %d numbers, value %.9g", who, self.size, self.history[0])
+
+    def _variable(self, name: str, values: Array, columns: Any) -> DesignVariable:
+        """Return the part of the vector that varies one parameter; collective.
+
+        Args:
+            name: "item.parameter".
+            values: of the parameter at the start (k,), in its unit.
+            columns: basis (k, m) whose amounts are varied; None: all values are.
+
+        Raises:
+            InputError: a basis that is not a matrix with a row for each value of this rank.
+        """
+        is_field = self._source.is_distributed(name)
+        if columns is None:
+            # On all ranks one scale, also where one of them has no entry of a field.
+            largest = float(np.abs(values).max(initial=0.0))
+            scale = self.comm.allreduce(largest, op=MPI.MAX) or 1.0
+            return DesignVariable(name, values, scale, None, is_field and self.comm.size > 1)
+        basis = np.array(columns, dtype=float)
+        check_on_all(
+            self.comm,
+            basis.ndim == 2 and basis.shape[0] == len(values) and basis.shape[1] > 0,
+            f"{self.who}: the basis of '{name}' has the shape {basis.shape}; give columns of the "
+            f"{len(values)} values "
+            "that the rank has.",
+        )
+        return DesignVariable(name, values, 1.0, basis, False)
+
+    # ---- the vector ------------------------------------------------------------------------------
+
+    @property
+    def start(self) -> Array:
+        """Scaled numbers of this rank at the start."""
+        return np.concatenate([variable.first() for variable in self.variables])
+
+    @property
+    def size(self) -> int:
+        """Numbers of all ranks."""
+        total = 0
+        for variable in self.variables:
+            if variable.is_distributed:
+                total += self.comm.allreduce(variable.size)
+            else:
+                total += variable.size
+        return total
+
+    def distributed(self) -> list[str]:
+        """Names of the parameters whose numbers are distributed over ranks."""
+        return [variable.name for variable in self.variables if variable.is_distributed]
+
+    def parts(self, x: Array) -> Iterator[tuple[DesignVariable, Array]]:
+        """The parameters, and the numbers of each in the vector of this rank."""
+        ends = np.cumsum([variable.size for variable in self.variables])
+        return zip(self.variables, np.split(x, ends[:-1]), strict=True)
+
+    def parameters(self, x: Array) -> dict[str, Array]:
+        """Values of the parameters by name, of this rank."""
+        return {variable.name: variable.values(part) for variable, part in self.parts(x)}
+
+    def amounts(self, x: Array) -> dict[str, Array]:
+        """Amounts of the columns of each basis, by name."""
+        found = {}
+        for variable, part in self.parts(x):
+            if variable.basis is not None:
+                found[variable.name] = np.array(part)
+        return found
+
+    def bounds(self, given: Mapping[str, tuple[Any, Any]]) -> tuple[Array, Array]:
+        """Return the smallest and the largest scaled numbers (n,), (n,) of this rank; collective.
+
+        Args:
+            given: (lower, upper) by name of a parameter, unscaled, in its unit; with a basis they
+                bound the amounts of the columns.  Each is one number for all entries, or an array
+                with one for each number that the parameter has on this rank.  Parameters without
+                bounds get infinite ones.
+
+        Raises:
+            InputError: on all ranks: a name that is not a parameter, a lower bound above the upper
+                one, or an array with another length than the parameter has numbers on its rank.
+        """
+        names = [variable.name for variable in self.variables]
+        for name in given:
+            check(name in names, f"{self.who}: bounds has '{name}', which is not in by.")
+        lows = []
+        highs = []
+        for variable in self.variables:
+            lower, upper = given.get(variable.name, (-math.inf, math.inf))
+            low = self._bound(variable, lower)
+            high = self._bound(variable, upper)
+            # Bounds of a field are arrays, which may be wrong on one rank only.
+            check_on_all(
+                self.comm,
+                bool((low <= high).all()),
+                f"{self.who}: the bounds of '{variable.name}' are {lower!r} and {upper!r}; give "
+                "the smaller one first.",
+            )
+            lows.append(low)
+            highs.append(high)
+        return np.concatenate(lows), np.concatenate(highs)
+
+    def _bound(self, variable: DesignVariable, given: Any) -> Array:
+        """Return a bound of one parameter, scaled (k,); collective.
+
+        Args:
+            variable: the parameter, with k numbers on this rank.
+            given: one number for all of them, or an array (k,), in the unit of the parameter.
+
+        Raises:
+            InputError: on all ranks: an array of another length on one of them.
+        """
+        bound = np.asarray(given, dtype=float)
+        check_on_all(
+            self.comm,
+            bound.ndim == 0 or bound.shape == (variable.size,),
+            f"{self.who}: a bound of '{variable.name}' has the shape {bound.shape}; give one "
+            f"number, or the {variable.size} numbers that the rank has.",
+        )
+        return np.full(variable.size, bound / variable.scale)
+
+    # ---- results ---------------------------------------------------------------------------------
+
+    def move_to(self, x: Array) -> None:
+        """Set the parameters, unless they are set already.  Collective."""
+        # All ranks decide alike: a rank without entries would know every vector.
+        is_known = self._at is not None and np.array_equal(x, self._at)
+        if self.comm.allreduce(is_known, op=MPI.LAND):
+            return
+        self._source.set(self.parameters(x))
+        self._at = np.array(x)
+        self._known = {}
+
+    def evaluate(self, objective: Any, x: Array) -> tuple[float, Array]:
+        """A result, and its derivative with respect to the scaled numbers of this rank.
+        Collective.
+
+        Results of the present numbers are kept, so that a second call for one costs nothing.
+
+        Args:
+            objective: the result, by whose identity it is kept.
+            x: scaled numbers (n,) of this rank.
+
+        Returns:
+            the result in its unit, and its derivatives (n,).
+        """
+        self.move_to(x)
+        if id(objective) not in self._known:
+            found = self._source.gradient(objective)
+            slopes = []
+            for variable in self.variables:
+                derivative = found[variable.name]
+                is_field = derivative.function is not None
+                slopes.append(variable.slope(derivative.values, self.comm, is_field))
+            self._known[id(objective)] = (found.value, np.concatenate(slopes))
+        return self._known[id(objective)]
+
+    def value(self, x: Array) -> float:
+        """The result.  Collective."""
+        return self.evaluate(self._of, x)[0]
+
+    def scaled(self, x: Array) -> tuple[float, Array]:
+        """The result over its size at the start, and its derivative.  Collective."""
+        value, slope = self.evaluate(self._of, x)
+        return value / self._scale_of_value, slope / self._scale_of_value
+
+    # ---- the record ------------------------------------------------------------------------------
+
+    def note(self, x: Array) -> None:
+        """Log an iteration, and write its parameters."""
+        self.history.append(self.value(x))
+        iteration = len(self.history) - 1
+        LOGGER.info("%s: iteration %d, value %.9g", self.who, iteration, self.history[-1])
+        path = self._record_of_rank()
+        if path is None:
+            return
+        parameters = {name: values.tolist() for name, values in self.parameters(x).items()}
+        content = {"value": self.history[-1], "parameters": parameters}
+        # A search that is killed leaves the last complete file.
+        unfinished = path.with_name(path.name + ".part")
+        unfinished.write_text(json.dumps(content), encoding="utf-8")
+        unfinished.replace(path)
+
+    def _record_of_rank(self) -> Path | None:
+        """The file that this rank writes; fields on several ranks have one file for each rank."""
+        if self._record is None:
+            return None
+        if self.comm.size > 1 and any(map(self._source.is_distributed, self._source.values())):
+            of_rank = f"{self._record.stem}-{self.comm.rank}-of-{self.comm.size}"
+            return self._record.with_name(of_rank + self._record.suffix)
+        return self._record if self.comm.rank == 0 else None
+
+    def _read(self, present: Mapping[str, Array]) -> dict[str, Array]:
+        """Return the values of a record.  Collective.
+
+        Args:
+            present: values (k,) of the parameters by name, which say how many there are.
+
+        Returns:
+            values (k,) of the same parameters at the last iteration that was written.
+
+        Raises:
+            InputError: the file does not exist, or it was written for another scene.
+        """
+        path = self._record
+        # Numbers are in the file of rank 0, which all ranks read.
+        if path is not None and self.comm.size > 1:
+            path = self._record_of_rank() or path
+        check_on_all(
+            self.comm,
+            path is not None and path.exists(),
+            f"{self.who}: there is no file {path} to restart from; give record, or restart=False.",
+        )
+        # For mypy: without a path the check has failed.
+        assert path is not None
+        recorded = json.loads(path.read_text(encoding="utf-8"))["parameters"]
+        found = {}
+        for name, values in present.items():
+            found[name] = np.array(recorded.get(name, []), dtype=float)
+            check_on_all(
+                self.comm,
+                len(found[name]) == len(values),
+                f"{self.who}: the record has {len(found[name])} values of '{name}'; the scene has "
+                f"{len(values)}.",
+            )
+        return found

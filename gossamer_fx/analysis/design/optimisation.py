@@ -1,0 +1,379 @@
+"""Minimisation of a result of an equilibrium or of runs by its exact gradients, with methods of
+SciPy and of PETSc.
+
+The parameters are divided by their size, so that their changes are comparable.  In each evaluation
+of an equilibrium the parameters of the compiled scene are set, the equilibrium is found again from
+the last one, and one transposed system is solved for the result and one for each constraint.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from mpi4py import MPI
+
+from gossamer_fx.analysis.design.design_problem import (
+    TINY,
+    DesignProblem,
+    EquilibriumSource,
+    RunSource,
+)
+from gossamer_fx.analysis.sensitivity.objectives import Objective
+from gossamer_fx.analysis.sensitivity.results import Gradient
+from gossamer_fx.analysis.statics.equilibrium import Equilibrium
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.body import Array
+
+# Methods of SciPy, and the bounded quasi-Newton methods of PETSc's TAO.
+Method = Literal["L-BFGS-B", "SLSQP", "blmvm", "bqnls"]
+TAO_METHODS = ("blmvm", "bqnls")
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Limit:
+    """A result that a minimisation keeps within limits, a constraint.
+
+    Args:
+        of: a result with derivatives.
+        low: smallest value, in the unit of the result.
+        high: largest value; equal to `low` for a result that is to have a given value.
+
+    Raises:
+        InputError: no limit, or low above high.
+
+    Example:
+        >>> gx.analysis.Limit(gx.analysis.Energy(), high=2.0).high
+        2.0
+    """
+
+    of: Objective
+    _: KW_ONLY
+    low: float = -math.inf
+    high: float = math.inf
+
+    def __post_init__(self) -> None:
+        check(
+            self.low <= self.high and (self.low > -math.inf or self.high < math.inf),
+            f"Limit: low is {self.low!r} and high is {self.high!r}; give one of them, or both in "
+            "this order.",
+        )
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """What a minimisation has found; of an equilibrium, the scene has its parameters and stands in
+    it.
+
+    Attributes:
+        value: the result.
+        parameters: values by name; of a field those of this rank.
+        iterations: of the method.
+        converged: whether the method ended by its tolerance.
+        message: how it ended, in words of SciPy or TAO.
+        values: the result after each iteration, that of the start first.
+        amounts: of the columns of each basis, by name of the field.
+
+    Example:
+        >>> gx.analysis.Optimum(0.0, {}, iterations=3, converged=True, message="").iterations
+        3
+    """
+
+    value: float
+    parameters: dict[str, Array]
+    iterations: int
+    converged: bool
+    message: str
+    values: list[float] = field(default_factory=list)
+    amounts: dict[str, Array] = field(default_factory=dict)
+
+
+@check_arguments
+def minimise(
+    equilibrium: Equilibrium,
+    *,
+    of: Objective,
+    by: Sequence[str],
+    bounds: Mapping[str, tuple[Any, Any]] | None = None,
+    limits: Sequence[Limit] = (),
+    basis: Mapping[str, Any] | None = None,
+    method: Method | None = None,
+    iterations: int = 100,
+    tolerance: float = 1e-8,
+    record: str | Path | None = None,
+    restart: bool = False,
+) -> Optimum:
+    """Change parameters of a scene so that a result of its equilibrium gets least.
+
+    It finds a local minimum near the start.  A field has a number for each of its entries, or with
+    a basis the amounts of a few given changes of it.
+
+    Methods: "L-BFGS-B" and, with limits, "SLSQP" of `scipy.optimize`; the bounded quasi-Newton
+    methods "blmvm" and "bqnls" of PETSc's TAO, for fields that are distributed over ranks, which
+    are never gathered. Without a name it is "L-BFGS-B", with limits "SLSQP", of fields on several
+    ranks "blmvm".
+
+    Args:
+        equilibrium: its scene is changed; `find` is called by the minimisation.
+        of: a result with derivatives, see `gx.analysis.gradient`.
+        by: names of the parameters.
+        bounds: for parameters by name the smallest and the largest value, numbers or arrays of this
+            rank; with a basis, of its amounts.
+        limits: results that are to stay within limits.
+        basis: for fields by name an array (k, m) of m changes of the k values that this rank has.
+            The field is its start plus a sum of amounts of them, which is zero at the start.
+        method: see above.
+        iterations: at most.
+        tolerance: relative change of the result at which the search ends.
+        record: file to which the parameters are written after each iteration (JSON).  Rank 0
+            writes; of fields on several ranks each rank writes a file with its part.
+        restart: whether to start from the parameters in this file, on as many ranks.
+
+    Raises:
+        InputError: a name that the scene has not, bounds or a basis of something else, no file to
+            restart from, a method of SciPy with a field on several ranks, or limits with a method
+            of TAO.
+        NoEquilibrium: parameters without an equilibrium.
+
+    Example:
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=1.0)
+        >>> scene = gx.Scene(spring, gx.Gravity(mass, (0.0, 0.0, -10.0)))
+        >>> height = gx.probes.Position(mass.port(), "z")
+        >>> from_wanted = gx.analysis.Functional(
+        ...     lambda run: (height(run) + 1.5) ** 2,
+        ...     lambda run: {mass: np.array([0.0, 0.0, 2 * (height(run) + 1.5)])},
+        ...     unit="m²",
+        ... )
+        >>> found = gx.analysis.minimise(
+        ...     gx.Equilibrium(scene), of=from_wanted, by=["spring.length"], tolerance=1e-14
+        ... )
+        >>> found.parameters["spring.length"].round(4)
+        array([1.4])
+    """
+    _check_numbers("minimise", iterations, tolerance)
+    problem = DesignProblem(
+        "minimise",
+        EquilibriumSource(equilibrium, by),
+        of,
+        basis or {},
+        None if record is None else Path(record),
+        restart,
+    )
+    return _search(problem, bounds or {}, limits, method, iterations, tolerance)
+
+
+@check_arguments
+def minimise_runs(
+    evaluate: Callable[[dict[str, Array]], Gradient],
+    start: Mapping[str, Any],
+    *,
+    bounds: Mapping[str, tuple[Any, Any]] | None = None,
+    method: Method | None = None,
+    iterations: int = 100,
+    tolerance: float = 1e-8,
+    record: str | Path | None = None,
+    restart: bool = False,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+) -> Optimum:
+    """Change parameters of a run so that a result of it gets least; each evaluation makes a new
+    run.
+
+    It finds a local minimum near the start, by "L-BFGS-B" of `scipy.optimize`, or by "blmvm" or
+    "bqnls" of PETSc's TAO.
+
+    Args:
+        evaluate: function of the values of the parameters by name, arrays (k,), that makes a scene
+            with them, records a run and returns `gx.analysis.gradient(tape, of=..., by=...)`.
+        start: first values by name, numbers or arrays.
+        bounds: for parameters by name the smallest and the largest value.
+        method: see above; for fields on several ranks one of TAO.
+        iterations: at most.
+        tolerance: relative change of the result at which the search ends.
+        record: file to which the parameters are written after each iteration (JSON), see
+            `minimise`.
+        restart: whether to start from the parameters in this file.
+        comm: ranks of the runs.
+
+    Raises:
+        InputError: no gradient, one that lacks a parameter, no parameter, or what `minimise`
+            refuses.
+        StepFailure: parameters with which a step fails.
+
+    Example:
+        >>> def height_after_a_second(values):
+        ...     ball = gx.PointMass(1.0, (0.0, 0.0, -1.0), name="ball")
+        ...     stiffness = float(values["spring.stiffness"][0])
+        ...     spring = gx.connectors.Spring(
+        ...         ball.port(), gx.Ground((0.0, 0.0, 0.0)), stiffness=stiffness, length=0.9
+        ...     )
+        ...     run = gx.Simulation(gx.Scene(spring), gx.Midpoint(dt=0.05))
+        ...     tape = gx.analysis.RunTape(run)
+        ...     run.run(until=1.0)
+        ...     height = gx.probes.Position(ball.port(), "z")
+        ...     return gx.analysis.gradient(tape, of=height, by=["spring.stiffness"])
+        >>> found = gx.analysis.minimise_runs(
+        ...     height_after_a_second,
+        ...     {"spring.stiffness": 30.0},
+        ...     bounds={"spring.stiffness": (20.0, 60.0)},
+        ... )
+        >>> round(found.value, 2), found.parameters["spring.stiffness"].round()
+        (-1.0, array([40.]))
+    """
+    _check_numbers("minimise_runs", iterations, tolerance)
+    check(bool(start), "minimise_runs: start is empty; give first values by name.")
+    problem = DesignProblem(
+        "minimise_runs",
+        RunSource(evaluate, start, comm),
+        None,
+        {},
+        None if record is None else Path(record),
+        restart,
+    )
+    return _search(problem, bounds or {}, (), method, iterations, tolerance)
+
+
+def _check_numbers(who: str, iterations: int, tolerance: float) -> None:
+    """Refuse a number of iterations or a tolerance that is out of range."""
+    check(iterations > 0, f"{who}: iterations is {iterations!r}; give a positive number.")
+    check(
+        0 < tolerance < 1,
+        f"{who}: tolerance is {tolerance!r}; give a number between 0 and 1.",
+    )
+
+
+def _search(
+    problem: DesignProblem,
+    bounds: Mapping[str, tuple[Any, Any]],
+    limits: Sequence[Limit],
+    method: Method | None,
+    iterations: int,
+    tolerance: float,
+) -> Optimum:
+    """Choose the method, minimise, and leave the source at the minimum.  Collective.
+
+    Args:
+        problem: result and parameters as a function of one scaled vector.
+        bounds: smallest and largest value of parameters by name, in their units.
+        limits: bounds of other results.
+        method: of SciPy or of PETSc's TAO; None: SLSQP with limits, blmvm for fields on several
+            ranks, else L-BFGS-B.
+        iterations: at most.
+        tolerance: relative change of the value at which the search ends.
+
+    Raises:
+        InputError: limits with a method that takes none, or a field on several ranks with a method
+            of SciPy.
+    """
+    who = problem.who
+    distributed = problem.distributed()
+    if method is None and limits:
+        method = "SLSQP"
+    elif method is None:
+        method = "blmvm" if distributed else "L-BFGS-B"
+    with_tao = method in TAO_METHODS
+    check(
+        method == "SLSQP" or not limits,
+        f"{who}: '{method}' takes no limits; leave method out, or give bounds only.",
+    )
+    check(
+        with_tao or not distributed,
+        f"{who}: '{', '.join(distributed)}' is a field, which is distributed over "
+        f"{problem.comm.size} ranks; use "
+        "method='blmvm' without limits, give a basis, or use one rank.",
+    )
+    # Two libraries, since SciPy's methods need the whole vector on each rank.
+    if with_tao:
+        # Loaded here: SciPy does without.
+        from gossamer_fx.analysis.design.tao_minimisation import tao_minimise
+
+        ended = tao_minimise(
+            problem,
+            problem.bounds(bounds),
+            method=method,
+            iterations=iterations,
+            tolerance=tolerance,
+        )
+        return _optimum(problem, ended.x, ended.iterations, ended.converged, ended.message)
+    from scipy import optimize
+
+    options: dict[str, Any] = {"maxiter": iterations, "ftol": tolerance}
+    if method == "L-BFGS-B":
+        # The scaled gradient may fall far below one before the value stands still.
+        options["gtol"] = 0.0
+    # Without bounds L-BFGS-B takes its first step without a projection.
+    low, high = problem.bounds(bounds)
+    found = optimize.minimize(
+        problem.scaled,
+        problem.start,
+        jac=True,
+        method=method,
+        bounds=optimize.Bounds(low, high) if bounds else None,
+        constraints=_constraints(problem, limits),
+        options=options,
+        callback=problem.note,
+    )
+    return _optimum(problem, found.x, int(found.nit), bool(found.success), str(found.message))
+
+
+def _optimum(
+    problem: DesignProblem, x: Array, iterations: int, converged: bool, message: str
+) -> Optimum:
+    """Return what was found; the source gets the parameters.  Collective.
+
+    Args:
+        problem: the minimised function.
+        x: scaled numbers (n,) of this rank at the minimum.
+        iterations: number of those made.
+        converged: whether the method reached its tolerance.
+        message: of the method.
+    """
+    # The last evaluation of a line search need not be the best one.
+    problem.move_to(x)
+    return Optimum(
+        value=problem.value(x),
+        parameters=problem.parameters(x),
+        iterations=iterations,
+        converged=converged,
+        message=message,
+        values=problem.history,
+        amounts=problem.amounts(x),
+    )
+
+
+def _constraints(problem: DesignProblem, limits: Sequence[Limit]) -> list[dict[str, Any]]:
+    """Return limits as SciPy's SLSQP takes them, over the size of each result at the start.
+
+    Args:
+        problem: the minimised function, with the scaled vector at its start.
+        limits: smallest and largest values of other results, in their units.
+    """
+    found: list[dict[str, Any]] = []
+    for limit in limits:
+        size = max(abs(problem.evaluate(limit.of, problem.start)[0]), TINY)
+        if limit.low == limit.high:
+            found.append(_constraint(problem, "eq", limit.of, 1 / size, limit.low))
+            continue
+        # SLSQP knows lower bounds of functions only; the sign of an upper one is turned.
+        if limit.low > -math.inf:
+            found.append(_constraint(problem, "ineq", limit.of, 1 / size, limit.low))
+        if limit.high < math.inf:
+            found.append(_constraint(problem, "ineq", limit.of, -1 / size, limit.high))
+    return found
+
+
+def _constraint(
+    problem: DesignProblem, kind: str, objective: Objective, factor: float, value: float
+) -> dict[str, Any]:
+    """factor (J - value) is zero, or not negative."""
+    return {
+        "type": kind,
+        "fun": lambda x: factor * (problem.evaluate(objective, x)[0] - value),
+        "jac": lambda x: factor * problem.evaluate(objective, x)[1],
+    }

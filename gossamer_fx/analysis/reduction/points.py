@@ -1,0 +1,182 @@
+"""The quadrature points of a reduced film: strains, forces and stiffness, by a compiled kernel.
+
+Problem.  A reduced film has some hundred to some thousand quadrature points.  Evaluating products
+of small matrices there by NumPy costs more in calls than in arithmetic.
+
+Idea.  The kernel of `points.c` computes strains, forces N and products T G (see `reduced_energies`)
+at the points; the law is evaluated by `terms.law_kernel`, as that of a full film.  Python
+multiplies with the gradients of the modes, before and after, as full matrices.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.analysis.reduction.kernel import library
+from gossamer_fx.core.forms.c_source import CStruct
+from gossamer_fx.core.model.body import Array, Indices
+from gossamer_fx.mechanics.terms.law_kernel.functions import LawFunctions
+from gossamer_fx.mechanics.terms.law_kernel.point_law import PointLaw, PointValues
+
+# Numbers of a stress (3) and its derivatives (9)
+RESPONSE = 12
+
+
+class Points:
+    """The quadrature points of a rank's own cells: p in each cell, q in all.
+
+    Args:
+        functions: of the law, compiled.
+        cells: local numbers of the cells.
+        dA: reference areas (cells, p) [m²], times the weights of sampled cells.
+        G: gradients of the modes (q, 2, r) [1/m].
+        may_choose: whether strains may be chosen, see `terms.element_energies`.
+
+    Attributes:
+        past: strains (q, 3) at the start of the last step.
+        start: strains (q, 3) at the start of this step.
+        strain: strains (q, 3) of the iterate.
+        response: mean stress S_mean [N/m] and its derivatives D_mean at start and strain (q, 12).
+        law: the law at these points.
+    """
+
+    def __init__(
+        self, functions: LawFunctions, cells: Indices, dA: Array, G: Array, *, may_choose: bool
+    ) -> None:
+        """Make the arrays of strains and stresses at the q quadrature points of the sampled cells.
+
+        Args:
+            functions: of the law, compiled.
+            cells: local numbers of the sampled cells.
+            dA: weights times areas (cells, points a cell) [m²].
+            G: gradients of the r modes in the frame of the film (q, 2, r) [1/m].
+            may_choose: whether a point may choose, in Newton's iteration, between the linearised
+                strain and the strain of the linearised stress.
+        """
+        self._c = library(functions.strain.function_space.mesh.comm)
+        q, _, self._r = G.shape
+        self.past = np.zeros((q, 3))
+        self.start = np.zeros((q, 3))
+        self.strain = np.zeros((q, 3))
+        self.response = np.zeros((q, RESPONSE))
+        rows = np.arange(q, dtype=np.int32).reshape(dA.shape)
+        values = PointValues(self.start, self.strain, self.response, rows)
+        self.law = PointLaw(functions, values, cells, may_choose=may_choose)
+        self._linear_strain = np.zeros((q, 3))
+        self._density = np.zeros(q)
+        self._G = np.ascontiguousarray(G).reshape(2 * q, self._r)
+        self._dA = dA.ravel()
+        # Gradients at the start and at the end of the step; forces N and products T G (module
+        # `reduced_energies`)
+        self._F0: Array = np.zeros((2 * q, 3))
+        self._F: Array = np.zeros((2 * q, 3))
+        self._N = np.zeros((2 * q, 3))
+        self._TG = np.zeros((2 * q, 9 * self._r))
+        self._struct = self._c.struct(
+            "point_stresses",
+            {
+                "count": q,
+                "dA": self._c.array("dA", self._dA, "float64", (q,)),
+                "strain": self._c.array("strain", self.strain, "float64", (q, 3)),
+                "response": self._c.array("response", self.response, "float64", (q, RESPONSE)),
+            },
+        )
+        self._stresses = self._struct.pointer
+
+    def move(self, c: Array) -> None:
+        """Set the coefficients (r, 3) [m] at the end of the step.
+
+        This sets the gradients `_F` (2q, 3) [-] of the shape. Strains and stresses stay as they are
+        until `linearise` or `set_true_strains`.
+        """
+        self._F = self._G @ c
+
+    def keep(self) -> None:
+        """Accept a step: its end is the start of the next one."""
+        # The kernel has the addresses of `start`: it is written to, not replaced.
+        self.past[:] = self.start
+        self.start[:] = self.strain
+        self._F0 = self._F
+
+    def set_true_strains(self) -> None:
+        """Set the strains of the gradients, and the responses at them."""
+        self._set_strains(self.strain, None)
+        self.law.respond()
+
+    def linearise(self, change: Array) -> None:
+        """Set the strains of the next Newton iterate linearly from the last one, and evaluate the
+        law there.
+
+        The first strains of a step continue those of the last step, 2 e0 - e_past.  A small basis
+        has no modes that alternate from step to step, unlike a full film, and a sail takes half an
+        iteration less.
+
+        Args:
+            change: coefficients (r, 3) [m] of the change of the modes since the last iterate.
+        """
+
+        def linear_strain() -> Array:
+            self._set_strains(self._linear_strain, change)
+            return self._linear_strain
+
+        self.law.linearise(linear_strain, first_guess=lambda: 2 * self.start - self.past)
+
+    def _set_strains(self, strains: Array, change: Array | None) -> None:
+        """Compute strains (q, 3): the true ones, or the linear ones of a change of coefficients."""
+        dF = None
+        if change is not None:
+            dF = self._G @ change
+        out = self._c.array("strains", strains, "float64", self.strain.shape, writable=True)
+        count = len(strains)
+        self._c.lib.strains(count, self._images(self._F), self._images(dF), out)
+
+    def energy(self) -> float:
+        """Stored energy [J] of this rank's cells at the start of the step."""
+        self.law.density(self._density)
+        return float(self._density @ self._dA)
+
+    def forces(self, α: float) -> Array:
+        """Forces (r, 3) [N] on the coefficients, at the weight α of the rule.
+
+        f = Gᵀ N is the sum over this rank's cells. N (2q, 3) [N m] is the stress times the area and
+        the α-weighted gradients of the shape; G (2q, r) [1/m] are the gradients of the modes.
+        """
+        N = self._c.array("N", self._N, "float64", self._N.shape, writable=True)
+        self._c.lib.forces(self._stresses, self._gradients(α).pointer, N)
+        f: Array = self._G.T @ self._N
+        return f
+
+    def stiffness(self, α: float, share: float) -> Array:
+        """Derivatives (3r, 3r) [N/m] of the forces by the coefficients c of the modes at the end of
+        a step.
+
+        K is the sum over this rank's cells, K = Gᵀ (T G): G (2q, r) [1/m] are the gradients of the
+        r modes, T the stiffness of a point [N m], and `_TG` (2q, 9r) [N] the work array of the
+        products.
+
+        Args:
+            α: weight of the end of the step in the time stepping rule, e.g. 0.5.
+            share: weight of the geometric stiffness (the stress itself), from 0 to α.
+        """
+        r = self._r
+        self._c.lib.stiffness_times(
+            self._stresses,
+            self._gradients(α).pointer,
+            share,
+            r,
+            self._c.array("G", self._G, "float64", self._G.shape),
+            self._c.array("TG", self._TG, "float64", self._TG.shape, writable=True),
+        )
+        K: Array = (self._G.T @ self._TG).reshape(r, 3, 3, r)
+        return K.swapaxes(2, 3).reshape(3 * r, 3 * r)
+
+    def _gradients(self, α: float) -> CStruct:
+        """The gradients at both ends of the step, and the weight α of the end."""
+        members = {"F0": self._images(self._F0), "F": self._images(self._F), "alpha": α}
+        return self._c.struct("point_gradients", members)
+
+    def _images(self, F: Array | None) -> Any:
+        """Images of the frame (2q, 3) as an argument of a C function; None is a null pointer."""
+        return self._c.array("F", F, "float64", self._N.shape)

@@ -1,0 +1,392 @@
+"""Results that have derivatives: what a gradient is taken of.
+
+An objective is a probe, a function of a run that returns a number, which also knows its derivatives
+with respect to coordinates and velocities.  `probes.Position` and its relatives are objectives,
+too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+import numpy as np
+import ufl
+from dolfinx import fem, la
+from petsc4py import PETSc
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.forms.compilation import compile_form
+from gossamer_fx.core.forms.kinematics import Expr, area_vector
+from gossamer_fx.core.model import roles
+from gossamer_fx.core.model.body import Array, MeshBody
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.solve.system.system import System
+
+if TYPE_CHECKING:
+    # A scene without gas does not load it.
+    from gossamer_fx.mechanics.gas.state import ChamberState
+
+
+class HasScene(Protocol):
+    """A run or an equilibrium, as far as objectives read it."""
+
+    @property
+    def system(self) -> System:
+        """The compiled scene in its present state."""
+        ...
+
+
+@runtime_checkable
+class Objective(Protocol):
+    """A result with derivatives.  All methods are collective.
+
+    Attributes:
+        unit: SI unit of the result.
+    """
+
+    unit: str
+
+    def __call__(self, run: Any) -> float:
+        """The result in the present state, the same on every rank."""
+        ...
+
+    def add_derivative(
+        self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add ∂J/∂q and ∂J/∂v of the present state to vectors of the system."""
+        ...
+
+
+@runtime_checkable
+class FormObjective(Protocol):
+    """An objective that depends on parameters also directly, by forms."""
+
+    def forms(self, system: System) -> list[ufl.Form]:
+        """Forms whose sum, at `fields[body].q1`, is the part of the result with parameters."""
+        ...
+
+
+@runtime_checkable
+class ScalarObjective(Protocol):
+    """An objective that depends on scalar unknowns, e.g. on the pressure of gas."""
+
+    def add_scalar_derivative(self, system: System, by_scalars: Array) -> None:
+        """Add ∂J/∂y of the present state, y the scalar unknowns of the system in their order."""
+        ...
+
+
+@check_arguments
+class Integral:
+    """An integral over a body, e.g. a measure of wrinkling or the difference from a wanted shape.
+
+    Args:
+        body: a film, plate, cable or beam.
+        form: function of the positions q of the body, a UFL expression, that returns a UFL form.
+        unit: SI unit of the integral.
+
+    Example:
+        >>> equilibrium = gx.Equilibrium(gx.Scene(film))
+        >>> deflection = gx.analysis.Integral(film, lambda q: q[2] ** 2 * film.dx, unit="m⁴")
+        >>> deflection(equilibrium)
+        0.0
+    """
+
+    def __init__(self, body: MeshBody, form: Callable[[Expr], ufl.Form], *, unit: str = "") -> None:
+        self.body = body
+        self.unit = unit
+        self._form = form
+        self._q = fem.Function(body.space)
+        self._compiled: tuple[fem.Form, fem.Form] | None = None
+
+    def _prepare(self, system: System) -> tuple[fem.Form, fem.Form]:
+        """Return the forms of the integral and of its derivative, which read the present positions.
+        Collective.
+
+        Args:
+            system: the compiled scene, in the state of which the integral is taken.
+
+        Returns:
+            both forms, compiled at the first use.
+
+        Raises:
+            InputError: the body is not in the scene.
+        """
+        check(
+            self.body in system.bodies,
+            f"Integral: '{self.body.name}' is not in the scene; add it.",
+        )
+        if self._compiled is None:
+            form = self._form(self._q)
+            derivative = ufl.derivative(form, self._q, ufl.TestFunction(self.body.space))
+            self._compiled = compile_form(form), compile_form(derivative)
+        owned = system.q0.array_r[system.block(self.body).owned]
+        system.fields[self.body].take(self._q, owned)
+        return self._compiled
+
+    def __call__(self, run: HasScene) -> float:
+        """The integral in the present state of a run."""
+        value, _ = self._prepare(run.system)
+        return float(run.system.comm.allreduce(fem.assemble_scalar(value)))
+
+    def add_derivative(
+        self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add the derivative by the positions.  Collective.
+
+        Args:
+            system: the compiled scene in its present state.
+            by_position: vector of the system, to which the derivative is added [unit/m].
+            by_velocity: vector of the system; the integral does not depend on velocities.
+        """
+        _, derivative = self._prepare(system)
+        dofs = self.body.space.dofmap
+        b = la.vector(dofs.index_map, dofs.index_map_bs)
+        b.array[:] = 0
+        fem.assemble_vector(b.array, derivative)
+        b.scatter_reverse(la.InsertMode.add)
+        with by_position as values:
+            owned = system.block(self.body).owned
+            system.fields[self.body].add_forces(b.array, values[owned])
+
+    def forms(self, system: System) -> list[ufl.Form]:
+        """The integral at the end of a step."""
+        return [self._form(system.fields[self.body].q1)]
+
+
+@check_arguments
+class EnclosedVolume(Integral):
+    """Volume [m³] between a film and the origin, V = ⅓ ∫ x·n da.
+
+    It is the volume of a closed film.  Of an open one it is that of the cone from its rim to the
+    origin, e.g. the volume above the plane of the rim if the origin lies in that plane.
+
+    Args:
+        film: the film; the normal points outwards.
+
+    Example:
+        >>> equilibrium = gx.Equilibrium(gx.Scene(film))
+        >>> volume = gx.analysis.EnclosedVolume(film)
+        >>> volume(equilibrium)
+        0.0
+    """
+
+    def __init__(self, film: Membrane) -> None:
+        # Exact for the deformed surface: the area vector has the degree 2 (order - 1), x the order.
+        degree = 2 * (film.order - 1) + film.order
+        dx = ufl.Measure("dx", film.space.mesh, metadata={"quadrature_degree": degree})
+
+        def volume(q: Expr) -> ufl.Form:
+            return ufl.dot(area_vector(film.deformation(q)), q) / 3 * dx
+
+        super().__init__(film, volume, unit="m³")
+
+
+@check_arguments
+class Energy:
+    """Energy [J] of a scene: stored, kinetic, and the internal energy of gas; of an equilibrium the
+    stored one.
+
+    Example:
+        >>> energy = gx.analysis.Energy()
+        >>> energy(run) == run.totals.kinetic + sum(run.totals.stored.values())
+        True
+    """
+
+    unit = "J"
+
+    def __call__(self, run: HasScene) -> float:
+        """The energy in the present state of a run."""
+        totals = run.system.totals()
+        return float(totals.kinetic + sum(totals.stored.values()))
+
+    def add_derivative(
+        self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add ψ'(q), the forces of stored energies in a step of no length, and M v.
+
+        The internal energy U = p V/(γ - 1) of a chamber adds p/(γ - 1) ∂V/∂q.  Collective.
+
+        Args:
+            system: the compiled scene in its present state.
+            by_position: vector of the system, to which forces [N] are added.
+            by_velocity: vector of the system, to which momenta [kg m/s] are added.
+        """
+        forces = system.stored_forces()
+        by_position.axpy(1.0, forces)
+        with by_position as values:
+            for gas in chambers_of(system):
+                if gas.enclosure is not None:
+                    _, of_volume, _ = gas.enclosure.gradients()
+                    values += gas.pressure / (gas.chamber.gas.gamma - 1) * of_volume
+        momenta = system.numbering.vector()
+        system.M.mult(system.v0, momenta)
+        by_velocity.axpy(1.0, momenta)
+
+    def add_scalar_derivative(self, system: System, by_scalars: Array) -> None:
+        """Add ∂U/∂p = V/(γ - 1) of each chamber."""
+        for k, gas in enumerate(chambers_of(system)):
+            by_scalars[k] += gas.volume / (gas.chamber.gas.gamma - 1)
+
+    def forms(self, system: System) -> list[ufl.Form]:
+        """The stored energy of forms; the kinetic energy depends on masses, see `kinetic_forms`."""
+        found = []
+        for kind in roles.playing(roles.ResidualForms, system.compiled):
+            for body in system.fields:
+                found += kind.energy_forms(body)
+        return found
+
+
+def chambers_of(system: System) -> list[ChamberState]:
+    """The gas of all chambers in the order of the scalar unknowns, of which the pressures are the
+    first."""
+    found: list[ChamberState] = []
+    for scalars in system.scalar_unknowns:
+        found += scalars.states().values()
+    return found
+
+
+@check_arguments
+class CrossingTime:
+    """Time [s] at which another result of a run first passes a value, e.g. at which a tube is open.
+
+    Between two steps the result counts as linear, so that the time has an error of second order in
+    h.
+
+    Args:
+        of: the result that is observed.
+        value: the value that it passes.
+
+    Raises:
+        InputError: when derived: the result did not pass the value in the recorded steps.
+
+    Example:
+        >>> opened = gx.analysis.CrossingTime(gx.analysis.ChamberPressure(tank), 500.0)
+        >>> opened.unit
+        's'
+    """
+
+    unit = "s"
+
+    def __init__(self, of: Objective, value: float) -> None:
+        self.of = of
+        self.value = value
+
+    def __call__(self, run: HasScene) -> float:
+        """Not known from one state; `gx.analysis.gradient` finds it in a tape."""
+        raise InputError(
+            "CrossingTime: one state does not know when a value was passed; use it in "
+            "gx.analysis.gradient(tape, ...)."
+        )
+
+    def add_derivative(
+        self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Refuse, as `__call__` does."""
+        self(SceneView(system))
+
+    def has_passed(self, values: Sequence[float]) -> bool:
+        """Whether the value lies between the last two of these, or is one of them."""
+        if len(values) < 2:
+            return False
+        before, after = values[-2:]
+        return (before - self.value) * (after - self.value) <= 0 and before != after
+
+    def found(
+        self, times: Sequence[float], values: Sequence[float]
+    ) -> tuple[float, dict[int, float]]:
+        """The time, and its derivative with respect to the observed result at each of the states.
+
+        Args:
+            times: of the states up to the crossing, which is in the last step [s].
+            values: of the observed result in them.
+
+        Raises:
+            InputError: the value was not passed in the last step.
+        """
+        check(
+            self.has_passed(values),
+            f"CrossingTime: the result does not pass {self.value!r}; in the recorded steps it is "
+            f"between {min(values):.6g} and {max(values):.6g}.",
+        )
+        last = len(times) - 1
+        before, after = np.asarray(values[-2:]) - self.value
+        h = times[-1] - times[-2]
+        change = after - before
+        time = times[-2] - before / change * h
+        # d/d(before) and d/d(after) of t - h before/(after - before)
+        return time, {last - 1: -h * after / change**2, last: h * before / change**2}
+
+
+@check_arguments
+class Functional:
+    """A result given by two functions: its value and its derivative with respect to all
+    coordinates.
+
+    Args:
+        value: function of a run that returns a number, the same on every rank.
+        derivative: function of a run that returns, for each body that the result depends on, the
+            derivative with respect to its coordinates: {body: array of this rank's coordinates}.
+        unit: SI unit of the result.
+
+    Raises:
+        InputError: when derived: an array of another size than the coordinates of the body.
+
+    Example:
+        >>> highest = gx.analysis.Functional(
+        ...     lambda run: run.system.state[mass].positions()[0, 2],
+        ...     lambda run: {mass: np.array([0.0, 0.0, 1.0])},
+        ...     unit="m",
+        ... )
+        >>> highest(run)
+        -1.0
+    """
+
+    def __init__(
+        self,
+        value: Callable[[Any], float],
+        derivative: Callable[[Any], dict[Any, Array]],
+        *,
+        unit: str = "",
+    ) -> None:
+        self._value = value
+        self._derivative = derivative
+        self.unit = unit
+
+    def __call__(self, run: HasScene) -> float:
+        """The value in the present state of a run."""
+        return float(self._value(run))
+
+    def add_derivative(
+        self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add the derivative that the function of the user returns.
+
+        Args:
+            system: the compiled scene in its present state.
+            by_position: vector of the system, to which the derivative is added.
+            by_velocity: vector of the system; the result does not depend on velocities.
+
+        Raises:
+            InputError: an array has not one entry for each coordinate of its body on this rank.
+        """
+        found = self._derivative(SceneView(system))
+        with by_position as values:
+            for body, by_coordinates in found.items():
+                owned = system.block(body).owned
+                given = np.ravel(np.asarray(by_coordinates, dtype=float))
+                check(
+                    len(given) == owned.stop - owned.start,
+                    f"Functional: the derivative by '{body.name}' has {len(given)} entries; give "
+                    "one for each of the "
+                    f"{owned.stop - owned.start} coordinates of this rank.",
+                )
+                values[owned] += given
+
+
+class SceneView:
+    """A compiled scene as a run, for objectives and functions of the user."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system

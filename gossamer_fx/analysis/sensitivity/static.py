@@ -1,0 +1,145 @@
+"""Gradients at a static equilibrium r(q, θ) = 0, by one transposed solve.
+
+    Kᵀ λ = ∂J/∂q,    dJ/dθ = ∂J/∂θ - λ·∂r/∂θ                                                    (1)
+
+K is the tangent of the equilibrium, which is factorised once, whatever the number of parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from gossamer_fx.analysis.sensitivity.form_derivative import FormDerivative
+from gossamer_fx.analysis.sensitivity.objectives import Energy, FormObjective, Objective
+from gossamer_fx.analysis.sensitivity.results import Gradient, collected
+from gossamer_fx.analysis.sensitivity.transposed import TransposedSolver
+from gossamer_fx.analysis.sensitivity.variables import (
+    AdjointFields,
+    FormVariable,
+    PointVariable,
+    find_variables,
+)
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.solve.system.system import System
+
+
+class SolvedEquilibrium(Protocol):
+    """An `analysis.Equilibrium`, as far as gradients need it."""
+
+    @property
+    def system(self) -> System:
+        """The compiled scene in the equilibrium."""
+        ...
+
+    def need(self, what: str) -> None:
+        """Raise `InputError` unless an equilibrium was found."""
+        ...
+
+
+class StaticGradients:
+    """Gradients of results of one equilibrium, by the same variables; it may be found again in
+    between.
+
+    Args:
+        equilibrium: of the scene.
+        by: names of the variables.
+
+    Raises:
+        InputError: a name that the scene has not, a part of the scene without a gradient, or gas
+            chambers.
+    """
+
+    def __init__(self, equilibrium: SolvedEquilibrium, by: Sequence[str]) -> None:
+        """Check that the scene has a gradient at an equilibrium, and find the variables.
+        Collective.
+
+        Args:
+            equilibrium: of the scene.
+            by: names of the variables, "item.parameter".
+
+        Raises:
+            InputError: a name that the scene has not, a part of the scene without a gradient, or
+                gas chambers.
+        """
+        system = equilibrium.system
+        check(
+            not system.scalar_unknowns,
+            "gradient: the gas of a chamber at equilibrium depends on how it got there; give the "
+            "pressure as Pressure, or take the gradient of a run.",
+        )
+        self._equilibrium = equilibrium
+        self._system = system
+        self._adjoint = AdjointFields(system)
+        self.variables = find_variables(system, by, self._adjoint, in_time=False)
+        self._explicit: dict[int, list[list[FormDerivative]]] = {}
+        self._solver: TransposedSolver | None = None
+        self._zero = system.numbering.vector()
+        self._λ = system.numbering.vector()
+        self._by_position = system.numbering.vector()
+        self._by_velocity = system.numbering.vector()
+
+    def factorise(self) -> None:
+        """Take the tangent of the present equilibrium.  Collective.
+
+        Raises:
+            InputError: no equilibrium was found, or the tangent is singular.
+        """
+        self._equilibrium.need("gradient")
+        system = self._system
+        system.set_end(system.q0)
+        system.set_inertia(0.0)
+        K = system.tangent()
+        if self._solver is None:
+            self._solver = TransposedSolver(K)
+        self._solver.factorise(K)
+
+    def of(self, objective: Objective) -> Gradient:
+        """Return the gradient of one result at the equilibrium of the last `factorise`.
+        Collective.
+
+        Args:
+            objective: the result, with its derivatives by the coordinates.
+        """
+        system = self._system
+        assert self._solver is not None
+        self._by_position.set(0.0)
+        self._by_velocity.set(0.0)
+        objective.add_derivative(system, self._by_position, self._by_velocity)
+        # Fixed coordinates do not follow; their rows and columns of K are those of the identity.
+        self._by_position.array[system.supports.held] = 0
+        self._solver.solve(self._by_position, self._λ)
+        self._adjoint.set(self._λ)
+        explicit = self._explicit_derivatives(objective)
+        for variable, derivatives in zip(self.variables, explicit, strict=True):
+            variable.start()
+            variable.add_residual(self._λ, with_inertia=False)
+            for derivative in derivatives:
+                variable.sum += derivative.assemble()
+            if isinstance(objective, Energy) and isinstance(variable, PointVariable):
+                variable.sum += variable.energy_derivative()
+        value = objective(self._equilibrium)
+        return collected(value, objective.unit, self.variables, system.comm)
+
+    def _explicit_derivatives(self, objective: Objective) -> list[list[FormDerivative]]:
+        """Return the direct derivatives ∂J/∂θ of a result J by each variable θ, as forms.
+
+        Args:
+            objective: the result J.
+
+        Returns:
+            for each variable the derivatives of the forms of J, compiled at the first use; empty
+            where J does not depend on the variable directly.
+        """
+        known = self._explicit.get(id(objective))
+        if known is not None:
+            return known
+        forms = objective.forms(self._system) if isinstance(objective, FormObjective) else []
+        found: list[list[FormDerivative]] = []
+        for variable in self.variables:
+            derivatives = []
+            if forms and isinstance(variable, FormVariable):
+                derivatives = [FormDerivative(forms, one) for one in variable.coefficients]
+            found.append(derivatives)
+        self._explicit[id(objective)] = found
+        return found

@@ -1,0 +1,350 @@
+"""The tape of a run: states between its steps, from which each step can be made again.
+
+A tape with room for all states keeps them all.  When they need more than the memory that it may
+take, every second one is dropped, again and again, so that the states that stay are evenly spaced:
+checkpoints.  The number of steps of a run is not known before its end, for which optimal schedules
+such as Revolve ask.  The backward pass makes the dropped states again, by steps from the checkpoint
+before:
+
+    with room for m states, one further pass forwards serves m²/4 steps, two serve some m³/27 steps.
+
+Steps that are made again agree with those of the run to the tolerance of Newton's method.  Source
+of the levels: A. Griewank & A. Walther, Evaluating Derivatives, 2nd ed., SIAM 2008, chapter 12.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import StepFailure, check, check_on_all
+from gossamer_fx.core.checks.failures import NotConverged
+from gossamer_fx.core.model import roles
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage
+from gossamer_fx.solve.steppers.midpoint import Midpoint
+from gossamer_fx.solve.steppers.stepping import StepSolver
+from gossamer_fx.solve.system.system import System
+
+# Memory [bytes] that a tape may take on a rank, unless the user says otherwise.
+DEFAULT_MEMORY = 4e9
+
+# States for which every tape needs room: both ends of the run, and both ends of a step.
+FEWEST_STATES = 4
+
+
+@runtime_checkable
+class RunToRecord(Protocol):
+    """A `run.Simulation`, as far as a tape reads it."""
+
+    @property
+    def system(self) -> System:
+        """The compiled scene."""
+        ...
+
+    @property
+    def stepper(self) -> Any:
+        """The time stepper."""
+        ...
+
+    @property
+    def solver(self) -> StepSolver:
+        """The time stepper at work, which makes steps again."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """An accepted state of a run.
+
+    Attributes:
+        index: number of steps before it.
+        time: [s].
+        h: length of the step that led to it [s]; zero for the first node.
+        q: this rank's coordinates and multipliers (n,).
+        v: this rank's velocities (n,).
+        histories: what kinds with history variables saved, in their order.
+        scalars: states of the scalar unknowns, in their order.
+        active_sets: of the step that led to it, by kind; empty for the first node.
+        bytes: memory that it takes on this rank.
+    """
+
+    index: int
+    time: float
+    h: float
+    q: Array
+    v: Array
+    histories: list[Any]
+    scalars: list[dict[str, Any]]
+    active_sets: list[Any]
+    bytes: int
+
+
+@check_arguments
+class RunTape:
+    """Records the steps of a run from now on, for `gx.analysis.gradient`.
+
+    It keeps coordinates and velocities of every accepted step, 16 bytes for each unknown and step,
+    and what history variables and pairs of contact need.  Factors are not kept: the backward pass
+    computes them again.  When the states need more than `memory`, only evenly spaced ones stay, and
+    the backward pass makes the others again.  Steps that were undone, because of an event or a step
+    control, leave the tape.
+
+    Args:
+        run: a `Simulation` with `Midpoint` steps.
+        memory: what the tape may take on each rank [bytes].
+
+    Attributes:
+        nodes: the states that are kept, from the one at the start of the recording to the last one.
+        stride: number of steps between two states that are kept.
+        bytes: memory of the states on this rank.
+
+    Raises:
+        InputError: another stepper or stress rule; no room for four states.
+
+    Example:
+        >>> run = gx.Simulation(gx.Scene(mass), gx.Midpoint(dt=0.1))
+        >>> tape = gx.analysis.RunTape(run)
+        >>> run.run(until=1.0)
+        >>> len(tape.nodes)
+        11
+    """
+
+    def __init__(self, run: RunToRecord, *, memory: float = DEFAULT_MEMORY) -> None:
+        """Check the arguments, and record every step from now on.  Collective.
+
+        Args:
+            run: a `Simulation` with `Midpoint` steps.
+            memory: what the tape may take on each rank [bytes].
+
+        Raises:
+            InputError: another stepper or stress rule, or no room for four states.
+        """
+        stepper = run.stepper
+        check(
+            isinstance(stepper, Midpoint) and isinstance(stepper.rule, PathAverage),
+            f"RunTape: the run makes steps of {stepper!r}, which are not the same backwards; use "
+            "Midpoint(dt=...).",
+        )
+        check(memory > 0, f"RunTape: memory is {memory!r} bytes; give a positive number.")
+        self.system = run.system
+        self.memory = memory
+        self.stride = 1
+        self._solver = run.solver
+        self._keepers = roles.playing(roles.StepHistory, self.system.compiled)
+        self._with_active_sets = roles.playing(roles.ExchangesEnds, self.system.compiled)
+        first = self._present(0, 0.0)
+        check_on_all(
+            self.system.comm,
+            FEWEST_STATES * first.bytes <= memory,
+            f"RunTape: memory is {memory:.3g} bytes; four states need "
+            f"{FEWEST_STATES * first.bytes} bytes on a rank.",
+        )
+        self.nodes: list[Node] = [first]
+        # Counted along with the states: a sum over all of them in every step would grow with the
+        # square of the number of steps.
+        self.bytes = first.bytes
+        # Lengths and ends [s] of all steps, of which the first entries stand for the first node.
+        self._lengths = [0.0]
+        self._times = [first.time]
+        self.system.recorders.append(self._record)
+
+    def close(self) -> None:
+        """Record no more steps."""
+        if self._record in self.system.recorders:
+            self.system.recorders.remove(self._record)
+
+    @property
+    def steps(self) -> int:
+        """Number of recorded steps, whether their states are kept or not."""
+        return len(self._lengths) - 1
+
+    # ---- states ----------------------------------------------------------------------------------
+
+    def restore(self, node: Node) -> None:
+        """Make a recorded state that of the system.  Collective."""
+        self.system.restore(node.q, node.v, node.time)
+        for kind, saved in zip(self._keepers, node.histories, strict=True):
+            kind.load_history(saved)
+        for scalars, state in zip(self.system.scalar_unknowns, node.scalars, strict=True):
+            scalars.set_state(state)
+
+    def _present(self, index: int, h: float) -> Node:
+        """Return the accepted state of the system as a node of the tape.
+
+        Args:
+            index: number of steps before it.
+            h: length of the step that led to it [s]; zero for the first node.
+        """
+        system = self.system
+        active_sets = []
+        if h > 0:
+            active_sets = [kind.save_active_set() for kind in self._with_active_sets]
+        q = np.array(system.q0.array_r)
+        v = np.array(system.v0.array_r)
+        histories = [kind.save_history() for kind in self._keepers]
+        return Node(
+            index=index,
+            time=system.time,
+            h=h,
+            q=q,
+            v=v,
+            histories=histories,
+            scalars=[scalars.get_state() for scalars in system.scalar_unknowns],
+            active_sets=active_sets,
+            bytes=_bytes_of([q, v, histories, active_sets]),
+        )
+
+    def _record(self) -> None:
+        """Add the step that was accepted; called by the system on all ranks."""
+        system = self.system
+        start = system.time - system.h
+        # A step that starts before the last state replaces steps that were undone.
+        while self.steps and self._times[-1] > start + system.h / 2:
+            self._times.pop()
+            self._lengths.pop()
+        while self.nodes[-1].index > self.steps:
+            self._drop_last()
+        self._lengths.append(system.h)
+        self._times.append(system.time)
+        # The last state stays in any case, as the end of the run so far.
+        if self.nodes[-1].index % self.stride:
+            self._drop_last()
+        node = self._present(self.steps, system.h)
+        self.nodes.append(node)
+        self.bytes += node.bytes
+        if self._is_over(self.memory):
+            self._thin_out(self.memory)
+
+    def _drop_last(self) -> None:
+        """Drop the last state."""
+        self.bytes -= self.nodes.pop().bytes
+
+    def _is_over(self, memory: float) -> bool:
+        """Whether the states need more memory [bytes] on any rank.  Collective."""
+        return bool(self.system.comm.allreduce(self.bytes > memory, op=MPI.LOR))
+
+    def _thin_out(self, memory: float) -> None:
+        """Drop every second state until the rest needs no more memory [bytes]; both ends stay.
+        Collective."""
+        last = self.nodes[-1]
+        while len(self.nodes) > 2 and self._is_over(memory):
+            self.stride *= 2
+            self.nodes = [node for node in self.nodes[:-1] if node.index % self.stride == 0]
+            self.nodes.append(last)
+            self.bytes = sum(node.bytes for node in self.nodes)
+
+    # ---- steps that are made again ---------------------------------------------------------------
+
+    def forwards(self) -> Iterator[Node]:
+        """All states in the order of time.  The system may be changed in between.  Collective."""
+        yield self.nodes[0]
+        for first, last in zip(self.nodes[:-1], self.nodes[1:], strict=True):
+            node = first
+            while node.index + 1 < last.index:
+                node = self._advance(node, node.index + 1)
+                yield node
+            yield last
+
+    def backwards(self, last: int) -> Iterator[tuple[Node, Node]]:
+        """Start and end of the first `last` steps, last step first.  Collective.
+
+        The system may be changed in between.  States that were dropped are made again, within the
+        memory of the tape.
+        """
+        if self.stride > 1:
+            # Room for the states that are made again.
+            self._thin_out(self.memory / 2)
+        nodes = list(self.nodes)
+        for first, end in zip(nodes[-2::-1], nodes[:0:-1], strict=True):
+            if first.index < last:
+                yield from self._between(first, end, last, self._free_states())
+
+    def _free_states(self) -> int:
+        """Number of states for which there is room on every rank; at least one.  Collective."""
+        largest = max(node.bytes for node in self.nodes)
+        count = int((self.memory - self.bytes) // max(largest, 1))
+        fewest: int = self.system.comm.allreduce(count, op=MPI.MIN)
+        return max(fewest, 1)
+
+    def _between(self, first: Node, end: Node, last: int, free: int) -> Iterator[tuple[Node, Node]]:
+        """Steps from `first` to `end`, last step first, as far as they are among the first `last`
+        ones.
+
+        Args:
+            first, end: states that are known.
+            last: number of the last step that is asked for.
+            free: number of further states for which there is room.
+        """
+        count = end.index - first.index
+        if count == 1:
+            if end.index <= last:
+                yield first, end
+            return
+        # All states between fit, or half of the room is for this level, the rest for those below.
+        stride = 1
+        if count - 1 > free:
+            stride = math.ceil(count / (max(free // 2, 1) + 1))
+        known = [first]
+        while known[-1].index + stride < end.index:
+            known.append(self._advance(known[-1], known[-1].index + stride))
+        known.append(end)
+        while len(known) > 1:
+            below = max(free - (len(known) - 2), 1)
+            yield from self._between(known[-2], known[-1], last, below)
+            known.pop()
+
+    def _advance(self, node: Node, index: int) -> Node:
+        """Make the recorded steps again from a known state to a later one, and return that one.
+        Collective.
+
+        Args:
+            node: the known state.
+            index: number of the step that leads to the wanted state.
+
+        Raises:
+            StepFailure: a step of the run cannot be made again.
+        """
+        system = self.system
+        recorders = system.recorders
+        supplied = system.supplied_energy
+        losses = dict(system.losses)
+        # Nothing records or counts steps that are made again: the run has made them already.
+        system.recorders = []
+        try:
+            self.restore(node)
+            # Less than the round-off of the coordinates, so that no state keeps it.
+            system.increment.remainder.set(0.0)
+            for k in range(node.index + 1, index + 1):
+                try:
+                    self._solver.step(self._lengths[k])
+                except NotConverged as problem:
+                    raise StepFailure(
+                        f"gradient: the step to t = {self._times[k]:.9g} s cannot be made again, "
+                        f"{problem}; give the tape more memory."
+                    ) from problem
+                system.time = self._times[k]
+            return self._present(index, self._lengths[index])
+        finally:
+            system.recorders = recorders
+            system.supplied_energy = supplied
+            system.losses.update(losses)
+
+
+def _bytes_of(saved: Any) -> int:
+    """Memory [bytes] of the arrays in lists, tuples, dictionaries and data classes."""
+    if isinstance(saved, np.ndarray):
+        return int(saved.nbytes)
+    if isinstance(saved, dict):
+        return sum(_bytes_of(part) for part in saved.values())
+    if isinstance(saved, list | tuple):
+        return sum(_bytes_of(part) for part in saved)
+    if is_dataclass(saved):
+        return sum(_bytes_of(getattr(saved, field.name)) for field in fields(saved))
+    return 0

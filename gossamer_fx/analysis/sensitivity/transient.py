@@ -1,0 +1,287 @@
+"""Gradients of results at the end of a run, by one pass backwards through its steps.
+
+Each step is repeated from the tape, its tangent factorised once, and one transposed system solved,
+whatever the number of parameters; `sensitivity.backward` has the equations.
+
+How long a gradient means anything.  Where films flutter or touch, neighbouring motions separate
+exponentially.  The derivative is exact all the same, but it predicts finite changes only as long as
+their amplified size stays small.  The backward pass measures that: the norm of dJ/dv grows with it.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from gossamer_fx.analysis.sensitivity.backward import BackwardSteps
+from gossamer_fx.analysis.sensitivity.form_derivative import FormDerivative
+from gossamer_fx.analysis.sensitivity.objectives import (
+    CrossingTime,
+    Energy,
+    FormObjective,
+    Objective,
+    ScalarObjective,
+    SceneView,
+)
+from gossamer_fx.analysis.sensitivity.results import Gradient, collected
+from gossamer_fx.analysis.sensitivity.tape import Node, RunTape
+from gossamer_fx.analysis.sensitivity.variables import (
+    AdjointFields,
+    FormVariable,
+    PointVariable,
+    brought_by,
+    find_variables,
+)
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model import roles
+
+LOGGER = logging.getLogger("gossamer_fx")
+
+# Growth of the adjoint over a run from which a warning is given.  A free motion lets it grow
+# linearly with time, which is a factor of 4 by the measure of `growth_of`.
+GROWTH_TO_WARN_OF = 1e3
+
+
+class TransientGradients:
+    """Gradients of results at the end of a recorded run.
+
+    Args:
+        tape: of the run, which stands at its last step.
+        by: names of the variables.
+
+    Raises:
+        InputError: a name that the scene has not, a part of the scene without a gradient, or no
+            step.
+    """
+
+    def __init__(self, tape: RunTape, by: Sequence[str]) -> None:
+        """Check that the scene has a gradient of runs, and find the variables.  Collective.
+
+        Args:
+            tape: of the run, which stands at its last step.
+            by: names of the variables, "item.parameter".
+
+        Raises:
+            InputError: a name that the scene has not, a part of the scene without a gradient, or no
+                step.
+        """
+        system = tape.system
+        check(
+            tape.steps > 0,
+            "gradient: the tape has no step; make it before run.run().",
+        )
+        for kind in system.compiled:
+            is_reversible = isinstance(kind, roles.Reversible | roles.Mass)
+            check(
+                is_reversible,
+                f"gradient: '{brought_by(system, kind)}' has forces that differ in the reversed "
+                "step, without derivatives; leave it out of the scene.",
+            )
+        self._tape = tape
+        self._system = system
+        self._adjoint = AdjointFields(system)
+        self.steps = BackwardSteps(tape)
+        self.variables = find_variables(
+            system, by, self._adjoint, in_time=True, scalars=self.steps.scalars.parts
+        )
+        self._a = system.numbering.vector()
+        self._b = system.numbering.vector()
+        self.norms: list[float] = []
+
+    def of(self, objective: Objective) -> Gradient:
+        """Return the gradient of one result; the system is as before afterwards.  Collective.
+
+        Args:
+            objective: the result at the last step of the tape, or a `CrossingTime`.
+
+        Raises:
+            InputError: a result that was never reached.
+            StepFailure: a step of the tape cannot be repeated.
+        """
+        system = self._system
+        present = self._tape.nodes[-1]
+        remainder = system.increment.remainder.copy()
+        value, observed, shares = self._observed(objective)
+        for variable in self.variables:
+            variable.start()
+        self.steps.start()
+        self._a.set(0.0)
+        self._b.set(0.0)
+        last = max(shares)
+        duration = 0.0
+        for start, end in self._tape.backwards(last):
+            if end.index == last:
+                self._add_result(observed, end, shares[last])
+                self.norms = [float(self._b.norm())]
+            duration += end.h
+            self.steps.solve(start, end, self._a, self._b)
+            self._adjoint.set(self.steps.μ)
+            self._adjoint.set_inertia(self.steps.inertia)
+            for variable in self.variables:
+                variable.add_residual(self.steps.μ, with_inertia=True)
+            self.steps.carry(start, end, self._a, self._b)
+            if start.index in shares:
+                self._add_result(observed, start, shares[start.index])
+            self.norms.append(float(self._b.norm()))
+        self._finish_scalars()
+        self._add_masses()
+        for variable in self.variables:
+            variable.add_start(self._a, self._b)
+        self._tape.restore(present)
+        remainder.copy(system.increment.remainder)
+        growth = growth_of(self.norms)
+        self._warn(growth, duration)
+        notes: list[str] = []
+        for kind in roles.playing(roles.GradientNotes, system.compiled):
+            notes += kind.gradient_notes()
+        return collected(
+            value=value,
+            unit=objective.unit,
+            variables=self.variables,
+            comm=system.comm,
+            growth=growth,
+            notes=notes,
+        )
+
+    def _observed(self, objective: Objective) -> tuple[float, Objective, dict[int, float]]:
+        """Return the value of a result, and which states of the tape it depends on.
+
+        Args:
+            objective: the result; a `CrossingTime` depends on the two states before and after the
+                crossing, others on the last state.
+
+        Returns:
+            the value; the result that is observed in these states; and the derivative of the value
+            by the observed result, by the number of the state.
+
+        Raises:
+            InputError: a value that was never passed.
+        """
+        view = SceneView(self._system)
+        if not isinstance(objective, CrossingTime):
+            return objective(view), objective, {self._tape.steps: 1.0}
+        times = []
+        values = []
+        for node in self._tape.forwards():
+            self._tape.restore(node)
+            times.append(node.time)
+            values.append(objective.of(view))
+            # States after the first crossing do not count.
+            if objective.has_passed(values):
+                break
+        value, shares = objective.found(times, values)
+        return value, objective.of, shares
+
+    def _finish_scalars(self) -> None:
+        """Add what the initial state of the scalar unknowns gives; the system then stands at the
+        start."""
+        scalars = self.steps.scalars
+        if not scalars.size:
+            return
+        self._tape.restore(self._tape.nodes[0])
+        with self._a as by_position:
+            scalars.finish(by_position)
+        self.steps.clear(self._a)
+
+    def _add_result(self, objective: Objective, node: Node, share: float) -> None:
+        """Add a share of the derivatives of a result in a state, also those by parameters.
+        Collective.
+
+        Args:
+            objective: the result.
+            node: the state, which becomes that of the system.
+            share: derivative of the value by the result in this state.
+        """
+        system = self._system
+        self._tape.restore(node)
+        by_position = system.numbering.vector()
+        by_velocity = system.numbering.vector()
+        objective.add_derivative(system, by_position, by_velocity)
+        self.steps.clear(by_position)
+        self.steps.clear(by_velocity)
+        self._a.axpy(share, by_position)
+        self._b.axpy(share, by_velocity)
+        scalars = self.steps.scalars
+        if scalars.size and isinstance(objective, ScalarObjective):
+            by_scalars = np.zeros(scalars.size)
+            objective.add_scalar_derivative(system, by_scalars)
+            scalars.c += share * by_scalars
+        forms = objective.forms(system) if isinstance(objective, FormObjective) else []
+        for variable in self.variables:
+            if isinstance(variable, FormVariable):
+                for coefficient in variable.coefficients:
+                    variable.sum += share * FormDerivative(forms, coefficient).assemble()
+            if isinstance(objective, Energy):
+                self._add_energy(variable, share)
+        if isinstance(objective, Energy):
+            for part in scalars.parts:
+                part.add_energy_derivative(share)
+            self.steps.add_energy_by_history(share)
+
+    def _add_energy(self, variable: object, share: float) -> None:
+        """Add the part of the derivative of the energy that is not in its forms: of energies
+        between points, and of kinetic energy by masses.
+
+        Args:
+            variable: to whose sum it is added.
+            share: derivative of the value by the energy of the present state.
+        """
+        system = self._system
+        if isinstance(variable, PointVariable):
+            variable.sum += share * variable.energy_derivative()
+        elif isinstance(variable, FormVariable):
+            # ½ v·∂M v, by the forms of the inertia with the velocity in place of both vectors.
+            self._adjoint.set(system.v0)
+            self._adjoint.set_inertia(system.v0)
+            variable.sum += share * variable.inertia_derivative() / 2
+
+    def _add_masses(self) -> None:
+        """Add what forces that depend on the masses of bodies give for densities and thicknesses.
+
+        The mass of a body is v·M v of the unit velocity v along x.
+        """
+        system = self._system
+        for kind in roles.playing(roles.MassDependence, system.compiled):
+            for body, by_mass in kind.derivatives_by_mass().items():
+                unit = system.numbering.vector()
+                rows = unit.array[system.block(body).owned].reshape(-1, body.block.size)
+                rows[:, 0] = 1.0
+                self._adjoint.set(unit)
+                self._adjoint.set_inertia(unit)
+                for variable in self.variables:
+                    if isinstance(variable, FormVariable):
+                        variable.sum += by_mass * variable.inertia_derivative()
+
+    def _warn(self, growth: float, duration: float) -> None:
+        """Log for how long the gradient predicts finite changes, if that is shorter than the run.
+
+        Args:
+            growth: of the adjoint over the run, as a factor; see `growth_of`.
+            duration: of the run [s].
+        """
+        if growth < GROWTH_TO_WARN_OF:
+            return
+        rate = math.log(growth) / duration
+        if self._system.comm.rank == 0:
+            LOGGER.warning(
+                "gradient: changes of the motion grow by a factor of %.1e in this run, as exp(%.3g "
+                "t); a relative change of 1e-4 is predicted for about %.3g s",
+                growth,
+                rate,
+                math.log(1e4) / rate,
+            )
+
+
+def growth_of(norms: Sequence[float]) -> float:
+    """Growth of the adjoint over a run from its norms, last step first, as a factor.
+
+    It is the square of the growth over the earlier half of the run, so that a linear growth, which
+    predicts finite changes well, counts as 4.
+    """
+    middle = norms[len(norms) // 2]
+    if len(norms) < 3 or middle == 0:
+        return 1.0
+    return float(np.square(norms[-1] / middle))

@@ -1,0 +1,572 @@
+"""The variables of a gradient: parameters of a compiled scene, found by name, read, changed and
+derived by.
+
+With the adjoint vector μ the derivative of a result J by a parameter θ is
+
+    dJ/dθ = ∂J/∂θ - Σ μ·∂r/∂θ,
+
+summed over the steps of a run, or of the one equilibrium.  A variable adds up this sum.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from petsc4py import PETSc
+
+from gossamer_fx.analysis.sensitivity.form_derivative import (
+    Coefficient,
+    FormDerivative,
+    MeshNodes,
+    size_of,
+)
+from gossamer_fx.core.checks.errors import InputError, check, check_on_all
+from gossamer_fx.core.model import roles
+from gossamer_fx.core.model.body import Array, Body, MeshBody, has_nodal_unknowns, is_on_mesh
+from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
+from gossamer_fx.mechanics.terms.scalar_unknowns import ScalarsAdjoint
+from gossamer_fx.solve.system.system import System
+
+# Names of variables that are not parameters of terms.
+SHAPE = "shape"
+INITIAL_VELOCITY = "initial_velocity"
+INITIAL_POSITION = "initial_position"
+SPIN = "spin"
+VELOCITY = "velocity"
+
+
+class AdjointFields:
+    """An adjoint vector μ as functions on the meshes of bodies, which the derivatives of forms
+    read.
+
+    Attributes:
+        of: the function of each body on a mesh.
+        inertia: functions z, of which M z is the inertia of the step.
+    """
+
+    def __init__(self, system: System) -> None:
+        self._system = system
+        self.of: dict[Body, fem.Function] = {}
+        self.inertia: dict[Body, fem.Function] = {}
+        for body in system.bodies:
+            if is_on_mesh(body) and has_nodal_unknowns(body):
+                self.of[body] = fem.Function(body.space)
+                self.inertia[body] = fem.Function(body.space)
+
+    def set(self, μ: PETSc.Vec) -> None:
+        """Copy an adjoint vector to the functions, ghosts included.  Collective."""
+        self._spread(μ, self.of)
+
+    def set_inertia(self, z: PETSc.Vec) -> None:
+        """Copy z [m/s²] to the functions, ghosts included.  Collective."""
+        self._spread(z, self.inertia)
+
+    def _spread(self, vector: PETSc.Vec, functions: dict[Body, fem.Function]) -> None:
+        for body, function in functions.items():
+            owned = self._system.block(body).owned
+            self._system.fields[body].take(function, vector.array_r[owned])
+
+    def residual_forms(self) -> list[ufl.Form]:
+        """μ·r of all forces that are forms, complete: with expressions for tabulated functions."""
+        expressions: dict[fem.Function, Any] = {}
+        for tabulated in roles.playing(roles.TabulatedCoefficients, self._system.compiled):
+            expressions.update(tabulated.expressions())
+        found = []
+        for kind in roles.playing(roles.ResidualForms, self._system.compiled):
+            for body, μ in self.of.items():
+                found += kind.residual_forms(body, μ)
+        if expressions:
+            found = [ufl.replace(form, expressions) for form in found]
+        return found
+
+    def inertia_forms(self) -> list[ufl.Form]:
+        """μ·M z of all masses that are forms."""
+        found = []
+        for kind in roles.playing(roles.MassForms, self._system.compiled):
+            for body, μ in self.of.items():
+                found += kind.kinetic_forms(body, self.inertia[body], μ)
+        return found
+
+
+class Variable(ABC):
+    """One variable of a gradient.
+
+    Attributes:
+        name: "item.parameter".
+        unit: SI unit.
+        is_distributed: whether each rank has its own part of the values; otherwise all have all.
+    """
+
+    name: str
+    unit: str
+    is_distributed: bool
+
+    def __init__(self, name: str, unit: str, is_distributed: bool, size: int) -> None:
+        """Begin with a derivative of zero.
+
+        Args:
+            name: "item.parameter".
+            unit: SI unit.
+            is_distributed: whether each rank has its own part of the values.
+            size: number of values on this rank.
+        """
+        self.name = name
+        self.unit = unit
+        self.is_distributed = is_distributed
+        self.sum: Array = np.zeros(size)
+
+    @abstractmethod
+    def get(self) -> Array:
+        """Present values (k,) of this rank."""
+
+    @abstractmethod
+    def set(self, values: Array) -> None:
+        """Give it other values (k,); `System.parameters_changed` is to be called then."""
+
+    def start(self) -> None:
+        """Begin a new sum."""
+        self.sum[:] = 0
+
+    def add_residual(self, μ: PETSc.Vec, with_inertia: bool) -> None:
+        """Subtract μ·∂r/∂θ of the present step from the sum; the adjoint fields have μ."""
+        return
+
+    def add_start(self, by_position: PETSc.Vec, by_velocity: PETSc.Vec) -> None:
+        """Add what the derivatives with respect to the initial state give."""
+        return
+
+    def function(self, values: Array) -> fem.Function | None:
+        """Values as a function that can be drawn; None if the variable is not a field."""
+        return None
+
+
+class FormVariable(Variable):
+    """A coefficient of forms: a constant, a field, or the stress-free positions of mesh nodes."""
+
+    def __init__(
+        self, name: str, unit: str, coefficients: Sequence[Coefficient], adjoint: AdjointFields
+    ) -> None:
+        """Differentiate the forces by the coefficients.
+
+        Args:
+            name: of the variable.
+            unit: of the variable.
+            coefficients: constants or fields that are the variable; all have the same values.
+            adjoint: fields of the adjoint problem.
+        """
+        first = coefficients[0]
+        is_constant = isinstance(first, fem.Constant)
+        super().__init__(name, unit, not is_constant, size_of(first))
+        self.coefficients = list(coefficients)
+        self._adjoint = adjoint
+        forces = adjoint.residual_forms()
+        self._forces = [FormDerivative(forces, one) for one in coefficients]
+        self._inertia: list[FormDerivative] | None = None
+
+    def get(self) -> Array:
+        """Present values (k,) of the constant, of the function on this rank, or of the nodes of the
+        mesh."""
+        first = self.coefficients[0]
+        if isinstance(first, MeshNodes):
+            return first.get()
+        if isinstance(first, fem.Constant):
+            return np.array(np.ravel(first.value), dtype=float)
+        values: Array = first.x.array[: size_of(first)].copy()
+        return values
+
+    def set(self, values: Array) -> None:
+        """Give the coefficients the values (k,), on this rank and on ghosts."""
+        for one in self.coefficients:
+            if isinstance(one, MeshNodes):
+                one.set(values)
+            elif isinstance(one, fem.Constant):
+                one.value = values.reshape(one.ufl_shape)
+            else:
+                one.x.array[: len(values)] = values
+                one.x.scatter_forward()
+
+    def add_residual(self, μ: PETSc.Vec, with_inertia: bool) -> None:
+        for derivative in self._forces:
+            self.sum -= derivative.assemble()
+        if with_inertia:
+            self.sum -= self.inertia_derivative()
+
+    def inertia_derivative(self) -> Array:
+        """∂(μ·M z)/∂θ (k,) of the vectors that the adjoint fields have; compiled at the first
+        use."""
+        if self._inertia is None:
+            masses = self._adjoint.inertia_forms()
+            self._inertia = [FormDerivative(masses, one) for one in self.coefficients]
+        found = np.zeros(len(self.sum))
+        for derivative in self._inertia:
+            found += derivative.assemble()
+        return found
+
+    def function(self, values: Array) -> fem.Function | None:
+        """Values (k,) as a function on the mesh, for output; None for a constant."""
+        first = self.coefficients[0]
+        if isinstance(first, fem.Constant):
+            return None
+        space = first.space if isinstance(first, MeshNodes) else first.function_space
+        return _function(space, values)
+
+
+class PointVariable(Variable):
+    """Numbers of terms that are not forms: of springs, ropes, creases and point forces."""
+
+    def __init__(
+        self,
+        name: str,
+        unit: str,
+        uses: Sequence[tuple[roles.PointParameters, Any, Parameter]],
+    ) -> None:
+        """Count the values of a parameter that terms without forms share.
+
+        Args:
+            name: "item.parameter".
+            unit: SI unit.
+            uses: the compiled kind, the term and its parameter, for each term that has it.
+        """
+        self._uses = uses
+        entries = [parameter.entry or 0 for _, _, parameter in uses]
+        kind, term, first = uses[0]
+        self._width = len(kind.get_number(term, str(first.source)))
+        super().__init__(name, unit, False, (max(entries) + 1) * self._width)
+
+    def _part(self, parameter: Parameter) -> slice:
+        """The entries of the values that a parameter of a term has."""
+        start = (parameter.entry or 0) * self._width
+        return slice(start, start + self._width)
+
+    def get(self) -> Array:
+        values = np.zeros(len(self.sum))
+        for kind, term, parameter in self._uses:
+            values[self._part(parameter)] = kind.get_number(term, str(parameter.source))
+        return values
+
+    def set(self, values: Array) -> None:
+        for kind, term, parameter in self._uses:
+            kind.set_number(term, str(parameter.source), values[self._part(parameter)])
+
+    def add_residual(self, μ: PETSc.Vec, with_inertia: bool) -> None:
+        for kind, term, parameter in self._uses:
+            self.sum[self._part(parameter)] -= kind.work_by_number(term, str(parameter.source), μ)
+
+    def energy_derivative(self) -> Array:
+        """∂ψ/∂θ (k,) of the energies of its terms, this rank's share."""
+        found = np.zeros(len(self.sum))
+        for kind, term, parameter in self._uses:
+            found[self._part(parameter)] += kind.energy_by_number(term, str(parameter.source))
+        return found
+
+
+class InitialVariable(Variable):
+    """Coordinates or velocities of a body at the start of a run."""
+
+    def __init__(self, name: str, body: Body, system: System, is_velocity: bool) -> None:
+        """Take as many values as this rank has unknowns of the body.
+
+        Args:
+            name: "body.parameter".
+            body: whose initial state it is.
+            system: the compiled scene.
+            is_velocity: whether the variable is the velocities [m/s], else the coordinates [m].
+        """
+        unit = "m/s" if is_velocity else "m"
+        owned = system.block(body).owned
+        super().__init__(name, unit, True, owned.stop - owned.start)
+        self._body = body
+        self._owned = owned
+        self._system = system
+        self._is_velocity = is_velocity
+
+    def get(self) -> Array:
+        positions, velocities = self._body.initial_state()
+        return np.array(velocities if self._is_velocity else positions, dtype=float)
+
+    def set(self, values: Array) -> None:
+        raise InputError(
+            f"'{self.name}' belongs to the start of a run; make a scene with other initial values."
+        )
+
+    def add_start(self, by_position: PETSc.Vec, by_velocity: PETSc.Vec) -> None:
+        vector = by_velocity if self._is_velocity else by_position
+        self.sum += vector.array_r[self._owned]
+
+    def function(self, values: Array) -> fem.Function | None:
+        body = self._body
+        if is_on_mesh(body) and has_nodal_unknowns(body):
+            return _function(body.space, values)
+        return None
+
+
+class RigidMotionVariable(Variable):
+    """Velocity or angular velocity (3,) of a rigid body at the start of a run.
+
+    The body's director d has the velocity ω × d, so that dJ/dω = Σ d × dJ/dḋ.
+    """
+
+    def __init__(self, name: str, body: RigidBody, system: System) -> None:
+        """Tell velocity and angular velocity apart by the name.
+
+        Args:
+            name: "body.velocity" or "body.spin".
+            body: the rigid body.
+            system: the compiled scene.
+        """
+        self._is_spin = name.rpartition(".")[2] == SPIN
+        super().__init__(name, "rad/s" if self._is_spin else "m/s", False, 3)
+        self._body = body
+        self._system = system
+
+    def get(self) -> Array:
+        return np.array(self._body.spin if self._is_spin else self._body.velocity)
+
+    def set(self, values: Array) -> None:
+        raise InputError(
+            f"'{self.name}' belongs to the start of a run; make a scene with another one."
+        )
+
+    def add_start(self, by_position: PETSc.Vec, by_velocity: PETSc.Vec) -> None:
+        # Four vectors on the rank that owns the body, none on the others; ranks are added up.
+        rates = by_velocity.array_r[self._system.block(self._body).owned].reshape(-1, 4, 3)
+        start = np.reshape(self._body.initial_state()[0], (-1, 4, 3))
+        if self._is_spin:
+            self.sum += np.cross(start[:, 1:], rates[:, 1:]).sum(axis=(0, 1))
+        else:
+            self.sum += rates[:, 0].sum(axis=0)
+
+
+class ScalarVariable(Variable):
+    """A number of scalar unknowns: of a chamber, an orifice, a wall or a reservoir of gas."""
+
+    def __init__(self, name: str, adjoint: ScalarsAdjoint, item: Any, system: System) -> None:
+        """Take the unit of the parameter from the adjoint.
+
+        Args:
+            name: "item.parameter".
+            adjoint: sums the derivative over the steps of a run.
+            item: chamber, opening, wall or reservoir of the scene.
+            system: the compiled scene.
+        """
+        self._what = name.rpartition(".")[2]
+        self._item = item
+        self._adjoint = adjoint
+        self._is_first = system.comm.rank == 0
+        super().__init__(name, adjoint.units[id(item), self._what], False, 1)
+
+    def get(self) -> Array:
+        return np.array([self._adjoint.value(self._item, self._what)])
+
+    def set(self, values: Array) -> None:
+        raise InputError(
+            f"'{self.name}' belongs to the gas of a run; make a scene with another one."
+        )
+
+    def add_start(self, by_position: PETSc.Vec, by_velocity: PETSc.Vec) -> None:
+        # Every rank has the whole sum; the sums of the ranks are added up.
+        if self._is_first:
+            self.sum[0] += self._adjoint.sums[id(self._item), self._what]
+
+
+def _function(space: fem.FunctionSpace, values: Array) -> fem.Function:
+    function = fem.Function(space)
+    function.x.array[: len(values)] = values
+    function.x.scatter_forward()
+    return function
+
+
+# ---- by name -------------------------------------------------------------------------------------
+
+
+def find_variables(
+    system: System,
+    names: Sequence[str],
+    adjoint: AdjointFields,
+    *,
+    in_time: bool,
+    scalars: Sequence[ScalarsAdjoint] = (),
+) -> list[Variable]:
+    """Return the variables of a scene with these names.  Collective.
+
+    Args:
+        system: the compiled scene.
+        names: "item.parameter" of each.
+        adjoint: fields of the adjoint vector, which derivatives of forms read.
+        in_time: whether the result is one of a run, which also has initial conditions.
+        scalars: adjoints of the scalar unknowns of the scene, e.g. of its gas.
+
+    Raises:
+        InputError: a name that the scene has not, with those that it has; a part of the scene
+            without a gradient.
+    """
+    check(
+        bool(names) and not isinstance(names, str),
+        f"gradient: by is {names!r}; give a list of names, e.g. by=['film.thickness'].",
+    )
+    refuse_unknown_kinds(system)
+    return [_find(system, name, adjoint, in_time, scalars) for name in names]
+
+
+def refuse_unknown_kinds(system: System) -> None:
+    """Check that the derivatives of all forces of a scene are known.  Collective.
+
+    Args:
+        system: the compiled scene.
+
+    Raises:
+        InputError: names the first part of the scene without a gradient.
+    """
+    for kind in system.compiled:
+        is_known = isinstance(
+            kind,
+            roles.ResidualForms | roles.PointParameters | roles.Mass | roles.WithoutParameters,
+        )
+        words = ""
+        if not is_known:
+            words = (
+                f"'{brought_by(system, kind)}' has no gradient, as the derivatives of its forces "
+                "are not known; "
+                "leave it out of the scene"
+            )
+        elif isinstance(kind, roles.GradientLimits):
+            words = kind.without_gradient()
+        check_on_all(system.comm, not words, f"gradient: {words}.")
+
+
+def brought_by(system: System, kind: object) -> str:
+    """Return the name of the first item of a scene that has a term of a compiled kind.
+
+    The name of the class stands for an item without a name, and for a kind without an item.
+    """
+    for item in system.items:
+        for term in system.terms_of(item):
+            if type(kind) is term.compiler:
+                return str(getattr(item, "name", type(item).__name__))
+    return type(kind).__name__
+
+
+def _find(
+    system: System,
+    name: str,
+    adjoint: AdjointFields,
+    in_time: bool,
+    scalars: Sequence[ScalarsAdjoint],
+) -> Variable:
+    """Return the variable of a parameter.
+
+    Args:
+        system: the compiled scene.
+        name: "item.parameter".
+        adjoint: fields of the adjoint vector, which derivatives of forms read.
+        in_time: whether the result is one of a run, which also has initial conditions.
+        scalars: adjoints of the scalar unknowns of the scene, e.g. of its gas.
+
+    Raises:
+        InputError: a name without a dot, an item that the scene has not or has twice, or a
+            parameter that the item has not; the message lists what there is.
+    """
+    check(
+        isinstance(name, str) and "." in name,
+        f"gradient: by has {name!r}; give 'item.parameter', e.g. 'film.thickness'.",
+    )
+    item_name, _, what = name.rpartition(".")
+    items = [item for item in system.items if getattr(item, "name", None) == item_name]
+    known = ", ".join(sorted({str(getattr(item, "name", "")) for item in system.items} - {""}))
+    check(bool(items), f"gradient: the scene has no item '{item_name}'; its items are: {known}.")
+    check(
+        len(items) == 1,
+        f"gradient: {len(items)} items of the scene are called '{item_name}'; give them different "
+        "names.",
+    )
+    item: Any = items[0]
+    if what == SHAPE and _has_shape(item):
+        return _shape(system, name, item, adjoint)
+    if in_time and isinstance(item, RigidBody) and what in (SPIN, VELOCITY):
+        return RigidMotionVariable(name, item, system)
+    if in_time and item in system.bodies and what in (INITIAL_VELOCITY, INITIAL_POSITION):
+        return InitialVariable(name, item, system, what == INITIAL_VELOCITY)
+    for part in scalars:
+        if what in part.names_of(item):
+            return ScalarVariable(name, part, item, system)
+    found = [
+        (term, parameter)
+        for term in system.terms_of(item)
+        for parameter in getattr(term, "parameters", ())
+        if parameter.name == what
+    ]
+    check(
+        bool(found),
+        f"gradient: '{item_name}' has no parameter '{what}' that results can be derived by; it "
+        f"has: {', '.join(_names_of(system, item, in_time, scalars)) or 'none'}.",
+    )
+    unit = found[0][1].unit
+    coefficients = {id(p.source): p.source for _, p in found if not isinstance(p.source, str)}
+    if coefficients:
+        return FormVariable(name, unit, list(coefficients.values()), adjoint)
+    uses: list[tuple[Any, Any, Parameter]] = []
+    for term, parameter in found:
+        kind = next(kind for kind in system.compiled if type(kind) is term.compiler)
+        uses.append((kind, term, parameter))
+    return PointVariable(name, unit, uses)
+
+
+def _names_of(
+    system: System, item: Any, in_time: bool, scalars: Sequence[ScalarsAdjoint]
+) -> list[str]:
+    """List the parameters of an item by which a result has a derivative, in alphabetical order.
+
+    Args:
+        system: the compiled scene.
+        item: of the scene.
+        in_time: whether the result is one of a run, which also has initial conditions.
+        scalars: adjoints of scalar unknowns, which add parameters of gas.
+    """
+    names = {
+        parameter.name
+        for term in system.terms_of(item)
+        for parameter in getattr(term, "parameters", ())
+    }
+    for part in scalars:
+        names.update(part.names_of(item))
+    if _has_shape(item):
+        names.add(SHAPE)
+    if in_time and isinstance(item, RigidBody):
+        names |= {SPIN, VELOCITY}
+    if in_time and item in system.bodies:
+        names |= {INITIAL_POSITION, INITIAL_VELOCITY}
+    return sorted(names)
+
+
+def _has_shape(item: object) -> bool:
+    """Whether an item is a body whose stress-free shape is a mesh."""
+    return isinstance(item, MeshBody) and has_nodal_unknowns(item)
+
+
+def _shape(system: System, name: str, body: MeshBody, adjoint: AdjointFields) -> Variable:
+    """Return the variable of the stress-free positions [m] of the nodes of a body.
+
+    Args:
+        system: the compiled scene.
+        name: of the variable, "body.shape".
+        body: a film, plate, cable or beam.
+        adjoint: fields of the adjoint vector, which derivatives of forms read.
+
+    Raises:
+        InputError: a part of the scene measures the stress-free shape in another way than by forms.
+    """
+    for kind in system.compiled:
+        is_form = isinstance(kind, roles.ResidualForms)
+        if not (is_form or isinstance(kind, roles.Mass | roles.IndependentOfShape)):
+            raise InputError(
+                f"gradient: '{brought_by(system, kind)}' is measured on the mesh when the scene "
+                "is made, so that "
+                f"there is no derivative by '{name}'; leave it out of the scene."
+            )
+    return FormVariable(name, "m", [MeshNodes(body.space.mesh)], adjoint)

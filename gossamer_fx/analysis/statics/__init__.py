@@ -1,0 +1,1 @@
+"""Equilibria, form finding and stress at rest."""

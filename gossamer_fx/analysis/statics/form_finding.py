@@ -1,0 +1,233 @@
+"""Form-finding: the shape that a film of prescribed tension takes between its supports.
+
+Problem.  A film in uniform tension n0 is a minimal surface; its shape follows from its supports and
+is not known before.
+
+Idea (updated reference strategy, Bletzinger & Ramm, Int. J. Space Structures 14 (1999) 131).  With
+n0 as constant second Piola-Kirchhoff stress, equilibrium is a linear problem, that of a
+force-density net.  Its solution is the next reference shape.  Where the solution and the reference
+coincide, the Cauchy stress is n0.
+
+Algorithm.
+
+1. Find the equilibrium with the present mesh as reference shape (one linear solve).
+2. Move the mesh to the equilibrium.
+3. Repeat until no node moves by more than `change`.
+
+Limits.  A film that pinches off, such as a catenoid between rings that are too far apart, has no
+minimal surface of the assumed topology; its mesh degenerates and the iteration does not end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.analysis.statics.equilibrium import Equilibrium, EquilibriumResult
+from gossamer_fx.core.algebra.point_measures import PointMeasure
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import NoEquilibrium, check
+from gossamer_fx.core.forms.kinematics import Expr
+from gossamer_fx.core.forms.spaces import cell_nodes
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.ports import combine
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.bodies.cable import CableLaw
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.connectors.tape import Tape
+from gossamer_fx.mechanics.materials.film import FilmLaw, IsotropicFilm
+from gossamer_fx.mechanics.terms.point_energies import PointStoredEnergy
+from gossamer_fx.solve.scene.scene import Scene
+
+
+@check_arguments
+@dataclass(frozen=True)
+class Prestress(IsotropicFilm):
+    """Film whose stress is the same in all directions and at every strain: W = n0 tr E.
+
+    E and nu are not used; density and thickness give the mass.
+
+    Args:
+        tension: n0 [N/m].
+
+    Raises:
+        InputError: the tension is not a positive number.
+
+    Example:
+        >>> law = gx.analysis.Prestress(1e9, 0.3, density=1400.0, thickness=1e-4, tension=100.0)
+        >>> law.tension
+        100.0
+    """
+
+    _: KW_ONLY
+    tension: float
+
+    quadratic = True
+
+    def __post_init__(self) -> None:
+        """Check the arguments, which the class describes; raises `InputError`."""
+        super().__post_init__()
+        check(
+            math.isfinite(self.tension) and self.tension > 0,
+            f"Prestress: tension is {self.tension!r} N/m; give a positive number.",
+        )
+
+    # Its stress is the same at every strain.
+    taut_strain = FilmLaw.taut_strain
+
+    def energy(self, e: Expr, c: Any) -> Expr:
+        """W [J/m²] of the strains e = (E_xx, E_yy, ...), with the constants c of the law."""
+        return c.tension * (e[0] + e[1])
+
+
+@dataclass(frozen=True)
+class ConstantTension:
+    """The law ψ(e) = e of a point energy: its force does not depend on its measure e."""
+
+    def energy(self, e: Array) -> Array:
+        """ψ [J], (n,), of the measures (n, 1)."""
+        return e[:, 0]
+
+    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        """Average of ψ' over a step (n, 1), and its derivative (n, 1, 1)."""
+        return np.ones_like(e1), np.zeros((*e1.shape, 1))
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class EdgeCable:
+    """Cable along edges of a film with a prescribed force N: W = N Σ L ½(λ² - 1).
+
+    L are the lengths of the edges in the reference shape, λ their stretches.  A film of tension n0
+    pulls the cable into an arc of radius N/n0.
+
+    Args:
+        body: the film along whose edges the cable runs.
+        edges: name of curves of the film's mesh.
+        force: N [N].
+        name: for messages; default from body and edges.
+
+    Raises:
+        InputError: the force is not a positive number.
+
+    Example:
+        >>> gx.analysis.EdgeCable(film, "left", force=50.0).name
+        'film/left cable'
+    """
+
+    body: Membrane
+    edges: str
+    _: KW_ONLY
+    force: float
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        """Check the arguments, which the class describes; raises `InputError`."""
+        check(
+            math.isfinite(self.force) and self.force > 0,
+            f"EdgeCable: force is {self.force!r} N; give a positive number.",
+        )
+        if not self.name:
+            object.__setattr__(self, "name", f"{self.body.name}/{self.edges} cable")
+
+    def requires(self) -> Iterable[Any]:
+        """The items that must be in the scene with this one."""
+        yield self.body
+
+    def terms(self, start: State) -> Iterable[Term]:
+        """One stored energy ψ = ½ |√(N/L) (x_b - x_a)|² - ½ N L for each edge with ends a and b.
+
+        N [N] is the force of the cable, L [m] the length of an edge, x_a and x_b the positions [m]
+        of its ends.
+
+        Args:
+            start: initial state of the scene; not used.
+
+        Raises:
+            InputError: the mesh has no edges of this name, or one of them has no length.
+        """
+        # The law of the tape is not used, only its edges and their lengths.
+        bars = Tape.along_edges(
+            self.body, CableLaw(self.force, 1.0), edges=self.edges, name=self.name
+        )
+        lengths = np.asarray(bars.lengths)
+        energies = self.force * lengths  # N L
+        roots = np.sqrt(energies) / lengths  # √(N/L)
+        vectors = []
+        for (a, b), root in zip(bars.bars, roots, strict=True):
+            weights = (float(root), -float(root))
+            vectors.append((combine(weights, (b, a)),))
+        measure = PointMeasure(vectors, np.eye(3)[None], np.zeros((1, 3)), -energies[:, None] / 2)
+        yield PointStoredEnergy(self.name, measure, ConstantTension())
+
+
+@check_arguments
+def find_form(
+    body: Membrane, scene: Callable[[], Scene], *, change: float = 1e-6, updates: int = 200
+) -> EquilibriumResult:
+    """Move the mesh of a film of order 1 to the shape of its prescribed stress.
+
+    Collective. Every update solves for the equilibrium of a new scene and moves the nodes of the
+    mesh there; after an error the mesh stays where the last update has moved it.
+
+    Args:
+        body: its law is a `Prestress`; its mesh is the first guess and is overwritten.
+        scene: returns a new scene with the film: supports read their positions from the mesh.
+        change: largest movement of a node in an update [m] at which the shape counts as found.
+        updates: number of updates of the reference shape after which the search is given up.
+
+    Returns:
+        The last equilibrium.
+
+    Raises:
+        InputError: the film has another law or order.
+        NoEquilibrium: a search for an equilibrium fails, or the shape still moves after the last
+            update, as that of a film that pinches off.
+
+    Example:
+        >>> law = gx.analysis.Prestress(1e9, 0.3, density=1400.0, thickness=1e-4, tension=100.0)
+        >>> canopy = gx.Membrane(mesh, law, name="canopy")
+        >>> def scene():
+        ...     edges = ("left", "right", "bottom", "top")
+        ...     return gx.Scene(canopy, *[gx.Fixed(canopy, edge) for edge in edges])
+        >>> result = gx.analysis.find_form(canopy, scene)
+        >>> result.regular
+        True
+    """
+    check(
+        isinstance(body.law, Prestress),
+        f"find_form: the law of '{body.name}' is not a Prestress but a {type(body.law).__name__}; "
+        "give the film a Prestress with its tension.",
+    )
+    check(
+        body.order == 1,
+        f"find_form: '{body.name}' is of order {body.order}; give a film of order 1.",
+    )
+    movement = math.inf
+    for _ in range(updates):
+        search = Equilibrium(scene())
+        found = search.find()
+        movement = _move_mesh(body, search)
+        if movement <= change:
+            return found
+    raise NoEquilibrium(
+        f"After {updates} updates '{body.name}' still moves by {movement:.1e} m; it may pinch off."
+    )
+
+
+def _move_mesh(film: Membrane, search: Equilibrium) -> float:
+    """Move the mesh to the equilibrium; returns the largest change of a coordinate [m] on all
+    ranks."""
+    positions = search.system.state[film].local_positions()
+    geometry = film.space.mesh.geometry
+    before = geometry.x.copy()
+    # The nodes of a film of order 1 are the points of its mesh, in another order.
+    geometry.x[geometry.dofmap.ravel()] = positions[cell_nodes(film.space).ravel()]
+    largest = float(np.abs(geometry.x - before).max(initial=0.0))
+    return float(film.comm.allreduce(largest, op=MPI.MAX))

@@ -1,0 +1,260 @@
+"""Prestress that was asked for, compared with the stress that is left in an equilibrium.
+
+An initial stress or tension is that in the shape of the mesh.  Supports and booms that give way
+take a part of it back, and loads change it.  In each cell the stress S that is reached is measured
+along the initial stress S0:
+
+    ratio = S·S0 / S0·S0
+
+For film under the same stress in all directions this is the mean of both principal stresses over
+that which was asked for; for film that is stressed in one direction the stress in this direction;
+for a cable or beam its tension.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem, la
+from mpi4py import MPI
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.forms.compilation import compile_form
+from gossamer_fx.core.forms.kinematics import Expr, half_trace_and_radius
+from gossamer_fx.core.forms.strain_path import gradient
+from gossamer_fx.core.model.body import Array, MeshBody, is_on_mesh
+from gossamer_fx.mechanics.bodies.curve import Curve
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.records.fields.body_shape import BodyShape
+from gossamer_fx.solve.system.system import System
+
+# Share of the prestress below which a warning says that it was given back.  Loads that a structure
+# is made for change the stress by less.
+SMALLEST_SHARE = 0.9
+
+# Initial stress of a cell over the largest one, below which the cell has none: round-off.
+NO_STRESS = 1e-9
+
+# Mean of the initial stresses over the mean of their magnitudes, below which tension and
+# compression cancel, so that a mean says nothing.
+MIXED_SIGNS = 0.5
+
+# Parts that the representation of a result names; of more only the one with the smallest share.
+MAX_NAMED_PARTS = 3
+
+_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"))
+
+
+@check_arguments
+@dataclass(frozen=True)
+class ReachedPrestress:
+    """The prestress of a film, cable or beam: asked for, and reached in an equilibrium.
+
+    Means are those over the area or the natural length that has an initial stress; the least and
+    the largest value are those of its cells.
+
+    Attributes:
+        unit: "Pa" for films, "N" for cables and beams.
+        asked: mean of the initial stress or tension; negative for compression.
+        mean: of the remaining stress in the direction of the initial stress, or of the tension.
+        least: least value of a cell.
+        largest: largest value of a cell.
+
+    Example:
+        >>> film = gx.Membrane(mesh, law, initial_stress=2e5)
+        >>> edges = [gx.Fixed(film, edge) for edge in ("left", "right", "bottom", "top")]
+        >>> result = gx.Equilibrium(gx.Scene(film, *edges)).find()
+        >>> print(result.prestress["film"])
+        200 kPa asked for, 200 kPa reached (100 %; 200 kPa to 200 kPa)
+    """
+
+    unit: str
+    asked: float
+    mean: float
+    least: float
+    largest: float
+
+    @property
+    def ratio(self) -> float:
+        """The remaining mean over the one that was asked for."""
+        return self.mean / self.asked
+
+    def __str__(self) -> str:
+        """Both values, their ratio and the range in one line."""
+        return (
+            f"{self._words(self.asked)} asked for, {self._words(self.mean)} reached "
+            f"({100 * self.ratio:.3g} %; {self._words(self.least)} to {self._words(self.largest)})"
+        )
+
+    def short(self) -> str:
+        """Both means in few words, for a list of parts, e.g. "43.2 kPa of 50 kPa"."""
+        return f"{self._words(self.mean)} of {self._words(self.asked)}"
+
+    def _words(self, value: float) -> str:
+        """A value with its unit, e.g. "43.2 kPa"."""
+        # Round-off of zero is zero in the unit without a prefix.
+        for factor, prefix in _PREFIXES:
+            if abs(self.asked) >= factor:
+                return f"{value / factor:.3g} {prefix}{self.unit}"
+        return f"{value:.3g} {self.unit}"
+
+
+class PrestressOfScene:
+    """Compares the prestress of all parts of a scene with the accepted state.
+
+    Args:
+        system: the compiled scene.
+    """
+
+    def __init__(self, system: System) -> None:
+        """Compile the comparison for each part with prestress; none for other parts.
+        Collective."""
+        self._parts: dict[str, _PrestressOfPart] = {}
+        for body in system.bodies:
+            if is_on_mesh(body) and _asked(body.full) is not None:
+                self._parts[body.name] = _PrestressOfPart(system, body)
+
+    def reached(self) -> dict[str, ReachedPrestress]:
+        """The prestress by the names of parts, the same on every rank.  Collective."""
+        found = {}
+        for name, part in self._parts.items():
+            reached = part.reached()
+            if reached is not None:
+                found[name] = reached
+        return found
+
+
+class _PrestressOfPart:
+    """The comparison of one film, cable or beam."""
+
+    def __init__(self, system: System, body: MeshBody) -> None:
+        """Compile the forms of the stress that was asked for and of the one reached.  Collective.
+
+        Args:
+            system: the compiled scene.
+            body: with an initial stress, strain or tension.
+        """
+        self._comm = system.comm
+        self._shape = BodyShape(system, body)
+        part: Any = self._shape.body
+        self._unit = "N"
+        if isinstance(part, Membrane):
+            self._unit = "Pa"
+        mesh = part.space.mesh
+        self._cells = mesh.topology.index_map(mesh.topology.dim).size_local
+        cellwise = fem.functionspace(mesh, ("Discontinuous Lagrange", 0))
+        v = ufl.TestFunction(cellwise)
+        asked = _asked(part)
+        assert asked is not None
+        reached = _reached(self._shape)
+        # Of each cell: size, S0, S0·S0 and S·S0
+        densities = (v, _principal(asked) * v, _product(asked, asked) * v)
+        self._constant = [self._assembled(compile_form(one * part.dx)) for one in densities]
+        self._form = compile_form(_product(reached, asked) * v * part.dx)
+
+    def reached(self) -> ReachedPrestress | None:
+        """The comparison in the accepted state; None without a mean that says anything."""
+        self._shape.update()
+        size, asked_integral, asked_square = self._constant
+        product = self._assembled(self._form)
+        asked = asked_integral / size
+        largest_asked = float(np.abs(asked).max(initial=0.0))
+        largest_asked = self._comm.allreduce(largest_asked, op=MPI.MAX)
+        # Prestress by groups leaves out cells, which must not lower the means.
+        has_stress = np.abs(asked) > NO_STRESS * largest_asked
+        size = size[has_stress]
+        asked = asked[has_stress]
+        values = asked * product[has_stress] / asked_square[has_stress]
+        own_sums = np.array([size.sum(), asked @ size, np.abs(asked) @ size, values @ size])
+        total, asked_sum, magnitude_sum, sum_of_values = self._comm.allreduce(own_sums)
+        if abs(asked_sum) <= MIXED_SIGNS * magnitude_sum:
+            return None
+        least = self._comm.allreduce(float(values.min(initial=np.inf)), op=MPI.MIN)
+        largest = self._comm.allreduce(float(values.max(initial=-np.inf)), op=MPI.MAX)
+        return ReachedPrestress(
+            unit=self._unit,
+            asked=float(asked_sum / total),
+            mean=float(sum_of_values / total),
+            least=least,
+            largest=largest,
+        )
+
+    def _assembled(self, form: fem.Form) -> Array:
+        """Integrals (n,) of a form over each of the n cells that this rank owns."""
+        vector = fem.assemble_vector(form)
+        vector.scatter_reverse(la.InsertMode.add)
+        return np.asarray(vector.array[: self._cells]).copy()
+
+
+def lost_prestress_words(found: dict[str, ReachedPrestress]) -> str:
+    """A warning of the parts that have lost more than a tenth of their prestress; else empty.
+
+    Args:
+        found: prestress by the names of parts.
+    """
+    lost = {name: one for name, one in found.items() if one.ratio < SMALLEST_SHARE}
+    if not lost:
+        return ""
+    # The part that has lost most comes first.
+    names = sorted(lost, key=lambda name: lost[name].ratio)
+    words = []
+    for name in names[:MAX_NAMED_PARTS]:
+        words.append(f"'{name}' has {lost[name].short()} ({100 * lost[name].ratio:.3g} %)")
+    if len(names) > MAX_NAMED_PARTS:
+        words.append(f"and {len(names) - MAX_NAMED_PARTS} more below {100 * SMALLEST_SHARE:.0f} %")
+    remedy = "support it more stiffly, or ask for more"
+    if any(one.unit == "Pa" for one in lost.values()):
+        remedy += "; a straight free edge of a film bears no stress, an arc with a cord does"
+    return (
+        "The prestress that was asked for is not reached, as supports give way or loads relieve "
+        f"it: {', '.join(words)}; {remedy}."
+    )
+
+
+def _asked(body: Any) -> Any:
+    """The initial stress [Pa] of a film (3,) or tension [N] of a line (1,); None without prestress.
+
+    Args:
+        body: a film, cable or beam.
+    """
+    if isinstance(body, Membrane):
+        if body.initial_strain is None:
+            return None
+        return _film_stress(body, body.initial_strain)
+    if isinstance(body, Curve):
+        force = body.initial_force
+        if force is not None:
+            return ufl.as_vector([force])
+    return None
+
+
+def _reached(shape: BodyShape) -> Expr:
+    """The stress [Pa] of a film (3,) or tension [N] of a line (1,) in the accepted state."""
+    body = shape.body
+    e = shape.elastic_strain()
+    if isinstance(body, Membrane):
+        return _film_stress(body, e)
+    return ufl.as_vector([body.axial_force(shape.q, e)])
+
+
+def _film_stress(film: Any, e: Expr) -> Expr:
+    """Second Piola-Kirchhoff stress (S11, S22, S12) [Pa] of a film at a strain (3,)."""
+    return gradient(film.density, e) / film.constants.thickness
+
+
+def _product(a: Expr, b: Expr) -> Expr:
+    """The product A:B of two stresses, whose shear counts twice."""
+    if a.ufl_shape == (1,):
+        return a[0] * b[0]
+    return a[0] * b[0] + a[1] * b[1] + 2 * a[2] * b[2]
+
+
+def _principal(stress: Expr) -> Expr:
+    """The principal value of the larger magnitude; of a line its tension."""
+    if stress.ufl_shape == (1,):
+        return stress[0]
+    mean, radius = half_trace_and_radius(ufl.as_vector([stress[0], stress[1], 2 * stress[2]]))
+    return ufl.conditional(ufl.ge(mean, 0), mean + radius, mean - radius)

@@ -1,0 +1,174 @@
+"""Advice for scenes whose equilibrium was not found: likely causes, from what the scene
+contains."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.core.checks.user_functions import ask_numbers
+from gossamer_fx.core.mesh.enclosed_volume import Enclosed, enclosed_by
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.loads.pressure import Pressure
+from gossamer_fx.solve.system.system import System
+
+# Residual stiffness below which the wrinkles of a film of order 2 have no equilibrium on many
+# meshes.
+SOFT_RESIDUAL_STIFFNESS = 1e-2
+
+# Temperature of a gas over that of its start, below which it has expanded into a volume that it
+# does not fill.
+COOLED = 0.95
+
+# Sum of the loads over the sum of their magnitudes, below which they balance each other.
+BALANCED = 1e-6
+
+
+@dataclass(frozen=True)
+class PressedFilm:
+    """A pressure of the scene, and what the stress-free shape of its film encloses."""
+
+    pressure: Pressure
+    enclosed: Enclosed
+
+
+@dataclass(frozen=True)
+class CollapsingPressure:
+    """A pressure that presses a film together.
+
+    Attributes:
+        words: a sentence with the cause and the remedy.
+        is_inwards: whether the normals of the film point inwards.
+    """
+
+    words: str
+    is_inwards: bool
+
+
+def remedies(
+    system: System, chambers: Mapping[str, Any], pressed_films: Iterable[PressedFilm]
+) -> str:
+    """Sentences about likely causes and what to do; empty if none is known.  Collective.
+
+    Args:
+        system: the compiled scene, in the state that was reached last.
+        chambers: states of its gas by name.
+        pressed_films: of the scene, from `measure_pressed_films`.
+    """
+    found = [
+        *_unsupported(system),
+        *(pressure.words for pressure in collapsing_pressures(pressed_films, system.time)),
+        *_gas_that_cooled(chambers),
+        *_soft_films(system),
+    ]
+    return "".join(f"  {sentence}" for sentence in found)
+
+
+def _unsupported(system: System) -> Iterator[str]:
+    """Loads that do not balance each other, on a scene in which no coordinate is held."""
+    held = system.comm.allreduce(len(system.supports.held))
+    if held or system.constraints is not None:
+        return
+    # What lies on an obstacle is supported by contact.
+    if any(getattr(item, "obstacles", ()) for item in system.items):
+        return
+    size = 3 * len(system.position_marks)
+    forces = system.external_forces().array_r[:size].reshape(-1, 3)
+    of_positions = forces * system.position_marks[:, None]
+    sums = np.append(of_positions.sum(axis=0), np.abs(of_positions).sum())
+    total: Array = system.comm.allreduce(sums, op=MPI.SUM)
+    if np.linalg.norm(total[:3]) > BALANCED * total[3]:
+        yield (
+            "Nothing in the scene is supported, and its loads do not balance each other: hold it "
+            "by gx.Fixed."
+        )
+
+
+def measure_pressed_films(system: System) -> list[PressedFilm]:
+    """Measure what the films under a pressure of the scene enclose.  Collective."""
+    found = []
+    for item in system.items:
+        if isinstance(item, Pressure):
+            mesh = item.body.mesh
+            found.append(PressedFilm(item, enclosed_by(mesh.domain, mesh.edges)))
+    return found
+
+
+def collapsing_pressures(
+    pressed_films: Iterable[PressedFilm], at: float
+) -> Iterator[CollapsingPressure]:
+    """Pressures at a time on films with an inside that press them together.  Collective.
+
+    Args:
+        pressed_films: of the scene, from `measure_pressed_films`.
+        at: time [s], for pressures that are functions of it.
+    """
+    for pressed in pressed_films:
+        item = pressed.pressure
+        enclosed = pressed.enclosed
+        film = item.body
+        pressure = _value(item, at)
+        if not enclosed.has_inside or enclosed.volume * pressure >= 0:
+            continue
+        kind = "closed film"
+        if enclosed.rims:
+            kind = "film with small open rims"
+        # A negative pressure on normals that point outwards may be meant: suction.
+        is_inwards = enclosed.volume < 0
+        if is_inwards:
+            cause = "the normals of its mesh point inwards"
+            remedy = (
+                "turn all its triangles (orient=True when the mesh is made or read, or "
+                "model.mesh.reverse() of gmsh), or change the sign of the pressure"
+            )
+        else:
+            cause = "the pressure is negative and the normals of its mesh point outwards"
+            remedy = "change the sign of the pressure"
+        words = (
+            f"'{item.name}' presses the {kind} '{film.name}' together, as {cause} "
+            f"(mesh.enclosed_volume() is {enclosed.volume:.3g} m³): {remedy}."
+        )
+        yield CollapsingPressure(words, is_inwards)
+
+
+def _value(item: Pressure, at: float) -> float:
+    """A pressure at a time [s], [Pa], the same on all ranks."""
+    value = item.pressure
+    if not callable(value):
+        return value
+    source = f"Pressure '{item.name}' at t = {at:.6g} s"
+    return float(ask_numbers(item.body.comm, source, lambda: value(at)))
+
+
+def _gas_that_cooled(chambers: Mapping[str, Any]) -> Iterator[str]:
+    """Chambers whose gas has expanded so far that it does not fill them."""
+    for name, state in chambers.items():
+        before = state.chamber.initial_temperature
+        if state.temperature < COOLED * before:
+            yield (
+                f"The gas of '{name}' expands adiabatically and has cooled from {before:.0f} K to "
+                f"{state.temperature:.0f} K, its pressure is {state.pressure:.4g} Pa: it does not "
+                "fill the film.  "
+                'Give Equilibrium(..., gas="isothermal") if it has time to warm up, '
+                'gas="held pressure" if a blower '
+                "holds its pressure, or more gas."
+            )
+
+
+def _soft_films(system: System) -> Iterator[str]:
+    """Films of order 2 whose wrinkles have almost no stiffness."""
+    for body in system.bodies:
+        if not isinstance(body, Membrane) or body.order == 1 or body.law.quadratic:
+            continue
+        stiffness = getattr(body.law, "residual_stiffness", None)
+        if stiffness is not None and stiffness < SOFT_RESIDUAL_STIFFNESS:
+            yield (
+                f"'{body.name}' is of order 2 and resists compression by {stiffness:.0e} of its "
+                "stiffness only: take "
+                f"order=1 with a finer mesh, or residual_stiffness={SOFT_RESIDUAL_STIFFNESS:g}."
+            )

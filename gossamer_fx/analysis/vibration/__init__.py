@@ -1,0 +1,1 @@
+"""Vibration modes, frequencies and waves."""

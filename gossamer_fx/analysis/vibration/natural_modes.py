@@ -1,0 +1,629 @@
+"""Small vibrations about an equilibrium, at rest or in a frame that turns with it.
+
+With the tangent K, the constant mass M and, in a frame that turns with ω, the Coriolis matrix G = 2
+M ω×,
+
+    (λ² M + λ G + K) φ = 0,    λ = growth + 2πi frequency                                     (1)
+
+K contains the geometric stiffness of stresses and the stiffness of loads that follow the body; the
+centrifugal force is a load of the equilibrium.  Lagrange multipliers of joints, rigid bodies and
+beams remain unknowns: they have no mass, so that their eigenvalues are infinite.
+
+Gas in closed films vibrates with them.  A vibration is fast, so that no gas flows and no heat is
+exchanged: a change ΔV of the volume changes the pressure by -κ ΔV, κ = γ p/V, which adds the
+stiffness κ g⊗g with the gradient g of the volume.  It couples all nodes of the film and is
+therefore not in K; the formula of Sherman, Morrison and Woodbury adds it to the inverse:
+
+    (A + U κ Uᵀ)⁻¹ = A⁻¹ - A⁻¹ U (κ⁻¹ + Uᵀ A⁻¹ U)⁻¹ Uᵀ A⁻¹,    U = (g of each chamber)         (3)
+
+Contact keeps the pairs of the equilibrium, with the stiffness of their potential.
+
+Modes near a frequency are found by inversion there (shift and invert) with SLEPc's Krylov-Schur
+method:
+
+    G = 0:   K φ = ω² M φ,   the largest eigenvalues θ = 1/(ω² - σ) of (K - σ M)⁻¹ M          (2)
+    G ≠ 0:   see `analysis.turning_modes`
+
+Cost.  One factorisation, of twice the size for a frequency other than zero in a turning frame, and
+one solution with it for each Krylov vector.
+"""
+
+from __future__ import annotations
+
+import cmath
+import logging
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from gossamer_fx.analysis.statics.equilibrium import Equilibrium
+from gossamer_fx.analysis.vibration.rigid_motions import listed
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import NoEquilibrium, check
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.terms.scalar_unknowns import ChangesWithVolume
+from gossamer_fx.solve.solvers import factorisation
+from gossamer_fx.solve.system.system import System
+
+Shape = npt.NDArray[np.complex128]
+
+AT_REST = (0.0, 0.0, 0.0)
+
+# Rigid motions make K singular.  The shift is then moved from zero by this fraction of |K|/|M|,
+# which is at most the square of the largest frequency, to where no mode is.
+SHIFT_RATIO = 1e-12
+
+# Tolerance of the eigenvalue solver, relative to the eigenvalue, and its largest number of
+# restarts.
+EIGENVALUE_TOLERANCE = 1e-9
+MAX_RESTARTS = 500
+
+# Shift over the square of a frequency of gas and film: (3) loses about as many digits as this has.
+GAS_SHIFT_RATIO = 1e-4
+
+# Squares of frequencies up to this multiple of the shift count as zero.
+ZERO_FREQUENCY_FACTOR = 100.0
+
+# Relative difference of the squares of frequencies below which they count as equal: some ten times
+# what the eigenvalue solver leaves.
+EQUAL_SQUARES = 1e-8
+
+# Ratio of the eigenvalues of a Gram matrix below which its vectors count as dependent.
+DEPENDENT = 1e-8
+
+LOG = logging.getLogger("gossamer_fx")
+
+DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+
+
+@check_arguments
+@dataclass(frozen=True, repr=False)
+class Mode:
+    """A vibration q(t) = q0 + Re(φ e^(λt)) about an equilibrium q0.
+
+    φ is scaled to the modal mass φᴴMφ = 1 kg; of a mode at rest it is real, with its largest
+    component positive.  With the rigid motions r of the scene, translations along x, y, z and
+    rotations about the axes through the centre of mass,
+
+        participation     Γ = rᵀ M φ/(φᴴ M φ)
+        effective mass    |rᵀ M φ|²/(φᴴ M φ)
+
+    Over all modes at rest effective masses add up to the mass that the supports leave free.
+
+    Attributes:
+        frequency: [Hz], zero or positive.
+        growth: [1/s]; positive for an equilibrium that is not stable.
+        shape: this rank's part of φ, (unknowns of this rank,), a NumPy array of complex numbers; in
+            the order of `system.state`, with multipliers of constraints behind the coordinates.
+        displacements: the parts of φ at the nodes that this rank owns, (n, 3), by the names of the
+            bodies; of beams and rigid bodies without the directors.
+        participation: factors of translations and rotations about x, y, z, (2, 3); in the units
+            that belong to φ.
+        effective_mass: of translations along x, y, z, (3,) [kg].
+        effective_inertia: of rotations about x, y, z through the centre of mass, (3,) [kg m²].
+
+    Example:
+        >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=1.0)
+        >>> equilibrium = gx.Equilibrium(gx.Scene(weight, spring))
+        >>> result = equilibrium.find()
+        >>> bounce = gx.analysis.modes(equilibrium, 3)[2]
+        >>> bounce.effective_mass.round(6), bounce.displacements["mass"].real.round(6)
+        (array([0., 0., 1.]), array([[-0., -0.,  1.]]))
+    """
+
+    frequency: float
+    growth: float
+    shape: Shape
+    displacements: Mapping[str, Shape] = field(default_factory=dict)
+    participation: Shape = field(default_factory=lambda: np.zeros((2, 3), dtype=complex))
+    effective_mass: Array = field(default_factory=lambda: np.zeros(3))
+    effective_inertia: Array = field(default_factory=lambda: np.zeros(3))
+
+    def __repr__(self) -> str:
+        """Frequency, growth and effective masses; shapes are long."""
+        x, y, z = self.effective_mass
+        growth = ""
+        if self.growth > 0:
+            growth = f", grows by {self.growth:.4g}/s"
+        masses = f"effective mass ({x:.3g}, {y:.3g}, {z:.3g}) kg"
+        return f"<Mode: {self.frequency:.6g} Hz{growth}, {masses}>"
+
+
+@check_arguments
+def modes(
+    equilibrium: Equilibrium,
+    count: int,
+    *,
+    spin: tuple[float, float, float] = AT_REST,
+    above: float = 0.0,
+) -> list[Mode]:
+    """The `count` modes whose frequencies are nearest to `above`, in ascending order.
+
+    Args:
+        equilibrium: the state about which the scene vibrates; `find` was called.
+        count: number of modes.
+        spin: ω of the frame [rad/s].  The scene then contains `Centrifugal` forces of the same
+            spin.
+        above: frequency [Hz]; the default finds the lowest modes.
+
+    Raises:
+        InputError: a value is out of its range, the scene has gas in a turning frame or scalar
+            unknowns other than gas, or no equilibrium was found.
+        NoEquilibrium: the stiffness is singular, or the eigenvalue solver found fewer modes.
+
+    Example:
+        >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=1.0)
+        >>> equilibrium = gx.Equilibrium(gx.Scene(weight, spring))
+        >>> result = equilibrium.find()
+        >>> [round(mode.frequency, 2) for mode in gx.analysis.modes(equilibrium, 3)]
+        [0.48, 0.48, 1.59]
+    """
+    system = equilibrium.system
+    check(above >= 0, f"modes: above is {above!r} Hz; give zero or a positive frequency.")
+    check(count > 0, f"modes: count is {count!r}; ask for one or more.")
+    equilibrium.need("modes")
+    system.set_inertia(0.0)
+    K = system.tangent()
+    M = system.M.copy()
+    # Rows of fixed coordinates: 1 in K and 0 in M, so that their eigenvalues are infinite.
+    system.supports.clear(M, 0.0)
+    away_from_zero = 0.0
+    if equilibrium.result is not None and not equilibrium.result.regular:
+        away_from_zero = SHIFT_RATIO * K.norm() / M.norm()
+    ω = 2 * math.pi * above
+    stiffnesses = _gas_stiffnesses(system, is_turning=any(spin))
+    if stiffnesses:
+        # Without the gas K may be singular, so that (3) needs a shift that the gas does not hide.
+        away_from_zero = max(away_from_zero, GAS_SHIFT_RATIO * _least_gas_square(M, stiffnesses))
+    if not any(spin):
+        found = _modes_at_rest(K, M, count, ω**2 or -away_from_zero, stiffnesses)
+    else:
+        G = system.gyroscopic(spin)
+        system.supports.clear(G, 0.0)
+        shift = {"real": math.sqrt(away_from_zero)}
+        if ω:
+            shift = {"imaginary": ω}
+        found = _modes_in_turning_frame(K, G, M, count, shift)
+    if len(found) < count:
+        raise NoEquilibrium(
+            f"Only {len(found)} of {count} modes converged; ask for fewer, or check the "
+            "equilibrium."
+        )
+
+    def distance(mode: Mode) -> float:
+        """Of λ from the wanted one [1/s]."""
+        return math.hypot(mode.growth, 2 * math.pi * (mode.frequency - above))
+
+    nearest = sorted(found, key=distance)[:count]
+    least = SHIFT_RATIO * K.norm() / M.norm()
+    _warn_of_zeros(equilibrium, nearest, least)
+    if not any(spin):
+        nearest = _orthogonal(nearest, M, least)
+    masses = ModalMasses(system, M)
+    complete = [masses.complete(mode, is_turning=any(spin)) for mode in nearest]
+    _warn_of_growth(equilibrium, complete, least)
+    return sorted(complete, key=lambda mode: (mode.frequency, -mode.growth))
+
+
+def _orthogonal(found: Sequence[Mode], M: PETSc.Mat, least: float) -> list[Mode]:
+    """Modes at rest, with shapes of one frequency that are orthogonal with respect to the mass.
+
+    Modes of different frequencies are orthogonal, but of several modes of one frequency, as of a
+    symmetric structure or of free rigid motions, the solver finds any independent combinations.
+    Their effective masses would not add up.  Collective.
+
+    Args:
+        found: the modes.
+        M: mass matrix.
+        least: square of a frequency [rad²/s²] that is round-off.
+    """
+
+    def square(mode: Mode) -> float:
+        """Of λ [1/s²]: -ω² of a vibration."""
+        return mode.growth**2 - (2 * math.pi * mode.frequency) ** 2
+
+    ordered = sorted(found, key=square)
+    groups: list[list[Mode]] = []
+    for mode in ordered:
+        zero = ZERO_FREQUENCY_FACTOR * least
+        is_equal = False
+        if groups:
+            before = square(groups[-1][-1])
+            both_zero = max(abs(before), abs(square(mode))) <= zero
+            difference = abs(square(mode) - before)
+            is_equal = both_zero or difference <= EQUAL_SQUARES * abs(before)
+        if is_equal:
+            groups[-1].append(mode)
+        else:
+            groups.append([mode])
+    result = []
+    for group in groups:
+        if len(group) > 1:
+            result += _orthogonal_group(group, M)
+        else:
+            result += group
+    return result
+
+
+def _orthogonal_group(group: Sequence[Mode], M: PETSc.Mat) -> list[Mode]:
+    """Modes of one frequency whose shapes are orthogonal; as they are if they are dependent."""
+    # Round-off may make a pair of complex conjugates of two real vectors of one eigenvalue.
+    columns = [part for mode in group for part in (mode.shape.real, mode.shape.imag)]
+    V = np.array(columns).T
+    vector = M.createVecRight()
+    product = M.createVecLeft()
+    products = []
+    for column in columns:
+        vector.array[:] = column
+        M.mult(vector, product)
+        products.append(product.array_r.copy())
+    own: Array = V.T @ np.array(products).T
+    gram = M.comm.tompi4py().allreduce(own)
+    squares, combinations = np.linalg.eigh(gram)
+    kept = slice(len(columns) - len(group), None)
+    if squares[kept][0] < DEPENDENT * squares[-1]:
+        return list(group)
+    shapes = V @ combinations[:, kept] / np.sqrt(squares[kept])
+    return [replace(mode, shape=shapes[:, k].astype(complex)) for k, mode in enumerate(group)]
+
+
+def _gas_stiffnesses(system: System, is_turning: bool) -> list[tuple[Array, float]]:
+    """Return the stiffness κ g⊗g that the gas gives each closed film.
+
+    Args:
+        system: the compiled scene, at its equilibrium.
+        is_turning: whether modes are asked for in a frame that turns.
+
+    Returns:
+        for each closed film the derivative g (n,) [m²] of its volume by this rank's coordinates,
+        zero where these are fixed, and κ [Pa/m³].
+
+    Raises:
+        InputError: scalar unknowns that are not gas, or gas in a frame that turns.
+    """
+    found = []
+    for scalars in system.scalar_unknowns:
+        check(
+            isinstance(scalars, ChangesWithVolume),
+            "modes: the scene has scalar unknowns whose stiffness is not known here; leave them "
+            "out.",
+        )
+        assert isinstance(scalars, ChangesWithVolume)
+        for gradient, stiffness in scalars.vibration_stiffness():
+            values = gradient.copy()
+            values[system.supports.held] = 0.0
+            found.append((values, stiffness))
+    check(
+        not (found and is_turning),
+        "modes: the scene has gas chambers, whose stiffness is not known in a turning frame; give "
+        "their pressure as "
+        "Pressure, or leave spin out.",
+    )
+    return found
+
+
+def _least_gas_square(M: PETSc.Mat, stiffnesses: Sequence[tuple[Array, float]]) -> float:
+    """Smallest κ (g·g)²/(g·M g) of the closed films [1/s²]: the square of a frequency of gas and
+    film."""
+    comm = M.comm.tompi4py()
+    squares = []
+    for gradient, stiffness in stiffnesses:
+        vector = M.createVecRight()
+        vector.array[:] = gradient
+        product = M.createVecLeft()
+        M.mult(vector, product)
+        length_squared = comm.allreduce(float(gradient @ gradient))
+        mass = comm.allreduce(float(gradient @ product.array_r))
+        if mass > 0:
+            squares.append(stiffness * length_squared**2 / mass)
+    return min(squares, default=0.0)
+
+
+def _warn_of_zeros(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
+    """Warn of frequencies that are zero within round-off: slack film and free motions have them.
+    Collective.
+
+    Args:
+        equilibrium: whose modes they are.
+        found: the modes.
+        least: square of an angular frequency [rad²/s²] that round-off explains.
+    """
+    result = equilibrium.result
+    assert result is not None
+    limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least) / (2 * math.pi)
+    zeros = sum(mode.frequency <= limit for mode in found)
+    if not zeros or result.regular:
+        return
+    # Imported here, as for equilibria that are not stable.
+    from gossamer_fx.analysis.statics.instability import loaded_beams
+
+    # Booms that are bent too far slacken the film between them; without film nothing is slack.
+    beams = ""
+    if any(isinstance(body, Membrane) for body in equilibrium.system.bodies):
+        beams = "".join(f" {sentence}" for sentence in loaded_beams(equilibrium.system))
+    if equilibrium.comm.rank == 0:
+        reason = "film is slack"
+        if result.free:
+            reason = f"nothing resists {listed(result.free)}, or film is slack"
+        LOG.warning(
+            "modes: %d of %d frequencies are zero within round-off (below %.1e Hz), as %s; "
+            "prestress the film, give it a residual stiffness, hold what is free, or ask for modes "
+            "above a frequency.%s",
+            zeros,
+            len(found),
+            limit,
+            reason,
+            beams,
+        )
+
+
+def _warn_of_growth(equilibrium: Equilibrium, found: Sequence[Mode], least: float) -> None:
+    """Warn of modes that grow faster than round-off explains: the equilibrium is not stable.
+    Collective.
+
+    Args:
+        equilibrium: whose modes they are.
+        found: the modes, with their growth [1/s].
+        least: square of an angular frequency [rad²/s²] that round-off explains.
+    """
+    limit = math.sqrt(ZERO_FREQUENCY_FACTOR * least)
+    growing = [mode for mode in found if mode.growth > limit]
+    if not growing:
+        return
+    # Imported here: stable equilibria do not need it, nor scenes without beams those.
+    from gossamer_fx.analysis.statics.instability import advice
+
+    fastest = max(growing, key=lambda mode: mode.growth)
+    words = advice(equilibrium.system, fastest.displacements)
+    if equilibrium.comm.rank == 0:
+        LOG.warning(
+            "modes: the equilibrium is not stable: %d of %d modes grow, the fastest by %.3g/s. %s",
+            len(growing),
+            len(found),
+            fastest.growth,
+            words,
+        )
+
+
+class ModalMasses:
+    """Scales modes to unit modal mass, and finds participation factors and effective masses.
+
+    Args:
+        system: in the state of the equilibrium.
+        M: mass matrix, with fixed coordinates taken out.
+    """
+
+    def __init__(self, system: System, M: PETSc.Mat) -> None:
+        self._system = system
+        self._M = M
+        self._size = system.block(system.bodies[-1]).owned.stop
+        self._momenta = self._rigid_momenta()
+
+    def _rigid_momenta(self) -> Array:
+        """M r of the six rigid motions, this rank's part (6, unknowns of this rank)."""
+        system = self._system
+        is_position = system.position_marks
+        q = system.q0.array_r[: self._size].reshape(-1, 3)
+        translations = [np.multiply.outer(is_position, axis) for axis in np.eye(3)]
+        masses = np.array([self._times_mass(r).reshape(-1, 3) for r in translations])
+        # Mass and first moments: rows of M times translations, by the positions.
+        mass = self._sum(masses[0][:, 0] * is_position)
+        moments = [self._sum(masses[0][:, 0] * is_position * q[:, i]) for i in range(3)]
+        centre: Array = np.zeros(3)
+        if mass > 0:
+            centre = np.array(moments) / mass
+        arms = q - np.multiply.outer(is_position, centre)
+        rotations = [self._times_mass(np.cross(axis, arms)).reshape(-1, 3) for axis in np.eye(3)]
+        return np.concatenate([masses, np.array(rotations)]).reshape(6, -1)
+
+    def _times_mass(self, values: Array) -> Array:
+        """M times a vector of coordinates, flattened."""
+        vector = self._system.numbering.vector()
+        vector.array[: self._size] = values.ravel()
+        product = self._M.createVecLeft()
+        self._M.mult(vector, product)
+        return np.array(product.array_r[: self._size])
+
+    def _sum(self, values: Array) -> float:
+        return float(self._system.comm.allreduce(values.sum()))
+
+    def complete(self, mode: Mode, is_turning: bool) -> Mode:
+        """The mode with its shape scaled, and with what follows from it.  Collective."""
+        comm = self._system.comm
+        shape = mode.shape.copy()
+        if not is_turning:
+            shape = shape * np.conj(self._phase(shape))
+        coordinates = shape[: self._size]
+        momentum = self._times_mass(coordinates.real) + 1j * self._times_mass(coordinates.imag)
+        modal_mass = float(comm.allreduce(np.vdot(coordinates, momentum).real))
+        if modal_mass > 0:
+            shape /= math.sqrt(modal_mass)
+        participation = comm.allreduce(self._momenta @ shape[: self._size]).reshape(2, 3)
+        effective = np.abs(participation) ** 2
+        displacements = {}
+        for body in self._system.bodies:
+            of_nodes = shape[self._system.block(body).owned].reshape(-1, body.block.size // 3, 3)
+            displacements[body.name] = of_nodes[:, 0]
+        return replace(
+            mode,
+            shape=shape,
+            displacements=displacements,
+            participation=participation,
+            effective_mass=effective[0],
+            effective_inertia=effective[1],
+        )
+
+    def _phase(self, shape: Shape) -> complex:
+        """The factor of size one by which the largest component of a shape differs from a positive
+        number."""
+        coordinates = shape[: self._size]
+        own = complex(0.0)
+        if len(coordinates):
+            own = complex(coordinates[np.abs(coordinates).argmax()])
+        # Of components that are equal up to round-off the first rank's counts.
+        largest = max(self._system.comm.allgather(own), key=abs)
+        if largest == 0:
+            return 1.0
+        return largest / abs(largest)
+
+
+class _ShiftedInverse:
+    """The operator (K + Σ κ g⊗g - σ M)⁻¹ M of (2) and (3), as PETSc's Python matrix."""
+
+    def __init__(
+        self, K: PETSc.Mat, M: PETSc.Mat, σ: float, stiffnesses: Sequence[tuple[Array, float]]
+    ) -> None:
+        """Factorise K - σ M, and solve with it for g of each chamber, see (3).  Collective.
+
+        Args:
+            K: tangent stiffness.
+            M: mass matrix, of the same rows.
+            σ: shift [rad²/s²].
+            stiffnesses: (g, κ) of each chamber, with this rank's part of g.
+        """
+        shifted = K.copy()
+        shifted.axpy(-σ, M, DIFFERENT_PATTERN)
+        self._M = M
+        self._Mx = M.createVecLeft()
+        self._pc = PETSc.PC().create(K.comm)
+        self._pc.setOperators(shifted)
+        factorisation.choose(self._pc, shifted)
+        _check_inverse(factorisation.set_up(self._pc))
+        self._border: tuple[Array, Array, Array] | None = None
+        if stiffnesses:
+            self._border = self._solve_border(stiffnesses)
+
+    def _solve_border(
+        self, stiffnesses: Sequence[tuple[Array, float]]
+    ) -> tuple[Array, Array, Array]:
+        """U, A⁻¹ U and (κ⁻¹ + Uᵀ A⁻¹ U)⁻¹ of (3); this rank's rows of the first two."""
+        right = self._M.createVecRight()
+        solution = self._M.createVecRight()
+        columns = []
+        solutions = []
+        for gradient, _ in stiffnesses:
+            right.array[:] = gradient
+            self._pc.apply(right, solution)
+            columns.append(gradient)
+            solutions.append(solution.array_r.copy())
+        U = np.array(columns).T
+        solved = np.array(solutions).T
+        inner = self._M.comm.tompi4py().allreduce(U.T @ solved)
+        inner += np.diag([1 / stiffness for _, stiffness in stiffnesses])
+        return U, solved, np.linalg.inv(inner)
+
+    def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Set y = (K - σ M)⁻¹ M x; called by SLEPc."""
+        self._M.mult(x, self._Mx)
+        self._pc.apply(self._Mx, y)
+        if self._border is not None:
+            U, solved, inverse = self._border
+            of_chambers = self._M.comm.tompi4py().allreduce(U.T @ y.array_r)
+            y.array[:] -= solved @ (inverse @ of_chambers)
+
+
+def _check_inverse(problem: str) -> None:
+    """Raise `NoEquilibrium` if a factorisation has failed."""
+    if problem:
+        raise NoEquilibrium(
+            f"modes: the stiffness is singular at the frequency asked for, {problem}; choose "
+            "another."
+        )
+
+
+def _modes_at_rest(
+    K: PETSc.Mat,
+    M: PETSc.Mat,
+    count: int,
+    shift: float,
+    stiffnesses: Sequence[tuple[Array, float]],
+) -> list[Mode]:
+    """The modes of equation (2) of the module whose ω² are nearest to a shift.  Collective.
+
+    Args:
+        K, M: tangent and mass matrix, without fixed coordinates.  K may be unsymmetric, by loads
+            that follow the body.
+        count: how many modes are wanted.
+        shift: ω² [1/s²] near which they are.
+        stiffnesses: vectors g and factors k of further stiffness k g gᵀ, as of gas in chambers.
+
+    Returns:
+        modes with frequency [Hz] and growth [1/s], in the order in which they are found.
+    """
+    inverse = _ShiftedInverse(K, M, shift, stiffnesses)
+    operator = PETSc.Mat().createPython(K.getSizes(), inverse, K.comm)
+    operator.setUp()
+    found = []
+    for θ, shape in _largest_eigenpairs(operator, count):
+        # ω² = shift + 1/θ, and the mode moves as exp(λ t) with λ² = -ω².  θ = 0 is that of an
+        # infinite frequency.
+        if θ:
+            λ = cmath.sqrt(-shift - 1 / θ)
+            frequency = abs(λ.imag) / (2 * math.pi)
+            found.append(Mode(frequency, growth=abs(λ.real), shape=shape))
+    return found
+
+
+def _largest_eigenpairs(operator: PETSc.Mat, count: int) -> Iterator[tuple[complex, Shape]]:
+    """Yield the eigenvalues of largest magnitude, and this rank's parts of their vectors.
+
+    Collective, by SLEPc.  There may be more or fewer of them than asked for.
+
+    Args:
+        operator: matrix whose eigenvalues they are; it need not be symmetric.
+        count: how many are wanted.
+    """
+    # Imported here, as only modes need it.
+    from slepc4py import SLEPc
+
+    solver = SLEPc.EPS().create(operator.comm)
+    solver.setOperators(operator)
+    solver.setProblemType(SLEPc.EPS.ProblemType.NHEP)
+    solver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_MAGNITUDE)
+    solver.setDimensions(count)
+    solver.setOptionsPrefix("gx_modes_")
+    solver.setTolerances(EIGENVALUE_TOLERANCE, MAX_RESTARTS)
+    solver.setFromOptions()
+    solver.solve()
+    for i in range(solver.getConverged()):
+        real, imaginary = operator.createVecs()
+        eigenvalue = complex(solver.getEigenpair(i, real, imaginary))
+        yield eigenvalue, real.array_r + 1j * imaginary.array_r
+
+
+def _modes_in_turning_frame(
+    K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, count: int, shift: dict[str, float]
+) -> list[Mode]:
+    """The modes of equation (1) of the module whose eigenvalues λ are nearest to a shift.
+
+    Of each conjugate pair only the one with positive frequency is returned.  Collective.
+
+    Args:
+        K, G, M: tangent, Coriolis and mass matrix, without fixed coordinates.
+        count: how many modes are wanted.
+        shift: `real` or `imaginary` part of the shift [1/s].
+
+    Raises:
+        InputError: the shifted matrix is singular.
+    """
+    # Imported here, as scenes at rest must not pay for it.
+    from gossamer_fx.analysis.vibration.turning_modes import Inverse
+
+    inverse = Inverse(K, G, M, **shift)
+    _check_inverse(inverse.problem)
+    found = []
+    # Both of each conjugate pair are found, and one more in case that a pair is divided.
+    for _, z in _largest_eigenpairs(inverse.operator(), 2 * count + 2):
+        λ, shape = inverse.pair(z)
+        if λ.imag >= 0:
+            found.append(Mode(λ.imag / (2 * math.pi), growth=λ.real, shape=shape))
+    return found

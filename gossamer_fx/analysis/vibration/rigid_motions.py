@@ -1,0 +1,629 @@
+"""Rigid motions of parts of a scene that nothing resists.
+
+Problem.  An equilibrium is unique at most up to rigid motions that neither stiffness nor supports
+nor loads resist.  A scene may consist of several parts, each with its own rigid motions about any
+axis.
+
+Algorithm, with the tangent K without inertia from which fixed coordinates were taken out.
+
+1. The parts are the connected components of the graph of K: parts do not exert forces on each
+   other.
+2. Each part has six rigid motions about its centre, three translations and three rotations, the
+   columns of R (unknowns, 6).  A rotation ω moves a position by ω × (q - centre) and a director d
+   by ω × d.
+3. The free motions R c satisfy K R c = 0 to round-off.  With the round-off D of the rows of K they
+   are
+
+       c with |D⁻¹ K R c|² < n,    |R c|² = n                                                 (1)
+
+   for a part with n unknowns, found by a singular value decomposition.  A motion that would move a
+   fixed coordinate is resisted, because K has no columns of these.
+4. The free motions are described in words, along coordinate axes where possible.
+
+Cost.  Six products with K, and a QR decomposition of six columns for each part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.solve.system.system import System
+
+Labels = npt.NDArray[np.int64]
+
+# Parts whose motions are examined: the description of more would not be read.
+MAX_PARTS = 64
+
+# Round-off of a product of a row of K with a vector, over the sum of the magnitudes of the row.
+ROW_ROUND_OFF = 16 * np.finfo(float).eps
+
+# Entries of K below this fraction of the largest of their row are round-off, and connect nothing.
+NEGLIGIBLE_ENTRY = 1e-14
+
+# Round-off of the rows of constraints in K R, where R moves the farthest node by one: [1] for
+# constraints in m, [1/m] for those of directions.  Constraints are satisfied to 1e-12.
+CONSTRAINT_ROUND_OFF = 1e-10
+
+# A motion that moves less than this, over the motion that moves most, moves nothing: the rotation
+# of a straight line about its axis.
+NO_MOTION = 1e-8
+
+# Rotations below the first number, over the largest one, count as none; so do all below the second.
+NEGLIGIBLE_ROTATION = 1e-6
+NO_ROTATION = 1e-8
+
+# Translations below this, over the largest one, are round-off of their basis.
+NEGLIGIBLE_TRANSLATION = 1e-8
+
+# For words: coordinates below this fraction of the largest one are printed as zero, and directions
+# that differ by less from an axis are named after it.
+PRINTED_ZERO = 1e-6
+ALONG_AXIS = 1e-9
+
+TINY = 1e-300  # against division by zero
+
+
+@dataclass
+class _Nodes:
+    """The nodes of one body that this rank has; each has s vectors: a position, and directors if s
+    > 1.
+
+    Attributes:
+        unknowns: indices of the unknowns in the numbering of this rank, (n, s, 3).
+        vectors: positions [m] and directors, (n, s, 3).
+        part: of each node, -1 if it is fixed, (n,).
+    """
+
+    unknowns: Labels
+    vectors: Array
+    part: Labels
+
+    @property
+    def is_free(self) -> npt.NDArray[np.bool_]:
+        """Whether the nodes belong to a part, (n,)."""
+        return self.part >= 0
+
+    def arms(self, centre: Array) -> Array:
+        """Vectors that a rotation about the parts' centres (parts, 3) [m] turns, (n, s, 3)."""
+        # Fixed nodes have the part -1; any centre does for them, as their motion is not used.
+        part = np.maximum(self.part, 0)
+        arms = self.vectors.copy()
+        arms[:, 0] -= centre[part]
+        return arms
+
+
+def free_motions(
+    system: System,
+    K: PETSc.Mat,
+    unbalanced: float,
+    stiffnesses: Sequence[tuple[Array, float]] = (),
+) -> tuple[str, ...]:
+    """Rigid motions that nothing resists, in words.
+
+    Args:
+        system: compiled scene in equilibrium.
+        K: tangent without inertia, with fixed coordinates taken out.
+        unbalanced: norm of the residual [N], which K R c cannot be distinguished from.
+        stiffnesses: pairs (g, κ) of a stiffness κ g⊗g in addition to K, as of gas; this rank's part
+            of g.
+
+    Returns:
+        Descriptions such as "translation z of 'film'"; the same on every rank.
+    """
+    part, count = parts(system, K)
+    found: list[str] = []
+    for bodies, centre, motions in _motions(system, K, part, count, unbalanced, stiffnesses):
+        if not motions.size:
+            continue
+        # In a scene of one part there is nothing to distinguish.
+        owner = ""
+        if count > 1:
+            owner = f" of {' and '.join(bodies)}"
+        for description in _describe(motions, centre):
+            found.append(description + owner)
+    return tuple(found)
+
+
+# ---- parts ---------------------------------------------------------------------------------------
+
+
+def parts(system: System, K: PETSc.Mat) -> tuple[Labels, int]:
+    """Divide the unknowns of a scene into parts that no stiffness connects.  Collective.
+
+    Args:
+        system: the compiled scene.
+        K: its tangent; an entry that is not negligible connects two unknowns.
+
+    Returns:
+        the part (n,) of every unknown of this rank, numbered from 0 and -1 where it is fixed, and
+        the number of parts on all ranks.
+    """
+    numbering = system.numbering
+    n = numbering.size_local
+    rows, columns, _ = _entries(K)
+    is_fixed = np.zeros(n, dtype=bool)
+    is_fixed[system.supports.held] = True
+
+    # Edges between unknowns of this rank, numbered from 0, and those of other ranks, numbered from
+    # n.
+    is_own = (columns >= numbering.start) & (columns < numbering.start + n)
+    others, index = np.unique(columns[~is_own], return_inverse=True)
+    targets = columns.copy()
+    targets[is_own] -= numbering.start
+    targets[~is_own] = n + index
+
+    # The components of a node belong together, even if no stiffness couples them.  Fixed components
+    # are left out: a support would otherwise connect parts that share it.
+    node_sources, node_targets = _edges_within_nodes(system, is_fixed)
+    sources = np.concatenate([rows, node_sources])
+    targets = np.concatenate([targets, node_targets])
+    size = n + len(others)
+    ones = np.ones(len(sources), dtype=np.int8)
+    graph = csr_matrix((ones, (sources, targets)), shape=(size, size))
+    count, component = connected_components(graph, directed=False)
+
+    # Number the labels that are in use from 0, in the same way on every rank.
+    label = _common_labels(system, component, count, others)
+    labels_of_ranks = system.comm.allgather(np.unique(label[~is_fixed]))
+    known = np.unique(np.concatenate(labels_of_ranks))
+    part = np.full(n, -1, dtype=np.int64)
+    part[~is_fixed] = np.searchsorted(known, label[~is_fixed])
+    return part, len(known)
+
+
+def _edges_within_nodes(
+    system: System,
+    is_fixed: npt.NDArray[np.bool_],
+) -> tuple[Labels, Labels]:
+    """Return edges of a graph that connect the free components of each node with each other.
+
+    Args:
+        system: the compiled scene.
+        is_fixed: mask (n,) of this rank's unknowns.
+
+    Returns:
+        indices (m,) of the unknowns at the first and at the second end of m edges.
+    """
+    sources: list[Labels] = []
+    targets: list[Labels] = []
+    for body in system.bodies:
+        owned = system.block(body).owned
+        unknowns = np.arange(owned.start, owned.stop)
+        components = unknowns.reshape(-1, body.block.size)
+        for i in range(1, body.block.size):
+            first = components[:, i - 1]
+            second = components[:, i]
+            are_free = ~is_fixed[first] & ~is_fixed[second]
+            sources.append(first[are_free])
+            targets.append(second[are_free])
+    return np.concatenate(sources), np.concatenate(targets)
+
+
+def _common_labels(
+    system: System,
+    component: Labels,
+    count: int,
+    others: Labels,
+) -> Labels:
+    """Labels of the parts that agree on all ranks: the smallest index of an unknown in the part.
+
+    Args:
+        system: compiled scene.
+        component: of this rank's unknowns (n,) and of those of other ranks in its rows.
+        count: number of components on this rank.
+        others: indices of these unknowns of other ranks in the system.
+
+    Returns:
+        The label of each unknown of this rank, (n,).
+    """
+    n = system.numbering.size_local
+    own_indices = system.numbering.start + np.arange(n)
+    smallest = np.full(count, np.iinfo(np.int64).max)
+    np.minimum.at(smallest, component[:n], own_indices)
+    vector = system.numbering.vector()
+    received = PETSc.Vec().createSeq(len(others))
+    source = PETSc.IS().createGeneral(others.astype(PETSc.IntType), comm=MPI.COMM_SELF)
+    scatter = PETSc.Scatter().create(vector, source, received, None)
+    # A part may extend over many ranks, so that the smallest index spreads from rank to rank.
+    has_changed = True
+    while has_changed:
+        vector.array[:] = smallest[component[:n]]
+        scatter.scatter(vector, received)
+        before = smallest.copy()
+        np.minimum.at(smallest, component[n:], received.array_r.astype(np.int64))
+        changed_here = bool((before != smallest).any())
+        has_changed = system.comm.allreduce(changed_here, op=MPI.LOR)
+    return smallest[component[:n]]
+
+
+def _entries(K: PETSc.Mat) -> tuple[Labels, Labels, Array]:
+    """Local rows, global columns and values of the entries of K that are more than round-off."""
+    pointers, columns, values = K.convert("aij", PETSc.Mat()).getValuesCSR()
+    size = len(pointers) - 1
+    rows = np.repeat(np.arange(size), np.diff(pointers))
+    magnitudes = np.abs(values)
+    largest = np.zeros(size)
+    np.maximum.at(largest, rows, magnitudes)
+    kept = magnitudes > NEGLIGIBLE_ENTRY * largest[rows]
+    return rows[kept].astype(np.int64), columns[kept].astype(np.int64), values[kept]
+
+
+# ---- free motions of each part -------------------------------------------------------------------
+
+
+def _motions(
+    system: System,
+    K: PETSc.Mat,
+    part: Labels,
+    count: int,
+    unbalanced: float,
+    stiffnesses: Sequence[tuple[Array, float]],
+) -> Iterator[tuple[list[str], Array, Array]]:
+    """Yield the free motions of each part, at most `MAX_PARTS` of them.  Collective.
+
+    Args:
+        system: the compiled scene.
+        K: its tangent [N/m].
+        part: number (n,) of the part of each of this rank's unknowns, -1 where it is fixed.
+        count: number of parts.
+        unbalanced: force [N] that the equilibrium leaves, below which a stiffness is not known.
+        stiffnesses: of gas, as `natural_modes` has them: g (n,) and κ of κ g⊗g for each closed
+            film.
+
+    Yields:
+        Names of the bodies, centre (3,) [m], and k free motions (6, k): velocity of the centre and
+        angular velocity.
+    """
+    # Where all unknowns are fixed, nothing can move.
+    if count == 0:
+        return
+    comm = system.comm
+    nodes = [_nodes_of(system, k, part) for k in range(len(system.bodies))]
+    names = _names(system, nodes, count)
+    centre = _centres(comm, nodes, count)
+    radius = _radii(comm, nodes, centre)
+    R = _rigid_motions(system, nodes, centre, radius)
+    # Fixed unknowns do not move; what is tied to them resists.
+    is_free = part >= 0
+    R[:, ~is_free] = 0
+    # A rotation by one over the radius moves the farthest node by one: the smallest part has the
+    # largest error.
+    error = unbalanced / radius.min(initial=1.0)
+    D = _round_off(system, K, error)
+    for gradient, stiffness in stiffnesses:
+        size_of_gradient = comm.allreduce(float(np.abs(gradient).sum()))
+        D += ROW_ROUND_OFF * stiffness * size_of_gradient * np.abs(gradient)
+    Y = np.zeros_like(R)  # D⁻¹ K R
+    vector = system.numbering.vector()
+    product = system.numbering.vector()
+    for i in range(6):
+        vector.array[:] = R[i]
+        K.mult(vector, product)
+        force = product.array_r.copy()
+        for gradient, stiffness in stiffnesses:
+            volume_change = comm.allreduce(float(gradient @ R[i]))
+            force += stiffness * volume_change * gradient
+        Y[i] = np.where(is_free, force / D, 0.0)
+    for c in range(min(count, MAX_PARTS)):
+        in_part = part == c
+        size = comm.allreduce(int(in_part.sum()))
+        forces = _triangle(comm, Y[:, in_part].T)
+        moved = _triangle(comm, R[:, in_part].T)
+        motions = _null_space(forces, moved, size)
+        # Rotations were scaled by the radius.
+        motions[3:] /= radius[c]
+        yield names[c], centre[c], motions
+
+
+def _nodes_of(system: System, k: int, part: Labels) -> _Nodes:
+    """Return this rank's nodes of body k of the system, with the part (n,) of each of its unknowns
+    in `part`."""
+    body = system.bodies[k]
+    owned = system.block(body).owned
+    shape = (-1, body.block.size // 3, 3)
+    unknowns = np.arange(owned.start, owned.stop).reshape(shape)
+    return _Nodes(
+        unknowns=unknowns,
+        vectors=system.q0.array_r[owned].reshape(shape).copy(),
+        part=part[unknowns].max(axis=(1, 2), initial=-1),
+    )
+
+
+def _names(system: System, nodes: Sequence[_Nodes], count: int) -> list[list[str]]:
+    """Names of the bodies, in quotes, that have free nodes in each of the `count` connected parts
+    of a scene."""
+    has_nodes = np.zeros((len(nodes), count), dtype=bool)
+    for k, one in enumerate(nodes):
+        has_nodes[k, one.part[one.is_free]] = True
+    system.comm.Allreduce(MPI.IN_PLACE, has_nodes, op=MPI.LOR)
+    names = [f"'{body.name}'" for body in system.bodies]
+    return [[names[k] for k in np.flatnonzero(has_nodes[:, c])] for c in range(count)]
+
+
+def _centres(comm: MPI.Intracomm, nodes: Sequence[_Nodes], count: int) -> Array:
+    """Return the mean position of the free nodes of each part, (count, 3) [m].  Collective.
+
+    Args:
+        comm: the ranks.
+        nodes: of each body on this rank, with the part that each belongs to.
+        count: number of parts.
+    """
+    sums = np.zeros((count, 4))  # of positions, and number of nodes
+    for one in nodes:
+        positions = one.vectors[one.is_free, 0]
+        ones = np.ones(len(positions))
+        contributions = np.column_stack([positions, ones])
+        np.add.at(sums, one.part[one.is_free], contributions)
+    comm.Allreduce(MPI.IN_PLACE, sums)
+    # A part of multipliers only has no node; its centre is not used.
+    node_counts = np.maximum(sums[:, 3:], 1)
+    centres: Array = sums[:, :3] / node_counts
+    return centres
+
+
+def _radii(comm: MPI.Intracomm, nodes: Sequence[_Nodes], centre: Array) -> Array:
+    """Longest arm of each part [m], (parts,); 1 for a single point."""
+    radius = np.zeros(len(centre))
+    for one in nodes:
+        arms = one.arms(centre)[one.is_free]
+        longest = np.linalg.norm(arms, axis=2).max(axis=1, initial=0.0)
+        np.maximum.at(radius, one.part[one.is_free], longest)
+    comm.Allreduce(MPI.IN_PLACE, radius, op=MPI.MAX)
+    return np.where(radius > 0, radius, 1.0)
+
+
+def _rigid_motions(
+    system: System,
+    nodes: Sequence[_Nodes],
+    centre: Array,
+    radius: Array,
+) -> Array:
+    """Six rigid motions of each part: three translations by one along x, y, z, and three rotations
+    about these axes through the centre, which move the farthest node by one.
+
+    Args:
+        system: compiled scene.
+        nodes: those of each body on this rank.
+        centre: of each part, (parts, 3) [m].
+        radius: largest distance of a node of each part from its centre, (parts,) [m].
+
+    Returns:
+        Rᵀ (6, n) for the n unknowns of this rank: dimensionless for positions, [1/m] for directors,
+        and zero for multipliers and fixed nodes.
+    """
+    R = np.zeros((6, system.numbering.size_local))
+    for i, axis in enumerate(np.eye(3)):
+        for one in nodes:
+            # A translation moves positions and does not turn directors.
+            translation = np.zeros_like(one.vectors)
+            translation[:, 0] = axis
+            # Translations and rotations of the same size make (1) independent of the unit of
+            # length.
+            scale = radius[np.maximum(one.part, 0)]
+            rotation = np.cross(axis, one.arms(centre)) / scale[:, None, None]
+            unknowns = one.unknowns[one.is_free]
+            R[i, unknowns] = translation[one.is_free]
+            R[3 + i, unknowns] = rotation[one.is_free]
+    return R
+
+
+def _round_off(system: System, K: PETSc.Mat, unbalanced: float) -> Array:
+    """Error of each row of K R: the numbers D of equation (1) of the module.
+
+    K is the tangent.  The columns of R are six rigid motions, of which each moves the farthest node
+    of a part by one: a translation by one, and a rotation by the angle 1/radius [1/m].  K R is the
+    change of the forces by such a motion, in N/m for rows of positions.
+
+    Args:
+        system: compiled scene in equilibrium.
+        K: tangent [N/m] without inertia, with fixed coordinates taken out.
+        unbalanced: norm of the residual [N] over the radius of the smallest part, of at most 1 m,
+            in N/m.  A rotation turns the inner forces of a part with it, and changes a residual f
+            by the angle times f, so that K R is not zero where the equilibrium is not exact.
+
+    Returns:
+        D (n,) of the n unknowns of this rank, in the units of the rows of K R: [N/m] for positions,
+        [N] for directors, [1] for constraints in m and [1/m] for those of directions.  All are
+        positive; 1 for a row of zeros.
+    """
+    rows, _, values = _entries(K)
+    sum_of_row = np.zeros(system.numbering.size_local)
+    np.add.at(sum_of_row, rows, np.abs(values))
+    D: Array = ROW_ROUND_OFF * sum_of_row
+    if system.constraints is not None:
+        D[system.constraints.owned] += CONSTRAINT_ROUND_OFF
+    # Multipliers follow the coordinates of the bodies, and have no unbalanced force.  The factor of
+    # two is a margin.
+    end_of_coordinates = system.block(system.bodies[-1]).owned.stop
+    D[:end_of_coordinates] += 2 * unbalanced
+    # Rows of zeros give zeros, whatever they are divided by.
+    return np.where(D > 0, D, 1.0)
+
+
+def _triangle(comm: MPI.Intracomm, columns: Array) -> Array:
+    """The factor R (6, 6) of the QR decomposition of a matrix (n, 6) whose rows are distributed.
+
+    In contrast to a Cholesky factor of the product with its transpose, it loses no digits.
+    """
+    # Six rows of zeros, as a rank may have fewer than six rows.
+    padded = np.vstack([columns, np.zeros((6, 6))])
+    own = np.asarray(np.linalg.qr(padded, mode="r"))
+    stacked = np.vstack(comm.allgather(own))
+    return np.asarray(np.linalg.qr(stacked, mode="r"))
+
+
+def _null_space(forces: Array, moved: Array, n: int) -> Array:
+    """The free motions of a part: combinations c of its six rigid motions that satisfy equation (1)
+    of the module.
+
+    Args:
+        forces: triangular factor (6, 6) of D⁻¹ K R, with the tangent K, the rigid motions R and the
+            round-off D of the rows of K R.
+        moved: triangular factor (6, 6) of R.
+        n: number of unknowns of the part on all ranks.
+
+    Returns:
+        c (6, k), of which each of the k columns is a free motion.
+    """
+    # Combinations of the six motions that satisfy the second condition of (1).
+    moved_svd = np.linalg.svd(moved)
+    σ = moved_svd.S
+    kept = σ > NO_MOTION * max(float(σ.max()), TINY)
+    unit_motions = moved_svd.Vh[kept].T / σ[kept] * n**0.5
+    # Among these, the combinations that satisfy the first one.
+    forces_svd = np.linalg.svd(forces @ unit_motions)
+    is_free = n > forces_svd.S**2
+    found: Array = unit_motions @ forces_svd.Vh[is_free].T
+    return found
+
+
+# ---- words ---------------------------------------------------------------------------------------
+
+
+def _describe(motions: Array, centre: Array) -> list[str]:
+    """Return descriptions of translations and rotations that span some motions, along the
+    coordinate axes if possible.
+
+    Args:
+        motions: k motions (6, k) of a part: velocity of its centre, then angular velocity.
+        centre: (3,) [m].
+
+    Returns:
+        one text for each, e.g. "translation x" or "rotation z about (1, 0, 0)".
+    """
+    # Combinations whose angular velocity is zero are translations, all others rotations.
+    ω = motions[3:]
+    svd = np.linalg.svd(ω, full_matrices=True)
+    # Number of independent rotations; the last rows of Vh are the combinations without any.
+    rank = 0
+    if svd.S.max(initial=0.0) > NO_ROTATION:
+        threshold = NEGLIGIBLE_ROTATION * np.abs(ω).max()
+        rank = int((threshold < svd.S).sum())
+    translations = motions @ svd.Vh[rank:].T
+    rotations = _aligned(motions @ svd.Vh[:rank].T)
+
+    directions = _reduced(translations[:3])
+    words = [f"translation {_direction(direction)}" for direction in directions]
+    span: Array = np.zeros((3, 0))
+    if directions:
+        span = np.column_stack(directions)
+    for k in range(rotations.shape[1]):
+        description = _describe_rotation(
+            velocity=rotations[:3, k],
+            axis=rotations[3:, k],
+            centre=centre,
+            span=span,
+        )
+        words.append(description)
+    return words
+
+
+def _describe_rotation(
+    velocity: Array,
+    axis: Array,
+    centre: Array,
+    span: Array,
+) -> str:
+    """A rotation in words, with a point on its axis.
+
+    Args:
+        velocity: of the centre, (3,).
+        axis: angular velocity, (3,).
+        centre: of the part, (3,) [m].
+        span: directions of free translations, (3, k).
+    """
+    words = f"rotation {_direction(axis)}"
+    if span.size:
+        # A free translation may be added to the rotation: take the smallest velocity.
+        coefficients = np.linalg.lstsq(span, velocity, rcond=None)[0]
+        velocity = velocity - span @ coefficients
+    # The point of zero velocity on the perpendicular through the centre: ω × (point - centre) = -v.
+    square = axis @ axis
+    point = centre + np.cross(axis, velocity) / square
+    # The point of the axis that is nearest to the origin.
+    point -= (point @ axis) / square * axis
+    if span.shape[1] >= 2:
+        translations_and_axis = np.column_stack([span, axis])
+        spanned = np.linalg.matrix_rank(translations_and_axis, tol=NEGLIGIBLE_ROTATION)
+        if spanned == 3:
+            # Free translations across the axis: it may pass through any point.
+            return words
+    size = max(float(np.abs(centre).max()), 1.0)
+    if np.abs(point).max() < PRINTED_ZERO * size:
+        return words
+    return f"{words} about ({_numbers(point)})"
+
+
+def _aligned(motions: Array) -> Array:
+    """Combinations (6, k) of k motions whose rotations are along coordinate axes, if possible.
+
+    Gauss-Jordan elimination with pivots among the rotations.
+    """
+    rows = motions.T.copy()
+    pivots: list[int] = []
+    for i in range(len(rows)):
+        remaining = [j for j in range(3) if j not in pivots]
+        # The largest of all entries that are left is the pivot: division by a small one would
+        # enlarge round-off.
+        rotations = np.abs(rows[i:, 3:])
+        pivot = max(remaining, key=lambda j: float(rotations[:, j].max()))
+        k = i + int(rotations[:, pivot].argmax())
+        rows[[i, k]] = rows[[k, i]]
+        rows[i] /= rows[i, 3 + pivot]
+        for other in range(len(rows)):
+            if other != i:
+                rows[other] -= rows[other, 3 + pivot] * rows[i]
+        pivots.append(pivot)
+    order = np.argsort(pivots)
+    aligned: Array = rows[order].T
+    return aligned
+
+
+def _reduced(vectors: Array) -> list[Array]:
+    """A basis of the span of vectors (3, k), along coordinate axes if possible."""
+    if not vectors.size:
+        return []
+    svd = np.linalg.svd(vectors, full_matrices=False)
+    threshold = NEGLIGIBLE_TRANSLATION * max(svd.S.max(), TINY)
+    basis = svd.U[:, threshold < svd.S]
+    # `_aligned` works on the last three components.
+    padded = np.vstack([np.zeros_like(basis), basis])
+    return list(_aligned(padded)[3:].T)
+
+
+def _direction(d: Array) -> str:
+    """A direction (3,) in words: the name of an axis, or components with the largest one
+    positive."""
+    d = d / np.linalg.norm(d)
+    k = int(np.abs(d).argmax())
+    if abs(d[k]) > 1 - ALONG_AXIS:
+        return "xyz"[k]
+    # A direction and its opposite are the same motion.
+    upwards = d * np.sign(d[k])
+    return f"({_numbers(upwards)})"
+
+
+def _numbers(values: Array) -> str:
+    """Numbers to three digits, round-off as zero."""
+    is_zero = np.abs(values) < PRINTED_ZERO * np.abs(values).max()
+    rounded = np.where(is_zero, 0.0, values)
+    # Adding zero turns -0.0 into 0.0.
+    return ", ".join(f"{value + 0.0:.3g}" for value in rounded)
+
+
+def listed(motions: Iterable[str]) -> str:
+    """Names of free motions, each once: every node of a slack film has the same three.
+
+    >>> listed(("translation x of 'film'", "translation x of 'film'"))
+    "translation x of 'film'"
+    """
+    return ", ".join(dict.fromkeys(motions))

@@ -1,0 +1,147 @@
+"""Modes of a scene in a turning frame, near a frequency, in real arithmetic.
+
+Problem.  (λ² M + λ G + K) φ = 0 is quadratic in λ, and its solutions are complex although K, G and
+M are real.
+
+Idea.  With z = (φ, λ φ) it is linear, (A - λ B) z = 0, and shift and invert at σ gives
+
+    (A - σ B)⁻¹ B (x, y) = (u, x + σ u)                                                       (1)
+    Q(σ) u = -(M y + G x + σ M x),    Q(σ) = K + σ G + σ² M                                   (2)
+
+with the same vectors and the eigenvalues 1/(λ - σ), of which the largest belong to λ near σ.
+
+For an imaginary σ = iω, the real part of the operator is used.  It has the eigenvalues
+
+    ½ (1/(λ - iω) + 1/(λ + iω))                                                               (3)
+
+which are largest near ±iω (Parlett & Saad, Linear Algebra Appl. 88 (1987) 575).  Q(iω)
+is factorised as a real matrix of twice the size,
+
+    [ K - ω² M    -ω G     ]
+    [ ω G         K - ω² M ]                                                                  (4)
+
+λ follows from the vector: it is the factor between the two halves of z.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from gossamer_fx.solve.solvers import factorisation
+
+DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+
+Shape = npt.NDArray[np.complex128]
+
+
+class Inverse:
+    """The operator (1) for a real shift, or its real part for an imaginary one.
+
+    Args:
+        K, G, M: tangent, Coriolis and mass matrix, with fixed coordinates taken out.
+        real: σ [1/s], if `imaginary` is zero.
+        imaginary: ω [1/s] of the shift σ = iω.
+
+    Attributes:
+        problem: why Q(σ) could not be factorised; empty if it was.
+        n: unknowns of this rank in φ.
+    """
+
+    def __init__(
+        self, K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, real: float = 0.0, imaginary: float = 0.0
+    ) -> None:
+        """Assemble and factorise the shifted matrix.  Collective; `problem` tells a failure.
+
+        The class describes the arguments. Stored are `_G` [kg/s] and `_M` [kg], the shift `_σ` + i
+        `_ω` [1/s], `_pc`, the factorised Q(σ) = K + σ G + σ² M [N/m], and work vectors: `_right`,
+        `_u` (of twice the size for an imaginary shift), `_x`, `_y` and `_product`. A singular Q
+        raises no error.
+        """
+        self._G = G
+        self._M = M
+        self._σ = real
+        self._ω = imaginary
+        Q = self._shifted_matrix(K)
+        self._pc = PETSc.PC().create(K.comm)
+        self._pc.setOperators(Q)
+        factorisation.choose(self._pc, Q)
+        self.problem = factorisation.set_up(self._pc)
+        self._right = Q.createVecRight()
+        self._u = Q.createVecRight()
+        self._x = K.createVecRight()
+        self._y = K.createVecRight()
+        self._product = K.createVecRight()
+        self.n = self._x.getLocalSize()
+
+    def _shifted_matrix(self, K: PETSc.Mat) -> PETSc.Mat:
+        """Q(σ) of (2), or (4) for an imaginary shift.
+
+        Q = K + σ G + σ² M [N/m], with K the tangent, G the Coriolis matrix [kg/s] and M the mass
+        matrix [kg]. For σ = iω it is the real matrix [[K - ω² M, -ω G], [ω G, K - ω² M]] of twice
+        the size. K, G and M are not changed.
+        """
+        Q = K.copy()
+        Q.axpy(self._σ**2 - self._ω**2, self._M, DIFFERENT_PATTERN)
+        if self._ω:
+            minus_ωG = self._G.copy()
+            minus_ωG.scale(-self._ω)
+            ωG = self._G.copy()
+            ωG.scale(self._ω)
+            nested = PETSc.Mat().createNest([[Q, minus_ωG], [ωG, Q]], comm=K.comm)
+            # MUMPS does not factorise a nested matrix.
+            return nested.convert("aij", PETSc.Mat())
+        if self._σ:
+            Q.axpy(self._σ, self._G, DIFFERENT_PATTERN)
+        return Q
+
+    def operator(self) -> PETSc.Mat:
+        """The operator on z = (x, y) as a matrix for an eigenvalue solver."""
+        local, total = self._x.getSizes()
+        sizes = (2 * local, 2 * total)
+        operator = PETSc.Mat().createPython((sizes, sizes), self, self._M.comm)
+        operator.setUp()
+        return operator
+
+    def mult(self, matrix: PETSc.Mat, z: PETSc.Vec, result: PETSc.Vec) -> None:
+        """Set result to (1) for z = (x, y), or to its real part; called by SLEPc.
+
+        The result is (u, x + σ u) with Q(σ) u = -(M y + G x + σ M x); M and G are mass and Coriolis
+        matrix, `_pc` is the factorised Q. `problem` must be empty. For an imaginary shift iω the
+        second half of `_u` is the imaginary part of u. Collective.
+        """
+        n = self.n
+        self._x.array[:] = z.array_r[:n]
+        self._y.array[:] = z.array_r[n:]
+
+        # Right-hand side of (2); its imaginary part is the second half.
+        right = self._right.array
+        self._M.mult(self._x, self._product)
+        right[:n] = -self._σ * self._product.array_r
+        if self._ω:
+            right[n:] = -self._ω * self._product.array_r
+        self._M.mult(self._y, self._product)
+        right[:n] -= self._product.array_r
+        self._G.mult(self._x, self._product)
+        right[:n] -= self._product.array_r
+        self._pc.apply(self._right, self._u)
+
+        # Real part of σ u: of iω u it is -ω times the imaginary part of u.
+        u = self._u.array_r
+        σu = self._σ * u[:n]
+        if self._ω:
+            σu = -self._ω * u[n:]
+        out = result.array
+        out[:n] = u[:n]
+        out[n:] = self._x.array_r + σu
+
+    def pair(self, z: Shape) -> tuple[complex, Shape]:
+        """λ [1/s], and this rank's part of φ, of this rank's part of an eigenvector z = (φ, λ
+        φ)."""
+        φ = z[: self.n]
+        λφ = z[self.n :]
+        comm = self._M.comm.tompi4py()
+        product = comm.allreduce(np.vdot(φ, λφ))
+        square = comm.allreduce(np.vdot(φ, φ))
+        return complex(product / square), φ

@@ -1,0 +1,151 @@
+"""A case: a scene, how it is moved, for how long, and what is looked at.  A scene file builds
+one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.records.outputs.output import Output, Probe
+from gossamer_fx.records.outputs.recording import Recording
+from gossamer_fx.records.run.simulation import Simulation
+from gossamer_fx.solve.scene.scene import Scene
+from gossamer_fx.solve.steppers.stepping import Stepper
+
+if TYPE_CHECKING:
+    from gossamer_fx.records.run.checkpoint import Checkpoints
+    from gossamer_fx.records.run.events import Event
+    from gossamer_fx.solve.steppers.step_control import StepControl
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A case for `./gossamer run`: the return value of the function `build(comm)` of a scene file.
+
+    Args:
+        scene: bodies, gas, constraints, loads, contacts.
+        stepper: time stepping rule, e.g. `Midpoint(dt=1e-3)`.
+        until: end time [s].
+        title: a line for pictures and reports.
+        fields: names of fields by the names of films, see `Recording`.
+        probes: functions of the run by name, see `outputs.Probes`; "tip x [m]" and "tip y [m]" are
+            drawn as the curves x and y of "tip [m]".
+        frames: approximate number of times at which fields are written.
+        control: see `Simulation`.
+        events: see `Simulation`.
+        halvings: see `Simulation`.
+        outputs: others than the recording.
+
+    Raises:
+        InputError: the end time is not positive, or the number of frames is below one.
+
+    Example:
+        >>> def build(comm):
+        ...     ball = gx.PointMass(2.0, position=(0.0, 0.0, 1.0), comm=comm, name="ball")
+        ...     scene = gx.Scene(ball, gx.Gravity(ball, (0.0, 0.0, -9.81)))
+        ...     return gx.Case(scene, gx.Midpoint(dt=0.01), until=0.4, title="A fall")
+        >>> build(comm).until
+        0.4
+    """
+
+    # In the order of their use in scene files: the first two are given without a name.
+    scene: Scene
+    stepper: Stepper
+    _: KW_ONLY
+    until: float
+    title: str = ""
+    # No fields: only the ledger and the probes are written.
+    fields: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    probes: Mapping[str, Probe] = field(default_factory=dict)
+    frames: int = 100
+    control: StepControl | None = None
+    events: Sequence[Event] = ()
+    # Rejected steps are cut to 1/256 of their length at most.
+    halvings: int = 8
+    outputs: Sequence[Output] = ()
+
+    def __post_init__(self) -> None:
+        """Check the fields, as the scene, the end time `until` [s] and how often fields are
+        written.
+
+        Raises:
+            InputError: a scene or stepper of another kind, an end time that is not a positive
+                number, or `frames`, the number of times that fields are written, below one.
+        """
+        check(isinstance(self.scene, Scene), f"Case: scene is {self.scene!r}; give a Scene.")
+        check(
+            hasattr(self.stepper, "start"),
+            f"Case: stepper is {self.stepper!r}; give one, e.g. Midpoint(dt=1e-3).",
+        )
+        check(
+            isinstance(self.until, int | float) and math.isfinite(self.until) and self.until > 0,
+            f"Case: until is {self.until!r}; give the end time in seconds.",
+        )
+        check(
+            isinstance(self.frames, int) and self.frames >= 1,
+            f"Case: frames is {self.frames!r}; give the number of times that fields are written.",
+        )
+
+    def recording(self, folder: str | Path, *, overwrite: bool = False) -> Recording:
+        """The output that writes the folder of the run: ledger, probes and fields at `frames`
+        times.
+
+        Args:
+            folder: of the run.
+            overwrite: whether another run in the folder is replaced; else it is refused.
+
+        Raises, when a run is made with it:
+            InputError: an unknown field or film, or a folder that holds another run.
+        """
+        # The small number outweighs the round-off of a quotient that is a whole number.
+        every = max(math.floor(self.until / self.stepper.dt / self.frames + 1e-9), 1)
+        return Recording(
+            folder,
+            self.fields,
+            probes=self.probes,
+            every=every,
+            title=self.title,
+            overwrite=overwrite,
+        )
+
+    def simulation(
+        self,
+        outputs: Sequence[Output] = (),
+        checkpoints: Checkpoints | None = None,
+        restart: str | Path | None = None,
+        changes: Sequence[str] = (),
+    ) -> Simulation:
+        """The run of this case, ready to start.
+
+        Args:
+            outputs: what is called with the run at its steps, in addition to the outputs of the
+                case.
+            checkpoints: when and where states are saved for a restart; None: not at all.
+            restart: folder of a checkpoint, or of several, of which the newest counts, from which
+                the run goes on; None: it starts at zero.
+            changes: names of the parts whose parameters may differ from those of the checkpoint.
+
+        Raises:
+            InputError: what is wrong with the scene, the outputs, `halvings` or the checkpoint, as
+                `Simulation` checks them: a scene, folder or checkpoint that does not fit the run,
+                or a checkpoint that is absent or unreadable.
+
+        Collective.
+        """
+        return Simulation(
+            self.scene,
+            self.stepper,
+            outputs=[*outputs, *self.outputs],
+            halvings=self.halvings,
+            control=self.control,
+            events=self.events,
+            checkpoints=checkpoints,
+            restart=restart,
+            changes=changes,
+        )

@@ -1,0 +1,679 @@
+"""The commands run, sweep, plot, report, export, demo, validate and doctor.
+
+What is wrong is told in one sentence, with code 2 for input and 1 for the rest.
+
+Heavy modules are loaded when the words on the command line are known to be right.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+from gossamer_fx.version import VERSION
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+    from mpi4py import MPI
+
+    from gossamer_fx.app.cli.case import Case
+    from gossamer_fx.core.model.body import Body
+
+# Environment variables by which mpirun or a batch system shows that it started this process.
+_LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_RANK", "SLURM_PROCID")
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one sentence."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print the message with the name of the command, and exit with the code 2."""
+        self.exit(2, f"gossamer: {message}; see {self.prog} --help.\n")
+
+
+def main(words: Sequence[str]) -> int:
+    """Run one command of `gossamer`, in this process or on the ranks that it asks for.
+
+    Args:
+        words: name of the command and its arguments, without the name of the program.
+
+    Returns:
+        Exit code: 0, 2 for wrong input, 1 for another failure.  Errors of the package are printed
+        in one sentence.
+
+    Raises:
+        SystemExit: after `--help`, or with the code 2 for words that it does not know.
+        Exception: with `--debug` every error as it is; else those that are not of the package.
+    """
+    if words[:1] == ["demo"]:  # its options are its own
+        from gossamer_fx.app.cli.demo import main as run_demo
+
+        return run_demo(words[1:])
+    if words[:1] == ["validate"]:  # so are its options
+        from gossamer_fx.app.cli.demo import validate
+
+        return validate(words[1:])
+    wanted = _parser().parse_args(_with_values(words))
+    if wanted.name == "doctor":  # it tells of missing packages, and imports none of them here
+        from gossamer_fx.app.cli.doctor import main as examine
+
+        return examine()
+    # A process that mpirun has started is one of its ranks, and starts no others.
+    if not any(name in os.environ for name in _LAUNCHED):
+        if getattr(wanted, "jobs", 1) > 1:
+            from gossamer_fx.app.cli.launch import launch_alike
+
+            return launch_alike(wanted.jobs, ["-m", "gossamer_fx", *words, "--jobs", "1"])
+        if getattr(wanted, "ranks", 1) > 1:
+            from gossamer_fx.app.cli.launch import launch
+
+            return launch(wanted.ranks, ["-m", "gossamer_fx", *words])
+    try:
+        from mpi4py import MPI
+    except ImportError as error:
+        print(
+            f"gossamer: mpi4py cannot be imported ({error}); use a Python with dolfinx, petsc4py, "
+            "mpi4py and gmsh. gossamer doctor shows what this one has.",
+            file=sys.stderr,
+        )
+        return 1
+
+    from gossamer_fx.app.cli.user_files import end_program
+    from gossamer_fx.core.checks.errors import InputError, NoEquilibrium, OutputFailure, StepFailure
+    from gossamer_fx.core.checks.lone_errors import abort_on_lone_error
+
+    comm = MPI.COMM_WORLD
+    if _ranks_are_alone(comm):
+        return 1
+    try:
+        # An error on one rank alone would leave the others waiting.
+        with abort_on_lone_error(comm):
+            wanted.command(wanted, comm)
+    except (InputError, StepFailure, NoEquilibrium, OutputFailure) as error:
+        if wanted.debug:
+            raise
+        if comm.rank == 0:
+            print(f"gossamer: {error}", file=sys.stderr, flush=True)
+        # Scripts can tell wrong input from a computation that failed.
+        return 2 if isinstance(error, InputError) else 1
+    # These may happen on one rank only, so that the program is ended on all of them.
+    except (MemoryError, OSError) as error:
+        if wanted.debug:
+            raise
+        end_program(
+            comm,
+            f"{type(error).__name__}: {error}; look for memory and disk space, or for the file "
+            "that it names.",
+        )
+    return 0
+
+
+def _ranks_are_alone(comm: MPI.Intracomm) -> bool:
+    """Whether mpirun has started several ranks of which each sees only itself; prints why.
+
+    That happens where mpirun belongs to another MPI than mpi4py.  It is found by the environment
+    variables of Open MPI and MPICH.
+
+    Args:
+        comm: all ranks that mpi4py sees.
+    """
+    from mpi4py import MPI
+
+    # The first is set by Open MPI, the second by MPICH.
+    started = int(os.environ.get("OMPI_COMM_WORLD_SIZE") or os.environ.get("PMI_SIZE") or 1)
+    if started == 1 or comm.size > 1:
+        return False
+    rank = os.environ.get("OMPI_COMM_WORLD_RANK") or os.environ.get("PMI_RANK")
+    # Each process is rank 0 of an MPI that has one rank; the environment has the true number.
+    if rank == "0":
+        library, version = MPI.get_vendor()
+        numbers = ".".join(map(str, version))
+        print(
+            f"gossamer: mpirun has started {started} ranks that do not see each other: it belongs "
+            f"to another MPI than mpi4py, which has {library} {numbers}; use the mpirun of that.",
+            file=sys.stderr,
+            flush=True,
+        )
+    return True
+
+
+def script() -> int:
+    """The command `gossamer` of an installed package."""
+    return main(sys.argv[1:])
+
+
+def _with_values(words: Sequence[str]) -> list[str]:
+    """The words with an explicit value of `--restart`, `newest` where none is given.
+
+    The value is left out where what follows `--restart` is the scene, an argument of it, or an
+    option.
+
+    Args:
+        words: a command line, which is not changed.
+    """
+    rest = list(words)
+    given: list[str] = []
+    # argparse would take the scene for the optional value of --restart.
+    while rest:
+        word = rest.pop(0)
+        if word == "--restart":
+            named = bool(rest) and not (
+                rest[0].startswith("-") or rest[0].endswith(".py") or "=" in rest[0]
+            )
+            word = f"--restart={rest.pop(0) if named else 'newest'}"
+        given.append(word)
+    return given
+
+
+def _parser() -> argparse.ArgumentParser:
+    """The parser of the command line of `gossamer`, with all commands and their options.
+
+    Commands that read or make runs store the function that runs them as `command`; `main` itself
+    runs demo, validate and doctor, and their entries here serve `--help`.  The parser ends the
+    program with the code 2, and one sentence on standard error, for words that it does not know.
+    """
+    parser = _Parser(prog="gossamer", description="Run a scene, and look at what it did.")
+    parser.add_argument("--version", action="version", version=f"gossamer_fx {VERSION}")
+    commands = parser.add_subparsers(
+        required=True,
+        dest="name",
+        metavar="run|sweep|plot|report|export|demo|validate|doctor",
+        parser_class=_Parser,
+    )
+
+    run = commands.add_parser("run", help="run a scene file")
+    run.add_argument(
+        "scene",
+        type=Path,
+        help="Python file with a function build(comm, ...) that returns a gx.Case",
+    )
+    run.add_argument("options", nargs="*", metavar="NAME=VALUE", help="further arguments of build")
+    run.add_argument(
+        "-o", "--output", type=Path, help="folder of the run; default out/NAME of the scene file"
+    )
+    run.add_argument("-n", "--ranks", type=_positive, default=1, help="MPI ranks")
+    # Its value is optional, see `_with_values`.
+    words = "go on from the newest checkpoint in the folder, or from that of a step, or in a folder"
+    run.add_argument("--restart", metavar="[STEP|FOLDER]", help=words)
+    run.add_argument(
+        "--changed",
+        default="",
+        metavar="PART,...",
+        help="whose parameters differ from the checkpoint's",
+    )
+    run.add_argument("--overwrite", action="store_true", help="replace a run that the folder holds")
+    run.add_argument(
+        "--dry-run",
+        action="store_true",
+        help="compile and check the scene, print it, compute nothing",
+    )
+    run.add_argument("--quiet", action="store_true", help="only warnings on the terminal")
+    run.add_argument("--log", type=Path, help="file that all messages are appended to")
+    run.add_argument(
+        "--checkpoint",
+        type=_positive,
+        default=100,
+        metavar="STEPS",
+        help="steps between checkpoints",
+    )
+    run.set_defaults(command=_run)
+
+    sweep = commands.add_parser("sweep", help="many runs of a scene, or those of a design")
+    sweep.add_argument(
+        "design",
+        type=Path,
+        metavar="FILE",
+        help="a scene file, with --over; or a file with a RobustDesign or Factorial named SWEEP",
+    )
+    sweep.add_argument(
+        "--over",
+        nargs="+",
+        metavar="NAME=VALUE,VALUE",
+        help="arguments of build and their values; all combinations are run",
+    )
+    sweep.add_argument(
+        "--list",
+        action="store_true",
+        help="with --over: the first values belong together, the second ones, and so on",
+    )
+    sweep.add_argument(
+        "-o", "--output", type=Path, help="folder of the runs; default out/NAME of the file"
+    )
+    sweep.add_argument(
+        "-j", "--jobs", type=_positive, default=1, help="processes that share the runs"
+    )
+    sweep.add_argument("-n", "--ranks", type=_positive, default=1, help="MPI ranks of each process")
+    sweep.set_defaults(command=_sweep)
+
+    plot = commands.add_parser(
+        "plot", help="pictures of a run: by default its films at six times, and curves"
+    )
+    plot.add_argument("run", type=Path, help="folder of a run")
+    plot.add_argument("-f", "--field", help="state, displacement, stress1, strain2, pressure, ...")
+    plot.add_argument("-t", "--time", type=float, nargs="+", metavar="T", help="at these times [s]")
+    plot.add_argument(
+        "-s", "--strip", type=_positive, metavar="N", help="at N times, evenly spread"
+    )
+    plot.add_argument("-a", "--animate", choices=("gif", "mp4"), help="an animation")
+    plot.add_argument(
+        "-c", "--curves", action="store_true", help="ledger, gas and probes over the time"
+    )
+    plot.add_argument(
+        "-w",
+        "--with",
+        dest="measured",
+        type=Path,
+        nargs="+",
+        metavar="CSV",
+        help="measured series over the probes of the run; columns 'time [s]', 'tip x [mm]', ...",
+    )
+    plot.add_argument(
+        "--azimuth-degrees", type=float, metavar="ANGLE", help="of the camera; 0 looks along y"
+    )
+    plot.add_argument(
+        "--elevation-degrees", type=float, metavar="ANGLE", help="of the camera above the horizon"
+    )
+    plot.add_argument("--follow", action="store_true", help="the camera moves with the shapes")
+    plot.add_argument(
+        "--zoom", action="store_true", help="each picture as large as its frame allows"
+    )
+    plot.add_argument(
+        "--opacity",
+        type=float,
+        default=1.0,
+        help="of films; below 1 folded layers are seen through",
+    )
+    plot.add_argument("-o", "--output", type=Path, help="file; default: in the folder of the run")
+    plot.set_defaults(command=_plot)
+
+    report = commands.add_parser(
+        "report", help="one HTML page about a run that needs no other file"
+    )
+    report.add_argument("run", type=Path, help="folder of a run")
+    report.add_argument(
+        "-o", "--output", type=Path, help="file; default report.html in the folder of the run"
+    )
+    report.set_defaults(command=_report)
+    export = commands.add_parser(
+        "export", help="fields of a run as VTU and PVD files, for ParaView, VisIt and pyvista"
+    )
+    export.add_argument("run", type=Path, help="folder of a run")
+    export.add_argument(
+        "-o", "--output", type=Path, help="folder; default vtu in the folder of the run"
+    )
+    export.set_defaults(command=_export)
+    # These execute files of users or read runs, whose errors may need a traceback.
+    for command in (run, sweep, plot, report, export):
+        command.add_argument("--debug", action="store_true", help="show where an error comes from")
+
+    demo = commands.add_parser("demo", help="run demos/NAME.py of a clone, folded_tube by default")
+    demo.add_argument("demo", nargs="?", metavar="NAME", help="file in demos, without .py")
+    demo.add_argument("arguments", nargs="*", help="what that demo takes")
+    validate = commands.add_parser(
+        "validate", help="compare predictions with measurements of a case of a clone, or of a file"
+    )
+    validate.add_argument("case", metavar="NAME", help="case, TOML file, or all")
+    validate.add_argument(
+        "arguments", nargs="*", help="--quick, --only, --set, --sensitivity, --store, --out"
+    )
+    commands.add_parser("doctor", help="show the versions of everything, and check that it works")
+    return parser
+
+
+def _positive(word: str) -> int:
+    """A positive whole number from a word of the command line."""
+    if not word.isdigit() or int(word) < 1:
+        raise argparse.ArgumentTypeError(f"'{word}' is not a positive number")
+    return int(word)
+
+
+# ---- run -----------------------------------------------------------------------------------------
+
+
+def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
+    """Run a scene file until its end time: `gossamer run`.  Collective.
+
+    It writes the folder of the run, with checkpoints; with `--dry-run` it only prints what the
+    scene contains.
+
+    Args:
+        wanted: options of the command line, see `_parser`.
+        comm: all ranks.
+
+    Raises:
+        InputError: the folder holds a run already, or the scene file is wrong.
+        StepFailure: a time step did not converge.
+        OutputFailure: a file could not be written.
+    """
+    from gossamer_fx.core.checks.errors import check
+    from gossamer_fx.records.outputs.output import Output
+    from gossamer_fx.records.outputs.progress import Progress
+    from gossamer_fx.records.run.checkpoint import Checkpoints
+    from gossamer_fx.records.run.log import log_to
+
+    folder: Path = wanted.output or Path("out") / wanted.scene.stem
+    # An existing run is never overwritten unasked.
+    free = (
+        wanted.dry_run or wanted.restart or wanted.overwrite or not (folder / "run.json").exists()
+    )
+    check(
+        # Rank 0 decides, as other ranks may see the folder later.
+        comm.bcast(free),
+        f"'{folder}' holds a run already; give another folder with --output, go on with --restart, "
+        "or replace it with --overwrite.",
+    )
+    case = _case(wanted, comm)
+    if wanted.dry_run:
+        _show(case, comm)
+        return
+    log_to(comm, wanted.log, quiet=wanted.quiet)
+    outputs: list[Output] = [case.recording(folder, overwrite=wanted.overwrite)]
+    if not wanted.quiet:
+        outputs.append(Progress())
+    saves = folder / "checkpoints"
+    checkpoints = Checkpoints(saves, every=wanted.checkpoint, overwrite=wanted.overwrite)
+    restart: Path | None = None
+    if wanted.restart == "newest":
+        restart = saves
+    elif wanted.restart:
+        restart = (
+            saves / f"step-{int(wanted.restart):08d}"
+            if wanted.restart.isdigit()
+            else Path(wanted.restart)
+        )
+    run = case.simulation(
+        outputs, checkpoints, restart, [name for name in wanted.changed.split(",") if name]
+    )
+    run.run(until=case.until)
+    if comm.rank == 0 and not wanted.quiet:
+        print(f"written to {folder}; look at it with: ./gossamer report {folder}")
+
+
+def _show(case: Case, comm: MPI.Intracomm) -> None:
+    """Compile a case, and print what it contains and what is strange about it.  Collective.
+
+    Nothing is computed; rank 0 prints.
+
+    Args:
+        case: scene and time stepping of the run.
+        comm: all ranks.
+
+    Raises:
+        InputError: what is wrong with the scene.
+    """
+    from gossamer_fx.records.outputs.description import describe, lines
+    from gossamer_fx.solve.scene.validation import self_intersections, warnings
+
+    run = case.simulation()
+    about = describe(run)
+    # The search for intersections takes too long for every run; a dry run has the time.
+    strange = [*warnings(run.scene.items), *self_intersections(run.system.bodies)]
+    sides = list(_sides(run.system.bodies))
+    if comm.rank == 0:
+        steps = case.until / case.stepper.dt
+        print("\n".join(lines(about)))
+        for words in sides:
+            print(words)
+        print(
+            f"about {steps:.6g} steps of {case.stepper.dt:.6g} s to t = {case.until:.6g} s; "
+            "nothing was computed"
+        )
+        for words in strange:
+            print(f"warning: {words}")
+
+
+def _sides(bodies: Iterable[Body]) -> Iterator[str]:
+    """Sentences about the side of the normals of films that enclose a volume [m³].  Collective.
+
+    Args:
+        bodies: of the compiled scene; only films count.
+    """
+    from gossamer_fx.core.mesh.enclosed_volume import enclosed_by
+    from gossamer_fx.mechanics.bodies.membrane import Membrane
+
+    for body in bodies:
+        if not isinstance(body, Membrane):
+            continue
+        enclosed = enclosed_by(body.mesh.domain, body.mesh.edges)
+        if enclosed.has_inside:
+            side = "outwards"
+            if enclosed.volume < 0:
+                side = "inwards"
+            yield (
+                f"'{body.name}' encloses {abs(enclosed.volume):.6g} m³, and its normals point "
+                f"{side}"
+            )
+
+
+def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
+    """The `Case` that the function `build` of a scene file returns.  Collective.
+
+    Args:
+        wanted: options of the command line: `scene` is the file, `options` are arguments of `build`
+            as NAME=VALUE, `debug` raises errors of the file as they are.
+        comm: all ranks.
+
+    Raises:
+        InputError: the file does not exist, it has no `build`, or `build` has other arguments or
+            another result.
+        SystemExit: the file itself raises an error, which is printed.
+    """
+    import inspect
+
+    from gossamer_fx.app.cli.case import Case
+    from gossamer_fx.app.cli.user_files import build_of, guarded, load, option, unknown_arguments
+    from gossamer_fx.core.checks.errors import check
+
+    path: Path = wanted.scene
+    check(
+        path.is_file(),
+        f"There is no scene file '{path}'; give a Python file with a function build(comm).",
+    )
+    options = dict(option(word) for word in wanted.options)
+    module = guarded(comm, path, wanted.debug, lambda: load(path))
+    build = build_of(path, module)
+    parameters = inspect.signature(build).parameters
+    unknown = unknown_arguments(build, options)
+    check(
+        bool(parameters) and not unknown,
+        f"build in '{path}' takes no {unknown[0] if unknown else 'comm'!r}; its arguments are: "
+        f"{', '.join(parameters) or 'none, but the first must be the communicator'}.",
+    )
+    # The first parameter is the communicator, which the command gives.
+    needed = [
+        n
+        for n, p in list(parameters.items())[1:]
+        if p.default is p.empty and p.kind is p.POSITIONAL_OR_KEYWORD
+    ]
+    missing = [name for name in needed if name not in options]
+    check(
+        not missing, f"build in '{path}' needs a value for {', '.join(missing)}; give NAME=VALUE."
+    )
+    case = guarded(comm, path, wanted.debug, lambda: build(comm, **options))
+    check(
+        isinstance(case, Case),
+        f"build in '{path}' returns {type(case).__name__}; let it return a gossamer_fx.Case. What "
+        "is not run in time, such as an equilibrium, is computed by a Python script.",
+    )
+    return case
+
+
+def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
+    """Compute the runs of a sweep that its folder lacks, and print what follows from all.
+    Collective.
+
+    The sweep is over arguments of a scene file (`--over`), or the object SWEEP of a design file.
+
+    Args:
+        wanted: options of the command line, see `_parser`.
+        comm: all ranks.
+
+    Raises:
+        InputError: the file does not exist or has no SWEEP, options contradict each other, or the
+            folder holds runs of another scene.
+    """
+    from gossamer_fx.app.cli.user_files import guarded, load
+    from gossamer_fx.app.sweep.factorial import Factorial, run_factorial
+    from gossamer_fx.app.sweep.robust_design import RobustDesign
+    from gossamer_fx.app.sweep.sweep_report import run_design
+    from gossamer_fx.core.checks.errors import check
+
+    path: Path = wanted.design
+    check(
+        path.is_file(),
+        f"There is no file '{path}'; give a scene file with --over, or a file with a SWEEP.",
+    )
+    check(
+        not wanted.list or bool(wanted.over),
+        "--list says how the values of --over belong together; give --over NAME=VALUE,VALUE.",
+    )
+    folder: Path = wanted.output or Path("out") / path.stem
+    module = guarded(comm, path, wanted.debug, lambda: load(path))
+    if wanted.over:
+        from gossamer_fx.app.cli.scene_sweep import check_same_scene
+
+        design: object = _scene_sweep(wanted, module)
+        folder = wanted.output or Path("out") / f"{path.stem}_sweep"
+        check_same_scene(comm, path, folder)
+    else:
+        design = getattr(module, "SWEEP", None)
+    check(
+        isinstance(design, RobustDesign | Factorial),
+        f"'{path}' has no SWEEP; let it be a gx.sweep.RobustDesign or gx.sweep.Factorial, or vary "
+        "the arguments of a scene file with --over.",
+    )
+    if isinstance(design, Factorial):
+        sweep = design
+        text = guarded(comm, path, wanted.debug, lambda: run_factorial(sweep, comm, folder))
+    else:
+        assert isinstance(design, RobustDesign)
+        robust = design
+        text = guarded(comm, path, wanted.debug, lambda: run_design(robust, comm, folder))
+    if comm.rank == 0:
+        print(f"{text}\nwritten to {folder}")
+
+
+def _scene_sweep(wanted: argparse.Namespace, module: ModuleType) -> object:
+    """The sweep (a `Factorial`) over the arguments of the function `build` of a scene file.
+
+    Args:
+        wanted: options of the command line: `over` has words NAME=VALUE,VALUE, `list` says whether
+            values belong together one by one.
+        module: the scene file, which has been executed.
+
+    Raises:
+        InputError: there is no `build`, or it has no such arguments, or a word has another form.
+    """
+    from gossamer_fx.app.cli.scene_sweep import scene_sweep
+    from gossamer_fx.app.cli.user_files import build_of
+
+    build = build_of(wanted.design, module)
+
+    def progress(line: str) -> None:
+        print(f"gossamer: {line}", file=sys.stderr, flush=True)
+
+    return scene_sweep(build, wanted.design, wanted.over, wanted.list, progress)
+
+
+# ---- plot and report -----------------------------------------------------------------------------
+
+
+def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
+    """Write the pictures of a run that the options ask for, and print their paths.
+
+    Without an option for a picture it writes a strip of six times and the curves.
+
+    Args:
+        wanted: options of the command line, see `_parser`; angles of the camera are in degrees.
+        comm: all ranks; not used, as pictures are made on each.
+
+    Raises:
+        InputError: several kinds of pictures, or `--output` without one, or no run in the folder,
+            or a field or time that it has not.
+    """
+    from gossamer_fx.core.checks.errors import check
+    from gossamer_fx.records.plot import plot as pictures
+    from gossamer_fx.records.plot.colours import default_field
+    from gossamer_fx.records.plot.run_reader import RunReader
+    from gossamer_fx.records.plot.viewpoint import View
+
+    run, folder = RunReader(wanted.run), wanted.run
+    pictures_of = {name: name for name in ("time", "strip", "animate", "curves")}
+    pictures_of["measured"] = "with"
+    chosen = [option for name, option in pictures_of.items() if getattr(wanted, name)]
+    check(
+        len(chosen) <= 1,
+        f"--{' and --'.join(chosen)} are several pictures; give one of them at a time.",
+    )
+    check(
+        bool(chosen) or wanted.output is None,
+        "--output names one file; say which picture with --strip, --time, ...",
+    )
+    azimuth, elevation = (
+        None if a is None else math.radians(a)
+        for a in (wanted.azimuth_degrees, wanted.elevation_degrees)
+    )
+    view = View(
+        azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom, opacity=wanted.opacity
+    )
+    field: str = wanted.field or ""
+    # Curves have no field.
+    if not field and chosen not in (["curves"], ["with"]):
+        field = default_field(run)
+    output: Path | None = wanted.output
+    if not chosen or wanted.strip:
+        _write_and_print(
+            output or folder / f"{field}.png",
+            lambda path: pictures.strip(run, field, path=path, count=wanted.strip or 6, view=view),
+        )
+    if wanted.time:
+        _write_and_print(
+            output or folder / f"{field}_at.png",
+            lambda path: pictures.field(run, field, times=wanted.time, path=path, view=view),
+        )
+    if wanted.animate:
+        _write_and_print(
+            output or folder / f"{field}.{wanted.animate}",
+            lambda path: pictures.animate(run, field, path=path, view=view),
+        )
+    # Equilibria and modes have no curves over time.
+    if wanted.curves or (not chosen and run.kind == "run"):
+        _write_and_print(output or folder / "curves.png", lambda path: pictures.curves(run, path))
+    if wanted.measured:
+        _write_and_print(
+            output or folder / "measured.png",
+            lambda path: pictures.overlay(run, measured=wanted.measured, path=path),
+        )
+
+
+def _report(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
+    """Write the HTML page of a run, and print its path."""
+    from gossamer_fx.records.plot.report import write_report
+    from gossamer_fx.records.plot.run_reader import RunReader
+
+    run = RunReader(wanted.run)
+    _write_and_print(
+        wanted.output or wanted.run / "report.html", lambda path: write_report(run, path)
+    )
+
+
+def _export(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
+    """Write a run as VTU and PVD files, and print the paths of the lists."""
+    from gossamer_fx.records.plot.run_reader import RunReader
+    from gossamer_fx.records.plot.vtk_export import export
+
+    run = RunReader(wanted.run)
+    for path in export(run, wanted.output or wanted.run / "vtu"):
+        print(path)
+
+
+def _write_and_print(path: Path, write: Callable[[Path], None]) -> None:
+    """Write a file, and print its path, which scripts can read."""
+    write(path)
+    print(path)

@@ -1,0 +1,83 @@
+"""Run a program of the folder `demos`: gossamer demo [NAME] [ARGUMENTS], gossamer validate NAME
+[ARGUMENTS]."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+# the picture of the README
+DEFAULT = "folded_tube"
+
+
+def find_demos() -> Path | None:
+    """The folder of the demos: that of the clone of this package, else one in the current folder.
+
+    A folder counts if it has the file of the demo that runs without a name, `DEFAULT`.
+
+    Returns:
+        Absolute path; None if there is none: an installed package has no demos.
+    """
+    clone = Path(__file__).resolve().parents[3]
+    for folder in (clone / "demos", Path("demos").resolve()):
+        if (folder / f"{DEFAULT}.py").is_file():
+            return folder
+    return None
+
+
+def main(words: Sequence[str]) -> int:
+    """Replace this process by a demo.
+
+    Args:
+        words: the name of a demo, the default one if it is left out, then the demo's own arguments.
+
+    Returns:
+        Exit code 2 if there is no such demo, or no folder of demos; else it does not return.
+    """
+    rest = list(words)
+    name = DEFAULT
+    if rest and not rest[0].startswith("-"):
+        name = rest.pop(0).removesuffix(".py")
+    folder = find_demos()
+    if folder is None:
+        return _tell_where_demos_are("demo")
+    names = sorted(path.stem for path in folder.glob("*.py"))
+    if name not in names:
+        sys.stderr.write(f"gossamer: there is no demo '{name}'; give one of {', '.join(names)}.\n")
+        return 2
+    _replace_process(folder, f"{name}.py", rest)
+
+
+def validate(words: Sequence[str]) -> int:
+    """Replace this process by the comparison of predictions with measurements.
+
+    Args:
+        words: a case or a case file, then the options of `demos/validation`.
+
+    Returns:
+        Exit code 2 if there is no folder of demos; else it does not return.
+    """
+    folder = find_demos()
+    if folder is None:
+        return _tell_where_demos_are("validate")
+    _replace_process(folder, "validation", list(words))
+
+
+def _tell_where_demos_are(command: str) -> int:
+    """Report that there are no demos; returns the exit code."""
+    sys.stderr.write(
+        "gossamer: there is no folder 'demos' here, and an installed package has none; "
+        f"start gossamer {command} in a clone of the project.\n"
+    )
+    return 2
+
+
+def _replace_process(folder: Path, program: str, words: list[str]) -> NoReturn:
+    """Replace this process by a program of the folder of the demos."""
+    # demos import each other and the folder demos/common by their path in the clone
+    paths = [str(folder.parent), os.environ.get("PYTHONPATH", "")]
+    os.environ["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
+    os.execv(sys.executable, [sys.executable, str(folder / program), *words])

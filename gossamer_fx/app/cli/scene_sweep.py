@@ -1,0 +1,236 @@
+"""Sweeps over the arguments of a scene file: gossamer sweep SCENE --over NAME=VALUE,VALUE ..."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import inspect
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.app.cli.case import Case
+from gossamer_fx.app.cli.user_files import unknown_arguments
+from gossamer_fx.app.sweep.factorial import Factorial
+from gossamer_fx.core.checks.errors import check, on_rank_zero
+from gossamer_fx.records.outputs.output import Output, make_parent, replace_file
+from gossamer_fx.records.run.checkpoint import Checkpoints
+
+Build = Callable[..., Case]
+
+
+def values_of(words: Sequence[str]) -> dict[str, list[Any]]:
+    """Values of arguments, by name, from words NAME=VALUE,VALUE of a command line.
+
+    Args:
+        words: e.g. "cells=4,8"; a value is a number, True, False, or else a word.
+
+    Raises:
+        InputError: a word of another form, a name without a value, or one that is given twice.
+    """
+    over: dict[str, list[Any]] = {}
+    for word in words:
+        name, equals, text = word.partition("=")
+        values = [_value(part) for part in text.split(",")]
+        check(
+            bool(equals) and name.isidentifier() and "" not in values,
+            f"'{word}' is not of the form NAME=VALUE,VALUE; give arguments of build like "
+            "cells=4,8,16.",
+        )
+        check(name not in over, f"--over has {name} twice; give all its values at once.")
+        over[name] = values
+    return over
+
+
+def _value(text: str) -> Any:
+    """A number or truth value from its text; any other text as it is."""
+    try:
+        found = ast.literal_eval(text.strip())
+    except (ValueError, SyntaxError):
+        return text.strip()
+    if isinstance(found, int | float | str):
+        return found
+    return text.strip()
+
+
+def check_arguments_of(build: Build, path: Path, names: Sequence[str]) -> None:
+    """Refuse names that are not arguments of the function `build` of a scene file.
+
+    Args:
+        build: the function; its first argument, the communicator, does not count.
+        path: of the scene file, for the message.
+        names: names that a user gave.
+
+    Raises:
+        InputError: names them and the arguments that there are.
+    """
+    unknown = unknown_arguments(build, names)
+    # The first one is the communicator.
+    known = list(inspect.signature(build).parameters)[1:]
+    check(
+        not unknown,
+        f"build in '{path}' takes no {', '.join(unknown)}; its arguments are: "
+        f"{', '.join(known) or 'none but the communicator'}.",
+    )
+
+
+def check_same_scene(comm: MPI.Intracomm, path: Path, folder: Path) -> None:
+    """Refuse a folder whose runs are of another scene file, or of this one before it was changed.
+
+    The results of runs are found by the values of their arguments, which do not tell the scene.  A
+    new folder gets the checksum of the file.  Collective.
+
+    Args:
+        comm: the ranks; rank 0 reads the files.
+        path: of the scene file.
+        folder: of the sweep; made if it does not exist.
+
+    Raises:
+        InputError: on all ranks; names both files.
+        OSError: on all ranks, if a file cannot be read or written.
+    """
+
+    def compare() -> None:
+        """Compare the checksum of the scene file with the one in the folder, or store it there.
+
+        Raises:
+            InputError: the folder has another checksum.
+            OSError: a file cannot be read or written.
+        """
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        mark = folder / "scene.json"
+        make_parent(MPI.COMM_SELF, mark)
+        if mark.is_file():
+            about = json.loads(mark.read_text(encoding="utf-8"))
+            check(
+                about.get("sha256") == digest,
+                f"'{folder}' holds runs of '{about.get('file')}' as it was before a change, or of "
+                "another scene; give another folder with --output, or remove this one.",
+            )
+        else:
+            replace_file(mark, json.dumps({"file": str(path), "sha256": digest}))
+
+    on_rank_zero(comm, compare)
+
+
+class SceneOutcome:
+    """Makes one run of a scene file; its numbers are those of the probes, and how the run went.
+
+    For each probe it returns the value at the end, the smallest and the largest one, and for each
+    chamber the last pressure.  The run is recorded in its folder with checkpoints, from which it
+    continues if it was killed.
+
+    Args:
+        build: the function of the scene file.
+        progress: called with a line when a run begins.
+
+    Attributes:
+        count: of all runs of the sweep, for the progress.
+    """
+
+    def __init__(self, build: Build, progress: Callable[[str], None]) -> None:
+        self._build = build
+        self._progress = progress
+        self.count = 1
+
+    def __call__(self, comm: MPI.Intracomm, folder: Path, **values: Any) -> dict[str, float]:
+        """Make one run of the scene, or continue it from its newest checkpoint.  Collective.
+
+        Args:
+            comm: the ranks.
+            folder: of the run, for its recording and checkpoints.
+            values: arguments of `build` for this run.
+
+        Returns:
+            Numbers by name, the same on every rank: those of `_probe_numbers`, each with its unit
+            in the name, and the dimensionless "energy error", "steps" and "iterations a step".
+
+        Raises:
+            InputError: `build` does not return a `Case`, or the scene is wrong; an error that
+                `build` itself raises passes.
+            StepFailure: a time step did not converge.  The folder retains what was recorded and the
+                checkpoints; what becomes of a failed run is decided by the sweep.
+        """
+        words = ", ".join(f"{name}={value}" for name, value in values.items())
+        if comm.rank == 0:
+            self._progress(f"run with {words} ({self.count} runs in all)")
+        case = self._build(comm, **values)
+        check(
+            isinstance(case, Case),
+            f"build returns {type(case).__name__}; let it return a gossamer_fx.Case.",
+        )
+        saves = folder / "checkpoints"
+        is_restart = comm.bcast(any(saves.glob("step-*")))
+        restart = saves if is_restart else None
+        # What a run without a checkpoint has left is replaced: it has no result.
+        outputs: list[Output] = [case.recording(folder, overwrite=True)]
+        run = case.simulation(outputs, Checkpoints(saves), restart)
+        run.run(until=case.until)
+        numbers = dict(on_rank_zero(comm, lambda: _probe_numbers(folder)) or {})
+        numbers = dict(comm.bcast(numbers))
+        numbers["energy error"] = run.energy_error
+        numbers["steps"] = float(run.step)
+        numbers["iterations a step"] = run.iterations / max(run.step, 1)
+        return numbers
+
+
+def _probe_numbers(folder: Path) -> dict[str, float]:
+    """Results of a recorded run by name: of its probes and of the pressures of its chambers.
+
+    Args:
+        folder: of the run.
+
+    Returns:
+        "... at the end", "... smallest" and "... largest" for each probe, in the unit of the probe,
+        and "... pressure [Pa] at the end" for each chamber.
+
+    Raises:
+        InputError: the folder holds no run.
+    """
+    from gossamer_fx.records.plot.run_reader import RunReader
+
+    run = RunReader(folder)
+    numbers: dict[str, float] = {}
+    for name, values in run.table("probes.csv").items():
+        if name not in ("time", "step"):
+            numbers[f"{name} at the end"] = float(values[-1])
+            numbers[f"{name} smallest"] = float(np.min(values))
+            numbers[f"{name} largest"] = float(np.max(values))
+    for name, values in run.table("gas.csv").items():
+        if name.endswith(" pressure"):
+            numbers[f"{name} [Pa] at the end"] = float(values[-1])
+    return numbers
+
+
+def scene_sweep(
+    build: Build,
+    path: Path,
+    words: Sequence[str],
+    listed: bool,
+    progress: Callable[[str], None],
+) -> Factorial:
+    """The sweep over arguments of a scene file that a command line asks for.
+
+    Args:
+        build: the function of the scene file.
+        path: of the scene file.
+        words: NAME=VALUE,VALUE for each argument that is varied.
+        listed: whether the values belong together one by one; else all combinations are run.
+        progress: called with a line when a run begins.
+
+    Returns:
+        The sweep, not yet run.
+
+    Raises:
+        InputError: words of another form, unknown arguments, or values that make no sweep.
+    """
+    over = values_of(words)
+    check_arguments_of(build, path, list(over))
+    outcome = SceneOutcome(build, progress)
+    sweep = Factorial(outcome, over, listed=listed)
+    outcome.count = len(sweep.cases())
+    return sweep

@@ -1,0 +1,155 @@
+"""Python files of users: they are executed, and what is wrong with them is reported in one
+sentence, with its line."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import sys
+import traceback
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.checks.interruption import Interrupted
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+def option(word: str) -> tuple[str, Any]:
+    """Name and value of a word NAME=VALUE.
+
+    Args:
+        word: e.g. "cells=20".  What Python reads as a number, tuple, list or the like becomes that,
+            anything else a word.
+
+    Raises:
+        InputError: the word has another form.
+    """
+    name, equals, text = word.partition("=")
+    check(
+        bool(equals) and name.isidentifier(),
+        f"'{word}' is not of the form NAME=VALUE; give arguments of build like cells=20.",
+    )
+    try:
+        return name, ast.literal_eval(text)
+    except (ValueError, SyntaxError):
+        return name, text
+
+
+def load(path: Path) -> ModuleType:
+    """Execute a Python file as a module; other files of its folder can be imported.
+
+    Args:
+        path: of the file, which exists.
+
+    Raises:
+        InputError: its name is not that of a Python file.
+        Exception: what the file itself raises.
+    """
+    from importlib.util import module_from_spec, spec_from_file_location
+
+    # As Python does with the folder of a script.
+    sys.path.insert(0, str(path.resolve().parent))
+    spec = spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise InputError(f"'{path}' is not a Python file; give one with a function build(comm).")
+    module = module_from_spec(spec)
+    # Data classes look up the module in which they are defined.
+    sys.modules[path.stem] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def build_of(path: Path, module: ModuleType) -> Callable[..., Any]:
+    """The function `build` of a scene file.
+
+    Args:
+        path: of the file, for the message.
+        module: the file, which has been executed.
+
+    Raises:
+        InputError: it has none.
+    """
+    build = getattr(module, "build", None)
+    check(
+        callable(build),
+        f"'{path}' has no function build(comm); write one that returns a gossamer_fx.Case.",
+    )
+    assert build is not None
+    found: Callable[..., Any] = build
+    return found
+
+
+def unknown_arguments(build: Callable[..., Any], names: Iterable[str]) -> list[str]:
+    """Those of some names that are not arguments of a function, its first one not counted: the
+    communicator."""
+    parameters = inspect.signature(build).parameters
+    # A function with **options takes any name.
+    if any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
+        return []
+    known = list(parameters)[1:]
+    return [name for name in names if name not in known]
+
+
+def guarded[T](
+    comm: MPI.Intracomm,
+    path: Path,
+    debug: bool,
+    act: Callable[[], T],
+) -> T:
+    """Run code of the user's file, and end the program with one sentence if it fails.
+
+    Args:
+        comm: the ranks, all of which end.
+        path: of the user's file.
+        debug: whether errors are raised as they are.
+        act: the code; its result is returned.
+
+    Raises:
+        InputError, Interrupted: as they are; their messages are sentences already.
+        SystemExit: after any other error, with the code 2; the message has the line of the file.
+    """
+    try:
+        return act()
+    # Their messages are sentences already.
+    except (InputError, Interrupted):
+        raise
+    except (Exception, SystemExit) as error:
+        if debug:
+            raise
+        # The innermost line that is in the user's file: the one to correct.
+        frames = [
+            f
+            for f in traceback.extract_tb(error.__traceback__)
+            if Path(f.filename).resolve() == path.resolve()
+        ]
+        line: int | None = None
+        if isinstance(error, SyntaxError):
+            line = error.lineno
+        elif frames:
+            line = frames[-1].lineno
+        location = f"'{path}'"
+        if line:
+            location += f", line {line}"
+        words = "no words"
+        if str(error):
+            words = str(error).splitlines()[0]
+        end_program(
+            comm,
+            f"{location}: {type(error).__name__} ({words}); correct the file, or see more with "
+            "--debug.",
+            2,
+        )
+
+
+def end_program(comm: MPI.Intracomm, words: str, code: int = 1) -> NoReturn:
+    """Say something on the first rank that comes here, and end the program on all."""
+    print(f"gossamer: {words}", file=sys.stderr, flush=True)
+    # Other ranks may be waiting for this one, and an exception would not end them.
+    if comm.size > 1:
+        comm.Abort(code)
+    raise SystemExit(code)

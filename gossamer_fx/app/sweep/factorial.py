@@ -1,0 +1,282 @@
+"""Plain sweeps: runs with all combinations of some values, or with a list of values; a table and a
+picture.
+
+The runs are those of `sweep.runs`: any number of processes share them, a run with a result is not
+repeated, and a run that was killed is made again, from its last checkpoint if it writes any.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
+from itertools import cycle, product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.app.sweep.runs import Outcome, Result, SharedRuns
+from gossamer_fx.app.sweep.sweep_report import results_as_csv, value_text, values_text
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check, on_rank_zero
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# More runs than this are a slip of the keyboard rather than a wish.
+MAX_RUNS = 10_000
+
+# Panels of the picture; the table has all numbers.
+_MAX_PANELS = 12
+_PANEL_COLUMNS = 3
+_PANEL_WIDTH = 4.0  # inches
+_PANEL_HEIGHT = 2.9  # inches
+_PAD = 0.12  # inches around each panel
+_RESOLUTION = 150  # dots per inch
+
+
+@check_arguments
+@dataclass(frozen=True)
+class Factorial:
+    """A sweep over all combinations of values, or over a list of them.
+
+    In a file it has the name SWEEP, and `./gossamer sweep FILE` runs it; a scene file needs none:
+    `./gossamer sweep SCENE --over cells=4,8 edge=0.2,0.3`.
+
+    Args:
+        outcome: outcome(comm, folder, **values) makes one run and returns numbers by name; `folder`
+            is for the files of the run.
+        over: values of each factor by name: numbers or words.
+        listed: whether the first values of all factors belong together, the second ones, and so on;
+            else all combinations are run.
+
+    Raises:
+        InputError: no factor, values that are equal or neither numbers nor words, or lists of
+            different lengths.
+
+    Example:
+        >>> def outcome(comm, folder, bore, stroke):
+        ...     return {"volume": bore**2 * stroke}
+        >>> SWEEP = gx.sweep.Factorial(outcome, {"bore": [1.0, 2.0], "stroke": [1.0, 3.0, 5.0]})
+        >>> len(SWEEP.cases()), SWEEP.cases()[1]
+        (6, {'bore': 1.0, 'stroke': 3.0})
+    """
+
+    outcome: Outcome
+    over: Mapping[str, Sequence[Any]]
+    _: KW_ONLY
+    listed: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the factors and their values.
+
+        Raises:
+            InputError: `outcome` is not a function, there is no factor, a value is neither a number
+                nor a word, lists have different lengths, two runs are equal, or there are more than
+                10 000 runs.
+        """
+        check(callable(self.outcome), f"Factorial: outcome is {self.outcome!r}; give a function.")
+        check(
+            len(self.over) > 0, "Factorial: there is nothing to vary; name a factor and its values."
+        )
+        for name, values in self.over.items():
+            # Other values could not be written to the files of results, and found in them again.
+            is_plain = all(isinstance(value, str | int | float) for value in values)
+            check(
+                is_plain and len(values) > 0,
+                f"Factorial: {name} has {values!r}; give numbers or words.",
+            )
+        counts = {name: len(values) for name, values in self.over.items()}
+        words = ", ".join(f"{name} has {count}" for name, count in counts.items())
+        check(
+            not self.listed or len(set(counts.values())) == 1,
+            f"Factorial: in a list all factors have as many values; {words}.",
+        )
+        runs = int(np.prod([float(count) for count in counts.values()]))
+        check(
+            self.listed or runs <= MAX_RUNS,
+            f"Factorial: {words}, which makes {runs} runs; give fewer values, at most {MAX_RUNS} "
+            "runs.",
+        )
+        cases = [repr(case) for case in self.cases()]
+        check(
+            len(set(cases)) == len(cases),
+            f"Factorial: a run is in the sweep twice ({words}); give different values.",
+        )
+
+    def cases(self) -> list[dict[str, Any]]:
+        """Values of all factors in all runs, by name; the last factor varies fastest."""
+        combinations: Any = product(*self.over.values())
+        if self.listed:
+            combinations = zip(*self.over.values(), strict=True)
+        return [dict(zip(self.over, values, strict=True)) for values in combinations]
+
+
+def run_factorial(sweep: Factorial, comm: MPI.Intracomm, folder: Path) -> str:
+    """Make the runs of a sweep that its folder lacks; writes runs.csv, sweep.md and sweep.png.
+    Collective.
+
+    A run whose step or equilibrium fails (`StepFailure`, `NoEquilibrium`) does not end the sweep:
+    the tables have the reason, the picture a gap.  Any other exception of an outcome ends the sweep
+    before the reports are written; results of earlier runs stay in the folder and are not repeated.
+
+    Args:
+        sweep: what to run.
+        comm: ranks that make a run together.
+        folder: of runs and reports.
+
+    Returns:
+        The table in Markdown, as in sweep.md.
+
+    Raises:
+        InputError: the folder cannot be written, the file of a result is damaged, or the outcome
+            refuses values of a run or returns something other than numbers.
+    """
+    runs = SharedRuns(comm, folder / "runs", sweep.outcome)
+    results = runs.results(sweep.cases())
+    folders = [runs.result_file(result.values).with_suffix("").name for result in results]
+    text = table(sweep, results, folders)
+
+    def write() -> None:
+        (folder / "runs.csv").write_text(results_as_csv(results))
+        (folder / "sweep.md").write_text(text)
+        draw(sweep, results, folder / "sweep.png")
+
+    on_rank_zero(comm, write)
+    return text
+
+
+def table(sweep: Factorial, results: Sequence[Result], folders: Sequence[str]) -> str:
+    """Return the values and numbers of all runs in Markdown; failed runs are listed below with
+    the reason.
+
+    Args:
+        sweep: that was run.
+        results: of its `cases()`, with wall times [s].
+        folders: names of the folders of the runs.
+    """
+    numbers = _numbers(results)
+    seconds = sum(result.seconds for result in results)
+    failed = [result for result in results if result.failed]
+    head = [*sweep.over, *numbers, "time [s]", "folder in runs"]
+    lines = [
+        f"{len(results)} runs, {seconds:.0f} s; {len(failed)} failed.",
+        "",
+        f"| {' | '.join(head)} |",
+        f"|{'---|' * len(head)}",
+    ]
+    for result, name in zip(results, folders, strict=True):
+        entries = [value_text(result.values[factor]) for factor in sweep.over]
+        for number in numbers:
+            if number in result.numbers:
+                entries.append(f"{result.numbers[number]:.6g}")
+            else:
+                entries.append("failed" if result.failed else "")
+        entries += [f"{result.seconds:.1f}", name]
+        lines.append(f"| {' | '.join(entries)} |")
+    if failed:
+        lines.append("")
+    for result in failed:
+        lines.append(f"- {values_text(result.values)}: {result.failed}")
+    return "\n".join(lines) + "\n"
+
+
+def _numbers(results: Sequence[Result]) -> list[str]:
+    """Names of all numbers of the outcomes, in the order in which they occur."""
+    names: dict[str, None] = {}
+    for result in results:
+        names |= dict.fromkeys(result.numbers)
+    return list(names)
+
+
+# ---- the picture ---------------------------------------------------------------------------------
+
+
+def draw(sweep: Factorial, results: Sequence[Result], path: Path) -> None:
+    """Draw each number over the first factor, with a curve for each combination of the others.
+
+    At most 12 numbers are drawn.  A failed run leaves a gap in its curve; nothing is written if all
+    runs failed.
+
+    Args:
+        sweep: that was run.
+        results: of its runs.
+        path: of the PNG.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    numbers = _numbers(results)[:_MAX_PANELS]
+    if not numbers:
+        return
+    columns = min(len(numbers), _PANEL_COLUMNS)
+    rows = -(-len(numbers) // columns)
+    figure = Figure(
+        figsize=(_PANEL_WIDTH * columns, _PANEL_HEIGHT * rows),
+        layout=ConstrainedLayoutEngine(w_pad=_PAD, h_pad=_PAD),
+        facecolor="white",
+    )
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for panel in panels[len(numbers) :]:
+        panel.remove()
+    for panel, number in zip(panels, numbers, strict=False):
+        _draw_panel(panel, sweep, results, number)
+    figure.savefig(path, dpi=_RESOLUTION)
+
+
+def _draw_panel(
+    axes: Axes,
+    sweep: Factorial,
+    results: Sequence[Result],
+    number: str,
+) -> None:
+    """Draw one number over the first factor that varies.
+
+    Args:
+        axes: of matplotlib.
+        sweep: that was run.
+        results: of its runs; those that failed leave a gap.
+        number: name of a number of the outcome, in the user's unit.
+    """
+    from gossamer_fx.records.plot.curve_panels import LINES, label_ends, wrapped
+    from gossamer_fx.records.plot.units import plain_text
+
+    varied = [name for name, values in sweep.over.items() if len(set(values)) > 1]
+    first = (varied or list(sweep.over))[0]
+    others = [name for name in varied if name != first]
+    levels = list(dict.fromkeys(sweep.over[first]))
+    # In a list the factors vary together: there is one curve.
+    if sweep.listed:
+        others = []
+    curves: dict[str, list[tuple[float, float]]] = {}
+    for result in results:
+        label = values_text({name: result.values[name] for name in others})
+        level = result.values[first]
+        # Words are drawn at equal distances, numbers on their scale.
+        position = float(levels.index(level)) if _has_words(levels) else float(level)
+        curves.setdefault(label, []).append((position, result.numbers.get(number, np.nan)))
+    ends = {}
+    for (label, points), colour in zip(curves.items(), cycle(LINES), strict=False):
+        at_levels, numbers = np.array(sorted(points)).T
+        axes.plot(at_levels, numbers, "o-", color=colour, markersize=4, linewidth=1.2)
+        finite = numbers[np.isfinite(numbers)]
+        if label and len(finite):
+            ends[label] = (float(finite[-1]), colour)
+    if _has_words(levels):
+        axes.set_xticks(range(len(levels)), [value_text(level) for level in levels])
+    axes.set_title(wrapped(plain_text(number), 40, 2), loc="left", fontsize=9.5)
+    axes.set_xlabel(plain_text(first))
+    axes.spines[["top", "right"]].set_visible(False)
+    # More names than this would cover each other.
+    if len(ends) <= len(LINES):
+        label_ends(axes, ends)
+
+
+def _has_words(levels: Sequence[Any]) -> bool:
+    return any(isinstance(level, str) for level in levels)

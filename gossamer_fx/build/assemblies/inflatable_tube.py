@@ -1,0 +1,391 @@
+"""Inflatable tubes of compartments, folded or flat, in one call."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.bodies.meshed import Property
+from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.mechanics.constraints.fixed import Fixed
+from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
+from gossamer_fx.mechanics.gas.orifice import Orifice
+from gossamer_fx.mechanics.gas.ring import Ring
+from gossamer_fx.mechanics.gas.volumes import Ambient, Chamber, Reservoir, Tank
+from gossamer_fx.mechanics.materials.film import FilmLaw
+from gossamer_fx.core.mesh.mesh import Mesh
+from gossamer_fx.core.model.body import Vector
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.connectors.crease import Crease
+    from gossamer_fx.mechanics.constraints.rigid_region import RigidRegion
+    from gossamer_fx.mechanics.contact.contact import Contact
+    from gossamer_fx.mechanics.contact.obstacles import Obstacle
+    from gossamer_fx.build.fold.fold_map import FoldMap
+    from gossamer_fx.build.fold.folded import Folded
+
+
+@check_arguments
+class InflatableTube:
+    """A closed tube of film with gas in compartments: an assembly of film, chambers, passages and
+    supports.
+
+    Attributes that were not asked for are None or empty.  In a scene the tube brings all of them.
+
+    Args:
+        mesh: of the film, with the groups of `gossamer_fx.meshes.tube.flat_tube`: if there are
+            several compartments, "compartment 1" and so on and "ring 1" and so on.
+        law: of the film.
+        properties: numbers of the law that differ along the tube, see `Membrane`.
+        gas: in it.
+        pressure: of the gas at the start [Pa].
+        temperature: of the gas at the start [K].
+        dead_volume: of each compartment [m³], see `Chamber`.
+        discharge_coefficient: of the passages, see `Orifice`.
+        laminar: relative difference of pressures below which passages are laminar, see `Orifice`.
+        outside: gas outside; default vacuum.
+        clamp: group of the mesh that is fixed; None: the tube is free.
+        caps: what ends of the tube are fixed to, by the group of the end: a rigid body, e.g. a
+            satellite, or the mass [kg] of a bar along the flat end, which is made.
+        rod_width: side of the square section of such bars [m].
+        folds: map with which the tube starts folded; default flat.
+        origin: position of the folded shape [m], see `FoldMap.start`.
+        turn: its rotation vector [rad].
+        crease_stiffness: of creases at the fold lines [N m/m/rad]; zero: none.
+        set_angle_ratio: rest angle of creases over the angle of their folds, 0 to 1.
+        yield_angle: of creases [rad], see `Crease`; None: elastic.
+        contact_distance: activation distance of contact of the film with itself [m]; zero: no
+            contact.
+        contact_stiffness: its stiffness [N/m³]; None: from closing speeds, see `Contact`.
+            Gradients of runs need a number.
+        obstacles: solids that the film touches, too.
+        name: for messages and outputs; the parts have names that begin with it.
+
+    Attributes:
+        film: the membrane.
+        rings: `Ring` of each passage.
+        chambers: one for each compartment, from the inlet.
+        passages: orifices as wide as the deformed rings: a tube chokes where it is folded.
+        clamp: support of the inlet.
+        caps: a `RigidRegion` for each end with a cap.
+        start, creases, contact: initial shape, creases and contact.
+
+    Raises:
+        InputError: obstacles without contact, creases without folds, a cap that is neither a rigid
+            body nor a positive mass, or what the parts refuse.
+
+    Example:
+        >>> from gossamer_fx.meshes.tube import flat_tube
+        >>> law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6)
+        >>> mesh = flat_tube(comm, 0.25, 0.03, 6, compartments=3)
+        >>> tube = gx.assemblies.InflatableTube(mesh, law, gas=air)
+        >>> supply = gx.Tank(2e-6, gas=air, pressure=1.5e6, temperature=293.0, name="supply")
+        >>> scene = gx.Scene(tube, tube.inlet(supply, area=1e-7))
+        >>> len(tube.chambers)
+        3
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        law: FilmLaw,
+        *,
+        gas: IdealGas,
+        properties: Mapping[str, Property] | None = None,
+        pressure: float = 1.0,
+        temperature: float = 293.0,
+        dead_volume: float = 1e-6,
+        discharge_coefficient: float = 0.8,
+        laminar: float = 1e-3,
+        outside: Ambient | None = None,
+        clamp: str | None = "inlet",
+        caps: Mapping[str, float | RigidBody] | None = None,
+        rod_width: float = 2e-3,
+        folds: FoldMap | None = None,
+        origin: Vector = (0.0, 0.0, 0.0),
+        turn: Vector = (0.0, 0.0, 0.0),
+        crease_stiffness: float = 0.0,
+        set_angle_ratio: float = 1.0,
+        yield_angle: float | None = None,
+        contact_distance: float = 0.0,
+        contact_stiffness: float | None = None,
+        obstacles: tuple[Obstacle, ...] = (),
+        name: str = "tube",
+    ) -> None:
+        """Check the arguments, and make the film, chambers, passages and supports of a tube.
+        Collective.
+
+        Args:
+            mesh: closed flat tube [m] with the groups of `gossamer_fx.meshes.tube.flat_tube`.
+            law: stored energy of the film.
+            gas: in the tube.
+            properties: numbers of the law that differ from cell to cell.
+            pressure, temperature: of the gas at the start [Pa] and [K].
+            dead_volume: of each compartment [m³].
+            discharge_coefficient, laminar: of the passages (dimensionless), see `Orifice`.
+            outside: gas outside; None: vacuum.
+            clamp: group of the mesh that is fixed; None: the tube is free.
+            caps: by the group of an end: a rigid body, or the mass [kg] of a bar.
+            rod_width: side of such bars [m].
+            folds: map from the flat to a folded shape; None: the tube starts flat.
+            origin, turn: position (3,) [m] and rotation vector (3,) [rad] of the folded shape.
+            crease_stiffness: [N m/m/rad]; zero: no creases.
+            set_angle_ratio: rest angle of creases over the angle of their folds.
+            yield_angle: of creases [rad]; None: elastic.
+            contact_distance: activation distance [m] of contact with itself; zero: no contact.
+            contact_stiffness: [N/m³]; None: from closing speeds.
+            obstacles: solids that the film touches, too.
+            name: for messages and outputs.
+
+        Raises:
+            InputError: a mesh, map or dictionary of another type, a negative stiffness or distance,
+                creases without folds, obstacles or contact stiffness without contact, a cap that is
+                neither a rigid body nor a positive mass, or what the parts refuse.
+        """
+        who = f"InflatableTube '{name}'"
+        check(
+            isinstance(mesh, Mesh),
+            f"{who}: the mesh is {mesh!r}; give that of `gossamer_fx.meshes.tube.flat_tube`.",
+        )
+        check(
+            contact_distance > 0 or not obstacles,
+            f"{who}: it touches obstacles only with contact; give its distance.",
+        )
+        check(
+            crease_stiffness >= 0,
+            f"{who}: crease_stiffness is {crease_stiffness!r} N m/m/rad; give zero or a positive "
+            "number.",
+        )
+        check(
+            contact_distance >= 0,
+            f"{who}: contact_distance is {contact_distance!r} m; give zero or a positive number.",
+        )
+        check(
+            folds is None or hasattr(folds, "mark"),
+            f"{who}: folds is a {type(folds).__name__}; give a map, e.g. fold.Zigzag(...).",
+        )
+        check(
+            crease_stiffness == 0 or folds is not None,
+            f"{who}: creases are at fold lines; give the folds.",
+        )
+        self.name = name
+        self._discharge = discharge_coefficient
+        self._gas = gas
+        # Creases are groups of edges, so that the mesh is marked before the film is made.
+        if folds is not None and crease_stiffness:
+            mesh = folds.mark(mesh)
+        self.film = Membrane(mesh, law, properties=properties, name=f"{name} film")
+        # A mesh without such groups is one chamber.
+        count = sum(1 for group in mesh.groups if group.startswith("compartment ")) or 1
+        self.rings = [Ring(self.film, f"ring {i}") for i in range(1, count)]
+        self.chambers = [
+            Chamber(
+                self.film,
+                gas=gas,
+                pressure=pressure,
+                temperature=temperature,
+                dead_volume=dead_volume,
+                # A single chamber is bounded by the whole film.
+                surface=(f"compartment {i + 1}",) if count > 1 else (),
+                # Each compartment is closed by the rings at its ends; the first and the last one
+                # have one.
+                rings=tuple(self.rings[max(i - 1, 0) : i + 1]),
+                outside=outside,
+                name=f"{name} {i + 1}",
+            )
+            for i in range(count)
+        ]
+        # Passages are as wide as the deformed rings, so that they close where the tube is folded.
+        self.passages = [
+            Orifice(
+                self.chambers[i],
+                self.chambers[i + 1],
+                area=ring,
+                discharge_coefficient=discharge_coefficient,
+                laminar=laminar,
+                name=f"{name} passage {i + 1}",
+            )
+            for i, ring in enumerate(self.rings)
+        ]
+        self.clamp = Fixed(self.film, clamp) if clamp is not None else None
+        self.start: Folded | None = (
+            folds.start(self.film, origin, turn) if folds is not None else None
+        )
+        check(
+            caps is None or isinstance(caps, Mapping),
+            f"{who}: caps is {caps!r}; give a dictionary by groups of ends.",
+        )
+        # After `start`, since a bar lies along the end of the folded tube.
+        self.caps = [self._cap(end, what, rod_width) for end, what in (caps or {}).items()]
+        self.creases: list[Crease] = (
+            list(
+                folds.creases(
+                    self.film,
+                    stiffness=crease_stiffness,
+                    set_angle_ratio=set_angle_ratio,
+                    yield_angle=yield_angle,
+                )
+            )
+            if folds and crease_stiffness
+            else []
+        )
+        check(
+            contact_stiffness is None or contact_distance > 0,
+            f"{who}: contact_stiffness is given, but there is no contact; give contact_distance, "
+            "too.",
+        )
+        self.contact: Contact | None = None
+        if contact_distance:
+            self.contact = self._contact(contact_distance, contact_stiffness, obstacles)
+
+    def _cap(self, end: str, what: float | RigidBody, bar: float) -> RigidRegion:
+        """Make the rigid region that fixes the nodes of one end of the tube to a rigid body.
+        Collective.
+
+        Args:
+            end: name of the group of nodes of the mesh.
+            what: a rigid body that exists, or the mass [kg] of a bar that is made along the end.
+            bar: side [m] of the square section of such a bar.
+
+        Raises:
+            InputError: `what` is neither a rigid body nor a positive number, or `bar` is not
+                positive.
+        """
+        # Imported here: a tube without caps does not load it.
+        from gossamer_fx.mechanics.constraints.rigid_region import RigidRegion
+
+        known = isinstance(what, RigidBody) or (
+            isinstance(what, int | float) and math.isfinite(what) and what > 0
+        )
+        who = f"InflatableTube '{self.name}'"
+        check(
+            known,
+            f"{who}: the cap of '{end}' is {what!r}; give a rigid body, or a positive mass in kg.",
+        )
+        check(
+            math.isfinite(bar) and bar > 0,
+            f"{who}: rod_width is {bar!r} m; give a positive number.",
+        )
+        body = what if isinstance(what, RigidBody) else self._bar(end, float(what), bar)
+        return RigidRegion(self.film, end, rigid_body=body, name=f"{self.name} {end} cap")
+
+    def _bar(self, end: str, mass: float, side: float) -> RigidBody:
+        """Make a rigid bar along the nodes of an end, at the position where the tube starts.
+        Collective.
+
+        Args:
+            end: name of the group of nodes of the mesh; they lie about a line.
+            mass: [kg], positive.
+            side: side [m] of the bar's square section; its length is the extent of the nodes.
+
+        Returns:
+            The body, with its first axis along the line and its centre at the mean of the nodes.
+        """
+        index_map = self.film.block.index_map
+        comm = self.film.comm
+        nodes = self.film.nodes(end)
+        x = (
+            self.film.initial_state()[0].reshape(-1, 3)
+            if self.start is None
+            else self.start.positions()
+        )
+        # Owned nodes only, so that shared ones do not count twice in the mean.
+        own = x[nodes[nodes < index_map.size_local]]
+        x = np.concatenate(comm.allgather(own))
+        middle = x.mean(axis=0)
+        # Of the singular vectors of points on a line the first is along it.
+        along = np.linalg.svd(x - middle)[2]
+        length = float(np.ptp((x - middle) @ along[0]))
+        # Moments of inertia [kg m²] of a cuboid about its own axis and across it.
+        axis = mass * side**2 / 6
+        across = mass * (length**2 + side**2) / 12
+        # Singular vectors may be left-handed; an attitude is a rotation.
+        attitude = along.T * np.sign(np.linalg.det(along))
+        return RigidBody(
+            mass,
+            (axis, across, across),
+            position=tuple(middle),
+            attitude=attitude,
+            comm=comm,
+            name=f"{self.name} {end} bar",
+        )
+
+    def _contact(
+        self, distance: float, stiffness: float | None, obstacles: tuple[Obstacle, ...]
+    ) -> Contact:
+        """Make the contact of the film with itself and with obstacles.  Collective.
+
+        The caller has checked that the distance is positive; `Contact` checks the rest.
+
+        Args:
+            distance: activation distance [m], the gap below which pairs repel each other; positive.
+            stiffness: [N/m³], positive; None: from closing speeds.
+            obstacles: solids that the film touches, too; may be empty.
+
+        Raises:
+            InputError: the distance or stiffness is not positive and finite, the distance is too
+                large for the shortest edge of the film, or an obstacle is given twice or has no
+                surface.
+        """
+        # Imported here: a tube without contact does not load it.
+        from gossamer_fx.mechanics.contact.contact import Contact
+
+        return Contact(
+            self.film,
+            *obstacles,
+            distance=distance,
+            stiffness=stiffness,
+            name=f"{self.name} contact",
+        )
+
+    def inlet(self, source: Tank | Reservoir, area: float | Callable[[float], float]) -> Orifice:
+        """The valve from a tank or reservoir into the first compartment.
+
+        Args:
+            source: volume of gas from which the valve is fed.
+            area: opening [m²], a number or a function of time [s].
+
+        Raises:
+            InputError: the area is negative or infinite, or the source is of another type.
+        """
+        return Orifice(
+            source,
+            self.chambers[0],
+            area=area,
+            discharge_coefficient=self._discharge,
+            name=f"{self.name} inlet",
+        )
+
+    def vent(self, outside: Ambient, area: float | Callable[[float], float]) -> Orifice:
+        """The hole from the last compartment to the surroundings.
+
+        Args:
+            outside: the surroundings, with their pressure.
+            area: opening [m²], a number or a function of time [s].
+
+        Raises:
+            InputError: the area is negative or infinite, or `outside` is of another type.
+        """
+        return Orifice(
+            self.chambers[-1],
+            outside,
+            area=area,
+            discharge_coefficient=self._discharge,
+            name=f"{self.name} vent",
+        )
+
+    def terms(self, start: State) -> Iterable[Term]:
+        return ()  # its parts have all of them
+
+    def requires(self) -> Iterable[Any]:
+        yield from (self.film, *self.chambers, *self.passages)
+        yield from (part for part in (self.clamp, self.start, self.contact) if part is not None)
+        yield from (*self.caps, *self.creases)

@@ -1,0 +1,316 @@
+"""Boxes with a lid that springs open: what folded films are stowed in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gossamer_fx.mechanics.bodies.frames import Frame, ground_frame
+from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.mechanics.connectors.spring import Rope
+from gossamer_fx.mechanics.connectors.torsion import TorsionDamper, TorsionSpring
+from gossamer_fx.mechanics.constraints.joint import RevoluteJoint
+from gossamer_fx.mechanics.loads.force import Torque
+from gossamer_fx.core.model.body import Array, Attached, Ground, Vector
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.contact.obstacles import Box
+
+
+@check_arguments
+class LiddedBox:
+    """A box that is open at the top, +z, with a lid on a hinge, which a latch holds shut until it
+    is released.
+
+    The hinge is along y at the edge -x of the opening.  A spring turns the lid about it; without
+    other forces by φ(t) = φr (1 - cos ωt), ω² = k/I with the lid's moment of inertia I about the
+    hinge.  The stop is a cord from rim to lid, which is tight at the largest angle.  The latch
+    bears the spring's moment, and does no work.  The box is fixed in space, or a part of a rigid
+    body: then hinge, spring, stop and latch act between this body and the lid, so that momentum and
+    angular momentum of both stay as they are.  The moment of the latch has a constant direction in
+    space: the body must not turn noticeably before the release.
+
+    Args:
+        sizes: inner lengths along x, y, z [m].
+        centre: of the inner space [m].
+        wall_thickness: of walls and lid [m].
+        mass: of the lid [kg], evenly distributed.
+        stiffness: k of the spring [N m/rad].
+        rest_angle: φr, angle of the lid at which the spring is relaxed [rad].
+        release_time: of the latch [s].
+        damping: of the hinge [N m s/rad].
+        max_angle: angle at the stop [rad]; None: no stop.
+        stop_stiffness: of the stop's cord [N/m].
+        body: the rigid body that carries the box; None: the box is fixed in space.  The mass of the
+            walls counts as that of the body, the lid's is added.
+        turn: rotation vector [rad] of the box about its centre; x, y, z above are the axes of the
+            turned box.
+        name: for messages and outputs; the parts have names that begin with it.
+
+    Attributes:
+        lid: the body that moves.
+        hinge, spring, damper, latch, stop: the parts between lid and space or body; None if not
+            asked for.
+        latch_reaction: the opposite moment on the body that carries the box; None for a box fixed
+            in space.
+        obstacles: walls and lid, for a `Contact`.
+
+    Raises:
+        InputError: a size, mass or stiffness is not positive, or an angle is not between 0 and π.
+
+    Example:
+        >>> box = gx.assemblies.LiddedBox((0.2, 0.1, 0.1), mass=0.05, release_time=0.1)
+        >>> box.lid.name
+        'box lid'
+    """
+
+    def __init__(
+        self,
+        sizes: Vector,
+        centre: Vector = (0.0, 0.0, 0.0),
+        *,
+        wall_thickness: float = 2e-3,
+        mass: float = 0.1,
+        stiffness: float = 0.1,
+        rest_angle: float = 2.5,
+        release_time: float = 0.0,
+        damping: float = 0.0,
+        max_angle: float | None = 2.0,
+        stop_stiffness: float = 1e4,
+        body: RigidBody | None = None,
+        turn: Vector = (0.0, 0.0, 0.0),
+        name: str = "box",
+    ) -> None:
+        """Check the arguments, and make lid, hinge, spring, latch and stop.
+
+        The box is open at the top, +z, with a lid on a hinge, which a latch holds shut until it is
+        released.
+
+        Args:
+            sizes: inner lengths (3,) [m] along x, y, z.
+            centre: of the inner space (3,) [m].
+            wall_thickness: of walls and lid [m].
+            mass: of the lid [kg].
+            stiffness: of the spring about the hinge [N m/rad].
+            rest_angle: of the lid at which the spring is relaxed [rad], between 0 and π.
+            release_time: of the latch [s].
+            damping: of the hinge [N m s/rad].
+            max_angle: at the stop [rad], between 0 and π; None: no stop.
+            stop_stiffness: of the rope that stops the lid [N/m].
+            body: rigid body that carries the box; None: the box is fixed in space.
+            turn: rotation vector (3,) [rad] of the box about its centre.
+            name: for messages and outputs.
+
+        Raises:
+            InputError: a size, mass or stiffness is not positive, an angle is not between 0 and π,
+                a vector has not three finite numbers, or the release time or the damping is
+                negative.
+        """
+        self.name = name
+        self._wall = wall_thickness
+        self._half: Array = np.asarray(sizes, dtype=float) / 2
+        self._centre: Array = np.asarray(centre, dtype=float)
+        self._body = body
+        good = self._half.shape == (3,) and bool(
+            np.isfinite(self._half).all() and (self._half > 0).all()
+        )
+        check(good, f"LiddedBox '{name}': sizes are {sizes!r} m; give three positive numbers.")
+        good = self._centre.shape == (3,) and bool(np.isfinite(self._centre).all())
+        check(good, f"LiddedBox '{name}': centre is {centre!r} m; give three finite numbers.")
+        turn_vector = np.asarray(turn, dtype=float)
+        good = turn_vector.shape == (3,) and bool(np.isfinite(turn_vector).all())
+        check(good, f"LiddedBox '{name}': turn is {turn!r} rad; give three finite numbers.")
+        # Columns are the axes of the box in space.
+        self._axes: Array = Rotation.from_rotvec(turn_vector).as_matrix()
+        for what, value, unit in (
+            ("wall_thickness", wall_thickness, "m"),
+            ("mass", mass, "kg"),
+            ("stiffness", stiffness, "N m/rad"),
+        ):
+            check(
+                math.isfinite(value) and value > 0,
+                f"LiddedBox '{name}': {what} is {value!r} {unit}; give a positive number.",
+            )
+        for what, angle in (
+            ("rest_angle", rest_angle),
+            ("max_angle", rest_angle if max_angle is None else max_angle),
+        ):
+            check(
+                0 < angle < math.pi,
+                f"LiddedBox '{name}': {what} is {angle!r} rad; give an angle between 0 and π.",
+            )
+        check(
+            math.isfinite(release_time) and release_time >= 0,
+            f"LiddedBox '{name}': release_time is {release_time!r} s; give zero or a later time.",
+        )
+        check(
+            math.isfinite(damping) and damping >= 0,
+            f"LiddedBox '{name}': damping is {damping!r} N m s/rad; give zero or a positive "
+            "number.",
+        )
+        x, y, _ = 2 * self._half
+        # Of a cuboid about its centre [kg m²].
+        inertia = (
+            mass / 12 * np.array([y**2 + wall_thickness**2, x**2 + wall_thickness**2, x**2 + y**2])
+        )
+        half_height = float(self._half[2]) + wall_thickness / 2
+        self.lid = self._lid(mass, inertia, (0.0, 0.0, half_height))
+        # The hinge is at the edge -x of the opening.
+        edge = self._at((-float(self._half[0]), 0.0, half_height))
+        carrier = ground_frame(edge)
+        if body is not None:
+            carrier = body.frame_at(edge)
+        sides: tuple[Frame, Frame] = (carrier, self.lid.frame_at(edge))
+        # About -y positive angles open the lid.
+        opening_axis = self._axes @ np.array([0.0, -1.0, 0.0])
+        axis: Vector = (float(opening_axis[0]), float(opening_axis[1]), float(opening_axis[2]))
+        self.hinge = RevoluteJoint(*sides, axis=axis, name=f"{name} hinge")
+        self.spring = TorsionSpring(
+            *sides, axis=axis, stiffness=stiffness, rest_angle=rest_angle, name=f"{name} spring"
+        )
+        self.damper: TorsionDamper | None = None
+        if damping:
+            self.damper = TorsionDamper(*sides, axis=axis, damping=damping, name=f"{name} damper")
+        # Moment [N m] of the spring while the box is closed, which the latch balances.
+        moment = stiffness * rest_angle
+
+        def latched(t: float) -> tuple[float, float, float]:
+            """Moment (3,) [N m] of the latch on the lid at a time [s]."""
+            if t >= release_time:
+                return (0.0, 0.0, 0.0)
+            return (-moment * axis[0], -moment * axis[1], -moment * axis[2])
+
+        def reaction(t: float) -> tuple[float, float, float]:
+            """Moment (3,) [N m] of the latch on the body that carries the box, at a time [s]."""
+            mx, my, mz = latched(t)
+            return (-mx, -my, -mz)
+
+        self.latch = Torque(self.lid.frame(), latched, name=f"{name} latch")
+        # Without it the latch would turn a free body as an external moment.
+        self.latch_reaction: Torque | None = None
+        if body is not None:
+            self.latch_reaction = Torque(body.frame(), reaction, name=f"{name} latch reaction")
+        # A cord from rim to lid is as long as the chord of the largest angle.
+        self.stop: Rope | None = None
+        if max_angle is not None:
+            chord = 2 * x * math.sin(max_angle / 2)
+            self.stop = self._cord(half_height, chord, stop_stiffness)
+
+    def _at(self, local: Vector) -> tuple[float, float, float]:
+        """Point of space [m] from coordinates of the box about its centre [m]."""
+        x, y, z = self._centre + self._axes @ np.asarray(local, dtype=float)
+        return float(x), float(y), float(z)
+
+    def _lid(self, mass: float, inertia: Array, local: Vector) -> RigidBody:
+        """Make the lid as a rigid body that moves as the carrying body does at the start.
+
+        With a carrying body it is collective, and the lid has its velocity and spin; otherwise it
+        is at rest.
+
+        Args:
+            mass: [kg].
+            inertia: principal moments of inertia (3,) [kg m²] about the axes of the box.
+            local: centre of the lid (3,) [m], in axes of the box from its centre.
+        """
+        position = self._at(local)
+        given: dict[str, Any] = {}
+        if self._body is not None:
+            # Rank 0 owns the body; the lid is made alike on all ranks.
+            position_vector, rate_vector = self._body.comm.bcast(self._body.initial_state())
+            state = position_vector.reshape(4, 3)
+            rates = rate_vector.reshape(4, 3)
+            offset = np.asarray(position) - state[0]
+            # Components along the directors stay; so the point has the rates of the directors.
+            components = state[1:] @ offset
+            velocity = rates[0] + components @ rates[1:]
+            # ω = ½ Σ d_i × ḋ_i of orthonormal directors.
+            spin = np.cross(state[1:], rates[1:]).sum(axis=0) / 2
+            given = {"velocity": tuple(velocity), "spin": tuple(spin), "comm": self._body.comm}
+        ix, iy, iz = inertia
+        return RigidBody(
+            mass,
+            (float(ix), float(iy), float(iz)),
+            position=position,
+            attitude=self._axes,
+            name=f"{self.name} lid",
+            **given,
+        )
+
+    def _cord(self, half_height: float, length: float, stiffness: float) -> Rope:
+        """Make the stop: a rope from the rim opposite of the hinge to the end of the lid.
+
+        Args:
+            half_height: height [m] of the lid's middle plane above the centre of the box.
+            length: length [m] of the rope, at which it becomes tight.
+            stiffness: [N/m].
+        """
+        end = self._at((float(self._half[0]), 0.0, half_height))
+        rim: Attached = Ground(end)
+        if self._body is not None:
+            rim = self._body.port_at(end)
+        return Rope(
+            self.lid.port_at(end),
+            rim,
+            length=length,
+            stiffness=stiffness,
+            name=f"{self.name} stop",
+        )
+
+    @property
+    def obstacles(self) -> tuple[Box, ...]:
+        """The box as obstacles for a `Contact`: five slabs (four walls and the floor), then the
+        lid.
+
+        The slabs stand still or move with the body that carries the box; the sixth `Box` moves with
+        the lid.  Each call makes new objects; their centres and sizes are in m, in the initial
+        state.
+        """
+        # Imported here: a box that nothing touches does not load contact.
+        from gossamer_fx.mechanics.contact.obstacles import Box
+
+        t = self._wall
+        half = self._half
+        x_axis, y_axis, z_axis = (tuple(map(float, axis)) for axis in self._axes.T)
+        axes = (x_axis, y_axis, z_axis)
+        slabs: list[Box] = []
+        # Four walls and the floor, by axis and side; there is none at the top.
+        for axis, sign in ((0, -1), (0, 1), (1, -1), (1, 1), (2, -1)):
+            local = np.zeros(3)
+            local[axis] = sign * (half[axis] + t / 2)
+            # Longer by the thickness at both ends along x and y, so that the corners are closed.
+            sizes = 2 * half + 2 * t * (np.arange(3) != 2)
+            sizes[axis] = t
+            slabs.append(
+                Box(
+                    centre=self._at(tuple(local)),
+                    sizes=tuple(sizes),
+                    axes=axes,
+                    body=self._body,
+                    name=f"{self.name} wall {len(slabs) + 1}",
+                )
+            )
+        # The cover is a part of the lid and moves with it.
+        cover = Box(
+            centre=self._at((0.0, 0.0, float(half[2]) + t / 2)),
+            sizes=(2 * half[0], 2 * half[1], t),
+            axes=axes,
+            body=self.lid,
+            name=f"{self.name} cover",
+        )
+        return (*slabs, cover)
+
+    def terms(self, start: State) -> Iterable[Term]:
+        return ()  # its parts have all of them
+
+    def requires(self) -> Iterable[Any]:
+        yield from (self.lid, self.hinge, self.spring, self.latch)
+        optional = (self._body, self.damper, self.stop, self.latch_reaction)
+        yield from (part for part in optional if part is not None)

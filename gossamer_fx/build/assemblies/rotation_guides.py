@@ -1,0 +1,200 @@
+"""Guides that roll round a hub and let wound arms out, as those of IKAROS."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
+
+from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check, require_positive
+from gossamer_fx.mechanics.connectors.torsion import TorsionDamper
+from gossamer_fx.mechanics.constraints.joint import CylindricalJoint, RevoluteJoint
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.bodies.between import FrameJoint
+    from gossamer_fx.mechanics.connectors.spring import Damper
+    from gossamer_fx.mechanics.connectors.tether import Tether
+    from gossamer_fx.mechanics.contact.obstacles import Cylinder
+
+# Stiffness [N/m] of the tether of the reel.
+REEL = 1e4
+# Largest number of rods: each is a rigid body with joints, a reel and a tether.
+MAX_RODS = 1000
+
+# Against oscillations of the ring on the stiff tether.
+SLOWS = 0.1  # s in which the damper takes the ring's speed along the axis
+
+
+@check_arguments
+class RotationGuides:
+    """Upright rods on a ring that turns about the z axis of a hub against a brake.
+
+    Each arm of a sail is wound on the hub up to its rod, and stands out from there.  Its pull turns
+    the ring, and as far as the ring turns, arms are unwound.  The brake has the moment c (ω_ring -
+    ω_hub), whose work is dissipated.  Nothing else acts between ring and hub about the axis, so
+    that the angular momentum of the whole is conserved.  To release the arms, a reel on the axis
+    draws ring and rods down along the hub, against a damper.
+
+    Args:
+        hub: a rigid body whose axes are those of space at the start.
+        count: number of rods, evenly spaced.
+        radius: of the circle of their axes [m].
+        rod_radius: radius of a rod [m].
+        height: of the rods [m].
+        mass: of the ring with its rods [kg], on that circle.
+        brake_damping: c [N m s/rad].
+        first_angle: angle of the first rod from the x axis [rad].
+        drawn: displacement of the ring by the reel [m], a function of time [s] that is zero at the
+            start; None: the height of the ring is constant.
+        reel_depth: of the reel below the ring [m]; `drawn` stays below it.
+        name: for messages and outputs; the parts have names that begin with it.
+
+    Attributes:
+        ring: the body that turns.
+        joint, brake: between ring and hub.
+        reel: a `Tether` and a `Damper`, or nothing.
+        rods: obstacles, for a `Contact`.
+        rod_positions: (x, y) [m] of the axis of each rod at the start.
+
+    Raises:
+        InputError: a number is not positive, the rods reach into the axis of the hub, or `drawn` is
+            not a function.
+
+    Example:
+        >>> guides = gx.assemblies.RotationGuides(hub, 4, radius=0.8, mass=2.0)
+        >>> len(guides.rods)
+        4
+    """
+
+    def __init__(
+        self,
+        hub: RigidBody,
+        count: int,
+        *,
+        radius: float,
+        rod_radius: float = 0.02,
+        height: float = 0.5,
+        mass: float = 1.0,
+        brake_damping: float = 1.0,
+        first_angle: float = 0.0,
+        drawn: Callable[[float], float] | None = None,
+        reel_depth: float = 1.2,
+        name: str = "guides",
+    ) -> None:
+        """Check the arguments, and make ring, joint, brake and reel.
+
+        The assembly is a ring with upright rods that turns about the z axis of a hub against a
+        brake, and lets wound arms of a sail unwind; a reel can draw it down.
+
+        Args:
+            hub: rigid body whose axes are those of space at the start.
+            count: number of rods, evenly spaced.
+            radius: [m] of the circle of their axes.
+            rod_radius, height: radius and height [m] of a rod.
+            mass: [kg] of the ring with its rods, on that circle.
+            brake_damping: moment over angular velocity [N m s/rad].
+            first_angle: of the first rod from the x axis [rad].
+            drawn: displacement of the ring by the reel [m], a function of time [s]; None: no reel.
+            reel_depth: of the reel below the ring [m].
+            name: for messages and outputs.
+
+        Raises:
+            InputError: a number is not positive, `count` is not between 1 and `MAX_RODS`, the rods
+                are thicker than their circle, or `drawn` is not a function.
+        """
+        self.name = name
+        check(
+            1 <= count <= MAX_RODS,
+            f"RotationGuides '{name}': count is {count!r}; give between 1 and {MAX_RODS} rods.",
+        )
+        values = {
+            "radius": (radius, "m"),
+            "rod_radius": (rod_radius, "m"),
+            "height": (height, "m"),
+            "mass": (mass, "kg"),
+        }
+        for what, (value, unit) in (
+            values | {"brake_damping": (brake_damping, "N m s/rad")}
+        ).items():
+            require_positive(f"RotationGuides '{name}': {what}", value, unit)
+        check(
+            rod_radius < radius,
+            f"RotationGuides '{name}': rods of {rod_radius:g} m are too thick for a circle of "
+            f"{radius:g} m; give less.",
+        )
+        check(
+            drawn is None or callable(drawn),
+            f"RotationGuides '{name}': drawn is {drawn!r}; give a function of time, as lambda t: "
+            "0.1 * t, or None.",
+        )
+        self.hub = hub
+        self._height = height
+        self._rod_radius = rod_radius
+        # A thin ring: its whole mass is at the radius.  Half of the polar moment is that about a
+        # diameter.
+        polar = mass * radius**2
+        self.ring = RigidBody(
+            mass, (polar / 2, polar / 2, polar), comm=hub.comm, name=f"{name} ring"
+        )
+        angles = [first_angle + 2 * math.pi * k / count for k in range(count)]
+        self.rod_positions = [
+            (radius * math.cos(angle), radius * math.sin(angle)) for angle in angles
+        ]
+        axis = (0.0, 0.0, 1.0)
+        self.reel: tuple[Tether, Damper] | tuple[()] = ()
+        if drawn is None:
+            self.joint: FrameJoint = RevoluteJoint(
+                hub.frame(), self.ring.frame(), axis=axis, name=f"{name} joint"
+            )
+        else:
+            from gossamer_fx.mechanics.connectors.spring import Damper
+            from gossamer_fx.mechanics.connectors.tether import Tether
+
+            require_positive(f"RotationGuides '{name}': reel_depth", reel_depth, "m")
+            # Free along the axis, too, where the reel moves the ring.
+            self.joint = CylindricalJoint(
+                hub.frame(), self.ring.frame(), axis=axis, name=f"{name} joint"
+            )
+            # From a point of the hub below the ring, so that a shorter tether draws the ring
+            # down.
+            ends = hub.port((0.0, 0.0, -reel_depth)), self.ring.port()
+            reel = Tether(
+                *ends, stiffness=REEL, length=lambda t: reel_depth - drawn(t), name=f"{name} reel"
+            )
+            self.reel = reel, Damper(*ends, damping=mass / SLOWS, name=f"{name} slide")
+        self.brake = TorsionDamper(
+            hub.frame(), self.ring.frame(), axis=axis, damping=brake_damping, name=f"{name} brake"
+        )
+
+    @property
+    def rods(self) -> tuple[Cylinder, ...]:
+        """The upright rods as cylinders, obstacles for a `Contact`, one for each of the `count`
+        rods.
+
+        They move with the ring.  Each call makes new objects.  Their radius, ends and positions are
+        in m, in the axes of the ring at the start.
+        """
+        # Imported here: guides without contact do not load it.
+        from gossamer_fx.mechanics.contact.obstacles import Cylinder
+
+        half = self._height / 2
+        return tuple(
+            Cylinder(
+                start=(x, y, -half),
+                end=(x, y, half),
+                radius=self._rod_radius,
+                body=self.ring,
+                name=f"{self.name} rod {k}",
+            )
+            for k, (x, y) in enumerate(self.rod_positions)
+        )
+
+    def terms(self, start: State) -> Iterable[Term]:
+        return ()  # its parts have all of them
+
+    def requires(self) -> Iterable[Any]:
+        yield from (self.hub, self.ring, self.joint, self.brake, *self.reel)

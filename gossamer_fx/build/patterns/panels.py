@@ -1,0 +1,312 @@
+"""Gores: the flat panels from which a body of revolution is sewn.
+
+Problem.  A balloon or a dome is approximated by n equal flat panels that go from pole to pole.
+
+Idea.  With s the arc length of the meridian (r(s), z(s)), the gore of width
+
+    w(s) = 2 π r(s)/n                                                                            (1)
+
+has everywhere the circumference of the body.  Bent along its length only, it fits the body as a
+developable surface: the point (s, y) of gore k goes to
+
+    x = r(s) e_k + y t_k + z(s) e_z, e_k = (cos φ_k, sin φ_k, 0), t_k = (-sin φ_k, cos φ_k, 0)  (2)
+
+without any strain.  The edges of neighbours are then close to each other, r (π/n)³/3 apart, so that
+seams have little to close.
+
+The panels lie side by side in the plane of the mesh, at y = k times their pitch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.mechanics.constraints.seam import Seam
+from gossamer_fx.core.mesh.mesh import Mesh, gmsh_mesh
+from gossamer_fx.core.model.body import Array
+
+# Radius at an end, over the largest one, below which the gore ends in a point.
+POINT = 1e-9
+
+# Distance of the middle lines of panels in the mesh, over the largest width of a gore.
+PITCH = 1.25
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Gores:
+    """n equal flat gores of a body of revolution; made by `gores`.
+
+    Attributes:
+        profile: points (m, 2) of the meridian [m], radius and height, from one end to the other.
+        count: n.
+
+    Example:
+        >>> cone = gx.patterns.gores([[0.0, 1.0], [0.5, 0.5], [1.0, 0.0]], 6)
+        >>> paper = gx.Membrane(cone.mesh(comm, along=4, across=2), law, displacement=cone.placed)
+        >>> [seam.name for seam in cone.seams(paper)[:2]]
+        ['seam 0', 'seam 1']
+    """
+
+    profile: Array
+    count: int
+
+    @cached_property
+    def arc_lengths(self) -> Array:
+        """s (m,) [m] of the points of the profile."""
+        steps = np.linalg.norm(np.diff(self.profile, axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    @property
+    def length(self) -> float:
+        """Length of a gore [m]."""
+        return float(self.arc_lengths[-1])
+
+    def meridian(self, s: Array) -> tuple[Array, Array]:
+        """Radius and height [m] at arc lengths s, of any shape."""
+        radius, height = self.profile.T
+        return np.interp(s, self.arc_lengths, radius), np.interp(s, self.arc_lengths, height)
+
+    def width(self, s: Array) -> Array:
+        """Width [m] of a gore at arc lengths s, equation (1) of the module."""
+        found: Array = 2 * np.pi * self.meridian(s)[0] / self.count
+        return found
+
+    @property
+    def pitch(self) -> float:
+        """Distance [m] of the middle lines of panels in the mesh."""
+        return PITCH * float(self.width(self.arc_lengths).max())
+
+    def mesh(self, comm: MPI.Intracomm, *, along: int, across: int) -> Mesh:
+        """All gores, the flat panels of a body of revolution, in one mesh, side by side in the
+        plane z = 0.
+
+        Normals point outwards once the gores are moved to their positions.  Groups: "film", of each
+        panel "gore k", its edges "left k" and "right k" and, where it does not end in a point,
+        "first end k" and "last end k"; the points "first k" and "last k" of pointed ends; k from 0
+        to n - 1.
+
+        Args:
+            comm: the ranks to which the mesh is distributed.
+            along: cells from end to end, two or more.
+            across: cells from edge to edge, one or more.
+
+        Raises:
+            InputError: too few cells.
+        """
+        check(
+            along >= 2 and across >= 1,
+            f"Gores: along is {along!r} and across {across!r}; give 2 cells along and 1 across or "
+            "more.",
+        )
+        return gmsh_mesh(lambda model: self._build(model, along, across), comm)
+
+    def placed(self, X: Array, apart: float = 0.0) -> Array:
+        """Displacement (3, n) [m] of mesh points that moves each gore to its position without
+        strain.
+
+        A gore is a flat panel of a body of revolution with the meridian r(s), z(s).  The point (s,
+        y) of gore k, y from its middle line, goes to r(s) e_k + y t_k + z(s) e_z, with the radial
+        and the tangential unit vectors e_k and t_k.
+
+        Args:
+            X: points (3, n) of the mesh [m]: arc length s, y plus k times the pitch of the panels,
+                and 0.
+            apart: distance [m] by which each gore is farther from the axis, for a look at the
+                sewing.
+        """
+        number = np.rint(X[1] / self.pitch)
+        y = X[1] - number * self.pitch
+        angle = 2 * np.pi * number / self.count
+        radius, height = self.meridian(X[0])
+        radius = radius + apart
+        x1 = radius * np.cos(angle) - y * np.sin(angle)
+        x2 = radius * np.sin(angle) + y * np.cos(angle)
+        moved: Array = np.stack([x1, x2, height]) - X
+        return moved
+
+    def seams(
+        self, film: Membrane, *, closing: tuple[float, float] | None = (0.0, 1.0)
+    ) -> list[Seam]:
+        """The n seams of a film on `mesh`: the left edge of each gore to the right edge of the
+        next.
+
+        Args:
+            film: on a mesh of these gores.
+            closing: times [s] at which the sewing begins and ends; None: the edges coincide at the
+                start.
+
+        Raises:
+            InputError: the film's mesh has no edges of these names, or the times do not rise from 0
+                on.
+        """
+        found = []
+        for k in range(self.count):
+            after = (k + 1) % self.count
+            seam = Seam(
+                film, f"left {k}", film, f"right {after}", closing=closing, name=f"seam {k}"
+            )
+            found.append(seam)
+        return found
+
+    def _build(self, model: Any, along: int, across: int) -> None:
+        """Put the panels into a gmsh model as triangles with named groups; on one rank.
+
+        Args:
+            model: of gmsh, empty.
+            along: cells from end to end.
+            across: cells from edge to edge.
+        """
+        s = np.linspace(0.0, self.length, along + 1)
+        half_width = self.width(s) / 2
+        largest = float(half_width.max())
+        is_pointed = [bool(half_width[i] <= POINT * largest) for i in (0, -1)]
+        points: list[Array] = []
+        count = 0
+        panels = []
+        for k in range(self.count):
+            rows = []
+            for i in range(along + 1):
+                is_tip = (i == 0 and is_pointed[0]) or (i == along and is_pointed[1])
+                # All nodes of a row would coincide at a tip: it has one.
+                y = np.zeros(1)
+                if not is_tip:
+                    y = np.linspace(-half_width[i], half_width[i], across + 1)
+                nodes_here = len(y)
+                x = np.full(nodes_here, s[i])
+                points.append(np.stack([x, y + k * self.pitch, 0 * y], axis=1))
+                rows.append(count + 1 + np.arange(nodes_here))
+                count += nodes_here
+            panels.append(rows)
+        # Normals point outwards in place: those of the panels are turned if the profile rises.
+        rises = self.profile[-1, 1] > self.profile[0, 1]
+        surfaces = [model.addDiscreteEntity(2) for _ in panels]
+        model.mesh.addNodes(2, surfaces[0], range(1, count + 1), np.concatenate(points).ravel())
+        for k, (surface, rows) in enumerate(zip(surfaces, panels, strict=True)):
+            triangles = np.array(_triangles(rows))
+            if rises:
+                triangles = triangles[:, ::-1]
+            model.mesh.addElementsByType(surface, 2, [], triangles.ravel())
+            model.addPhysicalGroup(2, [surface], name=f"gore {k}")
+            _add_curve(model, f"right {k}", [int(row[0]) for row in rows])
+            _add_curve(model, f"left {k}", [int(row[-1]) for row in rows])
+            for row, pointed, end in zip(
+                (rows[0], rows[-1]), is_pointed, ("first", "last"), strict=True
+            ):
+                if pointed:
+                    tip = model.addDiscreteEntity(0)
+                    model.mesh.addElementsByType(tip, 15, [], [int(row[0])])
+                    model.addPhysicalGroup(0, [tip], name=f"{end} {k}")
+                else:
+                    _add_curve(model, f"{end} end {k}", [int(node) for node in row])
+        model.addPhysicalGroup(2, surfaces, name="film")
+
+
+@check_arguments
+def gores(profile: Sequence[Sequence[float]] | Array, n: int) -> Gores:
+    """Cut a body of revolution into n equal flat gores.
+
+    Their width is that of the body, w(s) = 2 π r(s)/n along the arc length s of the meridian, so
+    that seams and film bulge between them as the pressure will.
+
+    Args:
+        profile: points (m, 2) of the meridian [m], radius r >= 0 and height z, from one end to the
+            other.
+        n: number of gores, three or more.
+
+    Raises:
+        InputError: fewer than three points, repeated points, a negative radius, fewer than three
+            gores, a profile that is closed within its length.
+
+    Example:
+        >>> angle = np.linspace(0.0, np.pi, 61)
+        >>> sphere = gx.patterns.gores(np.stack([np.sin(angle), -np.cos(angle)], axis=1), 12)
+        >>> round(sphere.length, 2), round(float(sphere.width(sphere.length / 2)), 3)
+        (3.14, 0.524)
+    """
+    points = np.array(profile, dtype=float)
+    check(
+        points.ndim == 2 and points.shape[1] == 2 and len(points) >= 3,
+        f"gores: profile has the shape {points.shape}; give three points (radius, height) or more.",
+    )
+    check(n >= 3, f"gores: n is {n!r}; give three gores or more.")
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    repeated = np.flatnonzero(steps <= 0)
+    check(
+        not len(repeated),
+        f"gores: the points {_first(repeated)} and {_first(repeated) + 1} of the profile are one; "
+        "leave one out.",
+    )
+    largest = float(points[:, 0].max())
+    negative = np.flatnonzero(points[:, 0] < -POINT * largest)
+    check(
+        not len(negative),
+        f"gores: the radius of point {_first(negative)} of the profile is negative; give zero or "
+        "more.",
+    )
+    # Round-off of sin(π) is not a radius.
+    points[:, 0] = np.where(points[:, 0] <= POINT * largest, 0.0, points[:, 0])
+    closed = np.flatnonzero(points[1:-1, 0] == 0)
+    check(
+        not len(closed),
+        f"gores: the radius of point {_first(closed) + 1} of the profile is zero; only its ends "
+        "may be poles.",
+    )
+    return Gores(points, n)
+
+
+def _first(found: Any) -> int:
+    """The first of some numbers, counted from one; zero if there is none."""
+    return int(found[0]) + 1 if len(found) else 0
+
+
+def _triangles(rows: Sequence[Any]) -> list[tuple[int, int, int]]:
+    """Triangles between rows of nodes, with normals along z; a row of one node is a tip.
+
+    Args:
+        rows: numbers of the nodes of each row, from one edge to the other.
+
+    Returns:
+        three numbers of nodes for each triangle.
+    """
+    found = []
+    for i, (a, b) in enumerate(pairwise(rows)):
+        if len(a) == 1 or len(b) == 1:
+            found += _fan(a, b)
+            continue
+        for j in range(len(a) - 1):
+            p = int(a[j])
+            q = int(b[j])
+            r = int(b[j + 1])
+            t = int(a[j + 1])
+            # Diagonals alternate, so that the pattern has no direction.
+            if (i + j) % 2:
+                found += [(p, q, r), (p, r, t)]
+            else:
+                found += [(p, q, t), (q, r, t)]
+    return found
+
+
+def _fan(a: Any, b: Any) -> list[tuple[int, int, int]]:
+    """Triangles between a row of nodes and a tip, with normals along z."""
+    if len(a) == 1:
+        return [(int(a[0]), int(first), int(second)) for first, second in pairwise(b)]
+    return [(int(second), int(first), int(b[0])) for first, second in pairwise(a)]
+
+
+def _add_curve(model: Any, name: str, nodes: Sequence[int]) -> None:
+    """A named line of edges through nodes."""
+    curve = model.addDiscreteEntity(1)
+    edges = np.stack([nodes[:-1], nodes[1:]], axis=1)
+    model.mesh.addElementsByType(curve, 1, [], edges.ravel())
+    model.addPhysicalGroup(1, [curve], name=name)

@@ -1,0 +1,122 @@
+"""Dual numbers: values with derivatives, for formulas that are written once and used for both.
+
+A dual number is x + Σ_i x_i ε_i with ε_i ε_j = 0: a value x and its derivatives x_i with respect to
+k variables.  Sums, products and powers follow the rules of differentiation (forward mode of
+automatic differentiation; Griewank & Walther, Evaluating Derivatives, 2nd ed., SIAM 2008, ch. 3).
+
+Values may be complex.  A formula that itself takes a derivative by a complex step is then
+differentiated exactly, which a second complex step could not do.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gossamer_fx.core.model.body import Array
+
+Number = Any  # a dual number, or a real or complex number
+Numbers = npt.NDArray[Any]  # of real or complex numbers
+
+
+class Dual:
+    """A value and its derivatives with respect to k variables.
+
+    Comparisons compare real parts of values, so that a formula takes the same branches as for
+    numbers.
+
+    Args:
+        value: x, real or complex.
+        slopes: x_i (k,).
+    """
+
+    __slots__ = ("slopes", "value")
+    # NumPy leaves products of its numbers with dual numbers to this class.
+    __array_ufunc__ = None
+
+    def __init__(self, value: complex, slopes: Numbers) -> None:
+        self.value = value
+        self.slopes = slopes
+
+    @property
+    def real(self) -> Dual:
+        """The real part, with its derivatives."""
+        return Dual(self.value.real, np.real(self.slopes))
+
+    @property
+    def imag(self) -> Dual:
+        """The imaginary part, with its derivatives."""
+        return Dual(self.value.imag, np.imag(self.slopes))
+
+    def expm1(self) -> Dual:
+        """exp(x) - 1."""
+        return Dual(np.expm1(self.value), np.exp(self.value) * self.slopes)
+
+    def __neg__(self) -> Dual:
+        return Dual(-self.value, -self.slopes)
+
+    def __add__(self, other: Number) -> Dual:
+        if isinstance(other, Dual):
+            return Dual(self.value + other.value, self.slopes + other.slopes)
+        return Dual(self.value + other, self.slopes)
+
+    def __sub__(self, other: Number) -> Dual:
+        return self + (-other)
+
+    def __rsub__(self, other: Number) -> Dual:
+        return (-self) + other
+
+    def __mul__(self, other: Number) -> Dual:
+        if isinstance(other, Dual):
+            slopes = self.slopes * other.value + self.value * other.slopes
+            return Dual(self.value * other.value, slopes)
+        return Dual(self.value * other, self.slopes * other)
+
+    def __truediv__(self, other: Number) -> Dual:
+        if isinstance(other, Dual):
+            return self * other**-1
+        return Dual(self.value / other, self.slopes / other)
+
+    def __rtruediv__(self, other: Number) -> Dual:
+        return self**-1 * other
+
+    def __pow__(self, exponent: float) -> Dual:
+        slope = exponent * self.value ** (exponent - 1)
+        return Dual(self.value**exponent, slope * self.slopes)
+
+    __radd__ = __add__
+    __rmul__ = __mul__
+
+    def __lt__(self, other: Number) -> bool:
+        return bool(self.value.real < _value(other).real)
+
+    def __le__(self, other: Number) -> bool:
+        return bool(self.value.real <= _value(other).real)
+
+    def __gt__(self, other: Number) -> bool:
+        return bool(self.value.real > _value(other).real)
+
+    def __ge__(self, other: Number) -> bool:
+        return bool(self.value.real >= _value(other).real)
+
+
+def _value(number: Number) -> complex:
+    value: complex = number.value if isinstance(number, Dual) else number
+    return value
+
+
+def variables(values: Array) -> Array:
+    """Dual numbers (k,) of dtype object for k values, with respect to all of them."""
+    numbers = np.empty(len(values), dtype=object)
+    directions: Array = np.eye(len(values))
+    for i in range(len(values)):
+        numbers[i] = Dual(float(values[i]), directions[i])
+    return numbers
+
+
+def jacobian(numbers: Array, k: int) -> Array:
+    """Derivatives (n, k) of n numbers; a plain number has none."""
+    rows = [x.slopes.real if isinstance(x, Dual) else np.zeros(k) for x in numbers]
+    return np.array(rows).reshape(len(numbers), k)

@@ -1,0 +1,632 @@
+"""The arguments of public classes and functions are of the types in their annotations.
+
+`check_arguments` is put on a class or function where it is defined, so that the check is the same
+by every import path and comes before the function does anything.  It refuses, in one sentence,
+arguments that are missing or unknown, and values of another type, infinite numbers and NaN
+included, and numbers so large or small that their powers overflow.  What values mean is checked by
+those who take them.
+
+Annotations are read as a user of NumPy reads them: an integer is a float, a NumPy number a number,
+a list or an array is a tuple.  Type checkers such as beartype refuse these, and take 130 ms to
+import.  An annotation is resolved when a value is first given for its argument, and a name that its
+module imports for type checkers only is imported then: such a value cannot exist before.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import inspect
+import math
+import os
+import sys
+import types
+import typing
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from numbers import Integral, Real
+from os import PathLike
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
+
+import numpy as np
+import numpy.typing as npt
+
+from gossamer_fx.core.checks.errors import InputError
+from gossamer_fx.core.checks.real_numbers import (
+    LARGEST,
+    LARGEST_COUNT,
+    SMALLEST,
+    are_usual_sizes,
+    real_numbers,
+)
+
+# What messages ask for in place of the name of a class.
+_DESCRIPTIONS = {
+    "Intracomm": "a communicator, e.g. MPI.COMM_WORLD",
+    "Body": "a body",
+    "MeshBody": "a body on a mesh",
+    "Meshed": "a body on a mesh",
+    "Curve": "a cable or beam",
+    "DrawnAsLines": "a Spring, Rope, RopeBundle, Tether or Tape",
+    "Stepper": "a stepper, e.g. Midpoint(dt=1e-3)",
+    "Output": "an output, e.g. Ledger",
+    "StressRule": "a stress rule, e.g. PathAverage()",
+    "Joint": "a joint, e.g. BallJoint",
+    "State": "a Simulation or an Equilibrium",
+    "Item": "parts of a scene: bodies, gas, loads, constraints or connectors",
+    "Holder": "a reservoir or surroundings",
+    "Volume": "a chamber or tank",
+    "Event": "an At or a When",
+    "Motion": "a recording of shapes, e.g. Snapshots",
+    "FilmLaw": "a law of films, e.g. Miyazaki",
+    "IsotropicFilm": "a law of isotropic films, e.g. Miyazaki",
+    "Obstacle": "an obstacle, e.g. a Plane",
+    "Assembly": "the system of an Equilibrium or a Simulation, or scene.compile()",
+    "Enclosure": "a Piston",
+}
+_COUNTS = {2: "two", 3: "three", 4: "four"}
+_CALLABLE: Any = Callable  # compared with the origin of an annotation
+_MAX_SHOWN = 40  # characters of a value in a message
+
+
+@dataclass(frozen=True)
+class Count:
+    """Mark of an annotated sequence that has this number of entries."""
+
+    entries: int
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What an annotation allows: a test of values, and the words of a message that asks for one."""
+
+    accepts: Callable[[Any], bool]
+    words: str
+
+
+def check_arguments[T: Callable[..., Any]](thing: T) -> T:
+    """Let a class or function check its arguments before it acts; a decorator.
+
+    Of a class the arguments of its constructor are checked.  A subclass with another constructor
+    needs the decorator, too.
+
+    Args:
+        thing: the class or function.  All its arguments have annotations.
+
+    Returns:
+        The same class, whose constructor now checks; or a function that checks and then calls
+        `thing`.
+
+    Raises, when the class or function is called:
+        InputError: an argument that is missing, unknown, or not of the type in its annotation.
+
+    Example:
+        >>> from gossamer_fx.core.checks.arguments import check_arguments
+        >>> @check_arguments
+        ... def area(width: float, height: float = 1.0) -> float:
+        ...     return width * height
+        >>> area("wide")
+        Traceback (most recent call last):
+        gossamer_fx.core.checks.errors.InputError: area: width is 'wide'; give a number.
+    """
+    if isinstance(thing, type):
+        thing.__init__ = _checking(thing.__init__)  # type: ignore[misc]
+        return typing.cast(T, thing)
+    return typing.cast(T, _checking(thing))
+
+
+def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Wrap a function so that the types of its arguments are checked at each call.
+
+    Defaults are not checked.
+
+    Args:
+        function: whose arguments have annotations; also the `__init__` of a class.
+
+    Returns:
+        A function with the same name and signature.  It raises `InputError` with one sentence,
+        which names the argument, its value and what to give, if an argument is missing, unknown or
+        not of the type in its annotation.
+    """
+
+    # Signature and annotations are looked at in the first call: most of the classes that a scene
+    # imports are never called, and an annotation may name a class that is defined further below.
+    @functools.cache
+    def signature() -> inspect.Signature:
+        return inspect.signature(function)
+
+    @functools.cache
+    def kind(argument: str) -> Kind | None:
+        return kind_of(resolved(function, argument))
+
+    @functools.wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        """Call the wrapped function if all arguments have the types of its signature, and return
+        its result.
+
+        Args:
+            args, kwargs: the arguments of the call.
+
+        Raises:
+            InputError: an argument is missing, unknown, or of another type.
+        """
+        name = function.__name__
+        if name == "__init__":
+            name = type(args[0]).__name__
+        try:
+            given = signature().bind(*args, **kwargs).arguments
+        except TypeError as error:
+            message = _wrong_call(signature(), args, kwargs, error)
+            raise InputError(f"{name}: {message}.") from None
+        # Parts of a scene have names, which tell which of several is meant.
+        if isinstance(given.get("name"), str):
+            name = f"{name} '{given['name']}'"
+        for argument, value in given.items():
+            if argument == "self":
+                continue
+            parameter = signature().parameters[argument]
+            # A default needs no check, and no import of what its annotation names.
+            if value is parameter.default:
+                continue
+            for label, one in _labelled(parameter, value):
+                allowed = kind(argument)
+                if allowed is None or allowed.accepts(one):
+                    continue
+                # Infinity is a value where it is the default, e.g. for "without limit".
+                if parameter.default is math.inf and _is_infinite(one):
+                    continue
+                raise InputError(
+                    f"{name}: {label} is {_shown(one)}; give {allowed.words}{_range(one)}."
+                )
+        return function(*args, **kwargs)
+
+    return call
+
+
+def _labelled(parameter: inspect.Parameter, value: Any) -> list[tuple[str, Any]]:
+    """Values that were given for a parameter, and what a message calls each of them."""
+    if parameter.kind is parameter.VAR_KEYWORD:
+        return list(value.items())
+    if parameter.kind is parameter.VAR_POSITIONAL:
+        return [(f"{parameter.name}[{k}]", one) for k, one in enumerate(value)]
+    return [(parameter.name, value)]
+
+
+def _wrong_call(
+    signature: inspect.Signature,
+    args: tuple[Any, ...],
+    kwargs: dict[str, Any],
+    error: TypeError,
+) -> str:
+    """Explain in one clause of a message why arguments do not fit a signature.
+
+    Unknown names are looked for first, then too many positional arguments, then missing ones.
+
+    Args:
+        signature: of the function that was called.
+        args, kwargs: the arguments of the call.
+        error: what Python raised, which is used if no better reason is found.
+    """
+    parameters = [p for p in signature.parameters.values() if p.name != "self"]
+    names = [parameter.name for parameter in parameters]
+    known = f"its arguments are: {', '.join(names) or 'none'}"
+    unknown = [argument for argument in kwargs if argument not in names]
+    if unknown:
+        return f"there is no argument {unknown[0]!r}; {known}"
+    positional = [
+        parameter.name
+        for parameter in parameters
+        if parameter.kind in (parameter.POSITIONAL_ONLY, parameter.POSITIONAL_OR_KEYWORD)
+    ]
+    given = len(args)
+    if "self" in signature.parameters:
+        given -= 1
+    if given > len(positional):
+        limit = "in all cases"
+        if positional:
+            limit = f"after {positional[-1]!r}"
+        return f"{given} arguments are given without a name; give names {limit}; {known}"
+    for parameter in parameters:
+        needed = parameter.default is parameter.empty
+        needed = needed and parameter.kind is not parameter.VAR_POSITIONAL
+        if needed and parameter.name not in kwargs and parameter.name not in positional[:given]:
+            return f"the argument {parameter.name!r} is missing; {known}"
+    # e.g. an argument that is given twice, for which Python has a sentence
+    return f"{error}; {known}"
+
+
+# ---- annotations -------------------------------------------------------------------------------
+
+
+def resolved(function: Callable[..., Any], argument: str) -> Any:
+    """The annotation of an argument of a function, as a type.
+
+    Annotations are text where a module imports `annotations` from `__future__`; names in them that
+    the module imports for type checkers only are imported now.
+
+    Raises:
+        NameError: the module of the function does not know a name in the annotation.
+        KeyError: the function has no argument of this name.
+    """
+    annotation = inspect.signature(function).parameters[argument].annotation
+    if not isinstance(annotation, str):
+        return annotation
+    module = _module_of(function, argument)
+    return eval(annotation, vars(module), _TypeCheckingNames(module))
+
+
+def _module_of(function: Callable[..., Any], argument: str) -> types.ModuleType:
+    """The module in which the annotation of an argument of a function was written.
+
+    It is that of the function, but for the constructor of a dataclass, which takes fields, with
+    their annotations, from base classes of other modules.
+
+    Args:
+        function: a function, or the `__init__` of a class.
+        argument: name of one of its arguments.
+    """
+    module = sys.modules[function.__module__]
+    owner = vars(module).get(function.__qualname__.split(".")[0])
+    if isinstance(owner, type) and "__dataclass_params__" in vars(owner):
+        for base in owner.__mro__:
+            if argument in inspect.get_annotations(base):
+                return sys.modules[base.__module__]
+    return module
+
+
+class _TypeCheckingNames(dict[str, Any]):
+    """Names that a module imports under `if TYPE_CHECKING`, imported when they are asked for."""
+
+    def __init__(self, module: types.ModuleType) -> None:
+        super().__init__()
+        self._module = module
+
+    def __missing__(self, name: str) -> Any:
+        if name not in vars(self._module):
+            home = _type_checking_imports(self._module.__name__).get(name)
+            if home is not None:
+                return getattr(import_module(home[0]), home[1])
+        raise KeyError(name)  # `eval` then asks the global and the built-in names
+
+
+@functools.cache
+def _type_checking_imports(module: str) -> dict[str, tuple[str, str]]:
+    """Module and original name, by local name, of each import under `if TYPE_CHECKING` of a module.
+
+    Args:
+        module: name of a module that has been imported and whose source can be read.
+
+    Raises:
+        OSError: there is no source.
+    """
+    found: dict[str, tuple[str, str]] = {}
+    for node in ast.parse(inspect.getsource(sys.modules[module])).body:
+        if not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
+            continue
+        for statement in node.body:
+            if isinstance(statement, ast.ImportFrom) and statement.module:
+                for alias in statement.names:
+                    found[alias.asname or alias.name] = (statement.module, alias.name)
+    return found
+
+
+def kind_of(hint: Any) -> Kind | None:
+    """The test of values that an annotated type allows, and the words by which a message asks for
+    them.
+
+    Args:
+        hint: a type, as annotations have them: a class, a union, `Sequence[float]`, `Annotated`.
+
+    Returns:
+        A `Kind` with `accepts(value)` and `words`; None if the type allows all values.
+
+    Raises:
+        TypeError: a type that cannot be tested, e.g. a protocol that is not `runtime_checkable`.
+    """
+    if hint is Any or hint is object or isinstance(hint, TypeVar):
+        return None
+    # Before other aliases: newer versions of NumPy define it as an alias of a union of protocols,
+    # which says less than "numbers".
+    if hint is npt.ArrayLike:
+        return Kind(_is_numeric, "numbers")
+    if isinstance(hint, typing.TypeAliasType):
+        return kind_of(hint.__value__)
+    if hint in _SIMPLE:
+        return _SIMPLE[hint]
+    origin = get_origin(hint)
+    arguments = get_args(hint)
+    if isinstance(origin, typing.TypeAliasType):  # e.g. NDArray[int32] of newer versions of NumPy
+        return kind_of(origin.__value__[arguments])
+    if origin is Annotated:
+        return _annotated(arguments[0], arguments[1:])
+    if origin in (Union, types.UnionType):
+        return _union(arguments)
+    if origin is typing.Literal:
+        words = " or ".join(repr(value) for value in arguments)
+        return Kind(lambda value: isinstance(value, str | int) and value in arguments, words)
+    if origin is tuple and arguments[-1] is not Ellipsis:
+        return _tuple(arguments)
+    if origin is not None and inspect.isclass(origin):
+        return _generic(origin, arguments)
+    if inspect.isclass(hint):
+        return _class(hint)
+    raise TypeError(f"{hint!r} is not a type that arguments can be tested for")
+
+
+def _annotated(hint: Any, marks: Iterable[Any]) -> Kind | None:
+    """The test of values of an `Annotated` type, with the words for messages; None if it allows
+    all.
+
+    Args:
+        hint: the type that is annotated.
+        marks: its annotations.  `Count`, of which there is one or none, prescribes the number of
+            entries; others mean nothing.
+
+    Raises:
+        TypeError: `hint` cannot be tested.
+    """
+    kind = kind_of(hint)
+    counts = [mark.entries for mark in marks if isinstance(mark, Count)]
+    if kind is None or not counts:
+        return kind
+    [entries] = counts
+    return Kind(
+        lambda value: kind.accepts(value) and len(value) == entries,
+        f"{_COUNTS.get(entries, entries)} {kind.words}",
+    )
+
+
+def _union(alternatives: Iterable[Any]) -> Kind | None:
+    """The test of values of a union of types, with the words for messages.
+
+    It accepts what one of the types accepts.
+
+    Args:
+        alternatives: the types of the union.
+
+    Returns:
+        None if one of them allows all values.
+
+    Raises:
+        TypeError: one of them cannot be tested.
+    """
+    hints = list(alternatives)
+    if Path in hints:
+        # A word is tested as a path, which is stricter.
+        hints = [hint for hint in hints if hint is not str]
+    kinds = []
+    for hint in hints:
+        kind = kind_of(hint)
+        if kind is None:
+            return None
+        kinds.append(kind)
+    words = " or ".join(dict.fromkeys(kind.words for kind in kinds))
+    return Kind(lambda value: any(kind.accepts(value) for kind in kinds), words)
+
+
+def _tuple(hints: tuple[Any, ...]) -> Kind:
+    """The test of a collection of fixed length, with a type for each entry, and the words for
+    messages.
+
+    Args:
+        hints: types of the entries.  If all are `float`, they are components of a vector, which may
+            be tiny next to each other.
+
+    Raises:
+        TypeError: one of them cannot be tested.
+    """
+    kinds = [kind_of(hint) for hint in hints]
+    if all(hint is float for hint in hints):
+        # Components may be tiny: next to the others they vanish.
+        kinds = [Kind(_is_component, "a number") for _ in hints]
+
+    def accepts(value: Any) -> bool:
+        if not _is_collection(value) or len(value) != len(kinds):
+            return False
+        pairs = zip(kinds, value, strict=True)
+        return all(kind is None or kind.accepts(one) for kind, one in pairs)
+
+    if all(hint is float for hint in hints):
+        count = _COUNTS.get(len(kinds), str(len(kinds)))
+        return Kind(accepts, f"{count} numbers")
+    each = [kind.words for kind in kinds if kind is not None]
+    return Kind(accepts, f"a tuple of {' and '.join(each)}")
+
+
+def _generic(origin: type, arguments: tuple[Any, ...]) -> Kind | None:
+    """The test of values of a class with type arguments, e.g. `Sequence[float]`, and the words for
+    messages.
+
+    Args:
+        origin: the class, e.g. `Sequence`.
+        arguments: the types in its brackets, e.g. `(float,)`; those of functions and arrays are not
+            tested.
+
+    Raises:
+        TypeError: `origin` is a protocol that is not `runtime_checkable`.
+    """
+    if origin is _CALLABLE:
+        return Kind(callable, "a function")
+    if issubclass(origin, np.ndarray):
+        return Kind(lambda value: isinstance(value, np.ndarray), "an array")
+    if issubclass(origin, Mapping):
+        return _mapping(arguments[0], arguments[1])
+    if issubclass(origin, type):
+        return Kind(
+            lambda value: isinstance(value, type) and issubclass(value, arguments[0]),
+            f"a kind of {arguments[0].__name__}",
+        )
+    if issubclass(origin, Collection):
+        return _collection(arguments[0])
+    return _class(origin)
+
+
+def _mapping(key: Any, value: Any) -> Kind:
+    """The test of a mapping whose keys and values are of annotated types, and the words for
+    messages.
+
+    Args:
+        key, value: the types.
+
+    Raises:
+        TypeError: one of them cannot be tested.
+    """
+    keys = kind_of(key)
+    values = kind_of(value)
+
+    def accepts(given: Any) -> bool:
+        if not isinstance(given, Mapping):
+            return False
+        if keys is not None and not all(map(keys.accepts, given)):
+            return False
+        return values is None or all(map(values.accepts, given.values()))
+
+    words = "a dict"
+    if values is not None:
+        words += f" whose values are each {values.words}"
+    return Kind(accepts, words)
+
+
+def _collection(entry: Any) -> Kind:
+    """The test of a list, tuple, set or array of any length, and the words for messages.
+
+    Args:
+        entry: type of the entries; numbers must be in one dimension.
+
+    Raises:
+        TypeError: it cannot be tested.
+    """
+    if entry is float:
+        return Kind(_are_numbers, "numbers")
+    if entry is int:
+        return Kind(_are_whole_numbers, "whole numbers")
+    kind = kind_of(entry)
+    if kind is None:
+        return Kind(_is_collection, "a list")
+    return Kind(
+        lambda value: _is_collection(value) and all(map(kind.accepts, value)),
+        f"a list whose entries are each {kind.words}",
+    )
+
+
+def _class(kind: type) -> Kind:
+    """The test of instances of a class or protocol, and the words by which messages ask for one.
+
+    Args:
+        kind: a class, or a protocol that can be checked at run time.
+
+    Raises:
+        TypeError: `kind` is a protocol that is not `runtime_checkable`.
+    """
+    is_protocol = getattr(kind, "_is_protocol", False)
+    if is_protocol and not getattr(kind, "_is_runtime_protocol", False):
+        raise TypeError(f"the protocol {kind.__name__} is not runtime_checkable")
+    article = "a"
+    if kind.__name__[0] in "AEIOU":
+        article = "an"
+    words = _DESCRIPTIONS.get(kind.__name__, f"{article} {kind.__name__}")
+    return Kind(lambda value: isinstance(value, kind), words)
+
+
+# ---- values ------------------------------------------------------------------------------------
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value is a finite number; True and False, which Python counts as numbers, are
+    not."""
+    if not isinstance(value, Real) or isinstance(value, bool):
+        return False
+    number = real_numbers(value)
+    return number is not None and are_usual_sizes(number)
+
+
+def _is_component(value: Any) -> bool:
+    """Whether a value is a finite number that may be one of several components."""
+    if not isinstance(value, Real) or isinstance(value, bool):
+        return False
+    number = real_numbers([value])
+    return number is not None and are_usual_sizes(number)
+
+
+def _is_whole_number(value: Any) -> bool:
+    if not isinstance(value, Integral) or isinstance(value, bool):
+        return False
+    return abs(int(value)) <= LARGEST_COUNT
+
+
+def _is_collection(value: Any) -> bool:
+    """Whether a value has entries and a length; a word, which has both, is one value."""
+    return isinstance(value, Collection) and not isinstance(value, str | bytes | Mapping)
+
+
+def _is_infinite(value: Any) -> bool:
+    """Whether a value is plus infinity."""
+    return isinstance(value, Real) and value == math.inf
+
+
+def _range(value: Any) -> str:
+    """Clause of a message about the size that numbers may have; empty if size is not what is wrong.
+
+    Args:
+        value: what a user gave, of any type.  The clause is not empty for finite numbers that are
+            larger than `LARGEST` or, other than zero, smaller than `SMALLEST`.
+    """
+    numbers = real_numbers(value)
+    if isinstance(value, bool) or numbers is None or not np.isfinite(numbers).all():
+        # A whole number beyond all floats cannot be an array.
+        if not isinstance(value, Integral):
+            return ""
+    elif are_usual_sizes(numbers):
+        return ""
+    return f" of a size between {SMALLEST:g} and {LARGEST:g}, or zero"
+
+
+def _are_numbers(value: Any) -> bool:
+    if not _is_collection(value):
+        return False
+    return _is_numeric(value) and np.ndim(value) == 1
+
+
+def _are_whole_numbers(value: Any) -> bool:
+    return _is_collection(value) and all(map(_is_whole_number, value))
+
+
+def _is_numeric(value: Any) -> bool:
+    """Whether NumPy makes an array of finite numbers of it."""
+    numbers = real_numbers(value)
+    return numbers is not None and are_usual_sizes(numbers)
+
+
+def _is_path(value: Any) -> bool:
+    """Whether a value can be the name of a file: null characters cannot, nor what has no bytes."""
+    if not isinstance(value, str | PathLike):
+        return False
+    try:
+        return b"\0" not in os.fsencode(value)
+    except (TypeError, UnicodeEncodeError):
+        return False
+
+
+_SIMPLE: dict[Any, Kind] = {
+    float: Kind(_is_number, "a number"),
+    int: Kind(_is_whole_number, "a whole number"),
+    bool: Kind(lambda value: isinstance(value, bool | np.bool_), "True or False"),
+    str: Kind(lambda value: isinstance(value, str), "a word"),
+    Path: Kind(_is_path, "a path without null characters"),
+    None: Kind(lambda value: value is None, "None"),
+    type(None): Kind(lambda value: value is None, "None"),
+    typing.IO[str]: Kind(lambda value: hasattr(value, "write"), "an open file"),
+    Callable: Kind(callable, "a function"),
+}
+
+
+def _shown(value: Any) -> str:
+    """A value as a message shows it: itself if that is short, else its class."""
+    text = repr(value)
+    # Objects show in angle brackets what they contain, which is not what is wrong with them.
+    is_object = text.startswith("<")
+    if "\n" in text or len(text) > _MAX_SHOWN or is_object or " object at " in text:
+        return f"of the kind {type(value).__name__}"
+    return text

@@ -1,0 +1,247 @@
+"""Calls of functions of the user (loads, valves, probes, events), whose errors are raised on all
+ranks.
+
+Every rank calls the function; then all ranks exchange whether it failed.  These messages have their
+own communicator, so that they cannot be mixed up with others.  A function that fails on one rank
+only may leave the other ranks waiting in a message inside the function.  They then never answer,
+and the program ends after some seconds with the error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from gossamer_fx.core.checks.errors import InputError, wait_for_others
+from gossamer_fx.core.checks.real_numbers import LARGEST, real_numbers
+
+# Seconds for which a rank with an error waits for the others.
+PATIENCE = 10.0
+
+# Relative difference between the values of two ranks that counts as round-off.
+SAME = 1e-9
+
+# Longest text of a value in an error message.
+LONGEST_TEXT = 60
+
+Numbers = npt.NDArray[np.floating]
+
+# Key under which a communicator stores its duplicate for these messages.
+_KEY = MPI.Comm.Create_keyval()
+
+
+def ask[T](comm: MPI.Intracomm, what: str, function: Callable[[], T]) -> T:
+    """Call a function of the user and return its result, which may differ between ranks.
+    Collective.
+
+    Args:
+        comm: the ranks.
+        what: name of the function in error messages.
+        function: called without arguments.
+
+    Raises:
+        InputError: on every rank, if the function raises on one of them.
+    """
+    result, problem, cause = _call(function)
+    _agree(comm, what, problem, cause, np.zeros(0))
+    return result
+
+
+def ask_numbers(
+    comm: MPI.Intracomm,
+    what: str,
+    function: Callable[[], Any],
+    shape: tuple[int, ...] = (),
+) -> Numbers:
+    """Call a function of the user that returns finite numbers, the same on all ranks.  Collective.
+
+    Args:
+        comm: the ranks.
+        what: name of the function in error messages.
+        function: called without arguments, on every rank.
+        shape: shape of the array that it must return; () for a number.
+
+    Returns:
+        The numbers as an array of floats of this shape, in the unit of the function.
+
+    Raises:
+        InputError: on all ranks, if the function raises or returns something else on one of them,
+            or if the numbers differ between ranks.
+    """
+    names = {(): "a finite number", (3,): "three finite numbers"}
+    wanted = names.get(shape, f"finite numbers {shape}")
+    return _agree(comm, what, *_numbers(function, shape, wanted))
+
+
+def ask_points(
+    comm: MPI.Intracomm,
+    what: str,
+    function: Callable[[], Any],
+    shape: tuple[int, ...],
+) -> Numbers:
+    """Call a function of the user that returns vectors or numbers at this rank's points.
+    Collective.
+
+    Args:
+        comm: the ranks.
+        what: name of the function in error messages.
+        function: called without arguments; it knows the n points of this rank.
+        shape: shape of the array that it must return, e.g. (3, n) or (n,).
+
+    Returns:
+        The finite numbers, in the unit of the function, as an array of this shape.
+
+    Raises:
+        InputError: on all ranks, if the function raises or returns something else on one of them.
+    """
+    wanted = f"finite numbers {shape} for the points (3, n)"
+    problem, cause, values = _numbers(function, shape, wanted)
+    _agree(comm, what, problem, cause, np.zeros(0))
+    return values
+
+
+def _numbers(
+    function: Callable[[], Any], shape: tuple[int, ...], wanted: str
+) -> tuple[str, Exception | None, Numbers]:
+    """Call a user's function that is to return numbers, and say what is wrong with its result.
+
+    Args:
+        function: called without arguments, on this rank alone.
+        shape: shape of the array that it must return, () for a number.
+        wanted: what it must return, in words, for the message.
+
+    Returns:
+        The problem in words, empty if there is none; the exception that caused it, if any; and the
+        numbers, of this shape and in the unit of the function, zeros where there is a problem.
+        Nothing is raised.
+    """
+    result, problem, cause = _call(function)
+    values = np.zeros(shape)
+    if not problem:
+        found = real_numbers(result)
+        if found is not None and found.shape == shape and _is_below_limit(found):
+            values = found
+        else:
+            problem = f"it returns {_shown(result)}; it must return {wanted}."
+            if found is not None and np.isfinite(found).all() and not _is_below_limit(found):
+                problem = f"it returns {_shown(result)}; it must return numbers up to {LARGEST:g}."
+    return problem, cause, values
+
+
+def _is_below_limit(numbers: Numbers) -> bool:
+    """Whether all numbers are finite, and can be computed with."""
+    return bool((np.abs(numbers) <= LARGEST).all())
+
+
+def _call(function: Callable[[], Any]) -> tuple[Any, str, Exception | None]:
+    """Call a function of the user, and return its result or what it raises.
+
+    Args:
+        function: called without arguments, on this rank alone.
+
+    Returns:
+        The result, None after an exception; the problem in words, empty if there is none; and the
+        exception that caused it.  `KeyboardInterrupt` and `SystemExit` are not caught.
+    """
+    try:
+        return function(), "", None
+    except InputError as error:
+        return None, str(error), error
+    # A function of the user may raise anything.
+    except Exception as error:
+        words = " ".join(str(error).split()) or "no words"
+        return None, f"it raises {type(error).__name__} ({words}); correct its function.", error
+
+
+def _shown(value: Any) -> str:
+    """Text of a value for an error message: short, on one line, without addresses.
+
+    A long value is named by its class, an array of more than three numbers by its shape.
+    """
+    if isinstance(value, np.ndarray) and value.size > 3:
+        return f"an array {value.shape}"
+    plain = value
+    if isinstance(value, np.ndarray | np.generic):
+        plain = value.tolist()
+    text = repr(plain)
+    if len(text) <= LONGEST_TEXT and "\n" not in text and " object at " not in text:
+        return text
+    return type(value).__name__
+
+
+def _agree(
+    comm: MPI.Intracomm,
+    what: str,
+    problem: str,
+    cause: Exception | None,
+    values: Numbers,
+) -> Numbers:
+    """Return the values if no rank has a problem and the values of all ranks are the same.
+    Collective.
+
+    Args:
+        comm: the ranks.
+        what: subject of the messages.
+        problem: what is wrong on this rank, in words; empty if nothing is.
+        cause: the exception behind it, if any.
+        values: numbers of the same shape, in any unit, on all ranks; empty if they need not be
+            compared.
+
+    Returns:
+        The values, in their shape; the largest of all ranks where they differ by round-off.
+
+    Raises:
+        InputError: on all ranks, if one has a problem, or if values differ by more than `SAME`
+            (1e-9) of the largest.  If other ranks do not answer within `PATIENCE` seconds, a rank
+            with a problem prints it and ends the program.
+    """
+    if comm.size == 1:
+        if problem:
+            raise InputError(f"{what}: {problem}") from cause
+        return values
+    talk = _own_messages(comm)
+    flat = values.ravel()
+    # One reduction finds whether a rank has a problem, and the largest and smallest values.
+    extremes = np.concatenate([[float(bool(problem))], flat, -flat])
+    request = talk.Iallreduce(MPI.IN_PLACE, extremes, op=MPI.MAX)
+    if problem:
+        wait_for_others(
+            talk,
+            request,
+            patience=PATIENCE,
+            message=f"{what}: {problem} This is of rank {comm.rank} alone, and ends the run.",
+            exit_code=2,
+        )
+    else:
+        request.Wait()
+    if extremes[0]:
+        problems = [text for text in talk.allgather(problem) if text]
+        raise InputError(f"{what}: {problems[0]}") from cause
+    highest = extremes[1 : 1 + flat.size]
+    lowest = -extremes[1 + flat.size :]
+    largest = np.maximum(abs(highest), abs(lowest)).max(initial=0.0)
+    if (highest - lowest > SAME * largest).any():
+        raise InputError(
+            f"{what}: it differs from rank to rank; sum what each rank has with run.comm.allreduce."
+        )
+    return highest.reshape(values.shape)
+
+
+def _own_messages(comm: MPI.Intracomm) -> MPI.Intracomm:
+    """Communicator with the same ranks, for messages about users' functions only.
+
+    It is a duplicate, which is made once and stored as an attribute of `comm`; the first call for a
+    communicator is collective.  Communicators with the same ranks as the world share one, since
+    their number is limited.
+    """
+    if MPI.Comm.Compare(comm, MPI.COMM_WORLD) in (MPI.IDENT, MPI.CONGRUENT):
+        comm = MPI.COMM_WORLD
+    known: Any = comm.Get_attr(_KEY)
+    talk: MPI.Intracomm = known or comm.Dup()
+    if not known:
+        comm.Set_attr(_KEY, talk)
+    return talk

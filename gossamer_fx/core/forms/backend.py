@@ -1,0 +1,223 @@
+"""Interface to dolfinx: all differences between its versions 0.9, 0.10 and 0.11 are handled here.
+
+    what                       0.9                       0.10 and 0.11
+    triangles at one edge      two                       a given number, if `create_mesh` has the
+                                                         argument
+    `Expression.eval`          (cells, points × values)  (cells, points, *values)
+    kernels' last argument     permutation               data of the caller
+    `interpolation_points`     a method                  a property
+    reader of gmsh files       `io.gmshio`               `io.gmsh`
+    cells of a submesh         an array                  an `EntityMap`
+
+The arguments of `create_mesh` are ordered points, element in 0.9 and 0.11, and element, points in
+0.10.
+
+Assembly into a part of a PETSc matrix is here too.  The public function of dolfinx chooses by
+itself whether it enters single numbers or the blocks of nodes; here the caller has to choose.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from inspect import signature
+from typing import Any
+
+import basix.ufl
+import dolfinx
+import dolfinx.cpp
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import (
+    GhostMode,
+    Mesh,
+    Topology,
+    create_cell_partitioner,
+    create_mesh,
+    create_submesh,
+    to_type,
+)
+from mpi4py import MPI
+from petsc4py import PETSc
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int32]
+
+__all__ = [
+    "KERNELS_TAKE_DATA",
+    "SHEETS_MAY_MEET",
+    "VERSION",
+    "Topology",
+    "add_to_matrix",
+    "distribute",
+    "evaluate",
+    "gmsh_order",
+    "interpolation_points",
+    "part_of",
+    "tabulate",
+]
+
+# (major, minor) of dolfinx
+_version: str = dolfinx.__version__  # type: ignore[attr-defined]
+_major, _minor = _version.split(".")[:2]
+VERSION = int(_major), int(_minor)
+if not (0, 9) <= VERSION <= (0, 11):
+    raise ImportError(
+        f"gossamer_fx runs on dolfinx 0.9, 0.10 and 0.11, and this is {_version}; use one of those."
+    )
+
+# The argument of `create_mesh` for the number of triangles at one edge.  Some builds of 0.10 lack
+# it, so the signature decides and not the version.
+_LIMIT = "max_facet_to_cell_links"
+
+# Whether three triangles or more may share an edge.
+SHEETS_MAY_MEET = _LIMIT in signature(create_mesh).parameters
+
+# Whether compiled kernels have one more argument, a pointer to data of the caller.
+KERNELS_TAKE_DATA = VERSION >= (0, 10)
+
+
+def distribute(
+    comm: MPI.Intracomm,
+    cells: npt.NDArray[np.int64],
+    points: Array,
+    kind: str,
+    order: int,
+    sheets: int,
+) -> Mesh:
+    """Create a mesh that is distributed over all ranks, with ghost cells that share facets.
+
+    Both triangles at an edge are thus known to the rank that owns the edge.  Collective.
+
+    Args:
+        comm: the ranks.
+        cells: node numbers (m, k) of the cells that this rank contributes, in dolfinx's order; they
+            count the points of all ranks.
+        points: node coordinates (n, 3) [m] that this rank contributes.
+        kind: "interval" or "triangle".
+        order: polynomial order of the cells, 1 or 2.
+        sheets: largest number of triangles at one edge; above 2 only if `SHEETS_MAY_MEET`.
+    """
+    domain = ufl.Mesh(basix.ufl.element("Lagrange", kind, order, shape=(3,)))
+    # dolfinx expects a manifold by default, two triangles at an edge.
+    cells_at_facet = max(sheets, 2)
+    limit: dict[str, Any] = {}
+    if SHEETS_MAY_MEET:
+        limit[_LIMIT] = cells_at_facet
+    partitioner = _partitioner(GhostMode.shared_facet, cells_at_facet)
+    # The order of these arguments changed with 0.10, their names did not.
+    return create_mesh(comm, cells, x=points, e=domain, partitioner=partitioner, **limit)
+
+
+def _partitioner(mode: GhostMode, sheets: int) -> Any:
+    """Partitioner of cells; since 0.10 it needs the largest number of cells at a facet."""
+    make: Any = create_cell_partitioner
+    if VERSION < (0, 10):
+        return make(mode)
+    return make(mode, sheets)
+
+
+def part_of(whole: Mesh, cells: Indices) -> tuple[Mesh, Indices]:
+    """Create a mesh of some cells of another mesh; collective.
+
+    Args:
+        whole: the other mesh.
+        cells: local numbers (n,) of its cells.
+
+    Returns:
+        the new mesh, and for each of its local cells (ghosts last) the local number in `whole`.
+    """
+    found: Any = create_submesh(whole, whole.topology.dim, cells)
+    part, parents, *_ = found
+    if VERSION >= (0, 10):
+        # An `EntityMap` has replaced the array of parent cells.
+        cell_map = part.topology.index_map(whole.topology.dim)
+        count = cell_map.size_local + cell_map.num_ghosts
+        local_cells = np.arange(count, dtype=np.int32)
+        parents = parents.sub_topology_to_topology(local_cells, False)
+    return part, np.asarray(parents, dtype=np.int32)
+
+
+def gmsh_order(kind: str, nodes: int) -> Indices:
+    """Permutation p (nodes,) from gmsh's node order to dolfinx's: node i of dolfinx is p[i] of
+    gmsh.
+
+    Args:
+        kind: "interval" or "triangle".
+        nodes: number of nodes of the cell.
+
+    >>> [int(node) for node in gmsh_order("triangle", 6)]
+    [0, 1, 2, 4, 5, 3]
+    """
+    name = "dolfinx.io.gmshio"
+    if VERSION >= (0, 10):
+        name = "dolfinx.io.gmsh"
+    # The reader imports gmsh's Python module if there is one, so it is loaded only when needed.
+    reader = import_module(name)
+    return np.asarray(reader.cell_perm_array(to_type(kind), nodes), dtype=np.int32)
+
+
+def interpolation_points(space: fem.FunctionSpace) -> Array:
+    """Points (n, tdim) of the reference cell at which functions are evaluated for interpolation."""
+    points: Any = space.element.interpolation_points
+    if callable(points):  # 0.9
+        points = points()
+    return np.asarray(points)
+
+
+def evaluate(expression: fem.Expression, mesh: Mesh, cells: Indices) -> Array:
+    """Evaluate a compiled expression in some cells.
+
+    Args:
+        expression: compiled by `forms.compilation.compile_expression` for a number of points.
+        mesh: the mesh on which it is defined.
+        cells: local numbers (n,) of the cells; n may be 0.
+
+    Returns:
+        values (n, points × components), one row a cell, in the unit of the expression.
+    """
+    values = expression.eval(mesh, cells)
+    if len(cells):
+        return np.asarray(values).reshape(len(cells), -1)
+    # With no cells -1 is ambiguous for `reshape`, so the width is computed.
+    components = int(np.prod(expression.ufl_expression.ufl_shape, dtype=int))
+    width = expression.X().shape[0] * components
+    return np.asarray(values).reshape(len(cells), width)
+
+
+def tabulate(expression: fem.Expression, at_points: fem.Function, cells: Indices) -> None:
+    """Set a function to the values of an expression at the points of its cells.
+
+    It does what `Function.interpolate` does for spaces of point values, without its copies.  Ghost
+    values follow only where their cells are given.
+
+    Args:
+        expression: compiled for the interpolation points of the function's space.
+        at_points: the function that is set; its space stores values at points of cells.
+        cells: local numbers (n,) of the cells.
+    """
+    if not len(cells):
+        return
+    space = at_points.function_space
+    dofs = space.dofmap.list[cells]
+    values = evaluate(expression, space.mesh, cells)
+    rows = at_points.x.array.reshape(-1, space.dofmap.index_map_bs)
+    rows[dofs] = values.reshape(*dofs.shape, -1)
+
+
+def add_to_matrix(matrix: PETSc.Mat, form: fem.Form, unrolled: bool) -> None:
+    """Add a bilinear form to a matrix, or to a part of one that is addressed by local indices.
+
+    Args:
+        matrix: a PETSc matrix, or the result of `getLocalSubMatrix`, whose pattern has the entries
+            of the form; not assembled afterwards, since the caller may add more.
+        form: compiled bilinear form.
+        unrolled: enter single numbers; otherwise enter the blocks of nodes, which is faster but
+            needs the block size of the matrix to be that of the form's space.
+    """
+    compiled = form._cpp_object
+    library = dolfinx.cpp.fem
+    constants = library.pack_constants(compiled)
+    coefficients = library.pack_coefficients(compiled)
+    library.petsc.assemble_matrix(matrix, compiled, constants, coefficients, [], unrolled)

@@ -1,0 +1,193 @@
+"""Compilation of UFL forms and expressions, with the options of the just-in-time compiler."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import platform
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from cffi import VerificationError
+from dolfinx import default_scalar_type, fem
+from dolfinx.mesh import Mesh
+from mpi4py import MPI
+from ufl.algorithms.analysis import extract_constants
+from ufl.algorithms.map_integrands import map_integrand_dags
+from ufl.corealg.multifunction import MultiFunction
+from ufl.variable import Label
+
+from gossamer_fx.core.checks.errors import on_rank_zero
+from gossamer_fx.core.forms.compiler import require_compiler
+
+
+@cache
+def kernel_options() -> dict[str, Any]:
+    """Return the options of dolfinx's just-in-time compiler: cache folder, compiler flags, time
+    limit.
+
+    The cache folder is named after the processor: kernels are compiled for its instructions and may
+    not run on another one.  It is below XDG_CACHE_HOME, or else ~/.cache.
+    """
+    cpu = hashlib.sha1(_processor_features().encode()).hexdigest()[:10]
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return {
+        "cache_dir": str(home / "gossamer_fx" / f"kernels-{cpu}"),
+        # -mtune=generic: gcc's scheduling model of recent processors takes minutes for the
+        # straight-line code of a tangent (26 s against 0.2 s measured on a Zen 5), and the kernels
+        # run no faster for it.
+        "cffi_extra_compile_args": ["-O2", "-g0", "-march=native", "-mtune=generic"],
+        # Seconds to wait for a kernel that another process has begun; then see `_with_cache`.
+        "timeout": 2,
+    }
+
+
+def _processor_features() -> str:
+    """The line of /proc/cpuinfo with the instruction sets: "flags" on x86, "Features" on ARM."""
+    for line in Path("/proc/cpuinfo").read_text().splitlines():
+        if line.startswith(("flags", "Features")):
+            return line
+    return platform.processor()
+
+
+def constant(mesh: Mesh, value: float) -> fem.Constant:
+    """Create a number for use in forms whose value may change without a new compilation.
+
+    A literal in a form is part of the compiled code: each value would be compiled again.
+    """
+    return fem.Constant(mesh, default_scalar_type(value))
+
+
+def compile_form(form: ufl.Form) -> fem.Form:
+    """Compile a form, or load its kernel from the cache.  Collective.
+
+    Args:
+        form: UFL form on one mesh; literal numbers in it become part of the kernel, `constant`s do
+            not.
+
+    Raises:
+        InputError: no C compiler was found.
+        cffi.VerificationError: the compiler fails; on other ranks than 0 a RuntimeError.
+    """
+    comm = form.ufl_domain().ufl_cargo().comm
+    numbered = map_integrand_dags(_Number(form), form)
+    return _with_cache(comm, lambda: fem.form(numbered, jit_options=kernel_options()))
+
+
+def compile_expression(expression: Any, points: npt.NDArray[np.floating[Any]]) -> fem.Expression:
+    """Compile an expression for evaluation at points of the cells.  Collective.
+
+    Args:
+        expression: UFL expression of functions on one mesh.
+        points: points (n, tdim) of the reference cell.
+
+    Raises:
+        InputError: no C compiler was found.
+        cffi.VerificationError: the compiler fails; on other ranks than 0 a RuntimeError.
+    """
+    comm = ufl.domain.extract_unique_domain(expression).ufl_cargo().comm
+    numbered = map_integrand_dags(_Number(expression), expression)
+    return _with_cache(comm, lambda: fem.Expression(numbered, points, jit_options=kernel_options()))
+
+
+class _Number(MultiFunction):
+    """Renumbers the constants of a form or expression, and the labels of `ufl.variable`, from zero.
+
+    UFL numbers them in the order in which the program creates them.  It puts the numbers of labels
+    into the signature of a form, and sorts factors and summands by the numbers of constants as
+    text, 10 before 9.  Without this class the signature, by which kernels are cached, would depend
+    on everything that was created before, and the same law would be compiled again.
+    """
+
+    expr = MultiFunction.reuse_if_untouched
+
+    def __init__(self, of: Any) -> None:
+        """Number the constants of a form or expression in the order in which UFL finds them.
+
+        Args:
+            of: UFL form or expression, whose constants and labels are replaced by numbered ones.
+        """
+        super().__init__()
+        self._labels: dict[Label, Label] = {}
+        self._constants: dict[Any, ufl.Constant] = {}
+        for number, old in enumerate(extract_constants(of)):
+            self._constants[old] = _numbered(old, number)
+
+    def label(self, label: Label) -> Label:
+        """The new label of a variable."""
+        return self._labels.setdefault(label, Label(len(self._labels)))
+
+    def constant(self, constant: fem.Constant) -> ufl.Constant:
+        """The new constant that stands for an old one."""
+        return self._constants[constant]
+
+
+def _numbered(constant: fem.Constant, number: int) -> ufl.Constant:
+    """A constant with another number that shares the value of a given one."""
+    same = ufl.Constant(constant.ufl_domain(), constant.ufl_shape, count=number)
+    # Both refer to one C++ object: when the program changes the value, compiled forms see it.
+    same._cpp_object = constant._cpp_object
+    return same
+
+
+def _with_cache[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T:
+    """Run a compilation; if it fails, remove unfinished kernels from the cache and run it again.
+
+    dolfinx takes a source file without a kernel for one that another process is compiling, and
+    gives up after the time limit.  A run that was killed while it compiled would thus make all
+    later runs fail.  Processes that compile hold a shared lock, which the system releases when they
+    end; whoever gets the exclusive lock knows that nothing is being compiled.
+
+    Collective.
+
+    Args:
+        comm: ranks, of which rank 0 compiles.
+        task: the compilation, called once or twice; its result is returned.
+
+    Raises:
+        InputError: no C compiler was found.
+        Exception: what the second attempt raises.
+    """
+    try:
+        with _shared_lock(comm):
+            return task()
+    except (TimeoutError, RuntimeError, VerificationError):
+        # Without a compiler every attempt fails, and dolfinx does not say why.
+        on_rank_zero(comm, require_compiler)
+        if comm.rank == 0:
+            _remove_unfinished()
+    # The second failure is a real one, and goes to the caller.
+    with _shared_lock(comm):
+        return task()
+
+
+def _shared_lock(comm: MPI.Intracomm) -> AbstractContextManager[Any]:
+    """Shared lock of the cache for rank 0, which compiles; the other ranks wait for it."""
+    if comm.rank == 0:
+        return _lock(fcntl.LOCK_SH)
+    return nullcontext()
+
+
+@contextmanager
+def _lock(kind: int) -> Iterator[Path]:
+    """Lock the cache folder: `fcntl.LOCK_SH` shared, `fcntl.LOCK_EX` exclusive."""
+    folder = Path(kernel_options()["cache_dir"])
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "lock").open("w") as file:
+        fcntl.flock(file, kind)
+        yield folder
+
+
+def _remove_unfinished() -> None:
+    """Remove C sources from the cache whose compilation was not finished."""
+    with _lock(fcntl.LOCK_EX) as folder:
+        for source in folder.glob("libffcx_*.c"):
+            if not source.with_suffix(".c.cached").exists():
+                source.unlink()

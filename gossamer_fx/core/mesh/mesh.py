@@ -1,0 +1,363 @@
+"""Meshes from gmsh, with their physical groups by name."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import mesh as dmesh
+from dolfinx.graph import adjacencylist
+from dolfinx.io import distribute_entity_data
+from mpi4py import MPI
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
+from gossamer_fx.core.forms.backend import SHEETS_MAY_MEET, VERSION, distribute, gmsh_order
+from gossamer_fx.core.mesh.edges import EdgeTable, edges_of
+from gossamer_fx.core.mesh.gmsh_reader import BadMesh, RawMesh, extract, read_file
+
+LOGGER = logging.getLogger("gossamer_fx")
+
+
+@check_arguments
+@dataclass(frozen=True)
+class Mesh:
+    """A mesh of triangles or line elements in space, with named groups.
+
+    Made by `gmsh_mesh` or `read_mesh`.
+
+    Attributes:
+        domain: the mesh of dolfinx; coordinates in m.
+        groups: for each name of a physical group of gmsh, its dimension and the local numbers of
+            the entities in it (owned and ghost).
+
+    >>> import gossamer_fx as gx
+    >>> from mpi4py import MPI
+    >>> def square(model):
+    ...     model.occ.addRectangle(0, 0, 0, 1, 1)
+    ...     model.occ.synchronize()
+    ...     model.addPhysicalGroup(2, [1], name="film")
+    ...     model.mesh.generate(2)
+    >>> mesh = gx.gmsh_mesh(square, MPI.COMM_SELF)
+    >>> sorted(mesh.groups)
+    ['film']
+    """
+
+    domain: dmesh.Mesh
+    groups: dict[str, tuple[int, npt.NDArray[np.int32]]] = field(default_factory=dict)
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """The ranks that share the mesh."""
+        return self.domain.comm
+
+    @property
+    def cells(self) -> int:
+        """Number of triangles or line elements on all ranks."""
+        topology = self.domain.topology
+        return int(topology.index_map(topology.dim).size_global)
+
+    def __repr__(self) -> str:
+        """The numbers of cells and points, and the names of the groups."""
+        points = int(self.domain.geometry.index_map().size_global)
+        return f"<Mesh of {self.cells} {self._kind}, {points} points; {self.group_words()}>"
+
+    @property
+    def _kind(self) -> str:
+        if self.domain.topology.dim == 2:
+            return "triangles"
+        return "line elements"
+
+    def group_words(self) -> str:
+        """Return the names of the groups with what they are made of, for messages.
+
+        E.g. "groups: film (surfaces), rim (curves)", or "groups: none".
+        """
+        kinds = ("points", "curves", "surfaces")
+        names = [
+            f"{name or 'one without a name'} ({kinds[dim]})"
+            for name, (dim, _) in self.groups.items()
+        ]
+        return f"groups: {', '.join(names) or 'none'}"
+
+    def group(self, name: str) -> tuple[int, npt.NDArray[np.int32]]:
+        """Return dimension and local entities (owned and ghost) of a named group.
+
+        Args:
+            name: of the group: points, curves or surfaces of the gmsh file.
+
+        Returns:
+            dimension 0, 1 or 2, and numbers (n,) of vertices, edges or cells of this rank; n may be
+            0.
+
+        Raises:
+            InputError: the mesh has no group of this name; the message lists its groups.
+        """
+        known = ", ".join(sorted(self.groups)) or "none"
+        check(name in self.groups, f"The mesh has no group '{name}'; its groups are: {known}.")
+        return self.groups[name]
+
+    @cached_property
+    def edges(self) -> EdgeTable:
+        """Edges of the triangles.  The first call creates the table, and is collective."""
+        return edges_of(self.domain)
+
+    def enclosed_volume(self) -> float:
+        """Volume [m³] that the triangles enclose, positive if their normals point outwards.
+
+        A pressure inflates a film whose normals point outwards.  Rims of an open surface are
+        spanned, each by triangles between its edges and the mean of its points; a flat surface has
+        the volume zero.  Collective.
+
+        Raises:
+            InputError: the mesh is one of line elements.
+
+        Example:
+            >>> import gossamer_fx as gx
+            >>> from gossamer_fx.meshes.airbag import airbag
+            >>> from mpi4py import MPI
+            >>> airbag(MPI.COMM_SELF, edge=1.0, cells=4).enclosed_volume()
+            0.0
+        """
+        check(
+            self.domain.topology.dim == 2,
+            "enclosed_volume: the mesh is one of line elements; give one of triangles.",
+        )
+        # Imported here: a scene does not need it.
+        from gossamer_fx.core.mesh.enclosed_volume import enclosed_by
+
+        return enclosed_by(self.domain, self.edges).volume
+
+    def curve(self, name: str, user: str) -> npt.NDArray[np.int32]:
+        """Return the local numbers (n,) of edges, owned and ghost, of a named group of curves, in
+        rising order.
+
+        Args:
+            name: name of the group.
+            user: name of the item that needs the curve, the first word of the error message.
+
+        Raises:
+            InputError: the mesh has no such group, or the group consists of triangles or points.
+        """
+        dim, edges = self.group(name)
+        check(dim == 1, f"{user}: the group '{name}' has dimension {dim}; name curves of the mesh.")
+        return edges
+
+
+@check_arguments
+def read_mesh(path: str | Path, comm: MPI.Intracomm, *, orient: bool = False) -> Mesh:
+    """Read a mesh from a gmsh file (.msh) of version 2.2 or 4.x.  Collective.
+
+    Physical groups have their names as keys of `Mesh.groups`; unnamed groups have their numbers.
+    The log says which groups there are, and warns of a mesh without any.
+
+    Args:
+        path: path of the file; rank 0 reads it.
+        comm: the ranks to which the mesh is distributed.
+        orient: whether to turn triangles so that the normals of neighbours agree, and those of a
+            closed surface, or of one whose rims are small, point outwards.
+
+    Raises:
+        InputError: the file does not exist, is damaged, is in another format, or contains a mesh
+            that cannot be used, such as one of quadrilaterals; or `orient` finds a surface with one
+            side.
+
+    Example:
+        >>> def load(path):
+        ...     return gx.read_mesh(path, comm).groups
+    """
+
+    def read() -> RawMesh:
+        """Read the file, on rank 0, and orient its triangles if that is wanted.
+
+        Raises:
+            InputError: there is no such file, or its mesh cannot be used.
+        """
+        check(
+            Path(path).is_file(),
+            f"There is no mesh file '{path}'; give the path of a gmsh file (.msh).",
+        )
+        try:
+            return _oriented_if(orient, read_file(Path(path)))
+        except BadMesh as error:
+            raise InputError(str(error)) from error
+
+    mesh = _distribute_mesh(comm, on_rank_zero(comm, read))
+    words = f"'{path}': {mesh.cells} {mesh._kind}, {mesh.group_words()}"
+    if mesh.groups:
+        LOGGER.info(words)
+    elif comm.rank == 0:
+        LOGGER.warning(
+            "%s; supports, seams and loads need names, so add physical groups in gmsh", words
+        )
+    return mesh
+
+
+@check_arguments
+def gmsh_mesh(build: Callable[[Any], None], comm: MPI.Intracomm, *, orient: bool = False) -> Mesh:
+    """Generate a mesh with gmsh on rank 0 and distribute it over all ranks.  Collective.
+
+    The cells are the elements of the highest dimension; physical groups, also those of curves and
+    points, become named groups.
+
+    Args:
+        build: function that takes `gmsh.model`, creates geometry [m] and physical groups, and calls
+            `model.mesh.generate`.
+        comm: the ranks to which the mesh is distributed.
+        orient: whether to turn triangles so that the normals of neighbours agree, and those of a
+            closed surface, or of one whose rims are small, point outwards.
+
+    Raises:
+        InputError: the model has no elements, elements of several kinds or coordinates that are not
+            finite, `build` raises an error, or `orient` finds a surface with one side.
+
+    >>> import gossamer_fx as gx
+    >>> from mpi4py import MPI
+    >>> def line(model):
+    ...     ends = [model.occ.addPoint(x, 0, 0, meshSize=0.5) for x in (0, 1)]
+    ...     model.occ.addLine(*ends)
+    ...     model.occ.synchronize()
+    ...     model.mesh.generate(1)
+    >>> gx.gmsh_mesh(line, MPI.COMM_SELF).domain.topology.index_map(1).size_local
+    2
+    """
+    return _distribute_mesh(comm, on_rank_zero(comm, lambda: _build(build, orient)))
+
+
+def _oriented_if(orient: bool, raw: RawMesh) -> RawMesh:
+    """The mesh, with consistent normals if that is wanted."""
+    if not orient:
+        return raw
+    # Imported here: most meshes have consistent normals, and do not pay for scipy's graphs.
+    from gossamer_fx.core.mesh.orientation import oriented
+
+    return oriented(raw)
+
+
+def _build(build: Callable[[Any], None], orient: bool) -> RawMesh:
+    """Call a user's function in a new gmsh session, and extract the mesh from it; on rank 0.
+
+    Args:
+        build: takes `gmsh.model`, makes geometry [m] and groups, and generates the mesh.
+        orient: whether normals of neighbouring triangles are made to agree.
+
+    Raises:
+        InputError: `build` raises any error, the mesh cannot be used, or a surface has one side
+            only.
+    """
+    # Most scenes read a file or run on other ranks; gmsh is loaded only here.
+    import gmsh
+
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        build(gmsh.model)
+        return _oriented_if(orient, extract(gmsh.model))
+    except InputError:
+        raise
+    except BadMesh as error:
+        raise InputError(str(error)) from error
+    # Any error of `build` becomes an error of all ranks; otherwise the others would wait for rank
+    # 0.
+    except Exception as error:
+        words = " ".join(str(error).split()) or "no words"
+        raise InputError(
+            f"The function that builds the mesh raises {type(error).__name__} ({words}); correct "
+            "it."
+        ) from error
+    finally:
+        gmsh.finalize()
+
+
+def _distribute_mesh(comm: MPI.Intracomm, raw: RawMesh | None) -> Mesh:
+    """Distribute the mesh that rank 0 has, and its groups, over all ranks.  Collective.
+
+    Args:
+        comm: the ranks.
+        raw: arrays of the mesh; None on the other ranks.
+
+    Raises:
+        InputError: more than two cells meet at one edge, on several ranks, and this version of
+            dolfinx distributes only two.
+    """
+    about = None
+    if raw is not None:
+        about = (raw.kind, raw.order, raw.cells.shape[1], _most_at_a_facet(raw))
+    kind, order, width, sheets = comm.bcast(about)
+    version = ".".join(map(str, VERSION))
+    check(
+        sheets <= 2 or SHEETS_MAY_MEET or comm.size == 1,
+        f"{sheets} cells of the mesh meet at one edge (or point of a line), and this dolfinx, "
+        f"{version}, distributes only two to several ranks; use one rank, or dolfinx 0.11.",
+    )
+    permutation = gmsh_order(kind, width)
+    # Ranks other than 0 contribute no points and no cells.
+    points: npt.NDArray[np.float64] = np.zeros((0, 3))
+    cells = np.zeros((0, width), dtype=np.int64)
+    if raw is not None:
+        points = raw.points
+        cells = raw.cells[:, permutation].copy()
+    domain = distribute(comm, cells, points, kind=kind, order=order, sheets=sheets)
+
+    # All ranks must distribute the groups in the same order.
+    table = None
+    if raw is not None:
+        table = [(name, dim, nodes.shape[1]) for name, (dim, nodes) in raw.groups.items()]
+    groups = {}
+    for name, dim, nodes_each in comm.bcast(table):
+        entities = np.zeros((0, nodes_each), dtype=np.int64)
+        if raw is not None:
+            entities = raw.groups[name][1]
+        # Cells have the same order of nodes as the mesh; edges of order 2 have it in both programs.
+        if dim == domain.topology.dim:
+            entities = entities[:, permutation]
+        groups[name] = dim, _distribute(domain, dim, entities)
+    return Mesh(domain, groups)
+
+
+def _most_at_a_facet(raw: RawMesh) -> int:
+    """Return the largest number of triangles that share an edge, or of line elements that share a
+    point.
+
+    Args:
+        raw: arrays of a mesh with at least one cell.
+    """
+    if raw.kind == "triangle":
+        corners = np.sort(raw.cells[:, :3], axis=1)
+        edges = np.vstack([corners[:, [i, j]] for i, j in ((0, 1), (0, 2), (1, 2))])
+        edges = edges.astype(np.int64)
+        # One number for each pair of nodes, since sorting numbers is faster than sorting rows.
+        keys = edges[:, 0] * len(raw.points) + edges[:, 1]
+    else:
+        keys = raw.cells[:, :2].ravel()
+    _, counts = np.unique(keys, return_counts=True)
+    return int(counts.max())
+
+
+def _distribute(
+    domain: dmesh.Mesh, dim: int, entities: npt.NDArray[np.int64]
+) -> npt.NDArray[np.int32]:
+    """Return local numbers of entities that rank 0 lists by their nodes.  Collective.
+
+    Args:
+        domain: the mesh, which is distributed.
+        dim: dimension of the entities, 0 to that of the mesh.
+        entities: nodes (n, k) in the numbering of the file; none on the other ranks.
+
+    Returns:
+        local numbers (m,), owned and ghost, ascending.
+    """
+    domain.topology.create_entities(dim)
+    domain.topology.create_connectivity(dim, 0)
+    domain.topology.create_connectivity(dim, domain.topology.dim)
+    vertices, values = distribute_entity_data(
+        domain, dim, entities, np.ones(len(entities), dtype=np.int32)
+    )
+    tags = dmesh.meshtags_from_entities(domain, dim, adjacencylist(vertices), values)
+    return np.asarray(tags.indices, dtype=np.int32)

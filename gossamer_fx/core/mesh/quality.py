@@ -1,0 +1,465 @@
+"""Defects of a mesh: slivers, folded cells, seams that are not glued, cells that intersect.
+
+Every rank examines its own cells.  Counts are summed over all ranks; data that concern several
+ranks are sent to the rank to which a key is assigned.  All functions that take a mesh or a
+communicator are collective.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import la
+from dolfinx import mesh as dmesh
+from mpi4py import MPI
+
+from gossamer_fx.core.mesh.edges import EdgeTable
+from gossamer_fx.core.model.body import Array
+
+Integers = npt.NDArray[np.int64]
+
+# Points that are closer than this fraction of the mesh's extent count as one point.
+ALIKE = 1e-9
+
+# A neighbour lies upside down if the cosine between both normals is below this: they enclose more
+# than 154 degrees.
+UPSIDE_DOWN_COSINE = -0.9
+
+# Share of the area of a plane mesh from which what lies upside down is taken for the second layer
+# of a film that is folded, and not for a defect.
+FOLDED_FILM_SHARE = 0.4
+
+# Triangles of one batch in the search for intersections, so that the list of pairs stays small.
+BATCH = 2000
+
+# Relative margin by which a segment must pass inside a triangle: cells that only touch do not
+# count.
+TOUCH_MARGIN = 1e-6
+
+# Large primes that spread the three integer coordinates of a point over the ranks.
+# Source: M. Teschner et al., Proc. Vision, Modeling, Visualization (2003) 47.
+HASH_PRIMES = np.array([73856093, 19349663, 83492791], dtype=np.int64)
+
+
+def corner_points(domain: dmesh.Mesh) -> Array:
+    """Vertices (n, 3, 3) [m] of the owned triangles of a mesh, or (n, 2, 3) of its line
+    elements."""
+    dim = domain.topology.dim
+    owned = domain.topology.index_map(dim).size_local
+    points: Array = domain.geometry.x[domain.geometry.dofmap[:owned, : dim + 1]]
+    return points
+
+
+def box(comm: MPI.Intracomm, points: Array) -> tuple[Array, Array]:
+    """Lowest and highest coordinates, (3,) each [m], of the points (n, 3) of all ranks."""
+    low = points.min(axis=0, initial=np.inf)
+    high = points.max(axis=0, initial=-np.inf)
+    comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
+    comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+    return low, high
+
+
+def extent(domain: dmesh.Mesh) -> float:
+    """Diagonal [m] of the box around a mesh."""
+    low, high = box(domain.comm, domain.geometry.x)
+    return float(np.linalg.norm(high - low))
+
+
+def area_vectors(corners: Array) -> Array:
+    """Normals (n, 3) of triangles, with the area [m²] as length.
+
+    Args:
+        corners: vertices (n, 3, 3) [m] of the triangles; a normal has them counterclockwise.
+
+    >>> import numpy as np
+    >>> area_vectors(np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]]))
+    array([[0. , 0. , 0.5]])
+    """
+    first = corners[:, 1] - corners[:, 0]
+    second = corners[:, 2] - corners[:, 0]
+    area: Array = np.cross(first, second) / 2
+    return area
+
+
+def sizes(corners: Array) -> Array:
+    """Areas (n,) [m²] of triangles (n, 3, 3), or lengths (n,) [m] of line elements (n, 2, 3)."""
+    vectors: npt.NDArray[Any] = corners[:, 1] - corners[:, 0]
+    if corners.shape[1] == 3:
+        vectors = area_vectors(corners)
+    result: Array = np.linalg.norm(vectors, axis=1)
+    return result
+
+
+def shape_quality(corners: Array) -> Array:
+    """Quality 4√3 A/(a² + b² + c²) of triangles with the sides a, b, c and the area A [-].
+
+    It is 1 if equilateral, 0 if degenerate.
+
+    Args:
+        corners: vertices (n, 3, 3) [m] of the triangles.
+
+    Returns:
+        (n,).
+
+    >>> import numpy as np
+    >>> flat = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
+    >>> shape_quality(np.array([flat]))
+    array([0.])
+    """
+    edges = corners - np.roll(corners, 1, axis=1)
+    squares = (edges**2).sum(axis=(1, 2))
+    # A cell whose nodes coincide has no edges; its area is zero, so any divisor gives zero.
+    divisor = np.where(squares > 0, squares, 1.0)
+    quality: Array = 4 * np.sqrt(3) * sizes(corners) / divisor
+    return quality
+
+
+def aspects(corners: Array) -> Array:
+    """Aspect ratios c²/(4A) of triangles with the longest edge c and the area A [-]: 1 for half a
+    square.
+
+    Args:
+        corners: vertices (n, 3, 3) [m] of the triangles.
+
+    Returns:
+        (n,), at least 1; very large for a triangle without area.
+
+    >>> import numpy as np
+    >>> aspects(np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]]))
+    array([1.])
+    """
+    edges = corners - np.roll(corners, 1, axis=1)
+    longest = (edges**2).sum(axis=2).max(axis=1)
+    # A cell without area is refused elsewhere.
+    ratio: Array = np.maximum(longest / np.maximum(4 * sizes(corners), 1e-300), 1.0)
+    return ratio
+
+
+def turned_inside(domain: dmesh.Mesh) -> int:
+    """Count curved triangles (order 2) whose normal reverses within the cell.  Collective.
+
+    The normal is examined at the three corners.
+
+    Args:
+        domain: mesh of triangles; for plane ones the number is 0.
+
+    Returns:
+        the number in the whole mesh, on all ranks.
+    """
+    if domain.geometry.cmap.degree != 2:
+        return 0
+    owned = domain.topology.index_map(2).size_local
+    x = domain.geometry.x[domain.geometry.dofmap[:owned]]
+    straight_normal = area_vectors(x[:, :3])
+    turned = np.zeros(owned, dtype=bool)
+    # Node 3 + i lies on the edge opposite vertex i.  A parabola from a to b with the middle node m
+    # has the tangent 4 m - 3 a - b at a.
+    for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        tangent_to_b = 4 * x[:, 3 + c] - 3 * x[:, a] - x[:, b]
+        tangent_to_c = 4 * x[:, 3 + b] - 3 * x[:, a] - x[:, c]
+        normal = np.cross(tangent_to_b, tangent_to_c)
+        turned |= _dot(normal, straight_normal) <= 0
+    return int(domain.comm.allreduce(int(turned.sum())))
+
+
+def folded(table: EdgeTable) -> int:
+    """Count triangles that lie upside down on their neighbours.  Collective.
+
+    These are triangles with two neighbours or more, all of which have an opposite normal: a node
+    was moved across an edge.  One neighbour is not enough, since it may be a sharp fold.
+
+    Args:
+        table: edges of the mesh, `Mesh.edges`.
+
+    Returns:
+        the number in the whole mesh, on all ranks.
+    """
+    domain = table.domain
+    topology = domain.topology
+    edges = topology.connectivity(2, 1).array.reshape(-1, 3)
+    owned = topology.index_map(2).size_local
+    count, directions = table.tally(np.arange(owned, dtype=np.int32))
+    vectors = area_vectors(corner_points(domain))
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    # Cells without area get the normal zero.
+    normals = vectors / np.maximum(lengths, 1e-300)
+
+    # Sum of the normals of both triangles at each edge; subtracting the own one gives the other.
+    sums = la.vector(topology.index_map(1), 3)
+    normals_at_edges = np.repeat(normals, 3, axis=0)
+    np.add.at(sums.array.reshape(-1, 3), edges[:owned].ravel(), normals_at_edges)
+    sums.scatter_reverse(la.InsertMode.add)
+    sums.scatter_forward()
+
+    # Only edges are compared whose two triangles have the same orientation: they pass the edge in
+    # opposite directions, whose sum is zero.
+    comparable = la.vector(topology.index_map(1))
+    comparable.array[: len(count)] = (count == 2) & (directions == 0)
+    comparable.scatter_forward()
+
+    other = sums.array.reshape(-1, 3)[edges[:owned]] - normals[:, None]
+    has_neighbour = comparable.array[edges[:owned]] > 0
+    is_opposite = _dot(other, normals[:, None]) < UPSIDE_DOWN_COSINE
+    all_opposite = (is_opposite | ~has_neighbour).all(axis=1)
+    found = (has_neighbour.sum(axis=1) >= 2) & all_opposite
+    return int(domain.comm.allreduce(int(found.sum())))
+
+
+def folded_in_plane(table: EdgeTable) -> tuple[int, float]:
+    """Count triangles of a plane mesh that lie upside down.  Collective.
+
+    Nodes that were moved across edges turn triangles over, which then cover a part of the plane
+    again.  A film that is folded once, such as a tube that is pressed flat, has as much area on
+    either side; neither side counts as upside down there.
+
+    Args:
+        table: edges of the mesh, `Mesh.edges`.
+
+    Returns:
+        number, and share of the area [-], in the whole mesh, on all ranks; zero for a mesh that is
+        not plane, or whose neighbouring triangles pass edges in the same direction.
+    """
+    domain = table.domain
+    comm = domain.comm
+    vectors = area_vectors(corner_points(domain))
+    areas = np.linalg.norm(vectors, axis=1)
+    # Squares of the components have no sign, so that triangles on both sides add up.
+    products = comm.allreduce(np.einsum("ni,nj->ij", vectors, vectors))
+    normal = np.linalg.eigh(products)[1][:, -1]
+    heights = vectors @ normal
+    is_plane = bool((abs(heights) >= (1 - ALIKE) * areas).all())
+    count, directions = table.tally(np.arange(len(areas), dtype=np.int32))
+    agrees = not ((count == 2) & (directions != 0)).any()
+    is_turned = heights < 0
+    sums = np.array(
+        [
+            float(not is_plane or not agrees),
+            len(areas),
+            is_turned.sum(),
+            areas.sum(),
+            areas[is_turned].sum(),
+        ]
+    )
+    excluded, total, turned, area, turned_area = comm.allreduce(sums).tolist()
+    if excluded:
+        return 0, 0.0
+    if turned_area > area / 2:
+        turned = total - turned
+        turned_area = area - turned_area
+    share = turned_area / area
+    if share > FOLDED_FILM_SHARE:
+        return 0, 0.0
+    return int(turned), share
+
+
+def open_seams(domain: dmesh.Mesh, groups: Mapping[str, tuple[int, npt.NDArray[np.int32]]]) -> int:
+    """Count boundary facets that coincide with another boundary facet but are not glued to it.
+
+    Collective.  Facets are edges of triangles, or ends of line elements.  A slit that is intended
+    has its two sides in different named groups; its facets are not counted.
+
+    Args:
+        domain: the mesh.
+        groups: dimension and local entities of its named groups, `Mesh.groups`.
+
+    Returns:
+        the number in the whole mesh, on all ranks.
+    """
+    topology = domain.topology
+    comm = domain.comm
+    dim = topology.dim
+    topology.create_entities(dim - 1)
+    topology.create_connectivity(dim - 1, dim)
+    facets = dmesh.exterior_facet_indices(topology)
+    midpoints = np.zeros((0, 3))
+    if len(facets):
+        midpoints = dmesh.compute_midpoints(domain, dim - 1, facets)
+
+    # Number of the named group of each facet; zero for facets in no group.
+    side = np.zeros(len(facets), dtype=np.int64)
+    for number, (group_dim, entities) in enumerate(groups.values(), start=1):
+        in_group = np.isin(facets, entities) & (group_dim == dim - 1)
+        side[in_group] = number
+
+    # Facets coincide if their rounded midpoints do.  Those with the same midpoint are collected on
+    # the same rank, which is a hash of the midpoint.
+    pitch = ALIKE * extent(domain) or 1.0
+    rounded = np.rint(midpoints / pitch).astype(np.int64)
+    keys = np.column_stack([rounded, side])
+    home = (keys[:, :3] @ HASH_PRIMES) % comm.size
+    outgoing = [keys[home == rank] for rank in range(comm.size)]
+    received = np.concatenate(comm.alltoall(outgoing))
+    _, midpoint, counts = np.unique(
+        received[:, :3],
+        axis=0,
+        return_inverse=True,
+        return_counts=True,
+    )
+
+    # Number of different named groups at each midpoint.
+    in_named_group = received[:, 3] > 0
+    midpoint_and_side = np.column_stack([midpoint.ravel(), received[:, 3]])[in_named_group]
+    sides = np.bincount(np.unique(midpoint_and_side, axis=0)[:, 0])
+    sides = np.pad(sides, (0, len(counts) - len(sides)))
+    # Facets that coincide are intended if each of them is in another group.
+    is_open = (counts > 1) & (sides < counts)
+    return int(comm.allreduce(int(counts[is_open].sum())))
+
+
+def crossings(comm: MPI.Intracomm, corners: Array, nodes: Integers) -> int:
+    """Count triangles that intersect another triangle.  Collective.
+
+    Triangles that share a node are not tested against each other.  Ranks pass their triangles on in
+    a ring, so that none stores more than two shares of the mesh.
+
+    Args:
+        comm: the ranks.
+        corners: vertices (n, 3, 3) [m] of this rank's triangles.
+        nodes: global numbers (n, 3) of these vertices.
+
+    Returns:
+        the number over all ranks, on all ranks.
+
+    >>> import numpy as np
+    >>> from mpi4py import MPI
+    >>> lying = [[-1.0, -1.0, 0.0], [2.0, -1.0, 0.0], [-1.0, 2.0, 0.0]]
+    >>> standing = [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [5.0, 5.0, 0.0]]
+    >>> crossings(MPI.COMM_SELF, np.array([lying, standing]), np.arange(6).reshape(2, 3))
+    2
+    """
+    intersects = np.zeros(len(corners), dtype=bool)
+    visitor: tuple[Array, Integers] = (corners, nodes)
+    for _ in range(comm.size):
+        intersects |= _pierced(corners, nodes, *visitor)
+        visitor = comm.sendrecv(
+            visitor,
+            dest=(comm.rank + 1) % comm.size,
+            source=(comm.rank - 1) % comm.size,
+        )
+    return int(comm.allreduce(int(intersects.sum())))
+
+
+def _pierced(
+    mine: Array,
+    my_nodes: Integers,
+    others: Array,
+    other_nodes: Integers,
+) -> npt.NDArray[np.bool_]:
+    """Return whether triangles intersect one of other triangles.
+
+    Two triangles intersect if an edge of the one passes through the inside of the other.
+
+    Args:
+        mine: vertices (n, 3, 3) [m].
+        my_nodes: global numbers (n, 3) of these vertices.
+        others: vertices (m, 3, 3) [m].
+        other_nodes: global numbers (m, 3); triangles that share a node are not tested.
+
+    Returns:
+        mask (n,) of `mine`.
+    """
+    found = np.zeros(len(mine), dtype=bool)
+    if not len(mine) or not len(others):
+        return found
+    # SciPy is loaded only where it is needed.
+    from scipy.spatial import cKDTree
+
+    centres, radii = _ball(mine)
+    their_centres, their_radii = _ball(others)
+    tree = cKDTree(their_centres)
+    # The tree knows centres only, so the search radius allows for the largest of the others.
+    search_radii = radii + their_radii.max()
+    batches = np.array_split(np.arange(len(mine)), len(mine) // BATCH + 1)
+    for batch in batches:
+        near = tree.query_ball_point(centres[batch], search_radii[batch])
+        counts = [len(neighbours) for neighbours in near]
+        i = np.repeat(batch, counts)
+        j = np.concatenate([np.asarray(neighbours, dtype=np.int64) for neighbours in near])
+        between_centres = centres[i] - their_centres[j]
+        candidate = _is_candidate(
+            distance=np.linalg.norm(between_centres, axis=1),
+            reach=radii[i] + their_radii[j],
+            nodes=my_nodes[i],
+            other_nodes=other_nodes[j],
+        )
+        i = i[candidate]
+        j = j[candidate]
+        hit = np.zeros(len(i), dtype=bool)
+        for k in range(3):
+            next_corner = (k + 1) % 3
+            hit |= _segment_meets(mine[i, k], mine[i, next_corner], others[j])
+            hit |= _segment_meets(others[j, k], others[j, next_corner], mine[i])
+        found[i[hit]] = True
+    return found
+
+
+def _is_candidate(
+    distance: Array,
+    reach: Array,
+    nodes: Integers,
+    other_nodes: Integers,
+) -> npt.NDArray[np.bool_]:
+    """Return whether the bounding balls of pairs of triangles overlap and they share no node.
+
+    Args:
+        distance: between the centres of the balls (n,) [m].
+        reach: sum of their radii (n,) [m].
+        nodes, other_nodes: global numbers (n, 3) of the vertices of both triangles.
+    """
+    overlap: npt.NDArray[np.bool_] = distance <= reach
+    shared = (nodes[:, :, None] == other_nodes[:, None, :]).any(axis=(1, 2))
+    return overlap & ~shared
+
+
+def _ball(corners: Array) -> tuple[Array, Array]:
+    """Centres (n, 3) and radii (n,) [m] of balls that contain triangles (n, 3, 3)."""
+    centre = corners.mean(axis=1)
+    radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
+    return centre, radius
+
+
+def _segment_meets(start: Array, end: Array, triangle: Array) -> npt.NDArray[np.bool_]:
+    """Return whether segments pass through the inside of triangles; those that only touch do not.
+
+    Args:
+        start: beginnings (n, 3) [m] of the segments.
+        end: their ends (n, 3) [m].
+        triangle: one triangle (n, 3, 3) [m] for each segment.
+
+    Returns:
+        mask (n,); false for triangles without area and segments in their plane.
+    """
+    origin = triangle[:, 0]
+    # a and b are two edge vectors of the triangle.
+    a = triangle[:, 1] - origin
+    b = triangle[:, 2] - origin
+    normal = np.cross(a, b)
+    squares = (normal**2).sum(axis=1)
+    # Heights over the plane, times the length of `normal`.
+    start_height = _dot(normal, start - origin)
+    end_height = _dot(normal, end - origin)
+    # Segments in the plane of the triangle, and triangles without area, divide by zero; the
+    # comparisons below are false for the NaN that result.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = start_height / (start_height - end_height)
+        crossing = start + t[:, None] * (end - start) - origin
+        # Barycentric coordinates of the crossing point.
+        u = _dot(np.cross(crossing, b), normal) / squares
+        v = _dot(np.cross(a, crossing), normal) / squares
+        # |normal| has the unit m², so |normal|^1.5 is a length times |normal|, as the heights are.
+        height_margin = TOUCH_MARGIN * squares**0.75
+        is_below = np.minimum(start_height, end_height) < -height_margin
+        is_above = np.maximum(start_height, end_height) > height_margin
+        is_inside = (u > TOUCH_MARGIN) & (v > TOUCH_MARGIN)
+        is_inside &= u + v < 1 - TOUCH_MARGIN
+        result: npt.NDArray[np.bool_] = is_below & is_above & is_inside
+    return result
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Dot products over the last axis."""
+    product: Array = (a * b).sum(axis=-1)
+    return product

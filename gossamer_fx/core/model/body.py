@@ -1,0 +1,210 @@
+"""Bodies as the system sees them, and the ports by which others are attached to them.
+
+A body brings coordinates (a `Block` of unknowns) and an initial state.  Terms on a mesh are written
+in UFL; terms between points are written in NumPy and see bodies through `Port`s only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass
+from typing import Annotated, Any, Protocol, TypeGuard, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from dolfinx.common import IndexMap
+from mpi4py import MPI
+
+from gossamer_fx.core.checks.arguments import Count, check_arguments
+from gossamer_fx.core.checks.errors import check
+
+Array = npt.NDArray[np.floating]
+# dolfinx numbers the nodes of a rank by 32 bits.
+Indices = npt.NDArray[np.int32]
+# Three numbers, as a tuple, a list or an array.
+Vector = Annotated[Sequence[float], Count(3)]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Coordinates of one body: `index_map` distributes nodes, each with `size` numbers (a multiple
+    of 3: vectors).
+
+    The vectors of a node are positions (3), or a position and directors (6, 9, 12): linear momentum
+    counts the first.
+    """
+
+    index_map: IndexMap
+    size: int
+
+
+@runtime_checkable
+class Body(Protocol):
+    """Something with coordinates."""
+
+    name: str
+    comm: MPI.Intracomm
+    block: Block
+
+    def initial_state(self) -> tuple[Array, Array]:
+        """Owned coordinates [m] and velocities [m/s], flattened, node by node; not to be written
+        to."""
+        ...
+
+    def describe(self, node: int) -> str:
+        """Where an owned node is, in words, for messages."""
+        ...
+
+
+@runtime_checkable
+class MeshBody(Body, Protocol):
+    """A body discretised on a mesh: its coordinates are functions of a Lagrange space."""
+
+    space: fem.FunctionSpace
+
+    @property
+    def full(self) -> MeshBody:
+        """The body itself; of a reduced body the one that was reduced, whose nodes have
+        positions."""
+        ...
+
+    def reconstruct(self, function: fem.Function, unknowns: Array) -> None:
+        """Set a function on `full.space`, ghosts included, from this rank's unknowns."""
+        ...
+
+    def coordinates(self, alpha: float) -> Any:
+        """How these functions follow from its unknowns, for a rule with the weight α: a
+        `terms.coordinates`."""
+        ...
+
+
+# One attribute decides what an item is: a body of a user needs no base class.
+@runtime_checkable
+class BringsCoordinates(Protocol):
+    """What makes an item of a scene a body: a block of unknowns."""
+
+    block: Block
+
+
+@runtime_checkable
+class OnMesh(Protocol):
+    """What makes a body one on a mesh: a function space."""
+
+    space: fem.FunctionSpace
+
+
+def is_body(item: object) -> TypeGuard[Body]:
+    """Whether an item of a scene is a body."""
+    return isinstance(item, BringsCoordinates)
+
+
+def is_on_mesh(body: Body) -> TypeGuard[MeshBody]:
+    """Whether a body is discretised on a mesh."""
+    return isinstance(body, OnMesh)
+
+
+def has_nodal_unknowns(body: Body) -> TypeGuard[MeshBody]:
+    """Whether a body's unknowns are the coordinates of the nodes of its mesh."""
+    return (
+        is_on_mesh(body)
+        and body.block.index_map.size_global == body.space.dofmap.index_map.size_global
+    )
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Port:
+    """A vector attached to a body: Σ_k weights[k] q[nodes[k], vectors[k]], linear in its
+    coordinates q.
+
+    With weights of sum 1 on positions it is a point of the body.  Bodies return ports, e.g.
+    `film.point` and `hub.port`.
+
+    Args:
+        body: to which the vector is attached.
+        nodes: global indices of nodes of the body's block.
+        weights: one for each node.
+        vectors: which vector of each node is meant: 0 the position (default), 1, 2, ... the
+            directors.
+
+    Example:
+        >>> middle = gx.Port(cable, (0, 1), weights=(0.5, 0.5))
+        >>> middle.weights
+        (0.5, 0.5)
+    """
+
+    body: Body
+    nodes: tuple[int, ...]
+    _: KW_ONLY
+    weights: tuple[float, ...] = (1.0,)
+    vectors: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse nodes that the body does not have."""
+        count = self.body.block.index_map.size_global
+        check(
+            all(0 <= node < count for node in self.nodes),
+            f"A port of '{self.body.name}' has the nodes {self.nodes}; its nodes are 0 to "
+            f"{count - 1}.",
+        )
+
+    def evaluate(self, unknowns: Array) -> Array:
+        """The vector (3,) of the port, Σ_k weights[k] q[nodes[k], vectors[k]]: a point [m] or a
+        director [-].
+
+        Collective; the same on every rank.
+
+        Args:
+            unknowns: coordinates q [m or -] of the nodes that this rank owns, flattened; or their
+                rates, of which the rate of the vector is returned.
+        """
+        block = self.body.block
+        start, end = block.index_map.local_range
+        nodes = np.array(self.nodes)
+        weights = np.array(self.weights)
+        # Without vectors all of them are positions.
+        vectors = np.array(self.vectors or (0,) * len(nodes))
+        # Each node is owned by one rank, so that the sum over ranks is the vector.
+        mine = (nodes >= start) & (nodes < end)
+        per_node = unknowns.reshape(-1, block.size // 3, 3)
+        share = weights[mine] @ per_node[nodes[mine] - start, vectors[mine]]
+        return np.asarray(self.body.comm.allreduce(share))
+
+    def initial(self) -> Array:
+        """The vector (3,) in the initial state that the body has by itself, outside of any
+        scene."""
+        return self.evaluate(self.body.initial_state()[0])
+
+    def initial_rate(self) -> Array:
+        """The rate (3,) of the vector in the initial state that the body has by itself."""
+        return self.evaluate(self.body.initial_state()[1])
+
+
+@check_arguments
+@dataclass(frozen=True)
+class Ground:
+    """A constant vector of inertial space: a point [m] or a direction.
+
+    Args:
+        vector: its components, (3,).
+
+    Example:
+        >>> hook = gx.Ground((0.0, 0.0, 2.0))
+        >>> gx.connectors.Spring(mass.port(), hook, stiffness=100.0, length=1.0).stiffness
+        100.0
+    """
+
+    vector: tuple[float, float, float]
+
+    def initial(self) -> Array:
+        """The vector (3,) itself."""
+        return np.array(self.vector, dtype=float)
+
+    def initial_rate(self) -> Array:
+        """Zero (3,): it does not move."""
+        return np.zeros(3)
+
+
+# What connectors, constraints and point loads act on.
+Attached = Port | Ground

@@ -1,0 +1,53 @@
+"""The terms that the items of a scene add to its equations.
+
+A *term* plays one of five roles:
+
+    kinetic energy   a constant mass matrix
+    stored energy    ψ(e(q)) of a measure e that rigid motions leave as it is, and a density ψ
+    dissipation      a stress against the rate of a measure
+    load             a force whose work counts as supplied
+    constraint       coordinates that are fixed, or measures that stay zero
+
+The general kinds of terms are in `terms/`; a kind with one user lies in the folder of its user.
+Each kind names the class that compiles all terms of the kind in a scene, see `terms.assembly`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar, Protocol, runtime_checkable
+
+from gossamer_fx.core.model.state import State
+
+
+class Term(Protocol):
+    """Something that adds to the equations; `compiler` compiles all terms of its kind in a scene at
+    once."""
+
+    compiler: ClassVar[type]
+
+
+@runtime_checkable
+class BringsTerms(Protocol):
+    """An item of a scene that adds to the equations."""
+
+    def terms(self, start: State) -> Iterable[Term]:
+        """Its terms in a scene that begins in the state `start`."""
+        ...
+
+
+@runtime_checkable
+class RefersToItems(Protocol):
+    """An item of a scene that needs others; they join the scene by themselves."""
+
+    def requires(self) -> Iterable[object]:
+        """The items that it refers to."""
+        ...
+
+
+def terms_of(item: object, start: State) -> Iterable[Term]:
+    """The terms that an item of a scene brings, if any."""
+    # Initial conditions, tanks and some others change the scene without a term.
+    if not isinstance(item, BringsTerms):
+        return ()
+    return item.terms(start)

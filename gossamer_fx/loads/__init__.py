@@ -1,5 +1,0 @@
-"""Loads, whose work counts as supplied, and damping, whose loss counts as dissipated."""
-
-from gossamer_fx.checks.lazy_names import lazy_names
-
-__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

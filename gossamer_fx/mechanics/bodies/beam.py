@@ -1,0 +1,280 @@
+"""Beams: positions and two directors of the section."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import ufl
+from dolfinx import fem, la
+from dolfinx.mesh import Mesh as DolfinxMesh
+
+from gossamer_fx.core.algebra.point_measures import PointMeasure
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check_on_all
+from gossamer_fx.core.forms.compilation import compile_form
+from gossamer_fx.core.forms.kinematics import Expr, beam_strain, line_derivative
+from gossamer_fx.core.mesh.mesh import Mesh
+from gossamer_fx.core.model.body import Array, Indices, Port, Vector
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.core.sections import Section
+from gossamer_fx.mechanics.bodies.curve import Curve
+from gossamer_fx.mechanics.bodies.frames import Frame
+from gossamer_fx.mechanics.bodies.initial_strain import Numbers, prestress_parameters
+from gossamer_fx.mechanics.bodies.meshed import PointFunction, checked
+from gossamer_fx.mechanics.bodies.ports import global_node
+from gossamer_fx.mechanics.bodies.rigid_body import orthonormality
+from gossamer_fx.mechanics.materials.film import constants
+from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
+from gossamer_fx.mechanics.terms.masses import KineticEnergy
+from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
+
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.materials.thermal import ThermalExpansion
+
+# Sine of the angle between the given normal and the beam, below which the normal counts as parallel
+# to it: the direction of the section would be round-off.
+PARALLEL = 1e-6
+
+
+@check_arguments
+class Beam(Curve):
+    """A shear-deformable beam in the coordinates (x, d2, d3): 9 numbers a node, quadratic elements.
+
+    Material points x + X2 d2 + X3 d3.  Strains, taken at two Gauss points where nothing locks,
+
+        ε = ½(x'·x' - 1)   γ_i = x'·d_i   κ_i = x'·d_i'   τ = ½(d2'·d3 - d3'·d2)
+
+    less those of the mesh, to which an initial axial strain may be added; W = ½(EA ε² + GA_i γ_i² +
+    EI_i κ_i² + GJ τ²) per length; kinetic energy ½∫(μ|ẋ|² + ρI_i |ḋ_i|²) dS.  The directors stay
+    orthonormal at the nodes, by multipliers: imposed between nodes it would lock.  See Simo, CMAME
+    49 (1985) 55, and Betsch & Steinmann, IJNME 54 (2002) 1775, for beams in directors.
+
+    Args:
+        mesh: line elements in space, straight or curved: the stress-free shape.
+        section: stiffness and inertia, e.g. `tube(...)`.
+        normal: direction of d2, made normal to the beam; it must not be along the beam.
+        thermal: thermal expansion along the beam, with its temperature; default none.
+        initial_tension: axial force N0 [N] of the beam in the shape of its mesh, negative for
+            compression: a number; {group: number} of curves of the mesh, elsewhere none; or a
+            function of points (3, n) that returns (n,).
+        initial_strain: axial strain in place of a force, given in the same way.
+        velocity: initial velocity [m/s], a function of the points (3, n) that returns (3, n);
+            directors move with the difference that it makes over their length, which is exact for
+            rigid motions.  Default: at rest.
+        name: name in messages and output.
+
+    Example:
+        >>> section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
+        >>> beam = gx.Beam(curve, section, normal=(0.0, 1.0, 0.0), name="boom")
+        >>> beam.block.size
+        9
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh | DolfinxMesh,
+        section: Section,
+        *,
+        normal: Vector = (0.0, 0.0, 1.0),
+        thermal: ThermalExpansion | None = None,
+        initial_tension: Numbers | None = None,
+        initial_strain: Numbers | None = None,
+        velocity: PointFunction | None = None,
+        name: str = "beam",
+    ) -> None:
+        """Check the arguments, and make function space, section constants and initial state.
+        Collective.
+
+        Args:
+            mesh: line elements in space [m], the stress-free shape.
+            section: stiffness and inertia, e.g. of `gx.sections.tube`.
+            normal: direction (3,) of the first section axis d2; only its direction counts.
+            thermal: thermal expansion; None: none.
+            initial_tension: axial force [N] in the shape of the mesh: a number, {group: number} or
+                a function of points (3, n) [m] that returns (n,); None: none.
+            initial_strain: axial strain (dimensionless) in place of a force, given in the same way.
+            velocity: function of points (3, n) [m] that returns velocities (3, n) [m/s]; None: at
+                rest.
+            name: name in messages and output.
+
+        Raises:
+            InputError: the mesh does not consist of lines in space, the normal is along the beam
+                somewhere, tension and strain are both given, or a function returns something else.
+        """
+        super().__init__("Beam", name, mesh, 2, 9)
+        self.section = section
+        self._take_expansion("Beam", thermal)
+        self._velocity = checked(velocity, f"Beam '{name}': its velocity", mesh.comm)
+        self.constants = constants(section, self.mesh.domain)
+        self._frames: dict[int, Frame] = {}
+        # A restart compares this argument, see `outputs.arguments`.
+        self._normal = tuple(normal)
+        self._take_prestress(initial_tension, initial_strain)
+        self._reference = self._stress_free(np.asarray(normal, dtype=float))
+
+    def _stress_free(self, normal: Array) -> fem.Function:
+        """Positions of the mesh, and section directors normal to its mean tangent at each node.
+        Collective.
+
+        Args:
+            normal: direction (3,) of the director d2, of any length; its part normal to the beam
+                counts.
+
+        Returns:
+            Function with 9 numbers a node: position [m] and the unit vectors d2 and d3, ghosts
+            included.
+
+        Raises:
+            InputError: on all ranks, if the normal is along the beam at some node.
+        """
+        # J (3,): derivative of the positions by the coordinate of the reference cell; w: test
+        # function; t (n, 3): unit tangents at the nodes; q: the result.
+        J = ufl.Jacobian(self.mesh.domain)[:, 0]
+        w = ufl.TestFunction(self.space)
+        tangent = J / ufl.sqrt(ufl.dot(J, J))
+        # The tangent may jump between cells; at a node it is the mean of both sides.
+        weighted_tangent = sum(tangent[i] * w[i] for i in range(3)) * self.mass_dx
+        mean = fem.assemble_vector(compile_form(weighted_tangent))
+        mean.scatter_reverse(la.InsertMode.add)
+        mean.scatter_forward()
+        t = mean.array.reshape(-1, 9)[:, :3]
+        t = t / np.linalg.norm(t, axis=1, keepdims=True)
+        # The part of the normal in the section; the user gives one vector for all of a bent beam.
+        d2 = normal - (t @ normal)[:, None] * t
+        length = np.linalg.norm(d2, axis=1, keepdims=True)
+        check_on_all(
+            self.comm,
+            bool((length > PARALLEL * np.linalg.norm(normal)).all()),
+            f"Beam '{self.name}': its normal {normal.tolist()} is along the beam somewhere; choose "
+            "another direction.",
+        )
+        d2 = d2 / length
+        q = fem.Function(self.space)
+        x = self.space.tabulate_dof_coordinates()
+        q.x.array[:] = np.hstack([x, d2, np.cross(t, d2)]).ravel()
+        return q
+
+    def stress_free(self, nodes: Indices) -> Array:
+        """Position and directors (n, 3, 3) of local nodes where the beam is free of stress."""
+        q: Array = self._reference.x.array.reshape(-1, 3, 3)[nodes]
+        return q
+
+    def measure(self, q: Expr) -> Expr:
+        """Strains (ε, γ2, γ3, κ2, κ3, τ)."""
+        strains = beam_strain(q) - beam_strain(self._reference)
+        initial = self.initial_strain
+        if initial is None:
+            return strains
+        # UFL wants components of one kind: a plain 0 would be of another.
+        zero = 0 * initial
+        return strains + ufl.as_vector([initial, zero, zero, zero, zero, zero])
+
+    def density(self, e: Expr) -> Expr:
+        """Stored energy per unit reference length [J/m] of the strains e (6,)."""
+        c = self.constants
+        stiffnesses = (c.EA, c.GA2, c.GA3, c.EI2, c.EI3, c.GJ)
+        return sum(stiffness * e[i] ** 2 for i, stiffness in enumerate(stiffnesses)) / 2
+
+    def axial_force(self, q: Expr, e: Expr) -> Expr:
+        """Axial force [N]: the component along x' of the force ∂W/∂x' of a section.
+
+        N = EA ε |x'| + Σ (GA_i γ_i x'·d_i + EI_i κ_i x'·d_i')/|x'|, as shear and curvature are
+        functions of x', too.  Of a bent beam the last part is not small: κ² EI.
+
+        Args:
+            q: coordinates (9,) on the mesh: position [m] and directors.
+            e: strains (6,) at these coordinates, of `measure` less the thermal strain.
+        """
+        dq = line_derivative(q)
+        dx = ufl.as_vector([dq[0], dq[1], dq[2]])
+        stretch = ufl.sqrt(ufl.dot(dx, dx))
+        # x'·d_i and x'·d_i', which are not zero in the mesh of a curved beam
+        products = beam_strain(q)
+        c = self.constants
+        stiffnesses = (c.GA2, c.GA3, c.EI2, c.EI3)
+        across = sum(k * e[i] * products[i] for i, k in enumerate(stiffnesses, start=1))
+        return c.EA * e[0] * stretch + across / stretch
+
+    def mass(self, v: Expr, w: Expr) -> ufl.Form:
+        """Bilinear form of the mass of velocities v = (ẋ, ḋ2, ḋ3); ½ mass(v, v) is the kinetic
+        energy [J].
+        """
+        c = self.constants
+        inertia = [c.line_density] * 3 + [c.rotary2] * 3 + [c.rotary3] * 3
+        return sum(m * v[i] * w[i] for i, m in enumerate(inertia)) * self.mass_dx
+
+    def terms(self, start: State) -> Iterable[Term]:
+        """Kinetic and stored energy of the beam, and the constraint of orthonormal directors at
+        each node.
+
+        Args:
+            start: initial state of the scene; the terms do not depend on it.
+
+        Yields:
+            The terms, i.e. what the beam adds to the equations: a mass, a stored energy and a
+            constraint between the two directors of each node that this rank owns.
+        """
+        yield KineticEnergy(self, self.mass)
+        thermal = self._thermal_strain("Beam", components=6)
+        stored = prestress_parameters(self.constants)
+        if thermal is not None:
+            stored += thermal.parameters
+        yield StoredEnergy(
+            self.name,
+            self,
+            self.measure,
+            self.density,
+            self.dx,
+            quadratic=True,
+            thermal=thermal,
+            parameters=stored,
+        )
+        # Orthonormality is ½ X·H X + L·X + c = 0 for the stacked directors X of a node.
+        # One constraint for each owned node; its multipliers keep sections rigid in every iterate.
+        first, end = self.block.index_map.local_range
+        directors = [self._directors(node) for node in range(first, end)]
+        H, L, c = orthonormality(2)
+        yield PointConstraint(f"{self.name} directors", PointMeasure(directors, H, L, c))
+
+    def _directors(self, node: int) -> tuple[Port, Port]:
+        """The directors d2 and d3 of a global node."""
+        d2 = Port(self, (node,), weights=(1.0,), vectors=(1,))
+        d3 = Port(self, (node,), weights=(1.0,), vectors=(2,))
+        return d2, d3
+
+    def frame(self, group: str) -> Frame:
+        """Position and directors (d2, d3) at a named point of the mesh."""
+        node = global_node(self, self.mesh, group)
+        # One object for one node: frames are compared by identity.
+        if node not in self._frames:
+            position = Port(self, (node,))
+            directors = self._directors(node)
+            self._frames[node] = Frame(position, directors, name=f"{self.name}/{group}")
+        return self._frames[node]
+
+    @cached_property
+    def _start(self) -> tuple[Array, Array]:
+        """Initial coordinates and velocities (9 n,) of the n nodes that this rank owns, node by
+        node.
+
+        A node has a position [m] and two directors (unit vectors); their rates are in m/s and 1/s.
+        The rate of a director is the difference of the given velocities at its tip and its root: a
+        rigid velocity field gives exactly the rates of a rigid rotation.  Collective at the first
+        use.
+
+        Raises:
+            InputError: the user's function of velocity raises or returns something else.
+        """
+        # Coordinates q and rates v (n, 3, 3): position and two directors of each owned node.
+        q = self._reference.x.array.reshape(-1, 3, 3)[: self.block.index_map.size_local]
+        v = np.zeros_like(q)
+        if self._velocity is not None:
+            x = q[:, 0]
+            v[:, 0] = self._velocity(x.T).T
+            for k in (1, 2):
+                v[:, k] = self._velocity((x + q[:, k]).T).T - v[:, 0]
+        return q.ravel(), v.ravel()

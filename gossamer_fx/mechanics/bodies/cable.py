@@ -1,0 +1,316 @@
+"""Cables: lines without bending stiffness."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import ufl
+from dolfinx.mesh import Mesh as DolfinxMesh
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.forms.compilation import constant
+from gossamer_fx.core.forms.kinematics import Expr, bar_strain, line_derivative
+from gossamer_fx.core.forms.strain_path import Piece, gradient
+from gossamer_fx.core.mesh.mesh import Mesh
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.bodies.curve import Curve
+from gossamer_fx.mechanics.bodies.initial_strain import Numbers, prestress_parameters
+from gossamer_fx.mechanics.bodies.meshed import PointFunction, checked, positions
+from gossamer_fx.mechanics.materials.film import constants, parameters
+from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
+from gossamer_fx.mechanics.terms.masses import KineticEnergy
+
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.materials.thermal import ThermalExpansion
+
+
+class BarLaw:
+    """Base of the laws of cables: an energy per reference length of ε = ½(λ² - 1).
+
+    Attributes:
+        line_density: mass per reference length [kg/m].
+        quadratic: whether the energy is quadratic in ε.
+    """
+
+    line_density: float
+    quadratic: bool = False
+
+    def energy(self, e: Expr, c: Any) -> Expr:
+        """Stored energy per unit reference length [J/m] of e = (ε,)."""
+        raise NotImplementedError
+
+    def constants(self, mesh: DolfinxMesh) -> SimpleNamespace:
+        """The numbers of the law as constants `c` of a mesh."""
+        return constants(self, mesh)
+
+    def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
+        """Pieces of the path from e0 to e1 with exact averages; none: Gauss points take them."""
+        return []
+
+    def _check_line_density(self) -> None:
+        """Check that the mass per length [kg/m] is positive."""
+        value = self.line_density
+        check(
+            math.isfinite(value) and value > 0,
+            f"{type(self).__name__}: line_density is {value!r}; give a positive number.",
+        )
+
+
+@check_arguments
+@dataclass(frozen=True)
+class CableLaw(BarLaw):
+    """St. Venant-Kirchhoff bar: W = ½ EA ε² per reference length, ε = ½(λ² - 1); its tension is N =
+    EA ε λ.
+
+    Args:
+        EA: axial stiffness [N], positive.
+        line_density: mass per reference length [kg/m], positive.
+
+    Raises:
+        InputError: a number that is not positive.
+
+    Example:
+        >>> gx.CableLaw(1e4, 0.01).EA
+        10000.0
+    """
+
+    EA: float
+    line_density: float
+
+    quadratic = True
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        check(
+            math.isfinite(self.EA) and self.EA > 0,
+            f"{type(self).__name__}: EA is {self.EA!r}; give a positive number.",
+        )
+        self._check_line_density()
+
+    def energy(self, e: Expr, c: Any) -> Expr:
+        """Stored energy per unit reference length [J/m] of e = (ε,)."""
+        return c.EA / 2 * e[0] ** 2
+
+
+@check_arguments
+@dataclass(frozen=True)
+class TensionOnly(CableLaw):
+    """A bar as of `CableLaw` in tension, which stores nothing where it is slack.
+
+    Args:
+        EA: axial stiffness [N], positive.
+        line_density: mass per reference length [kg/m], positive.
+
+    Raises:
+        InputError: a number that is not positive.
+
+    Example:
+        >>> gx.Cable(curve, gx.TensionOnly(1e4, 0.01)).name
+        'cable'
+    """
+
+    # Its stress has a kink at zero strain, where the path of a step is divided.
+    quadratic = False
+
+    def energy(self, e: Expr, c: Any) -> Expr:
+        return c.EA / 2 * ufl.max_value(e[0], 0.0) ** 2
+
+
+@check_arguments
+class Cable(Curve):
+    """A cable whose stress-free shape is the mesh, unless it is prestressed or shortened.
+
+    Kinetic energy ½∫μ|v|² dS, stored energy ∫W(ε + ε0) dS with the Green-Lagrange strain ε =
+    ½(x'·x' - 1) and the initial strain ε0; dS is the natural length and x' the derivative with
+    respect to it.
+
+    Args:
+        mesh: line elements in space.
+        law: `CableLaw`, `TensionOnly` or `TabulatedCable`.
+        order: 1 (constant strain) or 2.
+        thermal: thermal expansion, with the temperature of the cable; default none.
+        length_factor: natural length over that of the mesh; below 1 for a cable that is cut shorter
+            than the line on which it is mounted, e.g. a foreshortened tendon.
+        initial_tension: tension N0 [N] of the cable at its natural length, of a `CableLaw` or
+            `TensionOnly`: a number; {group: number} of curves of the mesh, elsewhere none; or a
+            function of points (3, n) that returns (n,).
+        initial_strain: ε0 in place of a tension, given in the same way.
+        displacement: initial displacement [m], a function of the points (3, n) that returns (3, n);
+            default none.
+        velocity: initial velocity [m/s], given in the same way.
+        name: name in messages and output.
+
+    Raises:
+        InputError: a mesh, order or length_factor out of range, both initial tension and strain, an
+            initial tension with a law that does not say which strain has it.
+
+    Example:
+        >>> law = gx.CableLaw(1e4, 0.01)
+        >>> cable = gx.Cable(curve, law, velocity=lambda X: np.array([[0.0], [0.0], [1.0]]) * X[0])
+        >>> cable.port("end").nodes
+        (4,)
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh | DolfinxMesh,
+        law: BarLaw,
+        *,
+        order: int = 1,
+        thermal: ThermalExpansion | None = None,
+        length_factor: float = 1.0,
+        initial_tension: Numbers | None = None,
+        initial_strain: Numbers | None = None,
+        displacement: PointFunction | None = None,
+        velocity: PointFunction | None = None,
+        name: str = "cable",
+    ) -> None:
+        """Check the arguments, and make function space, law constants and initial state.
+        Collective.
+
+        Args:
+            mesh: line elements in space [m].
+            law: stored energy per natural length as a function of the strain.
+            order: of the Lagrange elements, 1 or 2.
+            thermal: thermal expansion; None: none.
+            length_factor: natural length over that of the mesh (dimensionless), positive.
+            initial_tension: tension [N] at the natural length: a number, {group: number} or a
+                function of points (3, n) [m] that returns (n,); None: none.
+            initial_strain: strain (dimensionless) in place of a tension, given in the same way.
+            displacement: function of points (3, n) [m] that returns (3, n) [m]; None: none.
+            velocity: function of points (3, n) [m] that returns (3, n) [m/s]; None: at rest.
+            name: name in messages and output.
+
+        Raises:
+            InputError: the mesh does not consist of lines in space, an order or length factor is
+                not possible, tension and strain are both given, or the law has no strain for a
+                tension.
+        """
+        check(order in (1, 2), f"Cable '{name}': order is {order!r}; use 1 or 2.")
+        super().__init__("Cable", name, mesh, order, 3)
+        self.law = law
+        check(
+            0 < length_factor < math.inf,
+            f"Cable '{name}': length_factor is {length_factor!r}; give a positive number.",
+        )
+        self.constants = law.constants(self.mesh.domain)
+        self._take_expansion("Cable", thermal)
+        self.length_factor = length_factor
+        self._length_ratio: Expr | None = None
+        if length_factor != 1:
+            self._length_ratio = constant(self.mesh.domain, length_factor)
+        check(
+            initial_tension is None or isinstance(law, CableLaw),
+            f"'{name}': its initial_tension is given, but {type(law).__name__} does not say which "
+            "strain has it; give "
+            "initial_strain.",
+        )
+        self._take_prestress(initial_tension, initial_strain)
+        self._displacement = checked(displacement, f"Cable '{name}': its displacement", mesh.comm)
+        self._velocity = checked(velocity, f"Cable '{name}': its velocity", mesh.comm)
+
+    def measure(self, x: Expr) -> Expr:
+        """Green-Lagrange strain (ε,), a UFL vector, which the law of the cable takes.
+
+        It is measured from the natural length, which may differ from that of the mesh by a factor,
+        and contains the initial strain.
+
+        Args:
+            x: positions (3,) [m] on the mesh, a UFL expression.
+        """
+        strain = bar_strain(x)[0]
+        if self._length_ratio is not None:
+            # x' with respect to the natural length is that of the mesh over the ratio of both.
+            strain = strain / self._length_ratio**2 + (1 / self._length_ratio**2 - 1) / 2
+        initial = self.initial_strain
+        if initial is not None:
+            strain = strain + initial
+        return ufl.as_vector([strain])
+
+    def per_mesh_length(self, value: Expr) -> Expr:
+        """A quantity per length of the mesh, of one per natural length."""
+        if self._length_ratio is None:
+            return value
+        return value * self._length_ratio
+
+    def terms(self, start: State) -> Iterable[Term]:
+        """Kinetic and stored energy of the cable.  Collective.
+
+        v and w are velocities [m/s] and test functions of the mass form, e0 and e1 the strains (1,)
+        at the start and the end of a step.
+
+        Args:
+            start: initial state of the scene; the terms do not depend on it.
+
+        Yields:
+            The terms, i.e. what the cable adds to the equations: one of its mass, one of its stored
+            energy with prestress and thermal strain.
+
+        Raises:
+            InputError: a temperature is given for a group that does not consist of line elements,
+                is below zero, or its function fails.
+        """
+        numbers = parameters(self.law, self.constants)
+        yield KineticEnergy(
+            self,
+            lambda v, w: (
+                self.per_mesh_length(self.constants.line_density) * ufl.inner(v, w) * self.mass_dx
+            ),
+            parameters=numbers,
+        )
+        thermal = self._thermal_strain("Cable", components=1)
+        stored = numbers + prestress_parameters(self.constants)
+        if thermal is not None:
+            stored += thermal.parameters
+        yield StoredEnergy(
+            self.name,
+            self,
+            self.measure,
+            self.density,
+            self.dx,
+            self.law.quadratic,
+            lambda e0, e1: self.law.pieces(e0, e1, self.constants),
+            thermal=thermal,
+            parameters=stored,
+        )
+
+    def density(self, e: Expr) -> Expr:
+        """Stored energy per unit length of the mesh."""
+        return self.per_mesh_length(self.law.energy(e, self.constants))
+
+    @property
+    def initial_force(self) -> Expr | None:
+        """Tension [N] in the shape of the mesh, a UFL expression; None without prestress.
+
+        A cable that is cut short has one, too.
+        """
+        if self.initial_strain is None and self.length_factor >= 1:
+            return None
+        x = ufl.SpatialCoordinate(self.mesh.domain)
+        return self.axial_force(x, self.measure(x))
+
+    def axial_force(self, q: Expr, e: Expr) -> Expr:
+        """Tension N = W'(ε) λ [N], with the stretch λ = |x'| by the natural length.
+
+        Args:
+            q: positions (3,) [m] on the mesh.
+            e: strain (ε,) at these positions, of `measure` less the thermal strain.
+        """
+        dx = line_derivative(q)
+        stretch = ufl.sqrt(ufl.dot(dx, dx))
+        if self._length_ratio is not None:
+            stretch = stretch / self._length_ratio
+        stress = gradient(lambda strain: self.law.energy(strain, self.constants), e)
+        return stress[0] * stretch
+
+    @cached_property
+    def _start(self) -> tuple[Array, Array]:
+        return positions(self.space, self._displacement, self._velocity)

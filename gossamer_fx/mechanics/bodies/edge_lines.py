@@ -1,0 +1,357 @@
+"""Lines of edges of films, in order, with their arc length: what is sewn to what.
+
+A line is a named group of curves of a film's mesh that is connected and has no branches, open or
+closed.  Points of it are found by the fraction σ of its arc length on the mesh, 0 <= σ <= 1, which
+is the cut pattern.  Every rank knows all of a line, in the same order for any number of ranks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.body import Array, Port
+from gossamer_fx.core.model.state import State
+from gossamer_fx.mechanics.bodies.meshed import Meshed
+
+Numbers = npt.NDArray[np.int64]
+
+# A point this near to a node, as a fraction of the edge, is taken to be the node.  Generators of
+# meshes place the nodes of like lines with relative differences of 1e-6 to 1e-4.
+NODE_FRACTION = 1e-3
+
+# Coordinates that differ by less than this fraction of the size of a line count as equal.
+COORDINATE_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeLine:
+    """A line of n edges of a body of order p, in the order of a walk along it.
+
+    Attributes:
+        body: the film or plate.
+        group: name of the group of curves.
+        vertices: global vertices (n, 2) of the mesh, start and end of each edge.
+        nodes: global nodes (n, p + 1) of the body along each edge.
+        X: their coordinates (n, p + 1, 3) on the mesh [m].
+        is_closed: whether the line ends where it begins.
+    """
+
+    body: Meshed
+    group: str
+    vertices: Numbers
+    nodes: Numbers
+    X: Array
+    is_closed: bool
+
+    @cached_property
+    def edge_lengths(self) -> Array:
+        """Length (n,) [m] of each edge on the mesh; curved ones as the chords between their
+        nodes."""
+        chords: Array = np.linalg.norm(np.diff(self.X, axis=1), axis=2)
+        return chords.sum(axis=1)
+
+    @property
+    def length(self) -> float:
+        """Length of the line on the mesh [m]."""
+        return float(self.edge_lengths.sum())
+
+    @cached_property
+    def fractions(self) -> Array:
+        """σ (n + 1,) at the ends of the edges, from 0 to 1."""
+        sums = np.concatenate([[0.0], np.cumsum(self.edge_lengths)])
+        found: Array = sums / sums[-1]
+        return found
+
+    @property
+    def order(self) -> int:
+        """Order p of the body's elements."""
+        return int(self.nodes.shape[1]) - 1
+
+    def reversed(self) -> EdgeLine:
+        """The same line, walked in the opposite direction."""
+        return replace(
+            self,
+            vertices=self.vertices[::-1, ::-1],
+            nodes=self.nodes[::-1, ::-1],
+            X=self.X[::-1, ::-1],
+        )
+
+    def begun_at(self, k: int) -> EdgeLine:
+        """The same closed line, beginning with its edge k."""
+        return replace(
+            self,
+            vertices=np.roll(self.vertices, -k, axis=0),
+            nodes=np.roll(self.nodes, -k, axis=0),
+            X=np.roll(self.X, -k, axis=0),
+        )
+
+    def all_nodes(self) -> tuple[Numbers, Array]:
+        """Nodes of the line without repetition, and their fractions of its arc length.
+
+        Returns:
+            Global numbers (m,) of the nodes in the order of the line, and the fraction σ (m,) of
+            each, dimensionless, from 0 to 1.  A closed line does not repeat its first node.
+        """
+        # The last node of an edge is the first one of the next.
+        nodes = self.nodes[:, :-1].ravel()
+        starts = self.fractions[:-1, None]
+        widths = np.diff(self.fractions)[:, None]
+        local = np.linspace(0.0, 1.0, self.order + 1)[:-1]
+        fractions = (starts + widths * local).ravel()
+        if self.is_closed:
+            return nodes, fractions
+        all_nodes = np.append(nodes, self.nodes[-1, -1])
+        all_fractions = np.append(fractions, 1.0)
+        return all_nodes, all_fractions
+
+    def locate(self, fraction: float) -> tuple[int, float]:
+        """The edge at σ, and the position on it from 0 to 1."""
+        k = int(np.searchsorted(self.fractions, fraction, side="right")) - 1
+        # σ = 1 belongs to the last edge; the search puts it behind.
+        k = min(max(k, 0), len(self.nodes) - 1)
+        start = self.fractions[k]
+        width = self.fractions[k + 1] - start
+        return k, float(np.clip((fraction - start) / width, 0.0, 1.0))
+
+    def port(self, fraction: float) -> Port:
+        """The point of the film at a fraction of the arc length of the line.
+
+        Args:
+            fraction: σ (dimensionless), from 0 at the start of the line to 1 at its end; others
+                count as the nearest.
+
+        Returns:
+            A port: the weighted sum of the nodes of the edge at σ, with Lagrange functions as
+            weights; or of one node, if that is closer than `NODE_FRACTION` of the edge.
+        """
+        # Number k of the edge, and position ξ on it from 0 to 1.
+        k, ξ = self.locate(fraction)
+        # A port at a node depends on one node instead of two or three: fewer entries of the matrix.
+        nearest = round(ξ * self.order)
+        if abs(ξ - nearest / self.order) < NODE_FRACTION:
+            return Port(self.body, (int(self.nodes[k, nearest]),))
+        values, _ = shape_functions(self.order, np.array([ξ]))
+        nodes = tuple(int(node) for node in self.nodes[k])
+        weights = tuple(float(value) for value in values[0])
+        return Port(self.body, nodes, weights=weights)
+
+    def positions(self, state: State) -> Array:
+        """Positions (n + 1, 3) [m] of the ends of the line's n edges in a state, on every rank.
+        Collective.
+
+        Args:
+            state: coordinates of the bodies of a scene.
+
+        Raises:
+            InputError: the film of the line is not in the scene.
+        """
+        ends = np.append(self.nodes[:, 0], self.nodes[-1, -1])
+        first, last = self.body.block.index_map.local_range
+        mine = np.flatnonzero((ends >= first) & (ends < last))
+        own = state[self.body].positions()[ends[mine] - first]
+        found = np.zeros((len(ends), 3))
+        # Only the nodes of the line are exchanged, not those of the film.
+        for which, positions in self.body.comm.allgather((mine, own.copy())):
+            found[which] = positions
+        return found
+
+
+@runtime_checkable
+class SewnEdges(Protocol):
+    """Two edges of films that are sewn together; `constraints.Seam` is one."""
+
+    @property
+    def name(self) -> str:
+        """Name in messages."""
+        ...
+
+    def lines(self, start: State) -> tuple[EdgeLine, EdgeLine]:
+        """Both edges, so that points of like fractions of arc length belong together.
+        Collective."""
+        ...
+
+
+def shape_functions(order: int, ξ: Array) -> tuple[Array, Array]:
+    """Lagrange functions on [0, 1] and their slopes, nodes from start to end.
+
+    Args:
+        order: of the functions, 1 or 2; bodies have no others.
+        ξ: points (k,) at which they are evaluated, dimensionless.
+
+    Returns:
+        Values and derivatives by ξ, (k, order + 1) each.
+    """
+    if order == 1:
+        one = np.ones_like(ξ)
+        values = [1 - ξ, ξ]
+        slopes = [-one, one]
+    else:
+        values = [(1 - ξ) * (1 - 2 * ξ), 4 * ξ * (1 - ξ), ξ * (2 * ξ - 1)]
+        slopes = [4 * ξ - 3, 4 - 8 * ξ, 4 * ξ - 1]
+    return np.stack(values, axis=1), np.stack(slopes, axis=1)
+
+
+def edge_line(body: Meshed, group: str, user: str) -> EdgeLine:
+    """Find the line of edges of a named group of curves of a film.  Collective.
+
+    Args:
+        body: the film or plate.
+        group: name of the group in the mesh.
+        user: the item that needs the line, the first words of messages.
+
+    Returns:
+        The edges with their nodes, in the order of a walk along the line; the same on every rank.
+
+    Raises:
+        InputError: the mesh has no such group of curves, or the group has no edges, branches, or
+            consists of several lines.
+    """
+    # X (n, p + 1, 3) [m] are the nodes along each edge, p the order of the film.
+    table = body.mesh.edges
+    curve = body.mesh.curve(group, user)
+    # Each edge is sent once, by its owner.
+    own = curve[curve < table.owned]
+    local = table.nodes(body.space, own)
+    nodes = body.block.index_map.local_to_global(local.ravel()).reshape(local.shape)
+    X = body.space.tabulate_dof_coordinates()[local]
+    parts = body.comm.allgather((table.ends[own], nodes, X))
+    vertices = np.concatenate([part[0] for part in parts])
+    nodes = np.concatenate([part[1] for part in parts])
+    X = np.concatenate([part[2] for part in parts])
+    check(
+        len(nodes) > 0, f"{user}: the group '{group}' of '{body.name}' has no edges; name a line."
+    )
+    order, forwards, is_closed = _walk(vertices, X, f"{user}: '{group}' of '{body.name}'")
+    # Edges that are walked backwards have their vertices and nodes reversed.
+    is_forwards = forwards[:, None]
+    return EdgeLine(
+        body=body,
+        group=group,
+        vertices=np.where(is_forwards, vertices[order], vertices[order, ::-1]),
+        nodes=np.where(is_forwards, nodes[order], nodes[order, ::-1]),
+        X=np.where(is_forwards[:, None], X[order], X[order, ::-1]),
+        is_closed=is_closed,
+    )
+
+
+def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[np.bool_], bool]:
+    """Order the edges of a line as they follow each other in a walk along it.
+
+    The walk begins at the end with the lowest coordinates, or at the lowest vertex of a closed
+    line, there along the edge to the lower neighbour: that is the same for any numbering.
+
+    Args:
+        vertices: global vertices (n, 2) at the ends of the n edges, at least one.
+        X: coordinates (n, p + 1, 3) [m] of the nodes along each edge, from its first vertex.
+        what: subject of the messages.
+
+    Returns:
+        The edges (n,) in the order of the walk; whether each edge, in the order of the walk, is
+        passed from its first vertex to the second (n,); and whether the line is closed.
+
+    Raises:
+        InputError: the line branches or consists of several parts.
+    """
+    edges_at: dict[int, list[int]] = {}
+    point: dict[int, Array] = {}
+    ends_of: list[tuple[int, int]] = [(int(pair[0]), int(pair[1])) for pair in vertices]
+    for i, (first, last) in enumerate(ends_of):
+        edges_at.setdefault(first, []).append(i)
+        edges_at.setdefault(last, []).append(i)
+        point[first] = X[i, 0]
+        point[last] = X[i, -1]
+    # A line has no vertex with three edges, and two ends or none; the walk finds several parts.
+    most = max(len(meeting) for meeting in edges_at.values())
+    ends = [vertex for vertex, meeting in edges_at.items() if len(meeting) == 1]
+    check(
+        most <= 2 and len(ends) in (0, 2),
+        f"{what} is not one line: it branches or has several parts; name one line for each side of "
+        "a seam.",
+    )
+    coordinates = np.array(list(point.values()))
+    low = coordinates.min(axis=0)
+    size = float(np.linalg.norm(np.ptp(coordinates, axis=0)))
+    # A line without extent has any resolution.
+    resolution = COORDINATE_TOLERANCE * size or 1.0
+
+    def height(vertex: int) -> tuple[float, ...]:
+        """Rounded coordinates, so that round-off does not choose between equal ones."""
+        return tuple(np.rint((point[vertex] - low) / resolution).tolist())
+
+    def other(edge: int, vertex: int) -> int:
+        first, last = ends_of[edge]
+        return last if vertex == first else first
+
+    start = min(ends or point, key=height)
+    edge = min(edges_at[start], key=lambda one: height(other(one, start)))
+    walk = []
+    forwards = []
+    vertex = start
+    while True:
+        walk.append(edge)
+        forwards.append(ends_of[edge][0] == vertex)
+        vertex = other(edge, vertex)
+        further = [one for one in edges_at[vertex] if one != edge]
+        if not further or vertex == start:
+            break
+        edge = further[0]
+    check(
+        len(walk) == len(vertices),
+        f"{what} is not one line: it has several parts; name one line for each side of a seam.",
+    )
+    return np.array(walk), np.array(forwards), not ends
+
+
+def aligned(a: EdgeLine, b: EdgeLine, start: State) -> EdgeLine:
+    """The line b, reversed if need be, so that points of like fraction σ are close to those of a.
+    Collective.
+
+    Of a closed line the beginning is chosen, too: the vertex for which the mean squared distance is
+    smallest.
+
+    Args:
+        a: line of edges of a film, which stays.
+        b: the line that is reversed or begun elsewhere.
+        start: initial state of the scene, in which distances are measured.
+
+    Raises:
+        InputError: the film of a line is not in the scene.
+    """
+    x_a = a.positions(start)
+    x_b = b.positions(start)
+    # An open line begins at one of its two ends, a closed one at any vertex.
+    first_edges: Sequence[int] = (0,)
+    if b.is_closed:
+        first_edges = range(len(b.nodes))
+    least = np.inf
+    nearest = b
+    for line, x in ((b, x_b), (b.reversed(), x_b[::-1])):
+        for k in first_edges:
+            candidate = line
+            if k > 0:
+                candidate = line.begun_at(k)
+            points = np.roll(x[:-1], -k, axis=0)
+            last = x[-1:]
+            if b.is_closed:
+                last = points[:1]
+            x_candidate = np.vstack([points, last])
+            distance = _mean_square(a.fractions, x_a, candidate.fractions, x_candidate)
+            # Round-off must not choose between two that are equally far.
+            if distance < least * (1 - COORDINATE_TOLERANCE):
+                least = distance
+                nearest = candidate
+    return nearest
+
+
+def _mean_square(σ_a: Array, x_a: Array, σ_b: Array, x_b: Array) -> float:
+    """Mean of |x_a - x_b|² [m²] at the points of a."""
+    at_points_of_a = np.stack([np.interp(σ_a, σ_b, component) for component in x_b.T], axis=1)
+    squared_distances = ((x_a - at_points_of_a) ** 2).sum(axis=1)
+    return float(squared_distances.mean())

@@ -1,0 +1,236 @@
+"""Frames: oriented points of bodies and of the ground; a beam's section with its normal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import KW_ONLY, dataclass
+from functools import cached_property
+from operator import methodcaller
+from typing import Any
+
+import numpy as np
+from dolfinx.common import IndexMap
+
+from gossamer_fx.core.algebra.point_measures import PointMeasure
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.body import Array, Attached, Block, Ground, Port, Vector
+from gossamer_fx.core.model.ports import combine
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
+
+# Components of unit vectors that differ by less are equal.  The round-off of a direction that a
+# user computes is far below, an error of the direction far above.
+SAME_DIRECTION = 1e-9
+
+# Coordinates of a frame: a point and three directors.
+FRAME_SIZE = 12
+
+# Vectors as bodies have them by themselves, outside of any scene.
+INITIAL: Callable[[Attached], Array] = methodcaller("initial")
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """An oriented point of a body: an origin, and two or three directors that stay orthonormal.
+
+    Rigid bodies and the ground have three (d1, d2, d3); a beam has the two of its section (d2, d3).
+    Frames are made by bodies, e.g. `hub.frame()` and `beam.frame("end")`, and by `ground_frame`.
+
+    Args:
+        origin: a port, or a `Ground`.
+        directors: ports or grounds that stand for directions, orthonormal.
+        name: name in messages.
+
+    Raises:
+        InputError: an argument is missing or unknown, or not of the type in its annotation.
+
+    Example:
+        >>> len(hub.frame().directors), len(beam.frame("end").directors)
+        (3, 2)
+    """
+
+    origin: Attached
+    directors: tuple[Attached, ...]
+    _: KW_ONLY
+    name: str = ""
+
+    @cached_property
+    def complete(self) -> Frame:
+        """The frame with three directors; all that needs the normal of a section shares one."""
+        if len(self.directors) == 3 or isinstance(self.origin, Ground):
+            return self
+        return SectionFrame(self, self.origin).frame
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A point of a body and one director: a straight edge, whose rotation about itself means
+    nothing."""
+
+    origin: Attached
+    directors: tuple[Attached, ...]
+
+
+@check_arguments
+def ground_frame(point: Vector = (0.0, 0.0, 0.0)) -> Frame:
+    """The axes of inertial space at a point.
+
+    Args:
+        point: coordinates (3,) [m].
+
+    Returns:
+        The frame, with the directors x, y, z.
+
+    Raises:
+        InputError: the point is not three finite numbers, each of a size up to 1e100; or another
+            argument is given.
+
+    Example:
+        >>> gx.ground_frame((0.0, 0.0, 1.0)).origin
+        Ground(vector=(0.0, 0.0, 1.0))
+    """
+    x, y, z = point
+    axes = (
+        Ground((1, 0, 0)),
+        Ground((0, 1, 0)),
+        Ground((0, 0, 1)),
+    )
+    return Frame(Ground((x, y, z)), axes)
+
+
+def along(direction: Array, frame: Frame, where: Callable[[Attached], Array] = INITIAL) -> Attached:
+    """The vector, fixed in a frame, that has a given direction at the start of the scene.
+
+    Args:
+        direction: (3,) in space; a unit vector for joints and springs.
+        frame: an oriented point of a body, with two or three directors (orthonormal vectors).
+        where: returns the vector (3,) of a director; default: as the body has it by itself.
+
+    Returns:
+        A combination of the directors of the frame: a port of its body, or `Ground`.
+
+    Raises:
+        InputError: the frame has two directors and the direction is not in their plane.
+    """
+    check(
+        lies_in(direction, frame, where),
+        f"A frame has no direction {direction.tolist()} in the plane of its directors; give one "
+        "with three directors.",
+    )
+    components = [float(where(director) @ direction) for director in frame.directors]
+    return combine(components, frame.directors)
+
+
+def lies_in(direction: Array, frame: Frame, where: Callable[[Attached], Array] = INITIAL) -> bool:
+    """Whether a direction (3,) is a combination of the directors of a frame at the start."""
+    directors = np.array([where(director) for director in frame.directors])
+    # The sum of the components along orthonormal directors.
+    projection = directors @ direction @ directors
+    return bool(np.allclose(projection, direction, atol=SAME_DIRECTION))
+
+
+def is_normal(axis: Array, side: Frame, where: Callable[[Attached], Array] = INITIAL) -> bool:
+    """Whether an axis is normal to all directors of a frame: the normal of a beam's section."""
+    components = [where(director) @ axis for director in side.directors]
+    return bool(np.allclose(components, 0, atol=SAME_DIRECTION))
+
+
+class SectionFrame:
+    """A massless body that follows a section of a beam and has its normal as third director.
+
+    Problem.  Products of the directors of two sections in one plane do not change to first order
+    when one of them tilts; a joint needs products with the normal of a section.
+
+    Idea.  The body has a point x and directors n, d2, d3, which are constrained to the point x_s
+    and the directors s2, s3 of the section:
+
+        x - x_s = 0   d2 - s2 = 0   d3 - s3 = 0   ½(n·n - 1) = 0   n·s2 = n·s3 = 0               (1)
+
+    These measures are quadratic and objective, so that joints of beams conserve the same quantities
+    as those of rigid bodies.
+
+    Args:
+        section: frame with the two directors s2, s3.
+        origin: the point x_s of the section.
+    """
+
+    def __init__(self, section: Frame, origin: Port) -> None:
+        self._section = (origin, *section.directors)
+        self._origin = origin
+        self.name = f"frame of {section.name or origin.body.name}"
+        self.comm = origin.body.comm
+        # One node with four vectors, on rank 0.
+        node_count = int(self.comm.rank == 0)
+        self.block = Block(IndexMap(self.comm, node_count), FRAME_SIZE)
+
+    @property
+    def frame(self) -> Frame:
+        """The frame with three directors n, d2, d3."""
+        x, *directors = self._vectors()
+        return Frame(x, tuple(directors))
+
+    def _vectors(self) -> tuple[Port, ...]:
+        """Ports of x, n, d2, d3."""
+        return tuple(Port(self, (0,), weights=(1.0,), vectors=(k,)) for k in range(4))
+
+    def requires(self) -> Iterable[Any]:
+        """The items that must be in the scene with this one."""
+        yield self._origin.body
+
+    def initial_state(self) -> tuple[Array, Array]:
+        """Initial coordinates and rates of the frame of a beam's section, from those of the beam.
+        Collective.
+
+        They are the section's point, its normal n = s2 × s3 and its two directors s2 and s3
+        (orthonormal vectors in the section), one vector after the other.
+
+        Returns:
+            Coordinates (12,) [m for the point, else -] and rates (12,) [m/s, else 1/s] on rank 0;
+            empty arrays on the others.
+        """
+        # Point x and directors s2, s3 of the section; q and v are coordinates and rates (12,).
+        x, s2, s3 = (port.initial() for port in self._section)
+        x_rate, s2_rate, s3_rate = (port.initial_rate() for port in self._section)
+        normal = np.cross(s2, s3)
+        normal_rate = np.cross(s2_rate, s3) + np.cross(s2, s3_rate)
+        q = np.concatenate([x, normal, s2, s3])
+        v = np.concatenate([x_rate, normal_rate, s2_rate, s3_rate])
+        own_size = FRAME_SIZE * self.block.index_map.size_local
+        return q[:own_size], v[:own_size]
+
+    def terms(self, start: State) -> Iterable[Term]:
+        """The constraints by which the frame follows the section of a beam, with its normal as
+        third axis.
+
+        Twelve functions of the point x and the directors n, d2, d3 (unit vectors) of the frame, and
+        of the point x_s and the directors s2, s3 of the section are zero: x - x_s, d2 - s2, d3 -
+        s3, ½(n·n - 1), n·s2 and n·s3.
+
+        Args:
+            start: initial state of the scene; the constraints do not depend on it.
+        """
+        # The functions are ½ X·H X + L·X + c of the stacked vectors X = (x, n, d2, d3, x_s, s2,
+        # s3).
+        followers = [0, 2, 3]
+        followed = [4, 5, 6]
+        normal = 1
+        unit_rows = np.eye(7)
+        same = unit_rows[followers] - unit_rows[followed]
+        # n·n, n·s2, n·s3; the symmetric matrix of ½ X·H X has a product twice.
+        products = np.zeros((3, 7, 7))
+        for k, other in enumerate((normal, 5, 6)):
+            products[k, normal, other] = 1.0
+            products[k, other, normal] = 1.0
+        H = np.concatenate([np.zeros((9, 21, 21)), np.kron(products, np.eye(3))])
+        L = np.concatenate([np.kron(same, np.eye(3)), np.zeros((3, 21))])
+        c = np.concatenate([np.zeros(9), [-0.5, 0.0, 0.0]])
+        ports = (*self._vectors(), *self._section)
+        measure = PointMeasure([ports], H, L, c)
+        yield PointConstraint(f"{self.name} follows", measure)
+
+    def describe(self, node: int) -> str:
+        """The location of a node, for messages."""
+        return "the frame of the section"

@@ -1,0 +1,362 @@
+"""Films: membranes without bending stiffness on a triangle mesh in space."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import Mesh as DolfinxMesh
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.forms.kinematics import Expr, frame, green_lagrange, surface_gradient, tension
+from gossamer_fx.core.forms.strain_path import Piece
+from gossamer_fx.core.mesh.mesh import Mesh
+from gossamer_fx.core.model.body import Array, Block
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.bodies.initial_strain import (
+    Tensors,
+    check_one_given,
+    check_stress,
+    film_tensors,
+    prestress_parameters,
+    strain_in_frame,
+    strain_of_stress,
+)
+from gossamer_fx.mechanics.bodies.meshed import (
+    Meshed,
+    PointFunction,
+    Property,
+    checked,
+    checked_function,
+    positions,
+)
+from gossamer_fx.mechanics.materials.film import FilmLaw, constants, parameters
+from gossamer_fx.mechanics.terms.element_energies import StoredEnergy
+from gossamer_fx.mechanics.terms.masses import KineticEnergy
+
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.materials.thermal import ThermalExpansion
+    from gossamer_fx.mechanics.terms.thermal_strain import ThermalStrain
+
+
+@check_arguments
+class Membrane(Meshed):
+    """A film whose stress-free shape is the mesh, unless it is prestressed.
+
+    Kinetic energy ½∫ρt |v|² dA, stored energy ∫W(E + E0) dA with the Green-Lagrange strain E of the
+    surface from the mesh and the initial strain E0; dA is the reference area.
+
+    Args:
+        mesh: triangles in space, flat or curved.
+        law: energy per unit area, e.g. `Miyazaki`.
+        order: 1 (constant strain) or 2.
+        properties: numbers of the law that differ from cell to cell, by "E", "nu", "density",
+            "thickness": {group: value} for surfaces of the mesh (elsewhere the law's own), or a
+            function of the cells' midpoints (3, n) that returns (n,).  E.g. devices on a sail:
+            {"density": {"device": 2000.0}, "thickness": {"device": 25e-6}}.
+        thermal: thermal expansion, with the temperature of the film; default none.
+        initial_stress: stress [Pa] of the film in the shape of the mesh: a number (the same in all
+            directions) or a tensor (3, 3), whose part in the film counts; {group: number or tensor}
+            of surfaces of the mesh, elsewhere none; or a function of points (3, n) that returns
+            (n,) or (3, 3, n).  Tensile for laws that wrinkle.
+        initial_strain: E0 in place of a stress, given in the same way.
+        displacement: initial displacement [m], a function of the points (3, n) that returns (3, n),
+            or {group: function} of surfaces or lines of the mesh, elsewhere none, e.g. to open
+            layers that coincide; default none.
+        velocity: initial velocity [m/s], given in the same way.
+        name: name in messages and output.
+
+    Raises:
+        InputError: a mesh or order that does not fit, both initial stress and strain, a compressive
+            initial stress of film that wrinkles.
+
+    Example:
+        >>> law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6)
+        >>> film = gx.Membrane(mesh, law, order=1, displacement=lambda X: 1e-3 * X, name="sail")
+        >>> film.name, film.block.size
+        ('sail', 3)
+    """
+
+    bends = False  # whether it has bending stiffness
+
+    def __init__(
+        self,
+        mesh: Mesh | DolfinxMesh,
+        law: FilmLaw,
+        *,
+        order: int = 1,
+        properties: Mapping[str, Property] | None = None,
+        thermal: ThermalExpansion | None = None,
+        initial_stress: Tensors = None,
+        initial_strain: Tensors = None,
+        displacement: PointFunction | Mapping[str, PointFunction] | None = None,
+        velocity: PointFunction | None = None,
+        name: str = "film",
+    ) -> None:
+        """Check the arguments, and make function space, law constants and initial state.
+        Collective.
+
+        The class describes the arguments in detail.
+
+        Args:
+            mesh: triangles in space [m], the stress-free shape.
+            law: stored energy per unit area, with its moduli [Pa], density [kg/m³] and thickness
+                [m].
+            order: of the Lagrange elements, 1 or 2.
+            properties: numbers of the law that differ from cell to cell.
+            thermal: thermal expansion; None: none.
+            initial_stress: stress [Pa] in the shape of the mesh; None: none.
+            initial_strain: strain (dimensionless) in its stead; None: none.
+            displacement: function of points (3, n) [m] that returns (3, n) [m], or {group:
+                function}.
+            velocity: function of points (3, n) [m] that returns (3, n) [m/s]; None: at rest.
+            name: name in messages and output.
+
+        Raises:
+            InputError: the mesh does not consist of triangles in space, an order that does not fit
+                the mesh, both initial stress and strain, or values that the law cannot have.
+        """
+        self.mesh = mesh if isinstance(mesh, Mesh) else Mesh(mesh)
+        domain = self.mesh.domain
+        check(
+            domain.topology.dim == 2 and domain.geometry.dim == 3,
+            f"Membrane '{name}': the mesh has cells of dimension {domain.topology.dim} in "
+            f"{domain.geometry.dim}-D "
+            "space; give triangles in 3-D.",
+        )
+        check(order in (1, 2), f"Membrane '{name}': order is {order!r}; use 1 or 2.")
+        check(
+            order >= domain.geometry.cmap.degree,
+            f"Membrane '{name}': a film of order {order} cannot take the curved shape of a mesh of "
+            f"order {domain.geometry.cmap.degree} without stress; use order=2, or mesh with plane "
+            "triangles.",
+        )
+        self.name = name
+        self.law = law
+        self.order = order
+        self.comm = domain.comm
+        self.space = fem.functionspace(domain, ("Lagrange", order, (3,)))
+        self.block = Block(self.space.dofmap.index_map, 3)
+        self.constants = constants(law, domain)
+        self._properties = properties  # a restart compares them, see `outputs.arguments`
+        if properties:
+            from gossamer_fx.mechanics.bodies.properties import vary
+
+            vary(self.constants, law, self.mesh, properties, name)
+        self._frame = frame(domain)
+        self._orient()
+        self.thermal = thermal
+        if thermal is not None:
+            self._check_expansion(thermal)
+        # A restart compares these arguments, see `outputs.arguments`.
+        self._initial_stress = initial_stress
+        self._initial_strain = initial_strain
+        self._prestress()
+        what = f"Membrane '{name}': its displacement"
+        self._displacement: PointFunction | Mapping[str, PointFunction] | None
+        if isinstance(displacement, Mapping):
+            self._displacement = {
+                group: checked_function(function, f"{what} of '{group}'", mesh.comm)
+                for group, function in displacement.items()
+            }
+        else:
+            self._displacement = checked(displacement, what, mesh.comm)
+        self._velocity = checked(velocity, f"Membrane '{name}': its velocity", mesh.comm)
+        degree = max(2 * (order - 1), 1)
+        self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": degree})
+        self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})
+
+    def _orient(self) -> None:
+        """Add the axes of an orthotropic law to the constants of the film.  Collective.
+
+        A law without direction changes nothing.
+        """
+        direction = getattr(self.law, "direction", None)
+        if direction is not None:
+            # Imported here: isotropic film has no axes.
+            from gossamer_fx.mechanics.bodies.directions import direction_field, set_axes
+
+            field = direction_field(self.mesh, direction, self.name)
+            set_axes(self.constants, field, self._frame)
+
+    def _check_expansion(self, thermal: ThermalExpansion) -> None:
+        """Refuse a thermal expansion that does not belong to this film.
+
+        Args:
+            thermal: coefficients of expansion [1/K] and temperatures [K].
+
+        Raises:
+            InputError: there are two coefficients and the law of the film has no axes, or a
+                difference of temperature across the thickness is given and the film does not bend.
+        """
+        # Imported here: a film without thermal expansion does not load it.
+        from gossamer_fx.mechanics.bodies.thermal_expansion import (
+            check_expansion,
+            check_no_gradient,
+        )
+
+        what = f"{type(self).__name__} '{self.name}'"
+        check_expansion(thermal, what, has_axes=hasattr(self.constants, "cosine"))
+        if not self.bends:
+            check_no_gradient(thermal, what)
+
+    def _thermal_strain(self) -> ThermalStrain | None:
+        """The thermal strain of the film for one compiled scene; None without thermal expansion.
+
+        It has the components (E11, E22, 2 E12), dimensionless, in the frame of the mesh, and
+        changes with the temperature [K].  Collective.
+
+        Raises:
+            InputError: a temperature is given for a group that does not consist of triangles.
+        """
+        if self.thermal is None:
+            return None
+        from gossamer_fx.mechanics.bodies.thermal_expansion import film_strain, thermal_strain
+
+        return thermal_strain(
+            self,
+            lambda alphas, ΔT: film_strain(alphas, ΔT, self.constants),
+            f"{type(self).__name__} '{self.name}'",
+        )
+
+    def _prestress(self) -> None:
+        """Add the initial stress [Pa] or strain that was given to the constants of the film.
+        Collective.
+
+        Each becomes a function with a tensor (3, 3) in each cell; without prestress nothing is
+        added.
+
+        Raises:
+            InputError: stress and strain are both given, a value has another form, or the law
+                cannot have the stress.
+        """
+        check_one_given(self.name, self._initial_strain, self._initial_stress, "initial_stress")
+        if self._initial_strain is not None:
+            what = f"'{self.name}': its initial_strain"
+            self.constants.initial_strain = film_tensors(self.mesh, self._initial_strain, what)
+        if self._initial_stress is not None:
+            what = f"'{self.name}': its initial_stress"
+            stresses = film_tensors(self.mesh, self._initial_stress, what)
+            check_stress(self.mesh, stresses, self.law, what)
+            self.constants.initial_stress = stresses
+
+    @property
+    def initial_strain(self) -> Expr | None:
+        """E0 (E11, E22, 2 E12) in the frame of the film; None without prestress."""
+        strains = getattr(self.constants, "initial_strain", None)
+        if strains is not None:
+            return strain_in_frame(strains, self._frame)
+        stresses = getattr(self.constants, "initial_stress", None)
+        if stresses is not None:
+            return strain_of_stress(stresses, self._frame, self.law, self.constants)
+        return None
+
+    def measure(self, x: Expr) -> Expr:
+        """Strain (E11, E22, 2 E12) at the positions x: from the mesh, and the initial one.
+
+        The thermal strain is not subtracted from it, since that depends on the time of a scene; the
+        fields `elastic_strain1` and `elastic_strain2` of a run have it subtracted.
+
+        Args:
+            x: positions (3,) [m] on the mesh, a UFL expression.
+
+        Returns:
+            UFL vector (3,), Green-Lagrange strain in the local frame of the triangles.
+        """
+        strain = self.strain_from_mesh(x)
+        initial = self.initial_strain
+        if initial is not None:
+            strain = strain + initial
+        return strain
+
+    def strain_from_mesh(self, x: Expr) -> Expr:
+        """Green-Lagrange strain (E11, E22, 2 E12) from the mesh to the positions x."""
+        return green_lagrange(self.deformation(x))
+
+    def deformation(self, x: Expr) -> Expr:
+        """F (3x2) of the positions x."""
+        return surface_gradient(x, self._frame)
+
+    def density(self, e: Expr) -> Expr:
+        """Stored energy per unit reference area."""
+        return self.law.energy(e, self.constants)
+
+    def pieces(self, e0: Expr, e1: Expr) -> list[Piece]:
+        """The pieces of the path from e0 to e1 on which the density is smooth."""
+        return self.law.pieces(e0, e1, self.constants)
+
+    @property
+    def area_density(self) -> Expr:
+        """Mass per unit reference area [kg/m²]."""
+        return self.constants.density * self.constants.thickness
+
+    def terms(self, start: State) -> Iterable[Term]:
+        """Kinetic and stored energy of the film.  Collective.
+
+        v and w are velocities [m/s] and test functions of the mass form.
+
+        Args:
+            start: initial state of the scene; the terms do not depend on it.
+
+        Yields:
+            The terms, i.e. what the film adds to the equations: one of its mass, one of its stored
+            energy with prestress and thermal strain.
+
+        Raises:
+            InputError: a temperature is given for a group that does not consist of triangles, is
+                below zero, or its function fails.
+        """
+        numbers = parameters(self.law, self.constants)
+        yield KineticEnergy(
+            self,
+            lambda v, w: self.area_density * ufl.inner(v, w) * self.mass_dx,
+            parameters=numbers,
+        )
+        # A law that wrinkles has tensile stresses only.  Of another law the compressive part makes
+        # the geometric stiffness indefinite; the iteration may leave it out.
+        pulling = tension if self.law.quadratic else None
+        thermal = self._thermal_strain()
+        stored = numbers + prestress_parameters(self.constants)
+        if thermal is not None:
+            stored += thermal.parameters
+        yield StoredEnergy(
+            self.name,
+            self,
+            self.measure,
+            self.density,
+            self.dx,
+            self.law.quadratic,
+            self.pieces,
+            pulling,
+            c_law=self.law.c_law(self.constants, self.comm),
+            thermal=thermal,
+            parameters=stored,
+        )
+
+    @cached_property
+    def _start(self) -> tuple[Array, Array]:
+        """Owned positions (3 n,) [m] and velocities (3 n,) [m/s] at the start, node by node.
+
+        The user's functions of displacement and velocity are called once; collective at the first
+        use.
+
+        Raises:
+            InputError: a function raises or returns something else, or the mesh has no such group.
+        """
+        if not isinstance(self._displacement, Mapping):
+            return positions(self.space, self._displacement, self._velocity)
+        # Positions x and velocities v of this rank's own nodes, (3 n,).
+        x, v = positions(self.space, None, self._velocity)
+        points = x.reshape(-1, 3)
+        moved = points.copy()
+        for group, function in self._displacement.items():
+            nodes = self.nodes(group)
+            # Ghosts belong to another rank, which moves them.
+            owned = nodes[nodes < len(points)]
+            moved[owned] = points[owned] + function(points[owned].T).T
+        return moved.ravel(), v

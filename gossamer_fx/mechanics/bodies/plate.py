@@ -1,0 +1,462 @@
+"""Thin plates: films of order 2 that resist bending."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import ufl
+from dolfinx.mesh import Mesh as DolfinxMesh
+from dolfinx.mesh import meshtags
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check, check_on_all
+from gossamer_fx.core.checks.real_numbers import real_numbers
+from gossamer_fx.core.forms.bending import (
+    DEGREE,
+    EDGE_DEGREE,
+    PENALTY,
+    Bending,
+    OrthotropicBending,
+    curvature,
+)
+from gossamer_fx.core.forms.compilation import constant
+from gossamer_fx.core.forms.kinematics import Expr
+from gossamer_fx.core.forms.spaces import cell_nodes
+from gossamer_fx.core.forms.tied_strain import tied_strain
+from gossamer_fx.core.mesh.edges import EdgeTable
+from gossamer_fx.core.mesh.mesh import Mesh
+from gossamer_fx.core.mesh.quality import area_vectors, corner_points
+from gossamer_fx.core.model.body import Array, Indices
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.bodies.initial_strain import Tensors
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.bodies.meshed import PointFunction, Property
+from gossamer_fx.mechanics.bodies.properties import cellwise
+from gossamer_fx.mechanics.bodies.triple_products import TripleProductEnergy, Varying
+from gossamer_fx.mechanics.materials.film import FilmLaw
+from gossamer_fx.mechanics.terms.quadratic_energies import QuadraticEnergy
+
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.materials.thermal import ThermalExpansion
+
+# Sine of the angle between neighbouring cells below which they count as lying in one plane.
+FLAT = 1e-6
+
+# Share of a given curvature below which its antisymmetric and its normal part count as zero.
+CURVATURE_TOLERANCE = 1e-6
+
+# [m²] Lower bound of lengths of normals, so that a cell without area has no division by zero.
+SMALLEST_NORMAL = 1e-300
+
+Tensor = Sequence[Sequence[float]]  # 3x3
+
+
+@check_arguments
+class Plate(Membrane):
+    """A film with bending stiffness D = E t³/(12 (1-ν²)) [N m]; strains are small, motions of any
+    size.
+
+    To the energies of `Membrane` comes ½ a(x, x) of `forms.bending`, or with a rest curvature H0
+    ½∫ (κ - H0):D:(κ - H0) dA, κ = n·D²x.  Its membrane strain is `forms.tied_strain`, which does
+    not lock however thin the plate is.  The rim is free, simply held by `Fixed`, or clamped by
+    `Fixed(..., rotation=True)`.
+
+    Bending matters for wrinkles of a few cells or longer: cells of size h carry compressive strains
+    of up to (π t/h)²/(48 (1-ν²)), and for t/h < 1e-4 that is nothing: take a `Membrane`, which
+    costs less.
+
+    Args:
+        mesh: plane triangles with straight edges; neighbours lie in one plane unless a hinge is
+            between them.
+        law: energy per unit area, e.g. `Linear` or `LinearOrthotropic`; its moduli and thickness
+            give the bending stiffness, D_ij = A_ij t²/12 of an orthotropic one.
+        order: 2.  (Order 1 is refused: D²x is zero in its cells, and the jumps of the slope alone
+            converge to a stiffness that depends on the pattern of the mesh.)
+        hinges: names of groups of interior edges that transmit no bending moment.
+        bending: D11, D12, D22, D66 [N m] in the axes of an orthotropic law, for laminates and
+            sandwiches; there is no coupling of bending with membrane strain (B = 0, a symmetric
+            laminate).
+        rest_curvature: H0 [1/m], a symmetric tensor (3, 3) in the plane of the mesh; or {group:
+            tensor} of surfaces of the mesh; or a function of points (3, n) that returns (3, 3, n).
+            H0 is positive where the plate without moments bends towards the normal of the mesh.
+        thermal: thermal expansion; its `gradient` across the thickness changes the curvature
+            without moments.
+        properties, initial_stress, initial_strain, displacement, velocity: as of `Membrane`.
+        name: name in messages and output.
+
+    Raises:
+        InputError: a mesh that is curved, a group that is not a line of interior edges, a rest
+            curvature out of the plane.
+
+    Example:
+        >>> law = gx.Linear(70e9, 0.3, density=2700.0, thickness=1e-3)
+        >>> plate = gx.Plate(mesh, law, rest_curvature=np.diag((0.5, 0.0, 0.0)))
+        >>> plate.order
+        2
+    """
+
+    bends = True
+
+    def __init__(
+        self,
+        mesh: Mesh | DolfinxMesh,
+        law: FilmLaw,
+        *,
+        order: int = 2,
+        hinges: Sequence[str] = (),
+        bending: tuple[float, float, float, float] | None = None,
+        rest_curvature: Tensor | Mapping[str, Tensor] | Callable[[Array], Array] | None = None,
+        properties: Mapping[str, Property] | None = None,
+        thermal: ThermalExpansion | None = None,
+        initial_stress: Tensors = None,
+        initial_strain: Tensors = None,
+        displacement: PointFunction | Mapping[str, PointFunction] | None = None,
+        velocity: PointFunction | None = None,
+        name: str = "plate",
+    ) -> None:
+        """Check the arguments, and make the film and the constants of bending.  Collective.
+
+        The class describes the arguments in detail.
+
+        Args:
+            mesh: plane triangles with straight edges [m].
+            law: stored energy per unit area, with its moduli [Pa], density [kg/m³] and thickness
+                [m].
+            order: of the Lagrange elements, 2.
+            hinges: names of groups of interior edges that transmit no bending moment.
+            bending: D11, D12, D22, D66 [N m] of a law with axes; None: those of the law.
+            rest_curvature: curvature [1/m] without moments, tensors (3, 3); None: flat.
+            properties: numbers of the law that differ from cell to cell.
+            thermal: thermal expansion; None: none.
+            initial_stress: stress [Pa] in the shape of the mesh; None: none.
+            initial_strain: strain (dimensionless) in its stead; None: none.
+            displacement, velocity: functions of points (3, n) [m] that return (3, n) [m] or [m/s].
+            name: name in messages and output.
+
+        Raises:
+            InputError: another order, a curved mesh, a hinge that is given twice or has edges on
+                the rim, stiffnesses that are not positive definite, a rest curvature out of the
+                plane.
+        """
+        check(
+            order == 2,
+            f"Plate '{name}': order is {order!r}; use 2 (of order 1 the curvature is zero in every "
+            "cell, and the "
+            "angles between cells alone give a stiffness that depends on the pattern of the mesh).",
+        )
+        super().__init__(
+            mesh,
+            law,
+            order=2,
+            properties=properties,
+            thermal=thermal,
+            initial_stress=initial_stress,
+            initial_strain=initial_strain,
+            displacement=displacement,
+            velocity=velocity,
+            name=name,
+        )
+        domain = self.mesh.domain
+        check(
+            domain.geometry.cmap.degree == 1,
+            f"Plate '{name}': its mesh is of order {domain.geometry.cmap.degree}; use plane "
+            "triangles with straight "
+            "edges (order 1).",
+        )
+        self.hinges = tuple(hinges)
+        repeated = sorted({group for group in self.hinges if self.hinges.count(group) > 1})
+        check(
+            not repeated,
+            f"Plate '{name}': the hinge group '{repeated[0] if repeated else ''}' is given twice; "
+            "give it once.",
+        )
+        # A restart compares this argument, see `outputs.arguments`.
+        self._rest_curvature = rest_curvature
+        table = self.mesh.edges
+        folds = [interior_edges(self, table, group, "hinge") for group in self.hinges]
+        self._hinged = np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *folds]))
+        self._check_flat(table)
+        # A restart compares this argument, too.
+        self._bending = bending
+        self.bending_stiffness = self.law.bending_stiffness(self.constants)
+        if bending is not None:
+            self.bending_stiffness = self._given_bending(bending)
+        rest = None
+        if rest_curvature is not None:
+            rest = self._rest(rest_curvature)
+        # The penalty is a constant, so that another one needs no new kernel.
+        self.bending = self._bending_about(rest)
+
+    def _given_bending(self, bending: tuple[float, float, float, float]) -> OrthotropicBending:
+        """The bending stiffness that a user gave, in the axes of the orthotropic law.
+
+        Args:
+            bending: D11, D12, D22, D66 [N m].
+
+        Raises:
+            InputError: the law has no axes, or the stiffnesses are not positive definite.
+        """
+        # Constants of the law; with axes cosine and sine of their angle in the frame of the mesh.
+        c = self.constants
+        check(
+            hasattr(c, "cosine"),
+            f"Plate '{self.name}': bending is given, but {type(self.law).__name__} has no axes; "
+            "use LinearOrthotropic.",
+        )
+        D11, D12, D22, D66 = bending
+        check(
+            D11 > 0 and D22 > 0 and D66 > 0 and D12**2 < D11 * D22,
+            f"Plate '{self.name}': its bending stiffnesses {bending!r} N m are not positive "
+            "definite; give D11, D22, "
+            "D66 > 0 and D12² < D11 D22.",
+        )
+        domain = self.mesh.domain
+        return OrthotropicBending(
+            D11=constant(domain, D11),
+            D12=constant(domain, D12),
+            D22=constant(domain, D22),
+            D66=constant(domain, D66),
+            cosine=c.cosine,
+            sine=c.sine,
+        )
+
+    def strain_from_mesh(self, x: Expr) -> Expr:
+        """Tied Green-Lagrange strain (E11, E22, 2 E12) from the mesh to the positions x."""
+        return tied_strain(self.mesh.domain, x, self._frame)
+
+    def curvature(self, x: Expr) -> Expr:
+        """κ (2, 2) [1/m] of the positions x, in the frame of the mesh."""
+        return curvature(x, self._frame)
+
+    def moment(self, x: Expr) -> Expr:
+        """Bending moment per length (2, 2) [N m/m] of the positions x: D:(κ - H0)."""
+        κ = self.curvature(x)
+        if self.bending.rest is not None:
+            κ -= self.bending.rest
+        return self.bending_stiffness.moment(κ)
+
+    def terms(self, start: State) -> Iterable[Term]:
+        """The energies of the film, the bending energy, and what a curvature without moments adds
+        to it.
+
+        Args:
+            start: initial state of the scene; the terms do not depend on it.
+
+        Yields:
+            The terms, i.e. what the plate adds to the equations: its mass, its membrane energy, a
+            quadratic bending energy, and a `TripleProductEnergy` if it has a rest or thermal
+            curvature.
+
+        Raises:
+            InputError: a temperature, or its difference across the thickness, is given for a group
+                that does not consist of triangles, or its function fails.
+
+        Collective.
+        """
+        # dx and dS are measures of the cells and of the interior edges without hinges; w is the
+        # test function.
+        yield from super().terms(start)
+        bending = self.bending
+        name = f"{self.name} bending"
+        dx = ufl.Measure("dx", self.mesh.domain, metadata={"quadrature_degree": DEGREE})
+        dS = self._transmitting()
+        yield QuadraticEnergy(
+            name, self, lambda x, w: bending.cells(x, w, dx) + bending.edges(x, w, dS)
+        )
+        if bending.rest is None and not self.has_thermal_curvature:
+            return
+        yield self._rest_energy(name, dx, dS)
+
+    @property
+    def has_thermal_curvature(self) -> bool:
+        """Whether a difference of temperature across the thickness changes the curvature without
+        moments."""
+        return self.thermal is not None and self.thermal.gradient is not None
+
+    def _rest_energy(self, name: str, dx: ufl.Measure, dS: ufl.Measure) -> TripleProductEnergy:
+        """The part of the bending energy that a rest curvature and a thermal curvature add.
+
+        With the curvature H0 without moments, its moment M0 and the curvature κ = n·D²x of the
+        moved surface it is ½∫ M0:H0 dA - ∫ M0:κ dA and a sum over interior edges.  These are
+        integrals of triple products of three vectors that are linear in the positions.
+
+        Args:
+            name: of the energy in the ledger.
+            dx: measure of the cells.
+            dS: measure of the interior edges that transmit moments.
+        """
+        domain = self.mesh.domain
+        bending = self.bending
+        varying = None
+        if self.has_thermal_curvature:
+            from gossamer_fx.mechanics.bodies.thermal_expansion import thermal_curvature
+
+            thermal = thermal_curvature(self)
+            varying = Varying(thermal.difference, thermal.given.set)
+            rest = thermal.curvature
+            if bending.rest is not None:
+                rest += bending.rest
+            bending = self._bending_about(rest)
+
+        def scaled(
+            vectors: Callable[[Expr], Any], scale: Expr
+        ) -> Callable[[Expr], tuple[Expr, Expr, Expr]]:
+            """Divide the third of three vectors by a scale, so that all three are dimensionless.
+
+            Args:
+                vectors: function of the positions [m] that returns three vectors (3,), UFL
+                    expressions; the third in the unit of `scale`.
+                scale: positive, e.g. a stiffness over an area [N/m].
+
+            Returns:
+                Function of the positions that returns (u, v, s/scale).
+            """
+
+            def dimensionless(x: Expr) -> tuple[Expr, Expr, Expr]:
+                # The three factors of a triple product (u×v)·s.
+                u, v, s = vectors(x)
+                return u, v, s / scale
+
+            return dimensionless
+
+        area = ufl.CellVolume(domain)
+        length = ufl.FacetArea(domain)("+")
+        # A bending stiffness [N m] of each cell, by which the products are scaled.
+        D = self.bending_stiffness.reference
+        mean = (D("+") + D("-")) / 2
+        inside = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2})
+        products = [
+            (D / area, scaled(bending.rest_in_cells, D / area), inside),
+            (mean / length, scaled(bending.rest_at_edges, mean / length), dS),
+        ]
+        return TripleProductEnergy(name, self, products, bending.rest_energy(dx), varying)
+
+    def _bending_about(self, rest: Expr | None) -> Bending:
+        """The bending forms of this plate with a curvature without moments; None: flat."""
+        domain = self.mesh.domain
+        penalty = constant(domain, PENALTY)
+        return Bending(domain, self._frame, self.bending_stiffness, penalty, rest)
+
+    def _transmitting(self) -> ufl.Measure:
+        """The measure of the interior edges that transmit bending moments: all but the hinges.
+        Collective.
+
+        Returns:
+            UFL measure "dS", which integrates over the lengths [m] of these edges; expressions
+            under it need restrictions "+" or "-" to one side.
+        """
+        domain, metadata = self.mesh.domain, {"quadrature_degree": EDGE_DEGREE}
+        if not self.hinges:
+            return ufl.Measure("dS", domain, metadata=metadata)
+        edges = domain.topology.index_map(1)
+        domain.topology.create_connectivity(1, 2)
+        # A hinge transmits no moment: its edges have no bending form.
+        others = np.setdiff1d(
+            np.arange(edges.size_local + edges.num_ghosts, dtype=np.int32), self._hinged
+        )
+        tags = meshtags(domain, 1, others, np.ones(len(others), dtype=np.int32))
+        return ufl.Measure("dS", domain, subdomain_data=tags, metadata=metadata)(1)
+
+    def _check_flat(self, table: EdgeTable) -> None:
+        """Check that neighbouring triangles lie in one plane unless a hinge is between them.
+        Collective.
+
+        Args:
+            table: edges of the mesh with the triangles on both sides.
+
+        Raises:
+            InputError: on all ranks, if normals differ by an angle whose sine exceeds `FLAT`.
+        """
+        # The curvature of the forms is that of a plate flat in its stress-free shape.
+        edges = np.setdiff1d(np.flatnonzero(table.is_inside & table.is_known), self._hinged)
+        domain = self.mesh.domain
+        corners = domain.geometry.x[domain.geometry.dofmap[:, :3]]
+        normals = area_vectors(corners)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), SMALLEST_NORMAL)
+        left, right = normals[table.cells[edges]].transpose(1, 0, 2)
+        check_on_all(
+            self.comm,
+            bool((np.linalg.norm(np.cross(left, right), axis=1) < FLAT).all()),
+            f"Plate '{self.name}': its mesh is curved, or folded elsewhere than at its hinges; "
+            "mesh its flat development, and give the shape as rest_curvature and displacement.",
+        )
+
+    def _rest(self, given: Any) -> Expr:
+        """The curvature H0 (2, 2) [1/m] without moments, a UFL expression in the frame of the mesh.
+        Collective.
+
+        Args:
+            given: a tensor (3, 3) [1/m] in the plane of the mesh; {group of surfaces: tensor},
+                elsewhere zero; or a function of the cells' midpoints (3, n) [m] that returns (3, 3,
+                n).
+
+        Raises:
+            InputError: something else is given, or a tensor that is not symmetric or not in the
+                plane of the mesh.
+        """
+        what = f"Plate '{self.name}': its rest_curvature"
+        if not callable(given) and not isinstance(given, Mapping):
+            tensor = real_numbers(given)
+            if tensor is None:
+                tensor = np.zeros(0)
+            check(
+                tensor.shape == (3, 3),
+                f"{what} is not an array (3, 3) of real numbers; give a tensor in 1/m, a function "
+                "of the points, or those of groups.",
+            )
+            given = _Uniform(tensor)
+        # H: the given tensor (3, 3) [1/m] of each cell, in the axes of space.
+        H = cellwise(self.mesh, given, np.zeros((3, 3)), (3, 3), what)
+        n = self.mesh.domain.topology.index_map(2).size_local
+        values = H.x.array.reshape(-1, 3, 3)[cell_nodes(H.function_space)[:n].ravel()]
+        normals = area_vectors(corner_points(self.mesh.domain))
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        size = CURVATURE_TOLERANCE * np.abs(values).max(initial=0.0)
+        asymmetry = np.abs(values - values.transpose(0, 2, 1)).max(initial=0.0)
+        out_of_plane = np.abs(np.einsum("nij,nj->ni", values, normals)).max(initial=0.0)
+        check_on_all(
+            self.comm,
+            bool(asymmetry <= size and out_of_plane <= size),
+            f"{what} is not a symmetric tensor in the plane of the mesh; give κ e⊗e with e in that "
+            "plane.",
+        )
+        return ufl.dot(self._frame.T, ufl.dot(H, self._frame))
+
+
+class _Uniform:
+    """The same tensor everywhere."""
+
+    def __init__(self, tensor: Array) -> None:
+        self._tensor = tensor
+
+    def __call__(self, points: Array) -> Array:
+        return np.repeat(self._tensor[..., None], points.shape[1], axis=-1)
+
+
+def interior_edges(
+    plate: Membrane,
+    table: EdgeTable,
+    group: str,
+    what: str,
+) -> Indices:
+    """Local edges (n,) of a named group of curves, each between two triangles.  Collective.
+
+    Args:
+        plate: the film or plate whose mesh has the group.
+        table: edges of the mesh with the triangles on both sides.
+        group: name of the group of curves.
+        what: what the group is used for, e.g. "hinge", for messages.
+
+    Raises:
+        InputError: it is not a group of edges, or holds edges of the rim.
+    """
+    edges = plate.mesh.curve(group, f"'{plate.name}', {what}")
+    check_on_all(
+        plate.comm,
+        bool(table.is_inside[edges].all()),
+        f"'{plate.name}': the {what} '{group}' has edges on the rim; name a line between cells.",
+    )
+    return edges

@@ -1,0 +1,427 @@
+"""A cable law from a table of measured forces against strains.
+
+Problem.  The force of a braided or laid rope is measured in a test, as points (strain, force).  An
+energy-conserving step needs the potential of this force, and its average along the path of a step,
+which may pass several corners of the table.
+
+Idea.  With x = λ - 1 the engineering strain, the piecewise linear force through the points is a sum
+of forces that act on one side of a corner only,
+
+    N(x) = Σ_i c_i s_i ⟨s_i (x - x_i)⟩,    ⟨y⟩ = max(y, 0),                                   (1)
+
+where c_i is the change of slope at the corner x_i; s_i = 1 for x_i >= 0, and -1 for the corners
+in compression.  Its potential is piecewise quadratic,
+
+    W(x) = Σ_i ½ c_i ⟨s_i (x - x_i)⟩²,                                                        (2)
+
+and its average from x0 to x1 follows term by term from that of ⟨y⟩, which has a closed form
+(`terms.one_sided`).  The strain measure of the step is ε = ½(λ² - 1).  Since Δε = ½(λ0 + λ1) Δx,
+the stress with S Δε = ΔW is the averaged force over the mean of both stretches,
+
+    S = N_mean / (½(λ0 + λ1)).                                                                (3)
+
+Nothing is divided by a small difference.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass
+from functools import cached_property
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import Mesh as DolfinxMesh
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.forms.compilation import constant
+from gossamer_fx.core.forms.kinematics import Expr
+from gossamer_fx.core.forms.strain_path import Piece
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.bodies.cable import BarLaw
+from gossamer_fx.mechanics.terms.one_sided import one_sided_average, one_sided_energy
+
+# The smallest λ².  Iterates of the strain may be below -½, where λ would be imaginary.
+MIN_SQUARED_STRETCH = 1e-6
+
+# Force at zero strain, as a fraction of the largest force, that counts as zero.
+ZERO_FORCE = 1e-9
+
+# Units of a CSV table, and what one of them is in the units of the law.
+STRAIN_UNITS = {"1": 1.0, "-": 1.0, "m/m": 1.0, "mm/m": 1e-3, "%": 1e-2}
+FORCE_UNITS = {"N": 1.0, "mN": 1e-3, "kN": 1e3}
+
+
+@check_arguments
+@dataclass(frozen=True)
+class TabulatedCable(BarLaw):
+    """A bar whose force is piecewise linear between measured points (strain, force).
+
+    Its force N(x) depends on the engineering strain x = λ - 1, the change of length over the
+    natural length.  The stored energy per natural length is W = ∫ N dx, piecewise quadratic, and is
+    integrated exactly also where a step passes corners of the table.
+
+    Beyond its last point the table goes on with its last slope.  In compression a table that begins
+    at zero strain bears nothing; one with negative strains goes on with its first slope.
+
+    Args:
+        strain: engineering strains, rising, above -1; zero lies among or between them.
+        force: [N], as many; not falling, zero at zero strain, positive in tension.
+        line_density: mass per natural length [kg/m], positive.
+
+    Raises:
+        InputError: columns of different length, fewer than two points, strains that do not rise,
+            forces that fall, a force at zero strain.
+
+    Example:
+        A rope that stiffens beyond 2 % and bears no compression:
+
+        >>> rope = gx.TabulatedCable([0.0, 0.02, 0.05], [0.0, 100.0, 700.0], line_density=0.01)
+        >>> rope.force_at(np.array([-0.01, 0.01, 0.03])).tolist()
+        [0.0, 50.0, 300.0]
+    """
+
+    strain: Sequence[float] | Array
+    force: Sequence[float] | Array
+    _: KW_ONLY
+    line_density: float
+
+    def __post_init__(self) -> None:
+        """Check the arguments, which the class describes; raises `InputError`."""
+        self._check_line_density()
+        strain = np.asarray(self.strain, dtype=float)
+        force = np.asarray(self.force, dtype=float)
+        _check_table(strain, force)
+        object.__setattr__(self, "strain", tuple(strain.tolist()))
+        object.__setattr__(self, "force", tuple(force.tolist()))
+
+    @staticmethod
+    def from_csv(path: str | Path, *, line_density: float) -> TabulatedCable:
+        """Read a table with two columns, such as "strain [%]" and "force [kN]".
+
+        The header names both with their units: 1, -, m/m, mm/m or % for the strain, N, mN or kN for
+        the force.  Lines that begin with # are comments.
+
+        Args:
+            path: path of the file; every rank reads it.
+            line_density: mass per natural length [kg/m], positive.
+
+        Returns:
+            The law, with the force [N] as a function of the engineering strain.
+
+        Raises:
+            InputError: the file does not exist, a unit is missing or unknown, a line has no two
+                numbers, or what is wrong with the table.
+        """
+        strain, force = _read_csv(Path(path))
+        return TabulatedCable(strain, force, line_density=line_density)
+
+    @property
+    def EA(self) -> float:
+        """Axial stiffness [N] at zero strain in tension; stiffness damping uses it."""
+        return float(self.corners.stiffness)
+
+    @cached_property
+    def corners(self) -> Corners:
+        """The corners of the force, equation (1) of the module."""
+        return corners_of(np.asarray(self.strain), np.asarray(self.force))
+
+    def force_at(self, strain: Array) -> Array:
+        """Force [N] at engineering strains, an array of any shape."""
+        return self.corners.force(np.asarray(strain, dtype=float))
+
+    def constants(self, mesh: DolfinxMesh) -> SimpleNamespace:
+        """The corners as constants of a mesh: another table of as many corners compiles nothing."""
+        corners = self.corners
+        return SimpleNamespace(
+            line_density=constant(mesh, self.line_density),
+            EA=constant(mesh, self.EA),
+            strains=fem.Constant(mesh, corners.strains),
+            slope_changes=fem.Constant(mesh, corners.slope_changes),
+        )
+
+    def energy(self, e: Expr, c: Any) -> Expr:
+        """Stored energy per natural length [J/m] of e = (ε,), equation (2)."""
+        x = _engineering_strain(e)
+        total = ufl.as_ufl(0.0)
+        # A sum over corners, not a search of the segment: UFL has no branches with a table.
+        for i, side in enumerate(self.corners.sides):
+            beyond = ufl.max_value(float(side) * (x - c.strains[i]), 0.0)
+            total += c.slope_changes[i] / 2 * beyond**2
+        return total
+
+    def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
+        """One piece, the whole path, whose average (3) is exact."""
+        return [Piece(0.0, 1.0, lambda ea, eb: self._mean_stress(ea, eb, c))]
+
+    def _mean_stress(self, e0: Expr, e1: Expr, c: Any) -> Expr:
+        """Mean stress S (1,) [N] of a step, a UFL vector, with S (e1 - e0) equal to the change of
+        energy.
+
+        S = N_mean/(½(λ0 + λ1)), with the force N [N] averaged over the stretches λ0 to λ1 of the
+        step; equation (3) of the module.
+
+        Args:
+            e0, e1: Green-Lagrange strains (1,) at the beginning and the end of the step.
+            c: constants of the mesh: `strains` (n,) [-] and `slope_changes` (n,) [N] at the n
+                corners of the table.
+        """
+        # Engineering strains x0 and x1; s is the side, 1 or -1, of zero strain of a corner.
+        x0 = _engineering_strain(e0)
+        x1 = _engineering_strain(e1)
+        # Sides are part of the kernel, as there are two of them; strains and slopes are constants.
+        force = ufl.as_ufl(0.0)
+        for i, side in enumerate(self.corners.sides):
+            s = float(side)
+            mean = _mean_of_positive_part(s * (x0 - c.strains[i]), s * (x1 - c.strains[i]))
+            force += c.slope_changes[i] * s * mean
+        # Δε = λ_mean Δλ: a force along λ is divided by it to be a stress along ε.
+        mean_stretch = 1 + (x0 + x1) / 2
+        return ufl.as_vector([force / mean_stretch])
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """Corners of a piecewise linear force, equations (1) and (2) of the module.
+
+    Attributes:
+        strains: x_i (n,).
+        sides: s_i (n,), 1 or -1.
+        slope_changes: c_i (n,) [N].
+        stiffness: slope [N] at zero strain in tension.
+    """
+
+    strains: Array
+    sides: Array
+    slope_changes: Array
+    stiffness: float
+
+    def force(self, x: Array) -> Array:
+        """N(x) [N] of strains of any shape."""
+        forces = self.slope_changes * self.sides * np.maximum(self._beyond(x), 0.0)
+        total: Array = forces.sum(axis=-1)
+        return total
+
+    def energy(self, x: Array) -> Array:
+        """W(x) [J/m] of strains of any shape."""
+        total: Array = (self.slope_changes * one_sided_energy(self._beyond(x))).sum(axis=-1)
+        return total
+
+    def average(self, x0: Array, x1: Array) -> tuple[Array, Array]:
+        """N averaged from x0 to x1, and its derivative with respect to x1; of the shape of both."""
+        mean, slope = one_sided_average(self._beyond(x0), self._beyond(x1))
+        force = (self.slope_changes * self.sides * mean).sum(axis=-1)
+        stiffness = (self.slope_changes * slope).sum(axis=-1)
+        return force, stiffness
+
+    def _beyond(self, x: Array) -> Array:
+        """How far strains are beyond each corner, with a last axis of n corners."""
+        beyond: Array = self.sides * (x[..., None] - self.strains)
+        return beyond
+
+
+@dataclass(frozen=True, eq=False)
+class TabulatedBars:
+    """Energy L W(x) of bars with natural lengths L [m], as a function of ε = ½(λ² - 1).
+
+    It plays `terms.point_energies.PointDensity`, for tapes.
+    """
+
+    corners: Corners
+    lengths: Array
+
+    def energy(self, e: Array) -> Array:
+        return self.lengths * self.corners.energy(_stretch(e[:, 0]) - 1)
+
+    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        """Mean stress of a step for each of n bars, and its derivative by the strain at the end.
+
+        The stress is work per strain: S (e1 - e0) is the change of a bar's energy [J].
+
+        Args:
+            e0, e1: Green-Lagrange strains (n, 1) at the beginning and the end of the step.
+
+        Returns:
+            S (n, 1) [N m] and ∂S/∂e1 (n, 1, 1) [N m].
+        """
+        # Stretches λ0, λ1 (n,) at the start and the end; D is the derivative of S by e1.
+        λ0 = _stretch(e0[:, 0])
+        λ1 = _stretch(e1[:, 0])
+        mean_stretch = (λ0 + λ1) / 2
+        force, stiffness = self.corners.average(λ0 - 1, λ1 - 1)
+        S = self.lengths * force / mean_stretch
+        # d/dε1 = d/dλ1 / λ1 of equation (3)
+        D = self.lengths * (stiffness - force / (2 * mean_stretch)) / mean_stretch / λ1
+        return S[:, None], D[:, None, None]
+
+
+def corners_of(strain: Array, force: Array) -> Corners:
+    """The corners of the piecewise linear force through measured points.
+
+    A force N(x) = Σ_i c_i s_i max(s_i (x - x_i), 0) has a change c_i of slope at each corner x_i,
+    on the side s_i = ±1 of zero strain; corners without a change are left out.
+
+    Args:
+        strain: engineering strains (n,), rising.
+        force: [N] (n,); zero at zero strain.  Both have passed `_check_table`.
+
+    Returns:
+        The corners, in tension from zero upwards, then in compression from zero downwards.
+    """
+    # The table is checked to have no force at zero strain, if only between two of its points.
+    if not (strain == 0).any():
+        at = int(np.searchsorted(strain, 0.0))
+        strain = np.insert(strain, at, 0.0)
+        force = np.insert(force, at, 0.0)
+    slopes = np.diff(force) / np.diff(strain)
+    zero = int(np.flatnonzero(strain == 0)[0])
+    in_tension = slopes[zero:]
+    # Compression is read from zero downwards, so that its first slope is that at zero.
+    in_compression = slopes[:zero][::-1]
+    strains = [strain[zero:-1], strain[1 : zero + 1][::-1]]
+    changes = [np.diff(in_tension, prepend=0.0), np.diff(in_compression, prepend=0.0)]
+    sides = [np.ones(len(in_tension)), -np.ones(len(in_compression))]
+    slope_changes = np.concatenate(changes)
+    # A point where the slope stays costs an operation at every quadrature point.
+    is_corner = slope_changes != 0
+    return Corners(
+        strains=np.concatenate(strains)[is_corner],
+        sides=np.concatenate(sides)[is_corner],
+        slope_changes=slope_changes[is_corner],
+        stiffness=float(in_tension[0]),
+    )
+
+
+def _check_table(strain: Array, force: Array) -> None:
+    """Raise `InputError` unless measured points are a force law.
+
+    Args:
+        strain: engineering strains (n,), dimensionless; two or more, rising, from at most zero and
+            above -1 to a positive one.
+        force: [N] (n,); not falling, zero at zero strain, and positive from there on.
+
+    Raises:
+        InputError: the first of these conditions that does not hold, with the values.
+    """
+    check(
+        strain.ndim == 1 and strain.shape == force.shape and len(strain) >= 2,
+        f"TabulatedCable: strain has the shape {strain.shape} and force {force.shape}; give two "
+        "columns of equal length with two points or more.",
+    )
+    bad = np.flatnonzero(np.diff(strain) <= 0)
+    check(
+        not len(bad),
+        f"TabulatedCable: the strains do not rise from point {_first(bad)} to the next; sort the "
+        "points and leave "
+        "out repeated strains.",
+    )
+    check(
+        strain[0] > -1 and strain[0] <= 0 < strain[-1],
+        f"TabulatedCable: the strains go from {strain[0]:g} to {strain[-1]:g}; begin at zero or "
+        "between -1 and "
+        "zero, and end in tension.",
+    )
+    falls = np.flatnonzero(np.diff(force) < 0)
+    check(
+        not len(falls),
+        f"TabulatedCable: the force falls from point {_first(falls)} to the next; give forces that "
+        "do not fall with the strain.",
+    )
+    at_rest = float(np.interp(0.0, strain, force))
+    largest = float(np.abs(force).max())
+    check(
+        largest > 0 and abs(at_rest) <= ZERO_FORCE * largest,
+        f"TabulatedCable: the force at zero strain is {at_rest:g} N and the largest {largest:g} N; "
+        "give zero there, "
+        "and a force elsewhere.",
+    )
+    zero = int(np.searchsorted(strain, 0.0, side="right"))
+    check(
+        force[zero] > 0,
+        f"TabulatedCable: the force is zero up to the strain {strain[zero]:g}; begin to pull at "
+        "zero strain (a "
+        "longer cable has its slack in its mesh).",
+    )
+
+
+def _first(found: npt.NDArray[np.intp]) -> int:
+    """The first of some numbers, counted from one; zero if there is none."""
+    return int(found[0]) + 1 if len(found) else 0
+
+
+def _read_csv(path: Path) -> tuple[list[float], list[float]]:
+    """Read the columns of engineering strain (dimensionless) and force [N] from a CSV file.
+
+    Args:
+        path: of a file with the header "strain [unit], force [unit]", in any order of the columns.
+
+    Returns:
+        Strains and forces, as many as there are rows.
+
+    Raises:
+        InputError: the file does not exist, has no such column, or a row is not two numbers.
+    """
+    check(path.is_file(), f"There is no table '{path}'; give the path of a CSV file.")
+    # Spreadsheets begin a CSV file with a byte order mark, which "utf-8-sig" drops.
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        lines = [line for line in file if line.strip() and not line.lstrip().startswith("#")]
+    rows = [[cell.strip() for cell in row] for row in csv.reader(lines)]
+    header = rows[0] if rows else []
+    factors = {}
+    for name, units in (("strain", STRAIN_UNITS), ("force", FORCE_UNITS)):
+        column = next(
+            (k for k, cell in enumerate(header) if cell.split("[")[0].strip() == name), -1
+        )
+        unit = ""
+        if column >= 0 and "[" in header[column]:
+            unit = header[column].split("[")[1].rstrip("] ")
+        check(
+            unit in units,
+            f"The table '{path}' has no column '{name} [unit]' with one of the units "
+            f"{', '.join(units)}; begin it "
+            "with a header such as 'strain [%], force [kN]'.",
+        )
+        factors[column] = units[unit]
+    columns: list[list[float]] = [[], []]
+    for number, row in enumerate(rows[1:], start=1):
+        try:
+            values = [factor * float(row[column]) for column, factor in factors.items()]
+        except (ValueError, IndexError):
+            values = []
+        check(
+            len(values) == 2,
+            f"The table '{path}' has the row {number} '{', '.join(row)}'; give two numbers in each "
+            "row.",
+        )
+        for values_so_far, value in zip(columns, values, strict=True):
+            values_so_far.append(value)
+    return columns[0], columns[1]
+
+
+def _engineering_strain(e: Expr) -> Expr:
+    """x = λ - 1 of e = (ε,), without the difference of nearly equal numbers."""
+    squared = ufl.max_value(1 + 2 * e[0], MIN_SQUARED_STRETCH)
+    return (squared - 1) / (ufl.sqrt(squared) + 1)
+
+
+def _stretch(ε: Array) -> Array:
+    """λ of ε = ½(λ² - 1)."""
+    λ: Array = np.sqrt(np.maximum(1 + 2 * ε, MIN_SQUARED_STRETCH))
+    return λ
+
+
+def _mean_of_positive_part(y0: Expr, y1: Expr) -> Expr:
+    """Average of max(y, 0) along the path from y0 to y1; `terms.one_sided` says how."""
+    positive0 = ufl.max_value(y0, 0.0)
+    positive1 = ufl.max_value(y1, 0.0)
+    passes_zero = ufl.lt(y0 * y1, 0.0)
+    change = ufl.conditional(passes_zero, y1 - y0, 1.0)
+    quotient = (positive1**2 - positive0**2) / (2 * change)
+    return ufl.conditional(passes_zero, quotient, (positive0 + positive1) / 2)

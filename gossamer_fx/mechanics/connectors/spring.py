@@ -1,0 +1,459 @@
+"""Springs, ropes, stops and dampers between points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import KW_ONLY, dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from gossamer_fx.core.algebra.point_measures import PointMeasure
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check, check_positive
+from gossamer_fx.core.model.body import Array, Attached, Port
+from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.ports import unit
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.bodies.between import Between
+from gossamer_fx.mechanics.terms.one_sided import one_sided_average, one_sided_energy
+from gossamer_fx.mechanics.terms.point_energies import PointDissipation, PointStoredEnergy
+
+STIFFNESS = Parameter("stiffness", "N/m", "k")
+LENGTH = Parameter("length", "m", "L")
+
+
+@dataclass(frozen=True)
+class Quadratic:
+    """ψ(e) = ½ k e²."""
+
+    k: float
+    stacks: ClassVar[tuple[str, ...]] = ("k",)
+
+    def energy(self, e: Array) -> Array:
+        return self.k * np.sum(e * e, axis=1) / 2
+
+    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        """Mean stress k (e0 + e1)/2 (n, m), and its derivative by e1 (n, m, m)."""
+        # k may be one number, or one for each of n springs.
+        k = np.reshape(self.k, (-1, 1))
+        m = e0.shape[1]
+        stress = k * (e0 + e1) / 2
+        derivative = k[:, :, None] / 2 * np.eye(m)
+        return stress, np.broadcast_to(derivative, (*e0.shape, m))
+
+
+@dataclass(frozen=True)
+class LengthSpring:
+    """ψ = ½ k (l - L)² of the length l = √(2e), e = ½|x_a - x_b|²; none where l - L has not the
+    sign of `side`.
+
+    `side` 1 pulls only (a rope), -1 pushes only (a stop), 0 does both.  With l0 and l1 at the ends
+    of the step, S_mean = Δψ/Δe = k (1 - 2L/(l0 + l1)) while it acts; in a step that passes the
+    natural length, the quotient itself.
+    """
+
+    k: float
+    L: float
+    side: int = 0
+    stacks: ClassVar[tuple[str, ...]] = ("k", "L")
+
+    def energy(self, e: Array) -> Array:
+        """ψ (n,) [J] of strains e (n, 1) [m²]."""
+        stretch = _length(e) - self.L
+        if self.side:
+            return self.k * one_sided_energy(self.side * stretch)
+        return self.k * stretch**2 / 2
+
+    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        """Mean stress of a step for each of n springs, and its derivative.
+
+        The measure is e = ½ l² of the length l; the stress S = ∂ψ/∂e is the force over the length,
+        and S_mean (e1 - e0) the change of energy [J].
+
+        L [m] is the natural length, k [N/m] the stiffness.  A spring that acts on one side only has
+        no stress beyond it.  Coincident ends count as 1e-150 m apart: nothing is refused.
+
+        Args:
+            e0, e1: (n, 1) [m²] at the beginning and the end of the step.
+
+        Returns:
+            S_mean (n, 1) [N/m] and ∂S_mean/∂e1 (n, 1, 1) [N/m³].
+        """
+        # Lengths l0 and l1 [m] at the start and the end of the step.
+        l0 = _length(e0)
+        l1 = _length(e1)
+        mean_length = (l0 + l1) / 2
+        if self.side:
+            # Stretches y0 and y1 [m], positive where the spring acts.
+            y0 = self.side * (l0 - self.L)
+            y1 = self.side * (l1 - self.L)
+            pull, slope = one_sided_average(y0, y1)
+            # The side is ±1, so that the slope has the same sign on both.
+            pull = self.side * pull
+        else:
+            pull = mean_length - self.L
+            slope = np.full(pull.shape, 0.5)
+        # Δe = mean_length Δl, so that the stress is the mean force over the mean length; d/de1 =
+        # d/dl1 / l1.
+        # S is S_mean, D its derivative by e1.
+        S = self.k * pull / mean_length
+        D = self.k * (slope - pull / mean_length / 2) / mean_length / l1
+        return S[:, None], D[:, None, None]
+
+
+@dataclass(frozen=True)
+class LengthDamper:
+    """Axial force c l̇ of the length l = √(2e): S_mean = 2 c (l1 - l0)/(h (l0 + l1))."""
+
+    c: float
+    stacks: ClassVar[tuple[str, ...]] = ("c",)
+
+    def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
+        """Mean viscous stress of a step for each of n dampers, and its derivative.
+
+        The measure is e = ½ l² of the length l; the stress is the force c dl/dt over the length.
+
+        Args:
+            e0, e1: (n, 1) [m²] at the beginning and the end of the step.
+            h: length of the step [s], positive.
+
+        Returns:
+            S_mean (n, 1) [N/m] and D = ∂S_mean/∂e1 (n, 1, 1) [N/m³].
+        """
+        # Lengths l0 and l1 [m] at the start and the end of the step.
+        l0 = _length(e0)
+        l1 = _length(e1)
+        S = 2 * self.c / h * (l1 - l0) / (l0 + l1)
+        D = 4 * self.c / h * l0 / (l0 + l1) ** 2 / l1
+        return S[:, None], D[:, None, None]
+
+
+@dataclass(frozen=True)
+class RopeDamper:
+    """Viscous force f = c ds/dt of a rope of length L, with its stretch s = max(l - L, 0).
+
+    f is not below minus the mean tension k s_mean of the step, so that the rope pulls or is slack.
+    With S_mean = 2 f/(l0 + l1) the loss f Δl is never negative.
+    """
+
+    c: float
+    k: float
+    L: float
+    stacks: ClassVar[tuple[str, ...]] = ("c", "k", "L")
+
+    def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
+        """Mean viscous stress of a step for each of n ropes, and its derivative.
+
+        The measure is e = ½ l² of the length l.  S_mean (e1 - e0) is the loss [J], which is never
+        negative.  The rope has the natural length L [m], the stiffness k [N/m] and the damping c
+        [N s/m].
+
+        Args:
+            e0, e1: (n, 1) [m²] at the beginning and the end of the step.
+            h: length of the step [s], positive.
+
+        Returns:
+            S_mean (n, 1) [N/m] and ∂S_mean/∂e1 (n, 1, 1) [N/m³]; both zero for a slack rope.
+        """
+        # Lengths l0, l1 [m] and stretches s0, s1 [m] at the start and the end of the step.
+        l0 = _length(e0)
+        l1 = _length(e1)
+        both = l0 + l1
+        s0 = np.maximum(l0 - self.L, 0.0)
+        s1 = np.maximum(l1 - self.L, 0.0)
+        pull, slope = one_sided_average(l0 - self.L, l1 - self.L)
+        tension = self.k * pull
+        stiffness = self.k * slope
+        viscous = self.c * (s1 - s0) / h
+        # A rope does not push: its whole force, tension and viscous, is zero at the least.
+        pulls = viscous > -tension
+        # f [N] is the viscous force, df [N/m] its derivative by l1.
+        f = np.where(pulls, viscous, -tension)
+        viscous_slope = np.where(s1 > 0, self.c / h, 0.0)
+        df = np.where(pulls, viscous_slope, -stiffness)
+        # The mean length is both/2, and dl1/de1 = 1/l1.  S is S_mean, D its derivative by e1.
+        S = 2 * f / both
+        D = 2 * (df - f / both) / both / l1
+        return S[:, None], D[:, None, None]
+
+
+# [m²] Lower bound of e = ½ l², so that a spring whose ends coincide has no division by zero.
+SMALLEST_MEASURE = 1e-300
+
+
+def _length(e: Array) -> Array:
+    """Lengths (n,) [m] of the measures e = ½ l² (n, 1) [m²]."""
+    return np.sqrt(2 * np.maximum(e[:, 0], SMALLEST_MEASURE))
+
+
+def half_distance_squared(a: Attached, b: Attached) -> PointMeasure:
+    """e = ½|x_a - x_b|²."""
+    difference = np.hstack([np.eye(3), -np.eye(3)])
+    return PointMeasure([(a, b)], (difference.T @ difference)[None], np.zeros((1, 6)), np.zeros(1))
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Spring(Between):
+    """A linear spring between two points: ψ = ½ k (|x_a - x_b| - L)².
+
+    Args:
+        a, b: ports of bodies; one of them may be a `Ground`.
+        stiffness: k [N/m], positive.
+        length: L [m], at which the spring is at rest; zero or positive.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two points of the ground, a number out of its range.
+
+    Example:
+        >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=1.0)
+        >>> statics = gx.Equilibrium(gx.Scene(weight, spring))
+        >>> result = statics.find()
+        >>> gx.fields.positions(statics, mass).round(6)
+        array([[ 0. ,  0. , -1.1]])
+    """
+
+    a: Attached
+    b: Attached
+    _: KW_ONLY
+    stiffness: float
+    length: float
+    name: str = "spring"
+
+    def __post_init__(self) -> None:
+        """Check the arguments, which the class describes; raises `InputError`."""
+        super().__post_init__()
+        check_positive(self, "stiffness", "N/m")
+        check(
+            self.length >= 0,
+            f"Spring '{self.name}': length is {self.length!r} m; give none or a positive one.",
+        )
+
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of the line, for pictures."""
+        return [(self.a, self.b)]
+
+    def terms(self, start: State) -> Iterable[Term]:
+        density = LengthSpring(self.stiffness, self.length)
+        measure = half_distance_squared(self.a, self.b)
+        yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Rope(Between):
+    """A rope without mass: it holds two points within its length.
+
+    Its tension is k (l - L) where its ends are l > L apart, and zero where they are nearer.
+
+    Args:
+        a, b: ports of bodies; one of them may be a `Ground`.
+        stiffness: k = EA/L [N/m], positive.
+        length: L [m], positive.
+        damping: c [N s/m], zero or positive.  The tension of a stretched rope is k (l - L) + c
+            dl/dt, but never negative.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two points of the ground, a number out of its range.
+
+    Example:
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> gx.connectors.Rope(mass.port(), top, stiffness=1e4, length=1.0, damping=0.1).length
+        1.0
+    """
+
+    a: Attached
+    b: Attached
+    _: KW_ONLY
+    stiffness: float
+    length: float
+    damping: float = 0.0
+    name: str = "rope"
+
+    def __post_init__(self) -> None:
+        """Check the arguments, which the class describes; raises `InputError`."""
+        super().__post_init__()
+        check_positive(self, "stiffness", "N/m")
+        check_positive(self, "length", "m")
+        check(
+            math.isfinite(self.damping) and self.damping >= 0,
+            f"Rope '{self.name}': damping is {self.damping!r} N s/m; give none or a positive one.",
+        )
+
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of the line, for pictures."""
+        return [(self.a, self.b)]
+
+    def terms(self, start: State) -> Iterable[Term]:
+        """Stored energy and, with damping, dissipation of the rope: what it adds to the equations.
+
+        Args:
+            start: initial state of the scene; the terms do not depend on it.
+        """
+        density = LengthSpring(self.stiffness, self.length, side=1)
+        measure = half_distance_squared(self.a, self.b)
+        yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
+        if self.damping:
+            # It knows stiffness and length: a damper that pushed would slacken the rope, so that
+            # the whole tension is kept from falling below zero.
+            loss = RopeDamper(self.damping, self.stiffness, self.length)
+            numbers = (STIFFNESS, LENGTH, Parameter("damping", "N s/m", "c"))
+            yield PointDissipation(f"{self.name} damping", measure, loss, numbers)
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Stop(Between):
+    """Keeps two points from coming nearer than a length: the force is k (L - l) below it, else
+    zero.
+
+    Two spheres touch at the sum of their radii.  An impact takes as long as half an oscillation on
+    the spring and returns all of its energy (π √(m/k), m = m_a m_b/(m_a + m_b), for two free
+    bodies); time steps must resolve that.
+
+    Args:
+        a, b: ports of bodies; one of them may be a `Ground`.
+        stiffness: k [N/m], positive.
+        length: L [m] below which the stop pushes, positive.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two points of the ground, a number out of its range.
+
+    Example:
+        >>> floor = gx.Ground((0.0, 0.0, -2.0))
+        >>> gx.connectors.Stop(mass.port(), floor, stiffness=1e5, length=0.1).name
+        'stop'
+    """
+
+    a: Attached
+    b: Attached
+    _: KW_ONLY
+    stiffness: float
+    length: float
+    name: str = "stop"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_positive(self, "stiffness", "N/m")
+        check_positive(self, "length", "m")
+
+    def terms(self, start: State) -> Iterable[Term]:
+        density = LengthSpring(self.stiffness, self.length, side=-1)
+        measure = half_distance_squared(self.a, self.b)
+        yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Damper(Between):
+    """An axial damper between two points: a force c dl/dt along the line between them, l their
+    distance.
+
+    Its loss counts as dissipated.
+
+    Args:
+        a, b: ports of bodies; one of them may be a `Ground`.
+        damping: c [N s/m], positive.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two points of the ground, a damping that is not positive.
+
+    Example:
+        >>> damper = gx.connectors.Damper(mass.port(), gx.Ground((0.0, 0.0, 0.0)), damping=0.5)
+        >>> damper.damping
+        0.5
+    """
+
+    a: Attached
+    b: Attached
+    _: KW_ONLY
+    damping: float
+    name: str = "damper"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_positive(self, "damping", "N s/m")
+
+    def terms(self, start: State) -> Iterable[Term]:
+        """The dissipation of the damper: what it adds to the equations.
+
+        Args:
+            start: initial state of the scene.  Collective.
+
+        Raises:
+            InputError: the two ends coincide in the initial state.
+        """
+        distance = float(np.linalg.norm(start.vector(self.a) - start.vector(self.b)))
+        check(
+            distance > 0,
+            f"Damper '{self.name}': its two points coincide, so it has no direction; separate "
+            "them.",
+        )
+        yield PointDissipation(
+            self.name,
+            half_distance_squared(self.a, self.b),
+            LengthDamper(self.damping),
+            (Parameter("damping", "N s/m", "c"),),
+        )
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class AxialSpring:
+    """A spring to ground along one direction: ψ = ½ k (n·(x - x0))².
+
+    Args:
+        port: the point x.
+        stiffness: k [N/m].
+        direction: n; only its direction counts.
+        origin: x0 [m], where the spring is at rest.
+
+    Example:
+        >>> gx.connectors.AxialSpring(mass.port(), 100.0, direction=(0.0, 0.0, 1.0)).stiffness
+        100.0
+    """
+
+    port: Port
+    stiffness: float
+    _: KW_ONLY
+    direction: tuple[float, float, float]
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    name: str = "spring"
+
+    def __post_init__(self) -> None:
+        """Check the arguments, which the class describes; raises `InputError`."""
+        check_positive(self, "stiffness", "N/m")
+        check(
+            any(self.direction),
+            f"AxialSpring '{self.name}': direction is {self.direction!r}; give its axis, of any "
+            "length but zero.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
+        yield self.port.body
+
+    def terms(self, start: State) -> Iterable[Term]:
+        """The stored energy ½ k (n·(x - x0))² [J]: what the spring adds to the equations.
+
+        n is the unit vector of its direction, x [m] its point, x0 [m] its origin.
+
+        Args:
+            start: initial state of the scene; the term does not depend on it.
+        """
+        n = unit(self.direction)
+        # Linear in x: exact for any step, and its matrix is constant.
+        rest = -float(n @ np.asarray(self.origin, dtype=float))
+        measure = PointMeasure([(self.port,)], np.zeros((1, 3, 3)), n[None], np.array([rest]))
+        yield PointStoredEnergy(self.name, measure, Quadratic(self.stiffness), (STIFFNESS,))

@@ -1,0 +1,289 @@
+"""Tapes: cables bonded to a film, without additional unknowns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import KW_ONLY, dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.core.algebra.point_measures import PointMeasure, evaluated_here
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.model.body import Array, Attached, Port
+from gossamer_fx.core.model.ports import combine
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.bodies.cable import BarLaw, CableLaw, TensionOnly
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.connectors.spring import Quadratic
+from gossamer_fx.mechanics.terms.one_sided import one_sided_average, one_sided_energy
+from gossamer_fx.mechanics.terms.point_energies import PointDensity, PointStoredEnergy
+from gossamer_fx.mechanics.terms.point_masses import AttachedKineticEnergy
+
+# Length of an edge over that of the longest one below which its two nodes coincide: far above
+# round-off of coordinates, far below any cell.
+SHORTEST_EDGE = 1e-9
+
+
+@dataclass(frozen=True)
+class OneSided:
+    """ψ(e) = ½ ⟨e⟩², ⟨e⟩ the positive part; in a step that passes zero, S_mean = Δψ/Δe."""
+
+    def energy(self, e: Array) -> Array:
+        return one_sided_energy(e[:, 0])
+
+    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        mean, slope = one_sided_average(e0, e1)
+        return mean, slope[:, :, None]
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Tape:
+    """Bars along a line of a film, each between two points of it that move with the film.
+
+    Stored energy Σ L W(ε) with ε = ½(λ² - 1) of each bar, and its consistent mass.  `along_edges`
+    takes the edges of the film's mesh, `through` any line across it, also between nodes.
+
+    Args:
+        body: the film or plate that it is bonded to.
+        law: `CableLaw`, `TensionOnly` or `TabulatedCable`.
+        bars: pairs of points of the film.
+        lengths: natural length of each bar [m], positive, shape (n,) for n bars.
+        name: name in messages and output.
+
+    Raises:
+        InputError: no bars, not as many lengths as bars, a length that is not positive.
+
+    Example:
+        >>> tape = gx.connectors.Tape.along_edges(film, gx.CableLaw(6e3, 0.01), edges="left")
+        >>> len(tape.bars), round(float(sum(tape.lengths)), 12)
+        (4, 1.0)
+    """
+
+    body: Membrane
+    law: BarLaw
+    _: KW_ONLY
+    bars: Sequence[tuple[Port, Port]]
+    lengths: Sequence[float] | Array
+    name: str = "tape"
+
+    @staticmethod
+    def along_edges(
+        body: Membrane,
+        law: BarLaw,
+        *,
+        edges: str,
+        length_factor: float = 1.0,
+        name: str = "tape",
+    ) -> Tape:
+        """A tape along the edges of the mesh in a named group of curves.  Collective.
+
+        Args:
+            body: the film or plate; each edge is one bar (order 1) or two (order 2).
+            law: energy of the bars per natural length.
+            edges: name of the group of curves of the film's mesh.
+            length_factor: natural length over that of the edges (dimensionless): below 1 for a
+                tendon that is shorter than the seam on which it is.
+            name: name in messages and output.
+
+        Raises:
+            InputError: the factor is not positive, the mesh has no such group of curves, or the
+                group has no edges or one without length.
+        """
+        check(
+            0 < length_factor < math.inf,
+            f"Tape '{name}': length_factor is {length_factor!r}; give a positive number.",
+        )
+        table = body.mesh.edges
+        space = body.space
+        lines = body.mesh.curve(edges, f"Tape '{name}' on '{body.name}'")
+        chains = table.nodes(space, lines[lines < table.owned])
+        x = space.tabulate_dof_coordinates()
+        # An edge of order 2 is two bars, so that its middle node has a bar, too.
+        ends = np.concatenate([chains[:, [k, k + 1]] for k in range(chains.shape[1] - 1)])
+        own = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
+        names = space.dofmap.index_map.local_to_global(ends.ravel()).reshape(-1, 2)
+        # Bars name global nodes and are the same on every rank; a line is short compared with a
+        # film.
+        own_bars = list(zip(names[:, 0].tolist(), names[:, 1].tolist(), own.tolist(), strict=True))
+        rows = body.comm.allgather(own_bars)
+        bars = [row for part in rows for row in part]
+        check(
+            len(bars) > 0,
+            f"Tape '{name}' on '{body.name}': the group '{edges}' has no edges of the mesh; put a "
+            "line of its edges into the group.",
+        )
+        midpoints = (x[ends[:, 0]] + x[ends[:, 1]]) / 2
+        _refuse_edges_without_length(body, edges, own, midpoints, name)
+        pairs = [(Port(body, (a,)), Port(body, (b,))) for a, b, _ in bars]
+        lengths = [length_factor * length for _, _, length in bars]
+        return Tape(body, law, bars=pairs, lengths=lengths, name=name)
+
+    @staticmethod
+    def through(
+        body: Membrane,
+        law: BarLaw,
+        *,
+        points: Sequence[Sequence[float]],
+        bars_per_segment: int,
+        length_factor: float = 1.0,
+        name: str = "tape",
+    ) -> Tape:
+        """A tape through given points of the film's mesh, also between nodes.  Collective.
+
+        Args:
+            body: the film or plate.
+            law: energy of the bars per natural length.
+            points: two or more points (3,) [m] of the mesh.
+            bars_per_segment: bars of equal length from each point to the next.
+            length_factor: natural length over that of the line (dimensionless).
+            name: name in messages and output.
+
+        Raises:
+            InputError: the factor is not positive, there are fewer than two points or no bars, or
+                the line leaves the mesh.
+        """
+        check(
+            0 < length_factor < math.inf,
+            f"Tape '{name}': length_factor is {length_factor!r}; give a positive number.",
+        )
+        check(
+            len(points) >= 2 and bars_per_segment >= 1,
+            f"Tape '{name}' needs two points and one bar at least; give more.",
+        )
+        corners = np.asarray(points, dtype=float)
+        steps = np.arange(bars_per_segment * (len(corners) - 1) + 1) / bars_per_segment
+        numbers = np.arange(len(corners))
+        nodes = np.column_stack([np.interp(steps, numbers, component) for component in corners.T])
+        ports = [body.port_at(node) for node in nodes]
+        lengths = length_factor * np.linalg.norm(np.diff(nodes, axis=0), axis=1)
+        return Tape(body, law, bars=list(pairwise(ports)), lengths=lengths, name=name)
+
+    def __post_init__(self) -> None:
+        """Check the bars and their natural lengths (n,) [m], and make these an array.
+
+        Raises:
+            InputError: there are no bars, a length is not positive, or there is not one length for
+                each bar.
+        """
+        lengths = np.asarray(self.lengths, dtype=float)
+        object.__setattr__(self, "lengths", lengths)
+        check(
+            len(self.bars) > 0 and bool((lengths > 0).all()),
+            f"Tape '{self.name}' has no bars, or one without length; give a line of different "
+            "points.",
+        )
+        check(
+            lengths.shape == (len(self.bars),),
+            f"Tape '{self.name}' has {len(self.bars)} bars and lengths of shape {lengths.shape}; "
+            "give one each.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
+        yield self.body
+
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of each bar, for pictures."""
+        return self.bars
+
+    def terms(self, start: State) -> Iterable[Term]:
+        """Kinetic and stored energy of the bars: what the tape adds to the equations.
+
+        Args:
+            start: initial state of the scene; the terms do not depend on it.
+
+        Yields:
+            The mass [kg] of the bars at their ends, and their stored energy [J].
+
+        Raises:
+            InputError: the law is not that of a cable.
+        """
+        law = self.law
+        L = np.asarray(self.lengths)
+        # A line with linear shape functions: ∫ N_i N_j ds = L/6 (1 + δ_ij).
+        consistent = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6
+        yield AttachedKineticEnergy(self.bars, law.line_density * L[:, None, None] * consistent)
+        # e = √(EA L) ε, so that the energy of every bar is ½ e²; with a table e = ε.
+        # Equal energies are one array, evaluated at once.
+        scale = np.sqrt(law.EA * L) if isinstance(law, CableLaw) else np.ones(len(L))
+        vectors = [
+            (_stretch(a, b, float(k)),) for (a, b), k in zip(self.bars, scale / L**2, strict=True)
+        ]
+        measure = PointMeasure(vectors, np.eye(3)[None], np.zeros((1, 3)), -scale[:, None] / 2)
+        # Of the bars, a rank has the lengths of those that it evaluates.
+        density = _density(law, L[evaluated_here(vectors)])
+        yield PointStoredEnergy(self.name, measure, density)
+
+
+def _density(law: BarLaw, lengths: Array) -> PointDensity:
+    """The stored energy of bars as a function of the measure e of each, which `Tape.terms` makes.
+
+    e = √(EA L) ε for laws with a constant axial stiffness, so that the energy is ½ e² [J]; e = ε
+    for a table.  ε = ½(λ² - 1) is the strain of the bar.
+
+    Args:
+        law: of the tape.
+        lengths: natural lengths (n,) [m] of the bars that this rank evaluates.
+
+    Raises:
+        InputError: the law is not that of a cable.
+    """
+    if isinstance(law, TensionOnly):
+        return OneSided()
+    if isinstance(law, CableLaw):
+        return Quadratic(1.0)
+    # Imported here: a scene without tables does not load them.
+    from gossamer_fx.mechanics.bodies.tabulated_cable import TabulatedBars, TabulatedCable
+
+    check(
+        isinstance(law, TabulatedCable),
+        f"Tape: the law is a {type(law).__name__}; give a CableLaw, TensionOnly or TabulatedCable.",
+    )
+    assert isinstance(law, TabulatedCable)
+    return TabulatedBars(law.corners, lengths)
+
+
+def _stretch(a: Port, b: Port, square: float) -> Port:
+    """√square (x_b - x_a)."""
+    port = combine((square**0.5, -(square**0.5)), (b, a))
+    assert isinstance(port, Port)
+    return port
+
+
+def _refuse_edges_without_length(
+    body: Membrane, edges: str, lengths: Array, midpoints: Array, name: str
+) -> None:
+    """Check that no edge of a tape has ends that coincide.  Collective.
+
+    Args:
+        body: the film or plate.
+        edges: name of the group of edges.
+        lengths: lengths (n,) [m] of this rank's edges.
+        midpoints: their middles (n, 3) [m], for the message.
+        name: of the tape.
+
+    Raises:
+        InputError: on all ranks, if an edge is shorter than `SHORTEST_EDGE` of the longest one.
+    """
+    longest = body.comm.allreduce(float(lengths.max(initial=0.0)), MPI.MAX)
+    bad = np.flatnonzero(lengths <= SHORTEST_EDGE * longest)
+    own_place = tuple(midpoints[bad[0]].tolist()) if len(bad) else None
+    places = [place for place in body.comm.allgather(own_place) if place is not None]
+    if not places:
+        return
+    # To the nanometre, so that round-off of zero is zero.
+    x, y, z = (round(coordinate, 9) + 0.0 for coordinate in places[0])
+    raise InputError(
+        f"Tape '{name}' on '{body.name}': the group '{edges}' has an edge without length at "
+        f"({x:.6g}, {y:.6g}, {z:.6g}) m, as a revolved mesh has at its pole; merge the nodes "
+        "there, or leave "
+        "this edge out of the group."
+    )

@@ -1,0 +1,306 @@
+"""Torsional springs and dampers about the axis of a hinge.
+
+With a direction a of one side and the pair b, c of the other, normal to the axis, the measures are
+cos φ = a·b and sin φ = a·c.  A law of the angle has the stress
+
+    S_mean = m_mean t,   t = Δφ/(2 sin(Δφ/2)) (-sin φm, cos φm),   φm = (φ0 + φ1)/2
+
+in them, with t·(Δcos, Δsin) = Δφ, so that S_mean·Δe = m_mean Δφ is the work of the moment m_mean
+exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import KW_ONLY, dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from gossamer_fx.core.algebra.point_measures import PointMeasure
+from gossamer_fx.core.algebra.rotations import perpendicular_pair
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check, check_positive
+from gossamer_fx.core.model.body import Array, Vector
+from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.ports import unit
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.bodies.between import Between, check_axis
+from gossamer_fx.mechanics.bodies.frames import Frame, along, is_normal
+from gossamer_fx.mechanics.terms.point_energies import PointDissipation, PointStoredEnergy
+
+# [rad] Half of the change of the angle below which x/sin x and its derivative are their series: the
+# derivative loses digits there, and 1 + x²/6 is exact to 2e-18.
+SMALL_ANGLE = 1e-4
+
+
+def angles(e0: Array, e1: Array) -> tuple[Array, Array]:
+    """Angles (n,) [rad] of n hinges at the start of a step in (-π, π], and their changes.
+
+    A change is less than half a turn: the shorter way is taken.
+
+    Args:
+        e0, e1: (n, 2), dimensionless: numbers in proportion to cosine and sine of the angle, at the
+            beginning and the end of the step.
+
+    Returns:
+        φ0 and Δφ = φ1 - φ0 (n,) [rad], with the angle φ1 at the end of the step.
+    """
+    φ0 = np.arctan2(e0[:, 1], e0[:, 0])
+    φ1 = np.arctan2(e1[:, 1], e1[:, 0])
+    # The shorter way round: a step that turns by more than half a turn cannot be told from one
+    # back.
+    Δφ = np.remainder(φ1 - φ0 + np.pi, 2 * np.pi) - np.pi
+    return φ0, Δφ
+
+
+def stress(
+    m: Array,
+    slope: Array,
+    φ0: Array,
+    Δφ: Array,
+    e1: Array,
+) -> tuple[Array, Array]:
+    """Stress of a mean moment in the strains (cos φ, sin φ) of n hinges, and its derivative.
+
+    The stress S satisfies S·(e1 - e0) = m Δφ, the work [J] of the step.
+
+    Args:
+        m: mean moment (n,) [N m] of the step.
+        slope: its derivative (n,) [N m/rad] by the angle at the end.
+        φ0, Δφ: angle at the beginning and its change (n,) [rad], as `angles` returns them.
+        e1: strains (n, 2) at the end, dimensionless and not both zero.
+
+    Returns:
+        S (n, 2) [N m] and ∂S/∂e1 (n, 2, 2) [N m].
+    """
+    half = Δφ / 2
+    φ_mid = φ0 + Δφ / 2
+    # The stress m t has the work m Δφ: t is along the chord of the step, longer by half/sin(half).
+    is_small = np.abs(half) < SMALL_ANGLE
+    safe = np.where(is_small, 1.0, half)
+    ratio = np.where(is_small, 1 + half**2 / 6, safe / np.sin(safe))
+    exact_growth = (np.sin(safe) - safe * np.cos(safe)) / np.sin(safe) ** 2
+    growth = np.where(is_small, half / 3, exact_growth) / 2
+    direction = np.stack([-np.sin(φ_mid), np.cos(φ_mid)], axis=1)
+    direction_slope = np.stack([-np.cos(φ_mid), -np.sin(φ_mid)], axis=1) / 2
+    # dt is the derivative of t by the angle at the end, dφ (n, 2) that of this angle by e1, and D
+    # (n, 2, 2) that of S by e1.
+    t = ratio[:, None] * direction
+    dt = growth[:, None] * direction + ratio[:, None] * direction_slope
+    squared_radius = np.sum(e1 * e1, axis=1)[:, None]
+    dφ = np.stack([-e1[:, 1], e1[:, 0]], axis=1) / squared_radius
+    dS_dφ = slope[:, None] * t + m[:, None] * dt
+    D = np.einsum("ni,nj->nij", dS_dφ, dφ)
+    return m[:, None] * t, D
+
+
+@dataclass(frozen=True)
+class AngularSpring:
+    """ψ = ½ k (φ - change)², |φ| < π; `change` [rad] is that of the rest angle, which φ counts
+    from."""
+
+    k: float
+    change: float = 0.0
+    stacks: ClassVar[tuple[str, ...]] = ("k", "change")
+
+    def energy(self, e: Array) -> Array:
+        """ψ (n,) [J] of measures e (n, 2)."""
+        φ = np.arctan2(e[:, 1], e[:, 0])
+        return self.k * (φ - self.change) ** 2 / 2
+
+    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        φ0, Δφ = angles(e0, e1)
+        moment = self.k * (φ0 - self.change + Δφ / 2)
+        return stress(moment, self.k / 2 + 0 * φ0, φ0, Δφ, e1)
+
+
+@dataclass(frozen=True)
+class AngularDamper:
+    """Moment c Δφ/h."""
+
+    c: float
+    stacks: ClassVar[tuple[str, ...]] = ("c",)
+
+    def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
+        φ0, Δφ = angles(e0, e1)
+        return stress(self.c / h * Δφ, self.c / h + 0 * φ0, φ0, Δφ, e1)
+
+
+def across(axis: Vector, side: Frame) -> Frame:
+    """A frame that holds the normals of an axis: the side of a hinge, with the normal of its
+    section if it needs it."""
+    return side if is_normal(unit(axis), side) else side.complete
+
+
+def hinge_angle(
+    a: Frame,
+    b: Frame,
+    axis: Vector,
+    rest: float,
+) -> PointMeasure:
+    """The measures (cos φ, sin φ) of the angle φ [rad] of a hinge, which are quadratic.
+
+    φ is the rotation of b relative to a about the axis since the start, less `rest`.
+
+    Args:
+        a, b: frames (oriented points of bodies or of the ground) on both sides of the hinge.
+        axis: direction of the hinge at the start (3,), of any length but zero.
+        rest: angle at which φ is zero [rad].
+
+    Returns:
+        Two dimensionless measures (cos φ, sin φ) of one tuple of three unit vectors normal to the
+        axis: one is fixed in b, two in a.  They are products of the first vector with the second
+        and with the third one.
+
+    Raises:
+        InputError: a frame with two directors does not contain the normals of the axis.  That the
+            axis has a length is checked by the connectors, see `check_axis`.
+    """
+    # Unit vectors (3,) at the start: p, q and the axis are a right-handed triad.
+    p, q = perpendicular_pair(unit(axis))
+    moving = along(p, b)
+    # Vectors of a at the rest angle and a quarter turn beyond it: the angle counts from rest, and
+    # its jump from π to -π is opposite to it.
+    c = math.cos(rest)
+    s = math.sin(rest)
+    zero = along(c * p + s * q, a)
+    quarter = along(c * q - s * p, a)
+    # Two measures, moving·zero and moving·quarter, of the stacked vectors.
+    cosine = np.zeros((3, 3))
+    cosine[0, 1] = cosine[1, 0] = 1.0
+    sine = np.zeros((3, 3))
+    sine[0, 2] = sine[2, 0] = 1.0
+    return PointMeasure(
+        ports=[(moving, zero, quarter)],
+        H=np.array([np.kron(cosine, np.eye(3)), np.kron(sine, np.eye(3))]),
+        L=np.zeros((2, 9)),
+        c=np.zeros(2),
+    )
+
+
+class AboutHinge(Between):
+    """What acts between two frames, about the axis of their hinge."""
+
+    a: Frame
+    b: Frame
+    axis: Vector
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_axis(self)
+
+    @cached_property
+    def _sides(self) -> tuple[Frame, Frame]:
+        return across(self.axis, self.a), across(self.axis, self.b)
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class TorsionSpring(AboutHinge):
+    """A torsional spring about the axis of a hinge: the moment is -k φ.
+
+    φ is the angle of b against a from the rest angle, within half a turn.
+
+    Args:
+        a, b: frames, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.
+        axis: direction in space at the start, of any length; angles count in its right-handed
+            sense.
+        stiffness: k [N m/rad], positive.
+        rest_angle: angle of b against a [rad], from the start, at which the spring is at rest;
+            between -π and π.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two frames of the ground, an axis of length zero, a number out of its range.
+
+    Example:
+        >>> y = (0.0, 1.0, 0.0)
+        >>> hinge = gx.constraints.RevoluteJoint(gx.ground_frame(), hub.frame(), axis=y)
+        >>> spring = gx.connectors.TorsionSpring(
+        ...     gx.ground_frame(), hub.frame(), axis=y, stiffness=2.0, rest_angle=0.5
+        ... )
+        >>> gx.Simulation(gx.Scene(hinge, spring), gx.Midpoint(0.01)).totals.stored
+        {'torsion spring': 0.25}
+    """
+
+    a: Frame
+    b: Frame
+    _: KW_ONLY
+    axis: Vector
+    stiffness: float
+    rest_angle: float = 0.0
+    name: str = "torsion spring"
+
+    def __post_init__(self) -> None:
+        """Check the arguments, which the class describes; raises `InputError`."""
+        super().__post_init__()
+        check_positive(self, "stiffness", "N m/rad")
+        check(
+            abs(self.rest_angle) < math.pi,
+            f"TorsionSpring '{self.name}': rest_angle is {self.rest_angle!r} rad; stay within half "
+            "a turn.",
+        )
+
+    def terms(self, start: State) -> Iterable[Term]:
+        """The stored energy of the angle about the axis: what the spring adds to the equations.
+
+        Args:
+            start: initial state of the scene; the term does not depend on it.
+
+        Yields:
+            One energy ½ k φ² [J] of the angle φ [rad] from the rest angle, with stiffness and rest
+            angle as parameters of gradients.
+        """
+        yield PointStoredEnergy(
+            self.name,
+            hinge_angle(*self._sides, self.axis, self.rest_angle),
+            AngularSpring(self.stiffness),
+            (
+                Parameter("stiffness", "N m/rad", "k"),
+                Parameter("rest_angle_change", "rad", "change"),
+            ),
+        )
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class TorsionDamper(AboutHinge):
+    """A torsional damper about the axis of a hinge: the moment is -c dφ/dt; its loss counts as
+    dissipated.
+
+    Args:
+        a, b: frames, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.
+        axis: direction in space at the start, of any length.
+        damping: c [N m s/rad], positive.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two frames of the ground, an axis of length zero, a damping that is not
+            positive.
+
+    Example:
+        >>> gx.connectors.TorsionDamper(
+        ...     gx.ground_frame(), hub.frame(), axis=(0.0, 1.0, 0.0), damping=0.1
+        ... ).damping
+        0.1
+    """
+
+    a: Frame
+    b: Frame
+    _: KW_ONLY
+    axis: Vector
+    damping: float
+    name: str = "torsion damper"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_positive(self, "damping", "N m s/rad")
+
+    def terms(self, start: State) -> Iterable[Term]:
+        measure = hinge_angle(*self._sides, self.axis, 0.0)
+        damping = Parameter("damping", "N m s/rad", "c")
+        yield PointDissipation(self.name, measure, AngularDamper(self.damping), (damping,))

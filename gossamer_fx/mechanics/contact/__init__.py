@@ -1,0 +1,44 @@
+"""Contact of films, cables, beams and obstacles, and its public names.
+
+Stages, in the vocabulary of the field (for instance of the IPC Toolkit), each a file or folder:
+
+    geometry/        points, edges and triangles that may touch; the collision filter of connected
+                     parts
+    broad_phase/     bounds of trajectories, a tree of boxes, candidate pairs
+    narrow_phase/    closest points and gaps, continuous collision detection, intersections
+    active_set       candidates that take part in a step, and their activation distances
+    pair_stiffness   how stiff a pair is when it begins to touch
+    potential        energy, forces and tangents: barrier or penalty
+    friction/        Coulomb friction of the active pairs
+    assembly         blocks of the tangent
+    step_forces      forces and tangents of the active pairs of a step
+    history          what is taken over from step to step
+    contact_set      one contact in a step, which calls the stages; `compiled` has all of a scene
+    contact_gradient derivatives of forces and energy, for gradients of runs and equilibria
+    pair_table       the table of pairs that the stages hand on, one row a pair
+    kernels/         what is done pair by pair, in C
+
+Numberings:
+
+    node         of a body's mesh, global over all ranks: by it bodies and outputs know their
+                 positions
+    point        of a contact, the same on every rank: first the nodes of its bodies, then the
+                 points and directions of obstacles; x[point] is where it is
+    block row    a vector of three unknowns of the system.  Block row i is the position of point i
+                 of a body; more block rows belong to rigid bodies that obstacles are parts of
+    block index  of a 3 x 3 block between two block rows, in one step, on one rank
+    identifier   of a pair, the same on every rank and in every search
+
+Distances, all in metres unless they are called squared:
+
+    gap                  distance of the two sides of a pair less their radii; of walls it is signed
+    activation distance  gap below which a pair has energy
+    squared distance s   of the closest points, without radii; see `narrow_phase.closest_points`
+    scaled distance x    (s - offset)/width: zero where the two sides meet, one at the activation
+                         distance
+    approach             upper bound of how much closer a pair can come
+"""
+
+from gossamer_fx.core.checks.lazy_names import lazy_names
+
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

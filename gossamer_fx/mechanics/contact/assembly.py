@@ -1,0 +1,428 @@
+"""Assembly of the tangent of contact: 3 x 3 blocks between block rows, summed over pairs.
+
+Which block rows are coupled changes from step to step, and most of what may touch does not.  Blocks
+on the diagonal go into the matrix of the system, whose pattern stays that of a scene without
+contact. Blocks between two block rows make a separate matrix, which is built in every iteration of
+those that are not zero, and multiplied in addition to the other.
+
+A *block row* is a vector of three unknowns (`geometry.contact_points`).  A *block index* is the row
+of a block in the array `blocks`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from gossamer_fx.core.algebra.point_measures import Gather
+from gossamer_fx.core.algebra.rank_exchange import RankExchange
+from gossamer_fx.core.forms.c_source import check_indices
+from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array
+from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
+from gossamer_fx.mechanics.contact.kernels.library import library
+from gossamer_fx.mechanics.contact.system_view import ContactAssembly
+
+# Norm of a block over the geometric mean of the two on its diagonal from which a preconditioner
+# needs it.  In the inflating tube of docs/theory/contact.md, without them a solve takes 3 to 42
+# iterations, with those above a tenth 1 to 13, with those above 3 % 1 to 10, at more than twice the
+# fill.
+STRONG_COUPLING = 0.1
+
+# Blocks are numbered by 32 bits in C.
+MAX_BLOCKS = 2**31 - 1
+
+
+class BlockAssembly:
+    """The blocks that the pairs of one contact add to the tangent in one step.
+
+    Args:
+        points: of the contact, with v block rows.
+        system: to whose tangent the blocks belong.
+
+    Attributes:
+        blocks: the b blocks (b, 9) [N/m] of this rank's pairs, row by row.  On another rank's block
+            rows they are sent to that rank.
+    """
+
+    blocks: Array
+    _sent: Int32Array
+    _row_dof: Int64Array
+
+    def __init__(self, points: ContactPoints, system: ContactAssembly) -> None:
+        """Find out which unknowns ranks own; `couple` makes the pattern of a step.  Collective.
+
+        Args:
+            points: of one contact, which move with v vectors of three unknowns, its block rows.
+            system: the equations, to whose tangent the 3 x 3 blocks between block rows belong.
+        """
+        self._points = points
+        self._system = system
+        self._comm = system.comm
+        self._numbering = system.numbering
+        end = self._numbering.start + self._numbering.size_local
+        self._ends = np.array(self._comm.allgather(end))
+        self._has_node_blocks = self._numbering.block_size == 3
+        self.blocks = np.zeros((0, 9))
+        self._sort_block_rows()
+
+    def _sort_block_rows(self) -> None:
+        """Find order and owner of all block rows that this rank knows."""
+        self._first_dof = self._points.first_dof
+        # Block rows in the order of their unknowns, and the position of each in this order.
+        self._order = np.argsort(self._first_dof)
+        self._position = np.argsort(self._order)
+        # Ranks own consecutive unknowns, so that their ends decide.
+        self._owner = np.searchsorted(self._ends, self._first_dof, side="right")
+
+    # ---- the pattern of a step ----
+
+    def couple(self, *groups: np.ndarray) -> list[Int32Array]:
+        """Choose the pattern of the tangent: all block rows within each row of each group are
+        coupled.
+
+        A block row is a vector of three unknowns; a block is 3 x 3.  Collective.  `blocks` is zero
+        then.
+
+        Args:
+            groups: arrays (n, w) of block rows, each with its own n and w, one row a pair.
+
+        Returns:
+            for each group the block index (n, w w), row in `blocks`, of each two of its block rows.
+
+        Raises:
+            RuntimeError: more blocks on this rank than 32 bits can number.
+            ValueError: a block row that does not exist.
+        """
+        # A search may have changed which points this rank knows.
+        if self._points.first_dof is not self._first_dof:
+            self._sort_block_rows()
+        counts = [len(group) for group in groups]
+        widths = [group.shape[1] for group in groups]
+        sizes = [count * width**2 for count, width in zip(counts, widths, strict=True)]
+        room = sum(sizes)
+        if room > MAX_BLOCKS:
+            raise RuntimeError(
+                f"Contact: {sum(counts)} pairs on a rank are too many; use more ranks."
+            )
+        block_index, rows, columns = self._number_blocks(
+            group_size=np.repeat(widths, counts).astype(np.int32),
+            members=np.concatenate([group.ravel() for group in groups]).astype(np.int32),
+            room=room,
+        )
+        self.blocks = np.zeros((len(rows), 9))
+        self._divide(rows, columns)
+        parts = np.split(block_index, np.cumsum(sizes)[:-1])
+        return [
+            part.reshape(count, width**2)
+            for part, count, width in zip(parts, counts, widths, strict=True)
+        ]
+
+    def _number_blocks(
+        self, group_size: Int32Array, members: Int32Array, room: int
+    ) -> tuple[Int32Array, Int32Array, Int32Array]:
+        """Number the distinct 3 x 3 blocks of the tangent that groups of block rows couple.
+
+        Args:
+            group_size: how many block rows, vectors of three unknowns, each group has, (g,).
+            members: the block rows of all groups, one group after the other.
+            room: sum of the squares of the group sizes.
+
+        Returns:
+            block index (room,) of each two members of each group; rows and columns (b,) of the
+            blocks.
+
+        Raises:
+            ValueError: a block row that does not exist.
+        """
+        c = library()
+        row_count = len(self._position)
+        check_indices("The block rows of pairs", members, row_count)
+        block_index: Int32Array = np.empty(room, dtype=np.int32)
+        rows: Int32Array = np.empty(room, dtype=np.int32)
+        columns: Int32Array = np.empty(room, dtype=np.int32)
+        row_work: Int32Array = np.empty(3 * row_count + 2, dtype=np.int32)
+        # Work space is allocated here, since the C functions allocate nothing.
+        member_work: Int32Array = np.empty(4 * len(members), dtype=np.int32)
+        groups = c.struct(
+            "block_groups",
+            {
+                "group_count": len(group_size),
+                "row_count": row_count,
+                "group_size": c.array("group_size", group_size, "int32", (len(group_size),)),
+                "members": c.array("members", members, "int32", (len(members),)),
+            },
+        )
+        pattern = c.struct(
+            "block_pattern",
+            {
+                name: c.array(name, values, "int32", values.shape, writable=True)
+                for name, values in (
+                    ("block_index", block_index),
+                    ("rows", rows),
+                    ("columns", columns),
+                    ("row_work", row_work),
+                    ("member_work", member_work),
+                )
+            },
+        )
+        count = c.lib.number_blocks(groups.pointer, pattern.pointer)
+        return block_index, rows[:count], columns[:count]
+
+    def _divide(self, rows: Int32Array, columns: Int32Array) -> None:
+        """Sort out the 3 x 3 blocks on the diagonal, and to which ranks the others go; collective.
+
+        Args:
+            rows, columns: block rows (b,), vectors of three unknowns, of each block, as this rank
+                numbers them.
+        """
+        diagonal = np.flatnonzero(rows == columns)
+        self._diagonal = diagonal[np.argsort(self._position[rows[diagonal]])]
+        self._diagonal_rows = rows[self._diagonal]
+        coupling = np.flatnonzero(rows != columns)
+        if self._comm.size > 1:
+            self._send_to_owners(coupling, rows, columns)
+        else:
+            self._keep_all(coupling, rows, columns)
+        is_free = self._numbering.vector()
+        is_free.set(1.0)
+        is_free.array[self._system.supports.held] = 0
+        self._is_free = self._values_at(is_free)
+
+    def _keep_all(self, coupling: np.ndarray, rows: Int32Array, columns: Int32Array) -> None:
+        """Sort the 3 x 3 blocks off the diagonal of the only rank by row, then by column.
+
+        Args:
+            coupling: indices (k,) of these blocks.
+            rows, columns: block rows (b,), vectors of three unknowns, of all blocks.
+        """
+        # A key names the row and column of a block in the order of the unknowns.
+        row_count = len(self._position)
+        keys = self._position[rows[coupling]] * row_count + self._position[columns[coupling]]
+        order = np.argsort(keys)
+        self._sent = coupling[order].astype(np.int32)
+        row, column = np.divmod(keys[order], row_count)
+        self._rows = self._order[row]
+        self._columns = self._order[column]
+        self._row_dof = self._first_dof
+
+    def _send_to_owners(self, coupling: np.ndarray, rows: Int32Array, columns: Int32Array) -> None:
+        """Report to the owners of block rows, vectors of three unknowns, which 3 x 3 blocks they
+        get; collective.
+
+        Args:
+            coupling: indices (k,) of these blocks.
+            rows, columns: block rows (b,) of all blocks, as this rank numbers them.
+        """
+        self._sent = coupling.astype(np.int32)
+        self._exchange = RankExchange(self._comm, self._owner[rows[coupling]])
+        # Ranks have different numbers for the same block row, and the same for its first unknown.
+        row_dofs = self._exchange.send(self._first_dof[rows[coupling]])
+        column_dofs = self._exchange.send(self._first_dof[columns[coupling]])
+        self._row_dof, rank_of_dof = np.unique(
+            np.concatenate([row_dofs, column_dofs]), return_inverse=True
+        )
+        row, column = np.split(rank_of_dof.ravel(), 2)
+        row_count = len(self._row_dof)
+        keys, self._received = np.unique(row * row_count + column, return_inverse=True)
+        self._rows, self._columns = np.divmod(keys, max(row_count, 1))
+        # An owner need not know the points that other ranks couple with its own.
+        self._gather = Gather(self._numbering, [self._row_dof[:, None] + np.arange(3)])
+
+    def _values_at(self, q: PETSc.Vec) -> Array:
+        """Return the entries (k, 3) of a vector at the block rows of the coupling matrix;
+        collective."""
+        if self._comm.size == 1:
+            return self._points.of_block_rows(q)
+        return self._gather(q)[0]
+
+    # ---- the matrix of the system ----
+
+    def reserve_diagonal(self, A: PETSc.Mat) -> None:
+        """Enter zeros, so that the pattern of a matrix holds the blocks on the diagonal of all
+        points."""
+        self._enter(A, self._order, np.zeros((len(self._order), 9)))
+
+    def add_diagonal(self, A: PETSc.Mat) -> None:
+        """Add the blocks on the diagonal to a matrix."""
+        self._enter(A, self._diagonal_rows, self.blocks[self._diagonal])
+
+    def _enter(self, A: PETSc.Mat, block_rows: np.ndarray, blocks: Array) -> None:
+        """Add blocks on the diagonal to a matrix, in the format that it has.
+
+        Args:
+            A: tangent of the system; changed in place.
+            block_rows: row and column (k,) of each block, as numbers of vectors of three unknowns;
+                each once, in the order of their unknowns.
+            blocks: (k, 9) [N/m], 3 x 3 numbers row by row.
+        """
+        if not len(block_rows):
+            return
+        rows, *csr = self._csr(block_rows, block_rows, blocks, self._first_dof)
+        enter = A.setValuesBlockedIJV if self._has_node_blocks else A.setValuesIJV
+        enter(*csr, addv=PETSc.InsertMode.ADD_VALUES, rowmap=rows)
+
+    # ---- the matrix of couplings ----
+
+    def coupling(self, diagonal: PETSc.Vec | None) -> PETSc.Mat | None:
+        """Return the matrix [N/m] of the tangent's 3 x 3 blocks between two different block rows.
+
+        A block row is a vector of three unknowns.  The matrix is zero in the rows and columns of
+        fixed coordinates.  Collective.
+
+        Args:
+            diagonal: of the tangent; with it, only blocks that are strong in comparison, which a
+                preconditioner needs.  None: all blocks, as they are now; to be called first.
+
+        Returns:
+            a new matrix, which the caller destroys, or None if no rank has such a block.
+        """
+        if diagonal is None:
+            self._fetch_entries()
+            strong: Any = slice(None)
+        else:
+            size = np.abs(self._values_at(diagonal)).max(axis=1)
+            squared_norm = np.einsum("ni,ni->n", self._entries, self._entries)
+            mean = size[self._entry_rows] * size[self._entry_columns]
+            strong = np.flatnonzero(squared_norm > STRONG_COUPLING**2 * mean)
+        entries = self._entries[strong]
+        if not self._comm.allreduce(len(entries)):
+            return None
+        rows, ends, columns, values = self._csr(
+            self._entry_rows[strong], self._entry_columns[strong], entries, self._row_dof
+        )
+        block_size = 3 if self._has_node_blocks else 1
+        local_size = self._numbering.size_local
+        row_ends = np.zeros(local_size // block_size + 1, dtype=PETSc.IntType)
+        row_ends[rows - self._numbering.start // block_size + 1] = np.diff(ends)
+        csr = (np.cumsum(row_ends, dtype=PETSc.IntType), columns, values)
+        sizes = 2 * ((local_size, self._numbering.size),)
+        if self._has_node_blocks:
+            return PETSc.Mat().createBAIJ(sizes, 3, csr=csr, comm=self._comm)
+        return PETSc.Mat().createAIJ(sizes, csr=csr, comm=self._comm)
+
+    def _fetch_entries(self) -> None:
+        """Sum the tangent's 3 x 3 blocks [N/m] of all ranks in this rank's block rows.
+
+        A block row is a vector of three unknowns.  Blocks that are zero are left out; rows and
+        columns of fixed coordinates become zero.  The results are `_entries` (k, 9), with
+        `_entry_rows` and `_entry_columns` (k,).  Collective.
+        """
+        blocks = self.blocks
+        index = self._sent
+        if self._comm.size > 1:
+            blocks = np.zeros((len(self._rows), 9))
+            index = np.arange(len(self._rows), dtype=np.int32)
+            np.add.at(blocks, self._received, self._exchange.send(self.blocks[self._sent]))
+        nonzero = _nonzero_blocks(blocks, index)
+        self._entry_rows = self._rows[nonzero]
+        self._entry_columns = self._columns[nonzero]
+        self._entries = blocks[index[nonzero]]
+        # Most contacts have no fixed points, and skip a pass over all entries.
+        if not self._is_free.all():
+            rows = self._is_free[self._entry_rows][:, :, None]
+            columns = self._is_free[self._entry_columns][:, None]
+            self._entries *= (rows * columns).reshape(-1, 9)
+
+    def _csr(
+        self,
+        block_rows: np.ndarray,
+        block_columns: np.ndarray,
+        blocks: Array,
+        first_dof: Int64Array,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Array]:
+        """Return 3 x 3 blocks of the tangent as compressed sparse rows, in the format of PETSc.
+
+        Args:
+            block_rows, block_columns: of each block (k,), sorted by rows: numbers of vectors of
+                three unknowns.
+            blocks: (k, 9) [N/m], each row by row.
+            first_dof: number in the system of the first of the three unknowns of each block row.
+
+        Returns:
+            the rows that have entries, where the entries of each begin and end, their columns, and
+            their values [N/m].  If the system has no blocks of three, a row of blocks is three
+            rows.
+        """
+        first = np.flatnonzero(np.diff(block_rows, prepend=-1))
+        counts = np.diff(np.append(first, len(block_rows)))
+        rows = first_dof[block_rows[first]]
+        columns = first_dof[block_columns]
+        if self._has_node_blocks:
+            rows = rows // 3
+            columns = columns // 3
+        else:
+            columns, blocks = _unrolled(columns, blocks, first, counts)
+            rows = (rows[:, None] + np.arange(3)).ravel()
+            # Each row of blocks becomes three rows with three entries a block.
+            counts = np.repeat(3 * counts, 3)
+        ends = np.append(0, np.cumsum(counts))
+        return (
+            rows.astype(PETSc.IntType),
+            ends.astype(PETSc.IntType),
+            columns.astype(PETSc.IntType),
+            np.ascontiguousarray(blocks).ravel(),
+        )
+
+
+def _unrolled(
+    columns: Int64Array,
+    blocks: Array,
+    first: Int64Array,
+    counts: Int64Array,
+) -> tuple[Int64Array, Array]:
+    """Return columns (9 k,) and values (9 k,) of blocks in the order of scalar rows.
+
+    A block is a 3 x 3 part of the matrix, and a row of blocks stands for three scalar rows. The
+    blocks of a row of blocks are consecutive.
+
+    Args:
+        columns: the first column (k,) of each block.
+        blocks: (k, 9), row of blocks after row of blocks.
+        first, counts: the first block of each row of blocks, and how many it has.
+
+    Returns:
+        columns and values [N/m].
+    """
+    total = len(columns)
+    # Entry (c, d) of the j-th of n blocks in a row of blocks stands n entries of 3 after (c - 1,
+    # d).
+    start = np.repeat(first, counts)
+    count = np.repeat(counts, counts)
+    row_in_block = np.arange(3)[:, None]
+    column_in_block = np.arange(3)
+    first_entry = 9 * start + 3 * (np.arange(total) - start)
+    entry = first_entry[:, None, None] + column_in_block
+    entry = (entry + row_in_block * (3 * count)[:, None, None]).reshape(-1, 9)
+    values = np.empty(9 * total)
+    values[entry] = blocks
+    scalar_columns: Int64Array = np.empty(9 * total, dtype=np.int64)
+    in_block = columns[:, None, None] + column_in_block + 0 * row_in_block
+    scalar_columns[entry] = in_block.reshape(-1, 9)
+    return scalar_columns, values
+
+
+def _nonzero_blocks(blocks: Array, index: Int32Array) -> np.ndarray:
+    """Return which blocks have an entry that is not zero.
+
+    Args:
+        blocks: (b, 9) [N/m].
+        index: numbers (k,) of the blocks that are asked for.
+
+    Returns:
+        positions in `index`, ascending.
+
+    Raises:
+        ValueError: an array is not contiguous, or not of the type that C takes.
+    """
+    c = library()
+    count = len(index)
+    is_nonzero = np.empty(count, dtype=np.uint8)
+    c.lib.find_nonzero_blocks(
+        count,
+        c.array("index", index, "int32", (count,)),
+        c.array("blocks", blocks, "float64", (len(blocks), 9)),
+        c.array("is_nonzero", is_nonzero, "uint8", (count,), writable=True),
+    )
+    return np.flatnonzero(is_nonzero)

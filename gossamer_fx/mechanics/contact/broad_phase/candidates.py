@@ -1,0 +1,318 @@
+"""Candidate pairs: all that can come within the activation distance in the next steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.mechanics.contact.arrays import Array
+from gossamer_fx.mechanics.contact.broad_phase.facet_exchange import import_facets
+from gossamer_fx.mechanics.contact.broad_phase.overlaps import Nearness, find_overlaps
+from gossamer_fx.mechanics.contact.broad_phase.trajectory_bounds import RigidDrift, TrajectoryBounds
+from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
+from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairKind, is_wall
+
+# Part of its expected way by which a point may miss its expected position.  A wider margin makes
+# more candidates, a smaller one more searches.
+WAY_MARGIN = 0.3
+
+# Steps for which one search shall serve: at first, and at most.  The number doubles when a search
+# served to its end, and falls to what was reached when it did not.
+FIRST_HORIZON = 4
+MAX_HORIZON = 32
+
+# A part of a step [1] by which a search lasts longer than its horizon, so that round-off in the
+# time does not end it one step early.
+SPARE_TIME = 1e-6
+
+
+@dataclass(frozen=True)
+class StepPoints:
+    """The m points of a contact that this rank knows, in one step.
+
+    Attributes:
+        x: points (m, 3) [m] at the start.
+        v: their velocities (m, 3) [m/s] at the start.
+        end: points (m, 3) [m] at the end, which are within the bounds of a search, too.
+    """
+
+    x: Array
+    v: Array
+    end: Array
+
+
+class CandidateSearch:
+    """Keeps a list of candidates that is complete as long as points stay within their bounds.
+
+    Args:
+        mesh: what may touch.
+        activation_distance: largest gap [m] at which pairs have energy.
+
+    Attributes:
+        pairs: the n candidates of this rank.
+        bounds: of the trajectories for which they are complete.
+        count: number of searches so far.
+    """
+
+    pairs: CandidatePairs
+    bounds: TrajectoryBounds
+
+    def __init__(self, mesh: CollisionMesh, activation_distance: float) -> None:
+        """Start without candidates; the first search finds them."""
+        self._mesh = mesh
+        self._activation_distance = activation_distance
+        self._horizon = FIRST_HORIZON
+        self._age = 0
+        self._pair_counts = (0, 0)  # of triangle pairs and edge pairs found in the last search
+        self.count = 0
+
+    def begin_step(self) -> None:
+        """Count a step for which the present candidates serve."""
+        self._age += 1
+
+    def find_at_rest(self, read: Callable[[], Array], time: float) -> None:
+        """Find the contact pairs whose gap can fall below the activation distance while each point
+        stays within half of that distance from where it is; collective.
+
+        Sets `pairs`, the candidates of this rank, and `bounds`, within which they are complete; on
+        several ranks the mesh takes in the facets of other ranks that may come near.
+
+        Args:
+            read: returns the points (m, 3) [m] of the contact as they are when it is called: a
+                search may change which points this rank knows, and their number m.
+            time: of these points [s].
+
+        Raises:
+            ValueError: a pair has a point that does not exist, or an array is not of the type that
+                C takes; both would be errors of this package.
+        """
+
+        def at_rest() -> TrajectoryBounds:
+            x = read()
+            return self._bounds(x, np.zeros_like(x), time, duration=0.0)
+
+        self._choose_horizon()
+        self._find(at_rest)
+
+    def find(self, read: Callable[[], StepPoints], time: float, step: float) -> None:
+        """Find the contact pairs whose gap can fall below the activation distance in the present
+        step and some after it; collective.
+
+        The search is made for 4 steps at first (`FIRST_HORIZON`).  This number doubles, up to 32
+        (`MAX_HORIZON`), after a search that served for all its steps; after one that served for
+        fewer, but at least for one, it is the number of these.
+
+        Sets `pairs`, the candidates of this rank, and `bounds`, within which they are complete: a
+        rigid drift of all points together, a constant velocity of each point relative to it, and a
+        margin.  On several ranks the mesh takes in the facets of other ranks that may come near.
+
+        Args:
+            read: returns the m points of the contact that this rank knows, as they are when it is
+                called: points `x` [m] and velocities `v` [m/s] at the start of the step, and the
+                expected points `end` [m] at its end, (m, 3) each.  It is called again after a
+                search on several ranks has changed which points this rank knows, and m.
+            time: at which the step begins [s].
+            step: its length [s].
+
+        Raises:
+            ValueError: a pair has a point that does not exist, or an array is not of the type that
+                C takes; both would be errors of this package.
+        """
+
+        def in_motion() -> TrajectoryBounds:
+            points = read()
+            duration = (self._horizon + SPARE_TIME) * step
+            bounds = self._bounds(points.x, points.v, time, duration)
+            end_time = time + step
+            # Positions at the end of the step without the drift: by the velocities of the bounds,
+            # and by `end`.  The margin grows by their distance, so that `end` is within the bounds.
+            expected = points.x + (end_time - time) * bounds.velocities
+            missed = bounds.drift.undone(points.end, end_time) - expected
+            bounds.margin[:] += np.linalg.norm(missed, axis=1)
+            return bounds
+
+        self._choose_horizon()
+        self._find(in_motion)
+
+    def holds(self, x: Array, time: float) -> bool:
+        """Return whether the points (m, 3) of all ranks are within their bounds at a time [s];
+        collective."""
+        return bool(self._mesh.comm.allreduce(self.bounds.hold(x, time), op=MPI.LAND))
+
+    def _choose_horizon(self) -> None:
+        """Choose for how many steps the next search serves, from how many the last one did."""
+        if not self._age:
+            return
+        if self._age >= self._horizon:
+            self._horizon = min(2 * self._horizon, MAX_HORIZON)
+        else:
+            self._horizon = max(self._age, 1)
+
+    def _bounds(
+        self,
+        x: Array,
+        v: Array,
+        time: float,
+        duration: float,
+    ) -> TrajectoryBounds:
+        """Return bounds of the trajectories of all points: a rigid drift and a uniform relative
+        motion.
+
+        Collective: the drift is that of all ranks' points.
+
+        Args:
+            x, v: points [m] and their velocities [m/s], (m, 3).
+            time: at which they are there [s].
+            duration: for which the velocities count [s].
+
+        Returns:
+            bounds whose margin is half of the activation distance and a part of each point's way;
+            infinite for points of walls, whose pairs are always candidates.
+        """
+        mesh = self._mesh
+        vertices = mesh.surface.vertices
+        own = vertices[mesh.own_vertices]
+        drift = RigidDrift.of(x[own], v[own], time, mesh.comm)
+        velocities = v - drift.velocities(x)
+        # Points of walls do not belong to a primitive: their pairs are candidates wherever they
+        # are.
+        margin = np.full(len(x), np.inf)
+        way = duration * np.linalg.norm(velocities[vertices], axis=1)
+        margin[vertices] = self._activation_distance / 2 + WAY_MARGIN * way
+        return TrajectoryBounds(drift, x, velocities, margin, duration)
+
+    def _find(self, bounds_of_mesh: Callable[[], TrajectoryBounds]) -> None:
+        """Find the candidates, contact pairs that can come near while points stay within bounds;
+        collective.
+
+        On several ranks, facets of other ranks that may come near are fetched first.
+
+        Args:
+            bounds_of_mesh: returns bounds for the points that this rank knows; it is called again
+                when these are other ones.
+
+        Raises:
+            ValueError: a pair has a point that does not exist, or an array is not of the type that
+                C takes; both would be errors of this package.
+        """
+        mesh = self._mesh
+        bounds = bounds_of_mesh()
+        if mesh.comm.size > 1:
+            import_facets(mesh, *searched_boxes(mesh, bounds, self._activation_distance))
+            bounds = bounds_of_mesh()
+        self.pairs, self._pair_counts = find_candidates(
+            mesh, bounds, self._activation_distance, self._pair_counts
+        )
+        self.bounds = bounds
+        self._age = 0
+        self.count += 1
+
+
+def searched_boxes(
+    mesh: CollisionMesh, bounds: TrajectoryBounds, activation_distance: float
+) -> tuple[Array, Array]:
+    """Return a box round the trajectory of each point, within which pairs are searched.
+
+    Boxes are larger by half of the activation distance and the radius of the point, so that those
+    of two points overlap if their gap can fall below the activation distance.
+
+    Args:
+        mesh: with the radii of the m points.
+        bounds: of their trajectories.
+        activation_distance: gap [m] below which pairs have energy.
+
+    Returns:
+        least and greatest coordinates (m, 3) [m] of each point, without the rigid drift of all.
+    """
+    reach = (activation_distance / 2 + mesh.radius)[:, None]
+    lower, upper = bounds.boxes()
+    return lower - reach, upper + reach
+
+
+def find_candidates(
+    mesh: CollisionMesh,
+    bounds: TrajectoryBounds,
+    activation_distance: float,
+    expected: tuple[int, int] = (0, 0),
+) -> tuple[CandidatePairs, tuple[int, int]]:
+    """Return this rank's contact pairs whose gap can fall below a distance while points stay within
+    bounds.
+
+    1. Boxes of primitives, with half of the distance and their radius around them, overlap.
+    2. The gap at the beginning, less what the pair can come closer, is below the distance.  Both
+       are asked in one pass: in packed layers most boxes overlap without coming near.
+    3. Pairs are sorted by their primitives: their order depends on no position, so that sums over
+       pairs are the same after a restart.
+    4. Each point of a body and each wall are a pair.
+
+    Args:
+        mesh: the points, edges and triangles that may touch.
+        bounds: of the trajectories of the points in the next steps.
+        activation_distance: gap [m] below which pairs have energy.
+        expected: numbers of triangle pairs and edge pairs that will be found; zero: not known.
+
+    Returns:
+        the pairs, and how many triangle pairs and edge pairs there are, which the next search may
+        take as `expected`.
+
+    Raises:
+        ValueError: a pair has a point that does not exist, or an array is not of the type that C
+            takes; both would be errors of this package.
+    """
+    lower, upper = searched_boxes(mesh, bounds, activation_distance)
+    near = Nearness(
+        x0=bounds.x,
+        x1=bounds.end,
+        margin=bounds.margin,
+        radius=mesh.radius,
+        distance=activation_distance,
+    )
+    found = find_overlaps(
+        mesh.surface, lower, upper, mesh.own_vertices, mesh.own_edges, expected, near
+    )
+    edge_pair_count = int((found.kind == PairKind.EDGE_EDGE).sum())
+    counts = (len(found) - edge_pair_count, edge_pair_count)
+    first, second = found.primitives.T
+    pairs = found.rows(np.lexsort((first, second, found.kind)))
+    radius = mesh.radius[pairs.points[:, 0]] + mesh.radius[pairs.second_point]
+    wall_kind, wall_points, wall_identifier, wall_radius = mesh.wall_pairs()
+    area = mesh.areas(pairs.kind, pairs.points, pairs.primitives)
+    identifier = mesh.identifiers(pairs.kind, pairs.primitives)
+    wall_point = wall_points[:, 0]
+    candidates = CandidatePairs(
+        kind=np.concatenate([pairs.kind, wall_kind]),
+        points=np.vstack([pairs.points, wall_points]),
+        identifier=np.concatenate([identifier, wall_identifier]),
+        area=np.concatenate([area, mesh.area[wall_point]]),
+        radius=np.concatenate([radius, mesh.radius[wall_point]]),
+        wall_radius=np.concatenate([np.zeros(len(pairs)), wall_radius]),
+    )
+    return candidates, counts
+
+
+def nearest_gaps(pairs: CandidatePairs, gap: Array, mesh: CollisionMesh) -> Array:
+    """Return the gap (m,) [m] of each point of a contact to what is nearest on any rank;
+    collective.
+
+    Args:
+        pairs: the n candidates of this rank, contact pairs that may come near.
+        gap: of the candidates (n,) [m]; infinite ones are left out.
+        mesh: with m points.
+
+    Returns:
+        gaps (m,), infinite for points without a pair.
+    """
+    nearest = np.full(mesh.points.count, np.inf)
+    rows = np.isfinite(gap)
+    points = pairs.points[rows]
+    gap = gap[rows]
+    walls = is_wall(pairs.kind[rows])
+    for k in range(4):
+        np.minimum.at(nearest, points[~walls, k], gap[~walls])
+    # Only the first point of a wall pair is a point that touches.
+    np.minimum.at(nearest, points[walls, 0], gap[walls])
+    mesh.take_minimum(nearest)
+    return nearest

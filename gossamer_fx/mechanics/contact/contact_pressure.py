@@ -1,0 +1,61 @@
+"""The output field `contact_pressure`: the pressure of contact on the nodes of bodies."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gossamer_fx.core.model.body import Body
+from gossamer_fx.mechanics.contact.arrays import Array, Int64Array
+from gossamer_fx.mechanics.contact.contact_set import ContactSet
+from gossamer_fx.mechanics.contact.potential import evaluate
+
+
+def pressures_on(body: Body, contact_set: ContactSet) -> tuple[Int64Array, Array]:
+    """Return the contact pressure on the nodes of a body; collective.
+
+    Args:
+        body: film, cable or beam.
+        contact_set: pairs of one contact, at the accepted state.
+
+    Returns:
+        global numbers (k,) of nodes and the pressure (k,) [N/m²] there.  Each node is on one rank;
+        both are empty if the contact does not have the body.
+    """
+    mesh = contact_set.mesh
+    number = next((k for k, other in enumerate(mesh.bodies) if other is body), None)
+    if number is None:
+        return np.zeros(0, dtype=np.int64), np.zeros(0)
+    is_of_body = mesh.body[: mesh.points.body_count] == number
+    of_body = np.flatnonzero(is_of_body & mesh.shared.is_own)
+    return mesh.nodes[of_body], pressures(contact_set)[of_body]
+
+
+def pressures(contact_set: ContactSet) -> Array:
+    """Return the contact pressure on the points of bodies that this rank knows, in the accepted
+    state; collective.
+
+    It is the sum of the sizes of all pairs' forces on a point, over the area of the stress-free
+    shape for which the point stands: pressures on both sides of a film add up.  The area of cables
+    and beams is length times diameter.
+
+    Args:
+        contact_set: pairs of one contact.
+
+    Returns:
+        pressure (n,) [N/m²] of the n points of bodies.
+    """
+    contact_set.stored_energy()
+    pairs = contact_set.pairs_with_energy()
+    points = contact_set.points
+    force = np.zeros(points.count)
+    if len(pairs):
+        x = contact_set.x0
+        # With the weight 1 of the end, forces are those of the state alone.
+        response = evaluate(pairs, x, x, contact_set.law, 1.0, by_pair=True)
+        of_pairs = np.asarray(response.forces).reshape(-1, 4, 3)
+        np.add.at(force, pairs.points, np.linalg.norm(of_pairs, axis=2))
+    of_bodies = force[: points.body_count]
+    # Any rank may have pairs at a point.
+    contact_set.mesh.shared.take_sum(of_bodies)
+    pressure: Array = of_bodies / contact_set.mesh.area[: points.body_count]
+    return pressure

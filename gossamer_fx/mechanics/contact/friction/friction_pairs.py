@@ -1,0 +1,451 @@
+"""Coulomb friction of pairs: a stress against how far their points slide on each other.
+
+Problem.  Sliding is a motion along the surfaces, which turn; a law in terms of displacements would
+see rotations as sliding and would not conserve angular momentum.
+
+Idea.  Let r lead from a point of one side to a point of the other, both fixed in the material, and
+let t1, t2 be two directions fixed in the material: edges of the pair, or axes of an obstacle.  The
+measures
+
+    m_i = r·t_i                                                                                (1)
+
+are quadratic in the coordinates and do not change when the pair moves and turns as a whole.  At the
+start their gradients with respect to r are two unit directions across the normal.
+
+Algorithm, for a step of length h from q0 to q1:
+
+    1. The pair slides by w = m(q1) - m(q0), in two components.                                (2)
+    2. Its stress is S = μ N φ(|w|/(h v_s)) w/|w|,  φ(y) = 2y - y² for y < 1, else 1.          (3)
+       N is the mean normal force of the same step, v_s the speed below which it may creep.
+    3. The force on the points is Dm(q_mid)ᵀ S.
+
+S·w ≥ 0 is what the step dissipates.  Momentum and angular momentum stay: the moment of two opposite
+forces at a distance is carried by the directions.
+
+Limits: the tangent plane is that of the start of the step.  Where two edges meet in one plane, side
+by side, only the direction along them has friction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array, MaskArray
+from gossamer_fx.mechanics.contact.friction.sliding_geometry import (
+    BetweenBodies,
+    SlidingGeometry,
+    WithObstacles,
+)
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs
+from gossamer_fx.mechanics.contact.potential import ContactLaw, PairState, evaluate
+
+# Sliding that changes by less than this part of itself from one iterate to the next goes on
+# steadily, though its direction may have turned round before.
+STEADY_CHANGE = 0.1
+
+# Sliding over the creep h v_s, below which a direction w/|w| is not divided by zero.
+SMALLEST_SLIDING = 1e-9
+
+
+@dataclass(frozen=True)
+class FrictionStep:
+    """A step as friction sees it.
+
+    Attributes:
+        x0, x1: points (m, 3) [m] at the start and at the end.
+        creep: h v_s [m], sliding up to which friction grows.
+        alpha: weight of the end in the configuration where normal forces act.
+        geometric_share: share of the geometric stiffness in tangents.
+    """
+
+    x0: Array
+    x1: Array
+    creep: float
+    alpha: float
+    geometric_share: float = 1.0
+
+
+@dataclass(frozen=True)
+class Sliding:
+    """How n pairs slide in a step: w (n, 2), and r (n, 3) and t (n, 2, 3) in its middle and at its
+    end."""
+
+    w: Array
+    r_mid: Array
+    t_mid: Array
+    r_end: Array
+    t_end: Array
+
+    def rows(self, which: Int64Array) -> Sliding:
+        """The sliding of some of the pairs, given by their indices (m,)."""
+        return Sliding(
+            w=self.w[which],
+            r_mid=self.r_mid[which],
+            t_mid=self.t_mid[which],
+            r_end=self.r_end[which],
+            t_end=self.t_end[which],
+        )
+
+
+@dataclass(frozen=True)
+class Grip:
+    """The factor g of S = μ N g w.
+
+    Attributes:
+        ratio: |w|/(h v_s) (n,).
+        factor: g (n,) [1/m].
+        slope: its derivative by |w| (n,) [1/m²].
+    """
+
+    ratio: Array
+    factor: Array
+    slope: Array
+
+
+@dataclass
+class FrictionPairs:
+    """n pairs that may rub, between k points each.
+
+    Attributes:
+        pairs: the pairs whose normal force presses.
+        law: of their normal force.
+        side_weights: weights (n, 4) of the pairs' points in the force on the pressed side.
+        geometry: how r and t follow from the points at the start.
+        start: normals, and weights of r and t, at the start of this step.
+        points: numbers (n, k) of the points of which r and t are combinations.
+        point_weights: weights (n, 4, k) in the four points of the pair.
+        coefficient: μ (n,).
+        block_rows: that move the points (n, k).
+        block_index: of the blocks that they couple (n, k k); set once the pattern is known.
+    """
+
+    pairs: ActivePairs
+    law: ContactLaw
+    side_weights: Array
+    geometry: BetweenBodies | WithObstacles
+    start: SlidingGeometry
+    points: Int32Array
+    point_weights: Array
+    coefficient: Array
+    block_rows: Int64Array
+    block_index: Int32Array = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int32))
+
+    def __post_init__(self) -> None:
+        self._last_sliding: Array | None = None
+        self._is_steady: MaskArray = np.ones(len(self.points), dtype=bool)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    # ---- forces ----
+
+    def loss(self, step: FrictionStep) -> float:
+        """Return the energy S·w [J] that the friction stresses S [N] dissipate over the sliding w
+        [m].
+
+        S = μ N g(|w|) w (n, 2) [N] with the coefficient μ [-], the normal force N [N], the sliding
+        w (n, 2) [m] in two directions and the factor g [1/m]; h is the length of the step [s], v_s
+        a speed [m/s]. Only pairs of this rank count.
+
+        Args:
+            step: start and end of the step, and its creep h v_s [m].
+        """
+        w = self.sliding(step).w
+        normal_force, _ = self.normal_forces(step)
+        grip = grip_of(w, step.creep)
+        return float(np.sum(self.coefficient * normal_force * grip.factor * (w * w).sum(axis=1)))
+
+    def add_forces(self, step: FrictionStep, point_forces: Array) -> None:
+        """Add the friction forces [N] of a step to those on points.
+
+        S = μ N g(|w|) w (n, 2) [N] with the coefficient μ [-], the normal force N [N], the sliding
+        w (n, 2) [m] in two directions and the factor g [1/m]; h is the length of the step [s], v_s
+        a speed [m/s]. Only pairs of this rank count.
+
+        Args:
+            step: start and end of the step, and its creep h v_s [m].
+            point_forces: (m, 3) [N], changed in place.
+        """
+        sliding = self.sliding(step)
+        normal_force, _ = self.normal_forces(step)
+        grip = grip_of(sliding.w, step.creep)
+        stress = (self.coefficient * normal_force * grip.factor)[:, None] * sliding.w
+        np.add.at(point_forces, self.points, self._forces(stress, sliding))
+
+    def vectors_at(self, x: Array) -> tuple[Array, Array]:
+        """Return r (n, 3) and t (n, 2, 3) at points x."""
+        at = x[self.points]
+        r = np.einsum("nk,nkc->nc", self.start.gap_weights, at)
+        t = np.einsum("nik,nkc->nic", self.start.direction_weights, at)
+        return r, t
+
+    def sliding(self, step: FrictionStep) -> Sliding:
+        """Return how the pairs slide in a step: the change w of the measures m = r·t [m].
+
+        r leads between the two sides of a pair, t are two directions along the surface, both fixed
+        in the material.  The change of a product is computed from its factors in the middle,
+        without cancellation.
+
+        Args:
+            step: with the points at the start and at the end.
+
+        Returns:
+            w (n, 2) [m]; the vectors r (n, 3) [m] and directions t (n, 2, 3) [-], mid-step and at
+            the end.
+        """
+        r_start, t_start = self.vectors_at(step.x0)
+        r_end, t_end = self.vectors_at(step.x1)
+        r_mid = (r_start + r_end) / 2
+        t_mid = (t_start + t_end) / 2
+        by_directions = np.einsum("nc,nic->ni", r_mid, t_end - t_start)
+        by_gaps = np.einsum("nic,nc->ni", t_mid, r_end - r_start)
+        return Sliding(by_directions + by_gaps, r_mid, t_mid, r_end, t_end)
+
+    def rows(self, which: Any) -> FrictionPairs:
+        """Return some of the pairs, given by indices or by a mask (n,), without their blocks.
+
+        Args:
+            which: indices, or a mask (n,), of the pairs to be kept; the block index is not taken
+                along.
+        """
+        return FrictionPairs(
+            pairs=self.pairs.rows(which),
+            law=self.law,
+            side_weights=self.side_weights[which],
+            geometry=self.geometry.rows(which),
+            start=self.start.rows(which),
+            points=self.points[which],
+            point_weights=self.point_weights[which],
+            coefficient=self.coefficient[which],
+            block_rows=self.block_rows[which],
+        )
+
+    def normal_forces(self, step: FrictionStep) -> tuple[Array, Array]:
+        """Return N (n,) [N], zero for pairs that do not press, and the forces (n, 4, 3) [N] of the
+        contact potential on the points of the pairs."""
+        normal_force, _, forces = self._pressing(step)
+        return normal_force, forces
+
+    def _pressing(self, step: FrictionStep, tangents: bool = False) -> tuple[Array, Array, Array]:
+        """Return the normal forces by which pairs press on each other, and their derivatives.
+
+        N is the force along the unit normal at the start of the step, with which the body on one
+        side presses. Normal forces are those of the energy rule of the contact, without friction.
+
+        Args:
+            step: start and end of the step.
+            tangents: whether derivatives are computed.
+
+        Returns:
+            N (n,) [N], zero for pairs that do not press; its derivative (n, k, 3) [N/m] with
+            respect to the k points of each pair at the end, or an empty array without `tangents`;
+            and the forces (n, 4, 3) [N] of the contact potential.
+        """
+        response = evaluate(
+            self.pairs,
+            step.x0,
+            step.x1,
+            self.law,
+            step.alpha,
+            by_pair=True,
+            tangents_by_pair=tangents,
+        )
+        forces = np.asarray(response.forces).reshape(-1, 4, 3)
+        pressure = -np.einsum("nk,nc,nkc->n", self.side_weights, self.start.normal, forces)
+        presses = (response.state == PairState.TOUCHES) & (pressure > 0)
+        derivative = np.zeros((0, 4, 3))
+        if tangents:
+            derivative = -np.einsum(
+                "nk,nc,nkcld,n->nld",
+                self.side_weights,
+                self.start.normal,
+                np.asarray(response.tangents).reshape(-1, 4, 3, 4, 3),
+                presses.astype(float),
+                optimize=True,
+            )
+            derivative = np.einsum("npd,npk->nkd", derivative, self.point_weights)
+        return np.where(presses, pressure, 0.0), derivative, forces
+
+    def _forces(self, stress: Array, sliding: Sliding) -> Array:
+        """Return the friction forces on the k points of each pair: a stress times the gradient of
+        sliding.
+
+        Args:
+            stress: S (n, 2) [N] in the two directions of sliding.
+            sliding: with r and t, of which the measures are m = r·t, in the middle of the step.
+
+        Returns:
+            (n, k, 3) [N].
+        """
+        on_gaps = np.einsum("ni,nic->nc", stress, sliding.t_mid)
+        on_directions = np.einsum("ni,nik->nk", stress, self.start.direction_weights)
+        by_gaps = self.start.gap_weights[:, :, None] * on_gaps[:, None]
+        forces: Array = by_gaps + on_directions[:, :, None] * sliding.r_mid[:, None]
+        return forces
+
+    # ---- tangents ----
+
+    def add_tangents(self, step: FrictionStep, is_moved: Array, blocks: Array) -> None:
+        """Add the derivative [N/m] of the friction forces with respect to the end of the step.
+
+        The forces are those that `add_forces` adds, with the same sign: Dmᵀ S, S·w ≥ 0 being
+        dissipated.  The stress S (n, 2) [N] acts along two directions t [-]; w (n, 2) [m] is the
+        sliding, the change of the measures m = r·t [m] in the step, where r [m] is the vector
+        between the sides.
+
+        w is also compared with that of the previous call, to find pairs whose sliding turned round:
+        call it once for each Newton iterate.  Forces need not have been added before.
+
+        Args:
+            step: start and present end of the step, and its creep h v_s [m].
+            is_moved: 1 for points (m,) with unknowns, 0 for those without, whose blocks
+                get nothing.
+            blocks: 3 x 3 blocks of the tangent, row by row (b, 9) [N/m], changed in place;
+                `block_index` has the rows of each pair.
+        """
+        sliding = self.sliding(step)
+        self._update_steadiness(sliding.w)
+        normal_force, of_normal_force, _ = self._pressing(step, tangents=True)
+        # Most pairs within reach do not press: their blocks are zero, and cost as much as others.
+        rows = np.flatnonzero(normal_force)
+        if len(rows):
+            pressing = self.rows(rows)
+            pressing.block_index = self.block_index[rows]
+            pressing._is_steady = self._is_steady[rows]
+            pressing._add_blocks(
+                step,
+                sliding.rows(rows),
+                normal_force=normal_force[rows],
+                of_normal_force=of_normal_force[rows],
+                is_moved=is_moved,
+                blocks=blocks,
+            )
+
+    def _add_blocks(
+        self,
+        step: FrictionStep,
+        sliding: Sliding,
+        *,
+        normal_force: Array,
+        of_normal_force: Array,
+        is_moved: Array,
+        blocks: Array,
+    ) -> None:
+        """Add the derivative [N/m] of the friction forces with respect to the end of the step.
+
+        Args:
+            step: start and end of the step, and its creep h v_s [m].
+            sliding: of these n pairs.
+            normal_force: N (n,) [N].
+            of_normal_force: its derivative (n, k, 3) [N/m] with respect to the k points of each
+                pair at the end of the step.
+            is_moved: 1 for points (m,) with unknowns, 0 for those without.
+            blocks: as in `add_tangents`, changed in place.
+        """
+        grip = grip_of(sliding.w, step.creep)
+        pressing = self.coefficient * normal_force
+        K = self._material_part(sliding, grip, pressing, step.creep)
+
+        # Geometric part: S·D²m, with D²m the constant second derivative of the measures m_i = r·t_i
+        # by the points, which couples the weights of r and of t.
+        stress = (pressing * grip.factor)[:, None] * sliding.w
+        of_directions = np.einsum("ni,nik->nk", stress, self.start.direction_weights)
+        one = self.start.gap_weights[:, :, None] * of_directions[:, None]
+        other = of_directions[:, :, None] * self.start.gap_weights[:, None]
+        share = step.alpha * step.geometric_share
+        K += share * (one + other)[..., None, None] * np.eye(3)
+
+        # The normal force changes, too.
+        per_normal_force = (self.coefficient * grip.factor)[:, None] * sliding.w
+        forces = self._forces(per_normal_force, sliding)
+        K += np.einsum("nka,nlb->nklab", forces, of_normal_force)
+
+        moved = is_moved[self.points]
+        K *= (moved[:, :, None] * moved[:, None])[..., None, None]
+        np.add.at(blocks, self.block_index, K.reshape(*self.block_index.shape, 9))
+
+    def _material_part(
+        self,
+        sliding: Sliding,
+        grip: Grip,
+        pressing: Array,
+        creep: float,
+    ) -> Array:
+        """Return the tangent of the friction force for constant directions: Dm_midᵀ (∂S/∂w) Dm_end.
+
+        S = μ N g w is the friction stress, Dm the gradient of the measures m of sliding.
+
+        μ is the coefficient of friction, N the normal force [N] of a pair, w (n, 2) [m] its
+        sliding; r (n, 3) [m] is the vector between its sides, t (n, 2, 3) [-] are the directions
+        of sliding. h [s] is the step, v_s [m/s] a speed.
+
+        Args:
+            sliding: w, and the vectors r and t of the measures m = r·t in the middle and at the
+                end.
+            grip: the factor g [1/m] and its derivative by |w|.
+            pressing: μ N (n,) [N].
+            creep: h v_s [m], sliding up to which friction grows.
+
+        Returns:
+            (n, k, k, 3, 3) [N/m] between the k points of each pair.
+        """
+        w = sliding.w
+        # Beyond the creep, friction is constant and its slope negative: a full Newton step
+        # overshoots where the sliding has turned round.  There g alone leads near the solution,
+        # slowly and safely.
+        is_reliable = self._is_steady | (grip.ratio < 1)
+        size = np.maximum(grip.ratio * creep, SMALLEST_SLIDING * creep)
+        bend = np.where(is_reliable, grip.slope / size, 0.0)
+        square = w[:, :, None] * w[:, None]
+        derivative = grip.factor[:, None, None] * np.eye(2) + bend[:, None, None] * square
+        derivative = pressing[:, None, None] * derivative
+        middle = self._gradient(sliding.r_mid, sliding.t_mid)
+        end = self._gradient(sliding.r_end, sliding.t_end)
+        return np.einsum("nika,nij,njlb->nklab", middle, derivative, end, optimize=True)
+
+    def _update_steadiness(self, w: Array) -> None:
+        """Note which pairs slide on in the direction of the iterate before."""
+        last = self._last_sliding
+        if last is not None:
+            self._is_steady &= (last * w).sum(axis=1) >= 0
+            change = np.linalg.norm(w - last, axis=1)
+            self._is_steady |= change < STEADY_CHANGE * np.linalg.norm(w, axis=1)
+        self._last_sliding = w
+
+    def _gradient(self, r: Array, t: Array) -> Array:
+        """Return Dm (n, 2, k, 3) where the vectors are r and t."""
+        by_gaps = self.start.gap_weights[:, None, :, None] * t[:, :, None]
+        gradient: Array = by_gaps + self.start.direction_weights[..., None] * r[:, None, None]
+        return gradient
+
+
+def parameters_at_start(pairs: ActivePairs) -> Array:
+    """Return (u, v) (n, 2) of the closest points of pairs at the start of their step."""
+    assert pairs.start is not None, "a step has the starts of its pairs"
+    parameters: Array = pairs.start[:, :2]
+    return parameters
+
+
+def grip_of(w: Array, creep: float) -> Grip:
+    """Return the factor g of the friction stress S = μ N g w, and its derivative by |w|.
+
+    g |w| = φ(|w|/creep) with φ(y) = 2y - y² for y < 1, else 1.
+
+    μ is the coefficient of friction [-], N the normal force of a pair [N], h the length of the step
+    [s] and v_s the speed of sliding [m/s] up to which friction grows.
+
+    Args:
+        w: sliding (n, 2) [m].
+        creep: h v_s [m], positive: the sliding up to which friction grows.
+
+    Returns:
+        |w|/creep (n,), g (n,) [1/m] and dg/d|w| (n,) [1/m²]; finite also for w = 0.
+    """
+    ratio = np.linalg.norm(w, axis=1) / creep
+    beyond = np.maximum(ratio, 1)
+    factor = np.where(ratio < 1, 2 - ratio, 1 / beyond) / creep
+    slope = np.where(ratio < 1, -1.0, -1 / beyond**2) / creep**2
+    return Grip(ratio, factor, slope)

@@ -1,0 +1,168 @@
+"""How a pair slides: the vector across the gap, and two directions along the surfaces.
+
+All of it is computed from the points at the start of a step.  The functions accept complex points,
+so that a complex step differentiates them: lengths are square roots of sums of squares, and nothing
+takes an absolute value.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, MaskArray
+from gossamer_fx.mechanics.contact.friction.tangent_directions import (
+    EDGE_WEIGHTS,
+    TIE,
+    TINY,
+    gap_weights,
+    lengths_of,
+    orthonormal_combinations,
+    unit_vectors,
+)
+from gossamer_fx.mechanics.contact.geometry.collision_mesh import FRAME_SIZE
+from gossamer_fx.mechanics.contact.pair_table import PairKind
+
+
+@dataclass(frozen=True)
+class SlidingGeometry:
+    """Where n pairs slide, between k points each.
+
+    Attributes:
+        normal: unit normal at the start (n, 3).
+        gap_weights: weights (n, k) of the points in the vector r across the gap.
+        direction_weights: weights (n, 2, k) of the points in the two directions t [1/m], so that t
+            are unit vectors at the start.
+    """
+
+    normal: Array
+    gap_weights: Array
+    direction_weights: Array
+
+    def rows(self, which: Any) -> SlidingGeometry:
+        """Some of the pairs, given by indices or by a mask (n,)."""
+        return SlidingGeometry(
+            self.normal[which], self.gap_weights[which], self.direction_weights[which]
+        )
+
+
+@dataclass(frozen=True)
+class BetweenBodies:
+    """Geometry of n pairs between bodies, which slide along two edges of the pair.
+
+    Attributes:
+        kind: of each pair (n,), a `PairKind`.
+    """
+
+    kind: ByteArray
+
+    def rows(self, which: Any) -> BetweenBodies:
+        """Some of the pairs, given by indices or by a mask (n,)."""
+        return BetweenBodies(self.kind[which])
+
+    def repeated(self, times: int) -> BetweenBodies:
+        """The same pairs, each `times` times in a row."""
+        return BetweenBodies(np.repeat(self.kind, times))
+
+    def at(self, x: Array, parameters: Array) -> SlidingGeometry:
+        """Return the geometry.
+
+        Args:
+            x: points (n, 4, 3) [m] of the pairs at the start of the step.
+            parameters: (u, v) (n, 2) of the closest points there.
+        """
+        r = gap_weights(self.kind, parameters)
+        edge_weights = EDGE_WEIGHTS[np.minimum(self.kind, PairKind.EDGE_EDGE)]
+        gap = np.einsum("nk,nkc->nc", r, x)
+        edges = np.einsum("nik,nkc->nic", edge_weights, x)
+        normal = unit_vectors(gap)
+        along_normal = np.einsum("nic,nc->ni", edges, normal)
+        across = edges - along_normal[:, :, None] * normal[:, None]
+        # With half of its part along the gap taken off an edge, the gradient of r·t by r, which is
+        # t plus what t changes by r, is across the normal.
+        gap_length = np.maximum(lengths_of(gap), TINY)
+        half = along_normal / (2 * gap_length[:, None])
+        corrected = edge_weights - half[:, :, None] * r[:, None]
+        # Edges are neither unit vectors nor perpendicular to each other.
+        combinations = orthonormal_combinations(across, lengths_of(edges))
+        directions = np.einsum("nij,njk->nik", combinations, corrected)
+        return SlidingGeometry(normal, r, directions)
+
+
+@dataclass(frozen=True)
+class WithObstacles:
+    """Geometry of n pairs with an obstacle, which slide along two of its axes.
+
+    r leads from the point of the obstacle that lies where the body's point is, fixed in the
+    obstacle's frame: so a ball on a rigid body rolls.
+
+    Attributes:
+        kind: of each pair (n,), a `PairKind`.
+        is_of_body: which of the four points of each pair are of its body (n, 4).
+    """
+
+    kind: ByteArray
+    is_of_body: MaskArray
+
+    def rows(self, which: Any) -> WithObstacles:
+        """Some of the pairs, given by indices or by a mask (n,)."""
+        return WithObstacles(self.kind[which], self.is_of_body[which])
+
+    def repeated(self, times: int) -> WithObstacles:
+        """The same pairs, each `times` times in a row."""
+        kind = np.repeat(self.kind, times)
+        return WithObstacles(kind, np.repeat(self.is_of_body, times, axis=0))
+
+    def at(self, x: Array, parameters: Array) -> SlidingGeometry:
+        """Return the geometry.
+
+        Args:
+            x: points (n, 8, 3) [m] at the start of the step: the four of each pair, then the origin
+                and the three axes of the obstacle's frame.
+            parameters: (u, v) (n, 2) of the closest points there.
+        """
+        pair_points = x[:, :4]
+        origin = x[:, 4]
+        axes = x[:, 5:]
+        weights = gap_weights(self.kind, parameters)
+        # All weights of the body have one sign, which makes them a mean of its points.
+        sign = np.where((weights.real * self.is_of_body).sum(axis=1) < 0, -1, 1)
+        towards = weights * sign[:, None]
+        of_body = towards * self.is_of_body
+        touched = np.einsum("nk,nkc->nc", of_body, pair_points)
+        normal = unit_vectors(self._towards_body(towards, pair_points))
+
+        # Two directions across the normal, in the axes of the obstacle: the first is also across
+        # the axis that is farthest from the normal.
+        in_axes = np.einsum("nic,nc->ni", axes, normal)
+        # Of axes that are equally far it is the first one, also in a complex step.
+        nearness = np.abs(in_axes.real) + TIE * np.arange(3)
+        farthest_axis = np.eye(3)[nearness.argmin(axis=1)]
+        first = unit_vectors(np.cross(in_axes, farthest_axis))
+        directions = np.zeros((len(x), 2, 4 + FRAME_SIZE), dtype=x.dtype)
+        directions[:, 0, 5:] = first
+        directions[:, 1, 5:] = np.cross(in_axes, first)
+        position = np.einsum("nic,nc->ni", axes, touched - origin)
+        from_frame = np.hstack([-np.ones((len(x), 1)), -position])
+        return SlidingGeometry(normal, np.hstack([of_body, from_frame]), directions)
+
+    def _towards_body(self, weights: Array, x: Array) -> Array:
+        """Return a vector (n, 3) from each pair's obstacle towards its body.
+
+        Args:
+            weights: (n, 4) of the vector between the closest points, for pairs that are not of
+                walls.
+            x: the four points of each pair (n, 4, 3) [m].
+        """
+        to_origin = x[:, 1] - x[:, 0]
+        from_axis = np.einsum("nkc,nc->nk", x[:, 2:], to_origin)
+        by_kind = {
+            PairKind.POINT_PLANE: x[:, 2],
+            PairKind.POINT_IN_SPHERE: to_origin,
+            PairKind.POINT_IN_CYLINDER: np.einsum("nk,nkc->nc", from_axis, x[:, 2:]),
+        }
+        conditions = [(self.kind == kind)[:, None] for kind in by_kind]
+        between_points = np.einsum("nk,nkc->nc", weights, x)
+        return np.select(conditions, list(by_kind.values()), between_points)

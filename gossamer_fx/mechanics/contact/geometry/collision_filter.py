@@ -1,0 +1,264 @@
+"""The collision filter: parts that constraints keep together do not form pairs.
+
+Cells of one film that share a node cannot be kept apart.  The same holds where a `Tie` or a
+`BallJoint` joins bodies.  Every point therefore gets labels: two primitives with a label in common
+are connected.
+
+    1. The nodes of all bodies that are tied node to node form groups; a group is one label.
+    2. A node that is tied to a point between other nodes, on an edge of another mesh, has the
+       labels of these nodes in addition to its own.
+    3. Lines may be tied to lines that are tied: step 2 is repeated until no label is added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from scipy.sparse import csr_matrix, identity
+from scipy.sparse.csgraph import connected_components
+
+from gossamer_fx.core.algebra.point_measures import PointMeasure, evaluated_here
+from gossamer_fx.core.model.body import Attached, Body, Port
+from gossamer_fx.mechanics.contact.arrays import Int64Array
+from gossamer_fx.mechanics.contact.geometry.surface_share import SurfacePoints
+from gossamer_fx.mechanics.terms.assembly import Assembly
+from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
+
+# The measure x_a - x_b of two points a, b, which a tie keeps at zero.
+POINT_DIFFERENCE = np.hstack([np.eye(3), -np.eye(3)])
+
+
+@dataclass(frozen=True)
+class TiedLabels:
+    """Labels of the t points that are tied; any other point has its own number as its only label.
+
+    Attributes:
+        numbers: of the tied points (t,), ascending.
+        labels: numbers (t, w) of points that stand for what each is connected to.
+    """
+
+    numbers: Int64Array
+    labels: Int64Array
+
+    def labels_of(self, numbers: Int64Array) -> Int64Array:
+        """Return the labels of points; two points with one in common are connected and form no
+        contact pair.
+
+        Args:
+            numbers: of the points (m,), the same on all ranks.
+
+        Returns:
+            labels (m, w), which are numbers of points; those of a point that is not tied are its
+            own number.
+        """
+        row = np.minimum(np.searchsorted(self.numbers, numbers), len(self.numbers) - 1)
+        is_tied = self.numbers[row] == numbers
+        own = np.repeat(
+            numbers[:, None],
+            self.labels.shape[1],
+            axis=1,
+        )
+        return np.where(
+            is_tied[:, None],
+            self.labels[row],
+            own,
+        )
+
+
+def tied_labels(
+    system: Assembly, bodies: Sequence[Body], points: SurfacePoints
+) -> TiedLabels | None:
+    """Return the labels of all points that ties or joints connect, the same on every rank.
+
+    Two points with a label in common form no contact pair.  Collective.  Ties are along lines:
+    unlike facets, all ranks know them.
+
+    Args:
+        system: with the constraints of the scene.
+        bodies: those of the contact.
+        points: of bodies that this rank knows; together the ranks know all.
+
+    Returns:
+        the labels, or None if nothing is tied.
+    """
+    ties = _ties(
+        system,
+        bodies,
+        points,
+    )
+    # Without ties, cells are filtered by the nodes that they share, which costs no labels.
+    if not ties:
+        return None
+    tied = [point for sides in ties for side in sides for point in side]
+    numbers = np.unique(np.array(tied, dtype=np.int64))
+    index = {int(number): k for k, number in enumerate(numbers)}
+    count = len(numbers)
+    to_nodes = [(index[one[0]], index[other[0]]) for one, other in ties if len(other) == 1]
+    label_count, label = connected_components(_graph(to_nodes, count), directed=False)
+    to_lines = [
+        (label[index[point]], label[index[end]])
+        for one, other in ties
+        if len(other) > 1
+        for point in one
+        for end in other
+    ]
+    connected = identity(
+        label_count,
+        dtype=bool,
+        format="csr",
+    ) + _graph(to_lines, label_count)
+    while True:
+        further = connected @ connected
+        if further.nnz == connected.nnz:
+            break
+        connected = further
+    # The point with the lowest number stands for all that are one: no other point has this label.
+    _, first = np.unique(label, return_index=True)
+    return TiedLabels(numbers, numbers[first][_padded(connected[label], label)])
+
+
+def _ties(
+    system: Assembly, bodies: Sequence[Body], points: SurfacePoints
+) -> list[tuple[list[int], list[int]]]:
+    """Return the ties between bodies of a contact, the same on every rank; collective.
+
+    A tie is a constraint that two points coincide.  Points of the ground and of other bodies are
+    left out.
+
+    Args:
+        system: with the constraints of the scene.
+        bodies: those of the contact.
+        points: of these bodies that this rank knows; together the ranks know all.
+
+    Returns:
+        for each tie the numbers of the points of both sides, the shorter list first.  A side is one
+        node, or the nodes of an edge between which the tied point lies.
+    """
+
+    def nodes(port: Attached) -> list[tuple[int, int]]:
+        """Return number of the body and node, for each node on whose position a port depends.
+
+        Empty if the port is a direction, a point of the ground, or of a body that is not in the
+        contact.
+
+        Args:
+            port: point that is tied, a weighted sum of nodes of one body.
+        """
+        # A tie to the ground or of directions connects no surfaces.
+        if not isinstance(port, Port) or any(port.vectors):
+            return []
+        number = next((k for k, body in enumerate(bodies) if port.body is body), None)
+        if number is None:
+            return []
+        pairs = zip(
+            port.nodes,
+            port.weights,
+            strict=True,
+        )
+        return [(number, int(node)) for node, weight in pairs if weight]
+
+    mine: list[tuple[list[tuple[int, int]], list[tuple[int, int]]]] = []
+    for term in system.terms:
+        if isinstance(term, PointConstraint) and _is_coincidence(term.measure):
+            for number in evaluated_here(term.measure.ports):
+                first, second = term.measure.ports[number]
+                mine.append((nodes(first), nodes(second)))
+    # A tie is known to the rank that evaluates it; labels are the same on all ranks.
+    found = [tie for of_rank in system.comm.allgather(mine) for tie in of_rank]
+    found = [(one, other) for one, other in found if one and other]
+    wanted = sorted({node for sides in found for side in sides for node in side})
+    number_of = _numbers_of(
+        wanted,
+        points,
+        system.comm,
+    )
+    ties: list[tuple[list[int], list[int]]] = []
+    for sides in found:
+        numbers = [[number_of[node] for node in side] for side in sides]
+        # A node that is not a point of the surface connects nothing.
+        if all(number >= 0 for side in numbers for number in side):
+            # The shorter side is a node; the longer one may be the nodes of an edge.
+            shorter, longer = sorted(numbers, key=len)
+            ties.append((shorter, longer))
+    return ties
+
+
+def _numbers_of(
+    wanted: list[tuple[int, int]], points: SurfacePoints, comm: MPI.Intracomm
+) -> dict[tuple[int, int], int]:
+    """Return the numbers of points that are some nodes of bodies; collective.
+
+    Args:
+        wanted: number of the body and global node of each, the same list on every rank.
+        points: that this rank knows.
+        comm: the ranks.
+
+    Returns:
+        number over all ranks by body and node; -1: no rank has a point there.
+    """
+    if not wanted:
+        return {}
+    order = np.lexsort((points.node, points.body))
+    keys = np.stack([points.body[order], points.node[order]], axis=1)
+    of_bodies = np.searchsorted(keys[:, 0], np.arange(int(keys[:, 0].max(initial=0)) + 2))
+    numbers = np.full(
+        len(wanted),
+        -1,
+        dtype=np.int64,
+    )
+    for k, (body, node) in enumerate(wanted):
+        if body + 1 >= len(of_bodies):
+            continue
+        start = of_bodies[body]
+        nodes = keys[start : of_bodies[body + 1], 1]
+        row = int(np.searchsorted(nodes, node))
+        if row < len(nodes) and nodes[row] == node:
+            numbers[k] = points.number[order[start + row]]
+    comm.Allreduce(
+        MPI.IN_PLACE,
+        numbers,
+        op=MPI.MAX,
+    )
+    return dict(
+        zip(
+            wanted,
+            map(int, numbers),
+            strict=True,
+        )
+    )
+
+
+def _is_coincidence(measure: PointMeasure) -> bool:
+    """Return whether a measure is x_a - x_b: linear, without a constant."""
+    is_linear = not measure.H.any() and not measure.c.any()
+    return is_linear and np.array_equal(measure.L, POINT_DIFFERENCE)
+
+
+def _graph(pairs: list[tuple[int, int]], count: int) -> csr_matrix:
+    """Return the directed graph of `count` numbers with an edge for each pair."""
+    ends = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    return csr_matrix((np.ones(len(ends), dtype=bool), ends.T), shape=(count, count))
+
+
+def _padded(rows: csr_matrix, own: Int64Array) -> Int64Array:
+    """Return the labels of points as one array, of the width of the longest row.
+
+    Args:
+        rows: boolean matrix (m, k), true where a point has a label.
+        own: a label (m,) of each point, which fills the rows of those with fewer labels.
+
+    Returns:
+        labels (m, w), the columns that are true.
+    """
+    widths = np.diff(rows.indptr)
+    labels: Int64Array = np.repeat(
+        own[:, None],
+        widths.max(),
+        axis=1,
+    ).astype(np.int64)
+    is_used = np.arange(labels.shape[1]) < widths[:, None]
+    labels[is_used] = rows.indices
+    return labels

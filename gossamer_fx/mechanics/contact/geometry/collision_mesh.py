@@ -1,0 +1,460 @@
+"""What takes part in a contact, as far as a rank knows it: points and primitives, areas, radii and
+masses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.core.model.body import Attached, MeshBody
+from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, Int64Array
+from gossamer_fx.mechanics.contact.geometry.collision_filter import tied_labels
+from gossamer_fx.mechanics.contact.geometry.collision_primitives import CollisionPrimitives
+from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints, ObstaclePoints
+from gossamer_fx.mechanics.contact.geometry.shared_points import SharedPoints
+from gossamer_fx.mechanics.contact.geometry.surface_share import (
+    SurfaceEdges,
+    SurfacePoints,
+    SurfacePrimitives,
+    SurfaceShare,
+    SurfaceTables,
+)
+from gossamer_fx.mechanics.contact.obstacles import Obstacle, ObstacleSolid, ObstacleWall
+from gossamer_fx.mechanics.contact.pair_table import PairKind, is_wall
+from gossamer_fx.mechanics.contact.system_view import ContactAssembly
+from gossamer_fx.mechanics.terms.assembly import Assembly
+
+# Identifiers of pairs are 4 k + type: triangle pairs, edge pairs and walls have the types 0, 1, 2.
+TYPE_COUNT = 4
+WALL_TYPE = 2
+
+# An obstacle with friction has four points more: an origin and three axes that move with it.
+FRAME_SIZE = 4
+
+
+@dataclass(frozen=True)
+class NumberedWall:
+    """A wall with the numbers of the three points that describe it, and of its obstacle."""
+
+    wall: ObstacleWall
+    points: tuple[int, int, int]
+    obstacle: int
+
+
+class CollisionMesh:
+    """Bodies and obstacles of one contact as points and primitives, as far as this rank knows them.
+
+    A rank owns a part of the bodies' primitives, for whose pairs it searches.  It knows these,
+    those on their boundary, and what other ranks have near them (`broad_phase.facet_exchange`); on
+    one rank all. `show` changes which ones are known, and with them the numbers of points.
+
+    Bodies are numbered in their order, obstacles follow.  Points of bodies come first, in the order
+    of the bodies; of an obstacle first the points of its walls, then those of its solids, then its
+    frame.
+
+    Args:
+        bodies: films, cables and beams.
+        obstacles: what they touch.
+        radii: of each body [m], zero for films without a radius.
+        system: to which the bodies belong.
+        has_friction: of each obstacle whether it needs a frame; none: no obstacle does.
+
+    Attributes:
+        comm: the ranks.
+        bodies, obstacles, names: what touches, and the names of bodies and obstacles.
+        share: primitives of the cells that this rank owns.
+        known: all primitives of bodies that this rank knows.
+        points: the m points.
+        shared: exchanges values of the n points of bodies with other ranks.
+        surface: primitives between the points.
+        nodes: global numbers (n,) of the points of bodies among the nodes of their body.
+        body: number (m,) of the body or obstacle of each point.
+        area: area [m²] (m,) for which each point stands.
+        edge_area: area [m²] (e,) for which each edge stands.
+        radius: of points [m] (m,).
+        walls: planes, and insides of obstacles.
+        frames: the first point (k,) of each obstacle's frame; -1: it has none.
+        own_vertices, own_edges: numbers of the vertices and edges for which this rank searches.
+        sent_edges, sent_triangles: numbers of those of bodies that this rank owns.
+    """
+
+    points: ContactPoints
+    surface: CollisionPrimitives
+    frames: Int32Array
+
+    def __init__(
+        self,
+        bodies: Sequence[MeshBody],
+        obstacles: Sequence[Obstacle],
+        radii: Sequence[float],
+        system: Assembly,
+        has_friction: Sequence[bool] = (),
+    ) -> None:
+        """Number the points, edges and triangles of bodies, then of obstacles, alike on all ranks.
+
+        Collective.
+
+        Args:
+            bodies: films, cables and beams of a contact.
+            obstacles: what they touch.
+            radii: of each body [m], zero for films without a radius.
+            system: the equations, in which the bodies have unknowns.
+            has_friction: of each obstacle whether it needs an origin and axes that move with it;
+                empty: no obstacle does.
+
+        Raises:
+            InputError: an obstacle has a direction without a length.
+        """
+        self.comm = system.comm
+        self.bodies = list(bodies)
+        self.obstacles = list(obstacles)
+        self.names = [body.name for body in bodies] + [obstacle.name for obstacle in obstacles]
+        self._radii = np.array(radii, dtype=float)
+        self.share = SurfaceShare.of(bodies, radii, self.comm)
+        self._tied = tied_labels(system, bodies, self.share.surface.points)
+        self._parts = [obstacle.parts() for obstacle in obstacles]
+        self._has_frame = list(has_friction) or [False] * len(obstacles)
+        self.points = ContactPoints(
+            bodies,
+            [
+                _obstacle_points(obstacle, *part, with_frame)
+                for obstacle, part, with_frame in zip(
+                    obstacles, self._parts, self._has_frame, strict=True
+                )
+            ],
+            system,
+        )
+        own = self.share.surface
+        # An obstacle has no mesh; its points and edges stand for as much area as those of bodies.
+        self._mean_area = self._mean(own.points, self.share.point_count)
+        self._mean_edge_area = self._mean(own.edges, self.share.edge_count)
+        self.show(own)
+
+    def _mean(self, table: SurfacePoints | SurfaceEdges, count: int) -> float:
+        """Return the mean area [m²] of the points or edges of all ranks; collective."""
+        of_owned = float(table.area[table.owner == self.comm.rank].sum())
+        return float(self.comm.allreduce(of_owned)) / max(count, 1)
+
+    # ---- what this rank knows ----
+
+    def show(self, known: SurfaceTables) -> None:
+        """Set the points, edges and triangles of bodies that this rank knows; collective.
+
+        It computes areas [m²], radii [m], owners and labels of all points, edges and triangles, and
+        numbers the points: first those of bodies, then those of all obstacles.
+
+        Args:
+            known: points, edges and triangles of bodies, with all points of each; at least those
+                that this rank owns.
+        """
+        rank = self.comm.rank
+        self.known = known
+        points = known.points
+        self.shared = SharedPoints(self.comm, points)
+        self.points.set_nodes(points.body, points.node)
+        self.nodes = points.node
+        body_count = len(points)
+        point_count = self.points.count
+        self.radius = np.zeros(point_count)
+        self.radius[:body_count] = self._radii[points.body]
+        self.area = np.full(point_count, self._mean_area)
+        self.area[:body_count] = points.area
+        self.body = np.zeros(point_count, dtype=np.int32)
+        self.body[:body_count] = points.body
+
+        solids = self._add_obstacles(body_count)
+        edges = known.point_indices(known.edges.points)
+        self.edge_area = np.concatenate(
+            [known.edges.area, np.full(len(solids.edges), self._mean_edge_area)]
+        )
+        body_vertices: Int32Array = np.arange(body_count, dtype=np.int32)
+        # Two obstacles never form a pair.
+        is_fixed: ByteArray = (np.arange(point_count) >= body_count).astype(np.uint8)
+        labels = None
+        if self._tied is not None:
+            labels = self._tied.labels_of(self._point_numbers()).astype(np.int32)
+        self.surface = CollisionPrimitives(
+            vertices=np.concatenate([body_vertices, solids.vertices]),
+            edges=np.vstack([edges, solids.edges]).astype(np.int32),
+            triangles=np.vstack(
+                [known.point_indices(known.triangles.points), solids.triangles]
+            ).astype(np.int32),
+            is_fixed=is_fixed,
+            labels=labels,
+        )
+        self.sent_edges = np.flatnonzero(known.edges.owner == rank)
+        self.sent_triangles = np.flatnonzero(known.triangles.owner == rank)
+        # All ranks know the primitives of obstacles, which are dealt out in turn.
+        own_solid_vertices = _dealt(len(solids.vertices), self.comm)
+        own_solid_edges = _dealt(len(solids.edges), self.comm)
+        own_body_vertices = np.flatnonzero(self.shared.is_own)
+        self.own_vertices = np.concatenate(
+            [own_body_vertices, body_count + own_solid_vertices]
+        ).astype(np.int32)
+        self.own_edges = np.concatenate([self.sent_edges, len(edges) + own_solid_edges]).astype(
+            np.int32
+        )
+        self._wall_vertices = own_body_vertices.astype(np.int32)
+
+    def _add_obstacles(self, start: int) -> CollisionPrimitives:
+        """Number the points of obstacles; set walls, frames, radii and owners of these points.
+
+        A wall has three points, a solid one for each corner, a frame four: an origin and three
+        axes.
+
+        Args:
+            start: number of the first one, which follows the points of bodies.
+
+        Returns:
+            vertices, edges and triangles of the solids, as numbers of points.
+        """
+        self.walls: list[NumberedWall] = []
+        self.frames = np.full(len(self.obstacles), -1, dtype=np.int32)
+        vertices: list[Int32Array] = [np.zeros(0, dtype=np.int32)]
+        edges: list[Int32Array] = [np.zeros((0, 2), dtype=np.int32)]
+        triangles: list[Int32Array] = [np.zeros((0, 3), dtype=np.int32)]
+        for k, (walls, solids) in enumerate(self._parts):
+            number = len(self.bodies) + k
+            first = start
+            for wall in walls:
+                self.walls.append(NumberedWall(wall, (start, start + 1, start + 2), number))
+                start += 3
+            for solid in solids:
+                end = start + len(solid.corners)
+                vertices.append(np.arange(start, end, dtype=np.int32))
+                edges.append(np.array(solid.edges, dtype=np.int32).reshape(-1, 2) + start)
+                triangles.append(np.array(solid.triangles, dtype=np.int32).reshape(-1, 3) + start)
+                self.radius[start:end] = solid.radius
+                start = end
+            if self._has_frame[k]:
+                self.frames[k] = start
+                start += FRAME_SIZE
+            self.body[first:start] = number
+        return CollisionPrimitives(
+            vertices=np.concatenate(vertices),
+            edges=np.vstack(edges),
+            triangles=np.vstack(triangles),
+            is_fixed=np.zeros(0, dtype=np.uint8),
+        )
+
+    def _point_numbers(self) -> Int64Array:
+        """Return the numbers (m,) of the points that are the same on all ranks."""
+        of_obstacles = self.share.point_count + np.arange(self.points.obstacle_count)
+        return np.concatenate([self.known.points.number, of_obstacles])
+
+    def own_points(self) -> tuple[Int64Array, Int64Array]:
+        """Return for which points this rank keeps history variables: those of bodies that it owns,
+        and all points of obstacles.
+
+        Returns:
+            their indices (k,) among the points that are known, and their numbers (k,) on all ranks.
+        """
+        is_own = np.ones(self.points.count, dtype=bool)
+        is_own[: self.points.body_count] = self.shared.is_own
+        own = np.flatnonzero(is_own)
+        return own, self._point_numbers()[own]
+
+    def take_minimum(self, values: Array) -> None:
+        """Replace values (m,) of points by the least that any rank has for the same point;
+        collective."""
+        count = self.points.body_count
+        self.shared.take_minimum(values[:count])
+        if self.comm.size > 1 and self.points.obstacle_count:
+            self.comm.Allreduce(MPI.IN_PLACE, values[count:], op=MPI.MIN)
+
+    def name_of(self, point: int) -> str:
+        """Return the name of the body or obstacle of a point."""
+        return self.names[self.body[point]]
+
+    # ---- identifiers of pairs ----
+
+    def identifiers(self, kind: ByteArray, primitives: Int64Array) -> Int64Array:
+        """Return numbers of contact pairs that are the same on every rank and in every search.
+
+        History variables, such as the stiffness of a pair, are found by them.
+
+        Args:
+            kind: of the pairs (n,), values of `PairKind`.
+            primitives: indices (n, 2) among what this rank knows: vertex and triangle, two edges,
+                or wall and point.
+
+        Returns:
+            identifiers (n,), different for different pairs.
+        """
+        # A pair (i, j) has the number i n + j, n being the count of the second kind of primitive.
+        second_count = np.full(len(kind), self._triangle_count, dtype=np.int64)
+        second_count[kind == PairKind.EDGE_EDGE] = self._edge_count
+        walls = is_wall(kind)
+        second_count[walls] = self.share.point_count + self.points.obstacle_count
+        pair_type = np.minimum(kind.astype(np.int64), WALL_TYPE)
+        first = primitives[:, 0].copy()
+        second = primitives[:, 1].copy()
+        # Indices of what this rank knows become numbers that are the same on all ranks.
+        known = self.known
+        triangles = kind == PairKind.POINT_TRIANGLE
+        edges = kind == PairKind.EDGE_EDGE
+        first[triangles] = _numbers(first[triangles], known.points, self.share.point_count)
+        second[triangles] = _numbers(second[triangles], known.triangles, self.share.triangle_count)
+        first[edges] = _numbers(first[edges], known.edges, self.share.edge_count)
+        second[edges] = _numbers(second[edges], known.edges, self.share.edge_count)
+        second[walls] = _numbers(second[walls], known.points, self.share.point_count)
+        return (first * second_count + second) * TYPE_COUNT + pair_type
+
+    @property
+    def _triangle_count(self) -> int:
+        solid_count = len(self.surface.triangles) - len(self.known.triangles)
+        return self.share.triangle_count + solid_count
+
+    @property
+    def _edge_count(self) -> int:
+        solid_count = len(self.surface.edges) - len(self.known.edges)
+        return self.share.edge_count + solid_count
+
+    # ---- pairs with walls, which need no search ----
+
+    def wall_pairs(self) -> tuple[ByteArray, Int32Array, Int64Array, Array]:
+        """Return contact pairs of this rank's points of bodies and all walls, which need no search.
+
+        A wall is a plane or the inside of a room.
+
+        Returns:
+            kind (n,), a `PairKind`; points (n, 4), that of the body and three that describe the
+            wall; identifier (n,); and radius of the sphere or cylinder (n,) [m], which is zero for
+            planes.
+        """
+        vertices = self.surface.vertices[self._wall_vertices]
+        count = len(vertices)
+        kinds: list[ByteArray] = [np.zeros(0, dtype=np.uint8)]
+        points: list[Int32Array] = [np.zeros((0, 4), dtype=np.int32)]
+        identifiers: list[Int64Array] = [np.zeros(0, dtype=np.int64)]
+        radii: list[Array] = [np.zeros(0)]
+        for k, numbered in enumerate(self.walls):
+            kind: ByteArray = np.full(count, numbered.wall.kind, dtype=np.uint8)
+            of_wall = np.broadcast_to(np.array(numbered.points, dtype=np.int32), (count, 3))
+            primitives = np.column_stack([np.full(count, k), vertices]).astype(np.int64)
+            kinds.append(kind)
+            points.append(np.column_stack([vertices, of_wall]).astype(np.int32))
+            identifiers.append(self.identifiers(kind, primitives))
+            radii.append(np.full(count, numbered.wall.radius))
+        return (
+            np.concatenate(kinds),
+            np.vstack(points),
+            np.concatenate(identifiers),
+            np.concatenate(radii),
+        )
+
+    # ---- areas and masses ----
+
+    def areas(self, kind: ByteArray, points: Int32Array, primitives: Int64Array) -> Array:
+        """Return the area (n,) [m²] for which each pair of a point and a triangle, or of two edges,
+        stands.
+
+        Both sides of a film are covered twice, by its points and by those of the other film, so
+        that each takes a half.  The areas of edges and points overlap in the same way.
+
+        Args:
+            kind, points: of the pairs: values (n,) of `PairKind`, and numbers (n, 4) of their
+                points.
+            primitives: indices (n, 2) of the two primitives of each pair.
+        """
+        area: Array = self.area[points[:, 0]] * 0.5
+        edges = kind == PairKind.EDGE_EDGE
+        area[edges] = self.edge_area[primitives[edges]].sum(axis=1) / 4
+        return area
+
+    def body_densities(self, system: ContactAssembly) -> Array:
+        """Return the mass per area [kg/m²] of each body and obstacle, in their order; collective.
+
+        A body has the same density everywhere: its mass over its area in the stress-free shape,
+        that of cables and beams being length times diameter.
+
+        Args:
+            system: with the mass matrix [kg], which is assembled.
+
+        Returns:
+            densities (k,); infinite for obstacles.
+        """
+        mass = self.body_masses(system)
+        density = np.full(len(self.names), np.inf)
+        own = self.shared.is_own
+        for k in range(len(self.bodies)):
+            own_area = float(self.known.points.area[own & (self.known.points.body == k)].sum())
+            density[k] = mass[k] / system.comm.allreduce(own_area)
+        return density
+
+    def body_masses(self, system: ContactAssembly) -> Array:
+        """Return the mass [kg] (k,) of each body, with what is attached to it.  Collective.
+
+        A body whose nodes have no mass has the mass zero. The result is the same on all ranks.
+
+        Args:
+            system: the compiled scene, with the mass matrix [kg].
+        """
+        numbering = system.numbering
+        direction = numbering.vector()
+        momentum = numbering.vector()
+        mass = np.zeros(len(self.bodies))
+        for k, body in enumerate(self.bodies):
+            owned = system.block(body).owned
+            size = body.block.size
+            # The momentum of a unit velocity along x is the mass.
+            direction.set(0.0)
+            with direction as values:
+                values[owned].reshape(-1, size)[:, 0] = 1.0
+            system.M.mult(direction, momentum)
+            own_mass = float(momentum.array_r[owned].reshape(-1, size)[:, 0].sum())
+            mass[k] = system.comm.allreduce(own_mass)
+        return mass
+
+
+def _obstacle_points(
+    obstacle: Obstacle,
+    walls: Sequence[ObstacleWall],
+    solids: Sequence[ObstacleSolid],
+    has_frame: bool,
+) -> ObstaclePoints:
+    """Return the points and directions of an obstacle: first of walls, then of solids, then of its
+    frame.
+
+    Args:
+        obstacle: of which `walls` and `solids` are the parts.
+        walls: each brings an origin and two directions.
+        solids: each brings its corners.
+        has_frame: whether an origin and three axes follow, along which friction slides.
+    """
+    vectors: list[Attached] = []
+    is_point: list[bool] = []
+    for wall in walls:
+        vectors += wall.points
+        is_point += [True, False, False]
+    for solid in solids:
+        vectors += solid.corners
+        is_point += [True] * len(solid.corners)
+    if has_frame:
+        vectors += obstacle.frame()
+        is_point += [True, False, False, False]
+    return ObstaclePoints(vectors, is_point, obstacle.motion, obstacle.name)
+
+
+def _dealt(count: int, comm: MPI.Intracomm) -> Int64Array:
+    """Return which of `count` primitives of obstacles this rank searches for."""
+    return np.arange(comm.rank, count, comm.size)
+
+
+def _numbers(indices: Int64Array, of_bodies: SurfacePrimitives, count: int) -> Int64Array:
+    """Return the numbers over all ranks of primitives: points, edges or triangles.
+
+    Args:
+        indices: (n,) among the primitives that this rank knows, those of obstacles last.
+        of_bodies: the primitives of bodies that this rank knows.
+        count: of those of bodies on all ranks; obstacles' primitives have the numbers that follow.
+    """
+    known_count = len(of_bodies)
+    # Obstacles' primitives are the last ones, on every rank.
+    if not known_count:
+        return indices + count
+    number = of_bodies.number[np.minimum(indices, known_count - 1)]
+    return np.where(indices < known_count, number, indices - known_count + count)

@@ -1,0 +1,320 @@
+"""All points of a contact as functions of the unknowns.
+
+The first points are nodes of bodies, of which each is a vector of three unknowns.  The points of
+obstacles follow: they stay, move as prescribed, or are combinations of the vectors of a rigid body.
+
+    x = W q + c(t)        points x (m, 3), block rows q (v, 3), weights W (m, v), prescribed part c
+
+A *block row* is a vector of three unknowns.  Block row i of the first n is the position of point i.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix
+
+from gossamer_fx.core.algebra.point_measures import Gather
+from gossamer_fx.core.checks.failures import Inadmissible
+from gossamer_fx.core.model.body import Attached, Body, Ground, Port
+from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array, MaskArray
+from gossamer_fx.mechanics.contact.geometry.obstacle_motion import ObstacleMotion, PrescribedMotion
+from gossamer_fx.mechanics.terms.assembly import Assembly
+
+
+@dataclass(frozen=True)
+class ObstaclePoints:
+    """Points and directions of one obstacle.
+
+    Attributes:
+        at: where they are (k,), in space or on a body.
+        is_point: whether each takes part in a prescribed motion (k,); directions do not.
+        motion: displacement [m] over the time [s]; None: none.
+        name: of the obstacle, for messages.
+    """
+
+    at: Sequence[Attached]
+    is_point: Sequence[bool]
+    motion: PrescribedMotion | None
+    name: str = "obstacle"
+
+
+class _Map:
+    """The rows of W and c for the points of obstacles, as they are added one by one."""
+
+    def __init__(self, system: Assembly) -> None:
+        """Start without points and block rows.
+
+        Args:
+            system: with the numbering of the unknowns, of which block rows are made.
+        """
+        self._system = system
+        self._block_row_of: dict[int, int] = {}
+        self.first_dofs: list[int] = []
+        self.rows: list[int] = []
+        self.columns: list[int] = []
+        self.weights: list[float] = []
+        self.constants: list[Array] = []
+
+    def add(self, vector: Attached) -> int:
+        """Add a point or direction of an obstacle; return its number among those of obstacles.
+
+        Args:
+            vector: of the ground, which becomes a constant [m], or a combination of the vectors of
+                a rigid body, which becomes a row of weights [-].
+        """
+        number = len(self.constants)
+        if isinstance(vector, Ground):
+            self.constants.append(np.array(vector.vector, dtype=float))
+            return number
+        self.constants.append(np.zeros(3))
+        for first_dof, weight in zip(self._first_dofs(vector), vector.weights, strict=True):
+            self.rows.append(number)
+            self.columns.append(self._block_row(first_dof))
+            self.weights.append(weight)
+        return number
+
+    def _first_dofs(self, port: Port) -> list[int]:
+        """Return the first unknown of each vector of which a port is a combination."""
+        vectors = port.vectors or (0,) * len(port.nodes)
+        of_nodes: Any = self._system.block(port.body).to_global(np.array(port.nodes))
+        return [int(dofs[3 * vector]) for dofs, vector in zip(of_nodes, vectors, strict=True)]
+
+    def _block_row(self, first_dof: int) -> int:
+        """Return the block row that begins with an unknown; obstacles on one body share them."""
+        if first_dof not in self._block_row_of:
+            self._block_row_of[first_dof] = len(self.first_dofs)
+            self.first_dofs.append(first_dof)
+        return self._block_row_of[first_dof]
+
+
+class ContactPoints:
+    """The m points of a contact that this rank knows, of which the first n are nodes of bodies.
+
+    Args:
+        bodies: films, cables and beams.
+        obstacles: points and directions of obstacles.
+        system: whose unknowns move them.
+
+    Attributes:
+        body_count: n.
+        obstacle_count: number of points of obstacles, which every rank knows.
+        count: m.
+        first_dof: number (v,) of the first of the three unknowns of each block row in the system.
+        weights: W (m, v).
+        prescribed: points (k,) with a prescribed motion.
+    """
+
+    body_count: int
+    count: int
+    first_dof: Int64Array
+    weights: csr_matrix
+    prescribed: Int64Array
+
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        obstacles: Sequence[ObstaclePoints],
+        system: Assembly,
+    ) -> None:
+        """Find the unknowns that move obstacles; `set_nodes` adds the points of bodies.
+
+        Args:
+            bodies: films, cables and beams of a contact.
+            obstacles: points and directions of obstacles.
+            system: the equations, whose unknowns move them.
+        """
+        self.comm = system.comm
+        self._numbering = system.numbering
+        self._blocks = [system.block(body) for body in bodies]
+        self._of_obstacles = _Map(system)
+        self._motions: list[tuple[Int64Array, ObstacleMotion]] = []
+        self._directions: list[int] = []  # numbers among the points of obstacles
+        for obstacle in obstacles:
+            numbers = [self._of_obstacles.add(vector) for vector in obstacle.at]
+            self._directions += [
+                n for n, is_point in zip(numbers, obstacle.is_point, strict=True) if not is_point
+            ]
+            if obstacle.motion is not None:
+                moved = [
+                    n for n, is_point in zip(numbers, obstacle.is_point, strict=True) if is_point
+                ]
+                motion = ObstacleMotion(obstacle.name, obstacle.motion, system.comm)
+                self._motions.append((np.array(moved, dtype=np.int64), motion))
+        # Every rank knows all obstacles: they have few points.
+        self.obstacle_count = len(self._of_obstacles.constants)
+        # Without obstacles on rigid bodies W is the identity, and products with it are left out.
+        self._are_block_rows = not self._of_obstacles.rows
+
+    def is_position(self) -> MaskArray:
+        """Return which points (m,) are positions: the others are directions of obstacles, such as
+        normals, on which no force [N] but a moment acts."""
+        found = np.ones(self.count, dtype=bool)
+        found[self.body_count + np.array(self._directions, dtype=np.int64)] = False
+        return found
+
+    def set_nodes(self, body: Int64Array, node: Int64Array) -> None:
+        """Let the first n points of a contact be some nodes of bodies; points of obstacles follow.
+        Collective.
+
+        It also sets the map x = W q + c(t) from block rows q, vectors of three unknowns, to points
+        x.
+
+        Args:
+            body: number (n,) of the body of each node, ascending.
+            node: global number (n,) among the nodes of the body.
+        """
+        of_obstacles = self._of_obstacles
+        self.body_count = len(node)
+        self.count = self.body_count + self.obstacle_count
+        of_bodies = [block.to_global(node[body == k])[:, 0] for k, block in enumerate(self._blocks)]
+        first_dofs = np.array(of_obstacles.first_dofs, dtype=np.int64)
+        self.first_dof = np.concatenate([*of_bodies, first_dofs]).astype(np.int64)
+        self.weights = self._matrix(of_obstacles)
+        self._moved = [(self.body_count + numbers, motion) for numbers, motion in self._motions]
+        self.prescribed = np.concatenate(
+            [np.zeros(0, dtype=np.int64), *(points for points, _ in self._moved)]
+        )
+        # Nodes of bodies have no prescribed part.
+        self._constants = np.vstack([np.zeros((self.body_count, 3)), *of_obstacles.constants])
+        self._dofs = self.first_dof[:, None] + np.arange(3)
+        self._gather = Gather(self._numbering, [self._dofs])
+
+    def _matrix(self, of_obstacles: _Map) -> csr_matrix:
+        """W (m, v): the identity for nodes of bodies, then the rows of obstacles."""
+        count = self.body_count
+        own = np.arange(count)
+        rows = np.concatenate([own, count + np.array(of_obstacles.rows, dtype=int)])
+        columns = np.concatenate([own, count + np.array(of_obstacles.columns, dtype=int)])
+        values = np.concatenate([np.ones(count), np.array(of_obstacles.weights, dtype=float)])
+        return csr_matrix((values, (rows, columns)), shape=(self.count, len(self.first_dof)))
+
+    def at(self, q: PETSc.Vec, time: float) -> Array:
+        """Return the points of a contact for given coordinates of the system at a time; collective.
+
+        Args:
+            q: coordinates of the whole system.
+            time: [s], at which prescribed obstacles are.
+
+        Returns:
+            positions (m, 3) [m]; directions of obstacles among them have no unit.
+
+        Raises:
+            InputError: on all ranks, the motion of an obstacle raises or returns other than three
+                numbers.
+        """
+        x = self.of_block_rows(q)
+        if not self._are_block_rows:
+            x = np.asarray(self.weights @ x)
+        if self.count > self.body_count:
+            whole = np.zeros((self.count, 3))
+            whole[: len(x)] = x
+            x = whole + self._constants
+            for points, motion in self._moved:
+                x[points] += motion.at(time)
+        return np.ascontiguousarray(x)
+
+    def rates(self, v: PETSc.Vec, time: float, step: float) -> Array:
+        """Return the velocities (m, 3) [m/s] of the points of a contact for rates of the
+        coordinates; collective.
+
+        Args:
+            v: rates of the coordinates of the whole system.
+            time: start of the interval [s] over which prescribed obstacles have their mean
+                velocity.
+            step: its length [s].
+
+        Raises:
+            InputError: on all ranks, the motion of an obstacle raises or returns other than three
+                numbers.
+        """
+        rates: Array = np.asarray(self.weights @ self.of_block_rows(v))
+        for points, motion in self._moved:
+            rates[points] = (motion.at(time + step) - motion.at(time)) / step
+        return rates
+
+    def refuse_jumps(self, time: float, step: float, limit: float) -> None:
+        """Refuse a step in which the motion of an obstacle is far from straight and uniform;
+        collective.
+
+        Args:
+            time: at the start of the step [s].
+            step: its length [s].
+            limit: largest deviation [m].
+
+        Raises:
+            Inadmissible: names the obstacle, its deviation and the limit; the step is then tried in
+                parts.
+            InputError: the motion raises or returns other than three numbers.
+        """
+        for _, motion in self._moved:
+            deviation = motion.deviation(time, step)
+            if deviation > limit:
+                raise Inadmissible(
+                    f"the motion of the obstacle '{motion.name}' jumps or turns: it is "
+                    f"{deviation:.3g} m off "
+                    f"a straight way, of which contact can follow {limit:.3g} m; give a continuous "
+                    "motion, or a shorter step"
+                )
+
+    def of_block_rows(self, q: PETSc.Vec) -> Array:
+        """Return the entries (v, 3) of a vector of the system at all block rows; collective."""
+        return self._gather(q)[0]
+
+    def add(self, force: Array, r: PETSc.Vec) -> None:
+        """Add the forces on points of a contact to a vector of the system, as Wᵀ force; collective.
+
+        W are the weights of the unknowns in the points.
+
+        Args:
+            force: (m, 3) [N], this rank's share.
+            r: residual of the system, changed in place; the shares of several ranks add up.
+        """
+        on_block_rows = force[: self.body_count]
+        if not self._are_block_rows:
+            on_block_rows = np.asarray(self.weights.T @ force)
+        if self.comm.size == 1:
+            with r as values:
+                values[self._dofs.ravel()] += on_block_rows.ravel()
+            return
+        # The messages of the scatter are known beforehand, unlike those of single entries of a
+        # vector.
+        self._gather.add(on_block_rows, r)
+
+    def block_rows_of(self, points: Int32Array) -> tuple[Int64Array, Array]:
+        """Return the block rows, vectors of three unknowns, that move the points of contact pairs,
+        and how.
+
+        Args:
+            points: numbers (n, 4) of the points of n pairs.
+
+        Returns:
+            block rows (n, 4 w), where w is the largest number of block rows of a point, and the
+            weights (n, 4, 4 w) [-] of each pair's block rows in its points.  Points with fewer
+            block rows repeat one of the pair with weight zero.
+        """
+        count = len(points)
+        width = int(np.diff(self.weights.indptr).max(initial=1))
+        block_rows = np.zeros((count, 4, width), dtype=np.int64)
+        weights = np.zeros((count, 4, 4, width))
+        first_entry = self.weights.indptr[points]
+        entry_count = np.diff(self.weights.indptr)[points]
+        for j in range(width):
+            exists = entry_count > j
+            entry = np.where(exists, first_entry + j, 0)
+            block_rows[:, :, j] = np.where(exists, self.weights.indices[entry], points[:, :1])
+            # p is one of the four points of a pair.
+            for p in range(4):
+                weight = self.weights.data[entry[:, p]]
+                weights[:, p, p, j] = np.where(exists[:, p], weight, 0.0)
+        # The first point may be one of an obstacle, whose number is not a block row: a node of the
+        # pair is.
+        is_node = points[:, 0] < self.body_count
+        node = np.where(is_node, points[:, 0], points.min(axis=1))
+        is_used = weights.any(axis=1)
+        filled = np.where(is_used, block_rows, node[:, None, None])
+        return filled.reshape(count, 4 * width), weights.reshape(count, 4, 4 * width)

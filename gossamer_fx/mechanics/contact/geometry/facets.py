@@ -1,0 +1,118 @@
+"""The surface of a body as points and plane triangles, or straight lines: the share of each
+rank."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.core.model.body import MeshBody
+from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array
+from gossamer_fx.mechanics.contact.geometry.distributed_rows import DistributedRows
+
+# Linear pieces of one cell by its dofs, for cells of a dimension with a number of dofs: lines and
+# triangles of order 1 and 2.  dolfinx numbers the vertices first, then the middles of the edges;
+# edge k of a triangle is opposite to vertex k.
+PIECES_OF_CELLS = {
+    (1, 2): [[0, 1]],
+    (1, 3): [[0, 2], [2, 1]],
+    (2, 3): [[0, 1, 2]],
+    (2, 6): [[0, 5, 4], [5, 1, 3], [4, 3, 2], [3, 4, 5]],
+}
+# The vertices between which the middle nodes of cells of order 2 lie.
+EDGES_OF_CELLS = {
+    (1, 2): [],
+    (1, 3): [(0, 1)],
+    (2, 3): [],
+    (2, 6): [(1, 2), (0, 2), (0, 1)],
+}
+
+
+@dataclass(frozen=True)
+class Facets:
+    """This rank's points of one body that can touch, and the flat pieces between them.
+
+    A rank has the pieces of the cells that it owns and their n points; points on the boundary
+    between two ranks are on both.  Cells of order 2 are cut into linear pieces.  Points are
+    numbered by the vertices of the mesh file, so that their numbers do not depend on the number of
+    ranks.
+
+    Attributes:
+        nodes: global numbers (n,) of the points among the nodes of the body.
+        X: positions (n, 3) in the stress-free shape [m].
+        rows: numbers, owners and sums of the points over all ranks.
+        triangles: (t, 3) points, as indices of the arrays above; none for cables and beams.
+        lines: (l, 2) points, as indices; none for films.
+    """
+
+    nodes: Int64Array
+    X: Array
+    rows: DistributedRows
+    triangles: Int32Array
+    lines: Int32Array
+
+
+def facets_of(body: MeshBody) -> Facets:
+    """Return this rank's points of a film, cable or beam and the flat pieces between them;
+    collective.
+
+    Args:
+        body: on a mesh of lines or triangles, of order 1 or 2.
+
+    Raises:
+        KeyError: cells of another shape or order.
+    """
+    space = body.space
+    mesh = space.mesh
+    dimension = mesh.topology.dim
+    # Each rank brings the cells that it owns; together they are all cells, each once.
+    own_count = mesh.topology.index_map(dimension).size_local
+    dofs = space.dofmap.list[:own_count]
+    dof_count = dofs.shape[1]
+    kind_of_cell = (dimension, dof_count)
+
+    corners = mesh.geometry.dofmap[:own_count, : dimension + 1]
+    vertices = mesh.geometry.input_global_indices[corners].astype(np.int64)
+    names = _names_of_dofs(vertices, dof_count, EDGES_OF_CELLS[kind_of_cell]).reshape(-1, 2)
+    # Sorting by name makes one point of the dofs that cells share.
+    points, first, point = np.unique(names, axis=0, return_index=True, return_inverse=True)
+    dof_of_point = dofs.ravel()[first].astype(np.int32)
+    last_vertex = body.comm.allreduce(int(names.max(initial=0)), op=MPI.MAX)
+
+    pieces = np.array(PIECES_OF_CELLS[kind_of_cell])
+    facets = point.reshape(-1, dof_count)[:, pieces].reshape(-1, pieces.shape[1])
+    sorted_facets = np.sort(facets, axis=1)
+    ordered: Int32Array = sorted_facets[np.lexsort(sorted_facets.T[::-1])].astype(np.int32)
+    is_film = dimension == 2
+    no_triangles: Int32Array = np.zeros((0, 3), dtype=np.int32)
+    no_lines: Int32Array = np.zeros((0, 2), dtype=np.int32)
+    return Facets(
+        nodes=body.block.index_map.local_to_global(dof_of_point),
+        X=space.tabulate_dof_coordinates()[dof_of_point],
+        rows=DistributedRows(body.comm, points, last_vertex + 1),
+        triangles=ordered if is_film else no_triangles,
+        lines=no_lines if is_film else ordered,
+    )
+
+
+def _names_of_dofs(
+    vertices: Int64Array, dof_count: int, edges: list[tuple[int, int]]
+) -> Int64Array:
+    """Return two numbers (c, d, 2) for each degree of freedom of cells, by which ranks name it.
+
+    They are the vertices, in ascending order, of the edge on which it is; a vertex is twice itself.
+
+    Args:
+        vertices: numbers (c, k) of the cells' vertices in the mesh file.
+        dof_count: d, vertices and middles of edges together.
+        edges: the two vertices, 0 to k - 1, of the edge of each middle node; these nodes follow the
+            vertices.
+    """
+    count, vertex_count = vertices.shape
+    names = np.zeros((count, dof_count, 2), dtype=np.int64)
+    names[:, :vertex_count] = vertices[:, :, None]
+    for k, ends in enumerate(edges):
+        names[:, vertex_count + k] = np.sort(vertices[:, list(ends)], axis=1)
+    return names

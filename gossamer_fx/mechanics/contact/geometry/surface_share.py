@@ -1,0 +1,257 @@
+"""The surfaces of all bodies of one contact, divided by ranks: tables of points, edges and
+triangles.
+
+Every primitive has a number that is the same on all ranks, and an owner, which searches for its
+pairs. Rows of a table can be sent to other ranks and united with theirs, in the order of the
+numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.core.algebra.rank_exchange import RankExchange
+from gossamer_fx.core.model.body import MeshBody
+from gossamer_fx.mechanics.contact.arrays import Array, Int32Array, Int64Array
+from gossamer_fx.mechanics.contact.geometry.collision_primitives import TRIANGLE_SIDES
+from gossamer_fx.mechanics.contact.geometry.distributed_rows import DistributedRows
+from gossamer_fx.mechanics.contact.geometry.facets import Facets, facets_of
+
+
+@dataclass(frozen=True)
+class SurfacePrimitives:
+    """n primitives of one kind, ascending by number.
+
+    Attributes:
+        number: the same on all ranks (n,).
+        owner: rank (n,) that searches for their pairs.
+    """
+
+    number: Int64Array
+    owner: Int64Array
+
+    def __len__(self) -> int:
+        return len(self.number)
+
+    def received(self, which: Int64Array, exchange: RankExchange) -> Self:
+        """Return a table of the points, edges or triangles that other ranks send to this one;
+        collective.
+
+        Args:
+            which: indices (k,) of the rows that this rank sends.
+            exchange: with the rank that gets each of them.
+        """
+        columns = self._columns()
+        return type(self)(
+            **{column: exchange.send(values[which]) for column, values in columns.items()}
+        )
+
+    def united(self, *others: Self) -> Self:
+        """Return a table with the rows of all tables of points, edges or triangles, each once, by
+        number.
+
+        Args:
+            others: tables of the same kind; rows with the same number are equal.
+        """
+        tables = [self, *others]
+        numbers = np.concatenate([table.number for table in tables])
+        # Rows with the same number are equal, whichever rank they come from.
+        _, first = np.unique(numbers, return_index=True)
+        columns = {
+            column: np.concatenate([getattr(table, column) for table in tables])[first]
+            for column in self._columns()
+        }
+        return type(self)(**columns)
+
+    def _columns(self) -> dict[str, Any]:
+        return {column.name: getattr(self, column.name) for column in fields(self)}
+
+
+@dataclass(frozen=True)
+class SurfacePoints(SurfacePrimitives):
+    """Points of bodies.
+
+    Attributes:
+        body: number (n,) of their body.
+        node: global number (n,) among the nodes of the body.
+        area: area [m²] (n,) for which each stands.
+    """
+
+    body: Int64Array
+    node: Int64Array
+    area: Array
+
+
+@dataclass(frozen=True)
+class SurfaceEdges(SurfacePrimitives):
+    """Edges between points of bodies.
+
+    Attributes:
+        points: numbers (n, 2) of their ends.
+        area: area [m²] (n,) for which each stands.
+    """
+
+    points: Int64Array
+    area: Array
+
+
+@dataclass(frozen=True)
+class SurfaceTriangles(SurfacePrimitives):
+    """Triangles between points of bodies.
+
+    Attributes:
+        points: numbers (n, 3) of their corners.
+    """
+
+    points: Int64Array
+
+
+@dataclass(frozen=True)
+class SurfaceTables:
+    """Primitives of bodies that a rank knows, with all of their points."""
+
+    points: SurfacePoints
+    edges: SurfaceEdges
+    triangles: SurfaceTriangles
+
+    def united(self, other: SurfaceTables) -> SurfaceTables:
+        """Return the primitives of both, each once."""
+        return SurfaceTables(
+            points=self.points.united(other.points),
+            edges=self.edges.united(other.edges),
+            triangles=self.triangles.united(other.triangles),
+        )
+
+    def point_indices(self, numbers: Int64Array) -> Int32Array:
+        """Return where points with some numbers, of any shape, stand in the table of points."""
+        return np.searchsorted(self.points.number, numbers).astype(np.int32)
+
+
+@dataclass(frozen=True)
+class SurfaceShare:
+    """The primitives of the cells that this rank owns.
+
+    Attributes:
+        surface: those on the boundary between two ranks are on both.
+        point_count, edge_count, triangle_count: of all ranks together.
+    """
+
+    surface: SurfaceTables
+    point_count: int
+    edge_count: int
+    triangle_count: int
+
+    @classmethod
+    def of(
+        cls, bodies: Sequence[MeshBody], radii: Sequence[float], comm: MPI.Intracomm
+    ) -> SurfaceShare:
+        """Number the points, edges and triangles of bodies, one body after the other; collective.
+
+        Args:
+            bodies: films, cables and beams.
+            radii: of each [m]; a cable stands for the area length times diameter.
+            comm: the ranks.
+        """
+        # Bodies are numbered one after the other, so that each kind of primitive has one range of
+        # numbers.
+        points: list[SurfacePoints] = []
+        edges: list[SurfaceEdges] = []
+        triangles: list[SurfaceTriangles] = []
+        counts = np.zeros(3, dtype=np.int64)
+        for k, (body, radius) in enumerate(zip(bodies, radii, strict=True)):
+            surface, of_body = _surface_of(facets_of(body), k, radius, counts, comm)
+            points.append(surface.points)
+            edges.append(surface.edges)
+            triangles.append(surface.triangles)
+            counts += of_body
+        whole = SurfaceTables(
+            points=points[0].united(*points[1:]),
+            edges=edges[0].united(*edges[1:]),
+            triangles=triangles[0].united(*triangles[1:]),
+        )
+        return cls(whole, *map(int, counts))
+
+
+def _surface_of(
+    facets: Facets, body: int, radius: float, first: Int64Array, comm: MPI.Intracomm
+) -> tuple[SurfaceTables, list[int]]:
+    """Return the points, edges and triangles of one body, numbered over all ranks; collective.
+
+    Args:
+        facets: this rank's.
+        body: number of the body.
+        radius: [m].
+        first: the lowest numbers (3,) of its points, edges and triangles.
+        comm: the ranks.
+
+    Returns:
+        tables of this rank's primitives with their areas [m²], and how many of each kind the body
+        has on all ranks: points, edges, triangles.
+    """
+    ends, edge_area, point_area = _edges_and_areas(facets, radius)
+    rows = facets.rows
+    # Names of edges and triangles are numbers of points, which are the same on all ranks.
+    bound = rows.count
+    edge_rows = DistributedRows(comm, rows.numbers[ends], bound)
+    corners = rows.numbers[facets.triangles]
+    triangle_rows = DistributedRows(comm, corners, bound)
+    points = SurfacePoints(
+        number=first[0] + rows.numbers,
+        owner=rows.owners,
+        body=np.full(len(facets.nodes), body),
+        node=facets.nodes,
+        # A rank knows the cells that it owns; areas on a boundary are sums over its sides.
+        area=rows.sums(point_area),
+    )
+    edges = SurfaceEdges(
+        number=first[1] + edge_rows.numbers,
+        owner=edge_rows.owners,
+        points=first[0] + rows.numbers[ends],
+        area=edge_rows.sums(edge_area),
+    )
+    triangles = SurfaceTriangles(
+        number=first[2] + triangle_rows.numbers,
+        # A cell has one owner: no other rank brings its triangles.
+        owner=triangle_rows.owners,
+        points=first[0] + corners,
+    )
+    return SurfaceTables(points, edges, triangles), [bound, edge_rows.count, triangle_rows.count]
+
+
+def _edges_and_areas(facets: Facets, radius: float) -> tuple[Int32Array, Array, Array]:
+    """Return the edges of facets, and the areas for which edges and points stand.
+
+    A triangle gives each of its sides and corners a third of its area.  A line stands for the area
+    of its shadow, length times diameter, and gives each end a half.
+
+    Args:
+        facets: this rank's n points of one body, with triangles or lines between them.
+        radius: of a cable or beam [m]; not used for films.
+
+    Returns:
+        edges (e, 2) as indices of points; areas [m²] of edges (e,) and of points (n,).
+    """
+    count = len(facets.nodes)
+    if len(facets.lines):
+        ends = facets.X[facets.lines]
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        area: Array = length * 2 * radius
+        halves = np.repeat(area / 2, 2)
+        return facets.lines, area, _summed(facets.lines, halves, count)
+    corners = facets.X[facets.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    thirds = np.repeat(np.linalg.norm(normals, axis=1) / 6, 3)
+    sides = np.sort(facets.triangles[:, TRIANGLE_SIDES].reshape(-1, 2), axis=1)
+    edges, edge = np.unique(sides, axis=0, return_inverse=True)
+    edge_area = _summed(edge, thirds, len(edges))
+    return edges.astype(np.int32), edge_area, _summed(facets.triangles, thirds, count)
+
+
+def _summed(numbers: np.ndarray, values: Array, count: int) -> Array:
+    """Return the sums (count,) of values that belong to numbers."""
+    return np.bincount(numbers.ravel(), values, count).astype(float)

@@ -1,0 +1,171 @@
+"""Closest points and distances of pairs, computed once for each set of points.
+
+The squared distance s of a triangle pair or an edge pair is that of its closest points, which have
+the parameters (u, v) on the two sides.  Of walls s is something else, which is linear in the
+distance or bounded: of planes the signed distance itself [m]; inside spheres and cylinders minus
+the squared distance from the middle.  The `gap` of a pair is its distance [m] less the radii of
+both sides.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, MaskArray
+from gossamer_fx.mechanics.contact.kernels.library import library
+from gossamer_fx.mechanics.contact.kernels.structs import pair_list
+from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairTable, is_room, is_wall
+
+
+def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
+    """Return the squared distances of contact pairs, and the parameters of their closest points.
+
+    The closest points of two edges are at u and v of their lengths; the one on a triangle is corner
+    0 + u (corner 1 - corner 0) + v (corner 2 - corner 0).  Walls have no parameters: zeros.
+
+    Args:
+        pairs: n pairs: a point and a triangle, two edges, or a point and a wall.
+        x: points (m, 3) [m].
+
+    Returns:
+        s (n,) [m²]: the squared distance.  Of planes s is the signed distance [m], inside spheres
+        and cylinders minus the squared distance from the middle.  And (u, v) (n, 2) [-].
+
+    Raises:
+        ValueError: an array is not contiguous, or not of the shape above.
+    """
+    c = library()
+    count = len(pairs)
+    squared_distance = np.empty(count)
+    parameters = np.empty((count, 2))
+    c.lib.closest_points(
+        pair_list(pairs).pointer,
+        c.array("x", x, "float64", (len(x), 3)),
+        c.array("squared_distance", squared_distance, "float64", (count,), writable=True),
+        c.array("parameters", parameters, "float64", (count, 2), writable=True),
+    )
+    return squared_distance, parameters
+
+
+def approach_bounds(pairs: PairTable, x0: Array, x1: Array) -> Array:
+    """Return by how much contact pairs can come closer on straight lines, at most.
+
+    Args:
+        pairs: n pairs: a point and a triangle, two edges, or a point and a wall.
+        x0, x1: points (m, 3) [m] at the start and at the end.
+
+    Returns:
+        bounds (n,) [m]; infinite for walls.
+
+    Raises:
+        ValueError: an array is not contiguous, or not of the shape above.
+    """
+    # The compiled C library of contact, which checks the arrays that it gets
+    c = library()
+    points = len(x0)
+    bound = np.empty(len(pairs))
+    c.lib.approach_bounds(
+        pair_list(pairs).pointer,
+        c.array("x0", x0, "float64", (points, 3)),
+        c.array("x1", x1, "float64", (points, 3)),
+        c.array("bound", bound, "float64", (len(pairs),), writable=True),
+    )
+    return bound
+
+
+def gaps_of(kind: ByteArray, squared_distance: Array, radius: Array, wall_radius: Array) -> Array:
+    """Return the gaps (n,) [m] of contact pairs: their distance less the radii of both sides.
+
+    Args:
+        kind: values (n,) of `PairKind`.
+        squared_distance: s (n,) of `closest_points`: a square [m²], of planes the signed distance
+            [m], inside spheres and cylinders minus the squared distance from the middle [m²].
+        radius: of both sides together (n,) [m].
+        wall_radius: of the sphere or cylinder that holds the point (n,) [m]; zero for other pairs.
+    """
+    walls = is_wall(kind)
+    rooms = is_room(kind)
+    squares = np.where(walls, 0, squared_distance)
+    gap: Array = np.sqrt(np.maximum(squares, 0)) - radius
+    # For planes s is the signed distance.
+    gap[walls] = squared_distance[walls] - radius[walls]
+    # Inside of a room s is minus the squared distance from its middle.
+    room = wall_radius[rooms] - radius[rooms]
+    gap[rooms] = room - np.sqrt(-squared_distance[rooms])
+    return gap
+
+
+class PairDistances:
+    """Gaps and closest points of all candidates at one set of points x (m, 3).
+
+    Far pairs need no closest points: their gap may be a lower bound that follows from an earlier
+    state. What is asked for later is computed then, and kept.
+
+    Attributes:
+        candidates: the n pairs.
+        x: the points (m, 3) [m].
+        gap: gaps (n,) [m], exact for those that were computed at first, else lower bounds.
+    """
+
+    def __init__(self, candidates: CandidatePairs, x: Array, lower_bound: Array) -> None:
+        """Start with lower bounds of the gaps; `make_exact` replaces some of them.
+
+        Args:
+            candidates: the n pairs.
+            x: points (m, 3) [m].
+            lower_bound: of each gap (n,) [m]; the array becomes `gap` and is changed in place.
+        """
+        count = len(candidates)
+        self.candidates = candidates
+        self.x = x
+        self.gap = lower_bound
+        self._is_known: MaskArray = np.zeros(count, dtype=bool)
+        self._squared_distance = np.empty(count)
+        self._parameters = np.empty((count, 2))
+
+    @classmethod
+    def of(cls, candidates: CandidatePairs, x: Array) -> PairDistances:
+        """Compute all gaps at points x."""
+        found = cls(candidates, x, np.empty(len(candidates)))
+        found.make_exact(slice(None))
+        return found
+
+    def make_exact(self, rows: Any) -> None:
+        """Compute the gaps [m] of some contact pairs, of which lower bounds were known.
+
+        Args:
+            rows: which pairs, as indices, a mask (n,) or a slice.
+        """
+        self._compute(rows)
+        table = self.candidates
+        self.gap[rows] = gaps_of(
+            kind=table.kind[rows],
+            squared_distance=self._squared_distance[rows],
+            radius=table.radius[rows],
+            wall_radius=table.wall_radius[rows],
+        )
+
+    def closest_points(self, rows: MaskArray) -> tuple[Array, Array]:
+        """Return squared distance and parameters of the closest points of some contact pairs.
+
+        Args:
+            rows: mask (n,) of the pairs, k of which are asked for.
+
+        Returns:
+            squared distance (k,) [m²], of planes a distance [m]; and (u, v) (k, 2) [-] along the
+            two sides.
+        """
+        missing = np.flatnonzero(rows & ~self._is_known)
+        if len(missing):
+            self._compute(missing)
+        return self._squared_distance[rows], self._parameters[rows]
+
+    def _compute(self, rows: Any) -> None:
+        """Compute closest points of some rows, and keep them."""
+        geometry = PairTable(self.candidates.kind[rows], self.candidates.points[rows])
+        squared_distance, parameters = closest_points(geometry, self.x)
+        self._squared_distance[rows] = squared_distance
+        self._parameters[rows] = parameters
+        self._is_known[rows] = True

@@ -1,0 +1,370 @@
+"""Obstacles that films, cables and beams touch: fixed, moved as prescribed, or parts of rigid
+bodies.
+
+An obstacle is made of walls, off which points are kept, and of solids: corners, edges and triangles
+like those of films, with a radius around them.  Planes and rooms are walls; a sphere is a corner
+with a radius, a cylinder an edge with a radius, a box eight corners.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.core.algebra.rotations import perpendicular_pair
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check, is_vector
+from gossamer_fx.core.model.body import Array, Attached, Ground, Port, Vector
+from gossamer_fx.mechanics.bodies.frames import along, ground_frame
+from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
+from gossamer_fx.mechanics.contact.geometry.obstacle_motion import PrescribedMotion
+from gossamer_fx.mechanics.contact.pair_table import PairKind
+
+# Largest error of the products of a box's axes: they are orthonormal to round-off.
+ORTHONORMALITY = 1e-9
+
+# The three bits of a corner's number, one for each axis of a box.
+AXIS_BITS = (1, 2, 4)
+
+
+@dataclass(frozen=True)
+class ObstacleWall:
+    """A wall off which points are kept.
+
+    Attributes:
+        kind: of its pairs.
+        points: three vectors that describe it, see `pair_table`: an origin, and a normal or two
+            directions across an axis.
+        radius: of spheres and cylinders [m].
+    """
+
+    kind: PairKind
+    points: tuple[Attached, Attached, Attached]
+    radius: float = 0.0
+
+
+@dataclass(frozen=True)
+class ObstacleSolid:
+    """Corners, and edges (e, 2) and triangles (t, 3) between them, with a radius [m] around all of
+    them."""
+
+    corners: tuple[Attached, ...]
+    edges: tuple[tuple[int, int], ...] = ()
+    triangles: tuple[tuple[int, int, int], ...] = ()
+    radius: float = 0.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Obstacle:
+    """Something solid.  Points and directions are those at the start, in space.
+
+    Args:
+        body: the rigid body of which it is a part; None: it stays, or moves as prescribed.
+        motion: displacement [m] of the obstacle, three numbers, over the time [s]; its work is
+            supplied energy.  It is continuous: steps in which it jumps are refused.
+        friction: coefficient of Coulomb friction with it; None: that of the contact.
+        name: in messages and outputs.
+
+    Raises:
+        InputError: a vector that is not three finite numbers, a radius that is not positive, a
+            negative friction, or both `body` and `motion`; in a run: a motion that raises or
+            returns something other than three finite numbers.
+    """
+
+    body: RigidBody | None = None
+    motion: PrescribedMotion | None = None
+    friction: float | None = None
+    name: str = "obstacle"
+
+    def __post_init__(self) -> None:
+        """Check the arguments that all kinds of obstacles share.
+
+        Vectors and radii [m] are checked where a kind has an attribute of this name.
+
+        Raises:
+            InputError: a vector that is not three finite numbers, a radius that is not positive, a
+                negative friction, or both a rigid body and a prescribed motion.
+        """
+        owner = f"{type(self).__name__} '{self.name}'"
+        if self.friction is not None:
+            check_friction(owner, self.friction)
+        check(
+            self.body is None or self.motion is None,
+            f"{owner}: a part of a rigid body moves with that body; leave out one of 'body' and "
+            "'motion'.",
+        )
+        for attribute in ("point", "normal", "centre", "start", "end", "sizes"):
+            value = getattr(self, attribute, (0.0, 0.0, 0.0))
+            check(
+                is_vector(value),
+                f"{owner}: {attribute} is {value!r}; give three finite numbers.",
+            )
+        radius = getattr(self, "radius", 1.0)
+        check(
+            math.isfinite(radius) and radius > 0,
+            f"{owner}: radius is {radius!r} m; give a positive number.",
+        )
+
+    def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
+        """Return the walls and solids that make it up, in its position at the start.
+
+        Walls keep points on one side; solids have corners, edges and triangles like those of films.
+        Each kind of obstacle overrides this method.
+        """
+        raise NotImplementedError
+
+    def requires(self) -> Iterable[Any]:
+        """Return the body that has to be in the scene, too."""
+        return () if self.body is None else (self.body,)
+
+    def frame(self) -> tuple[Attached, ...]:
+        """Return an origin and three axes that move with it."""
+        if self.body is None:
+            frame = ground_frame()
+            return frame.origin, *frame.directors
+        return Port(self.body, (0,)), *self.body.frame().directors
+
+    def _at(self, point: Array | Vector) -> Attached:
+        """Return a point (3,) [m] that moves with the obstacle."""
+        x, y, z = (float(value) for value in point)
+        if self.body is None:
+            return Ground((x, y, z))
+        return self.body.port_at((x, y, z))
+
+    def _along(self, direction: Array) -> Attached:
+        """Return a direction (3,) that turns with the obstacle."""
+        if self.body is None:
+            x, y, z = direction
+            return Ground((float(x), float(y), float(z)))
+        return along(direction, self.body.frame())
+
+
+def check_friction(owner: str, friction: float) -> None:
+    """Raise `InputError` unless a coefficient of friction is zero or positive."""
+    check(
+        math.isfinite(friction) and friction >= 0,
+        f"{owner}: friction is {friction!r}; give zero, or a positive ratio of forces.",
+    )
+
+
+def _unit(vector: Vector | Array, owner: str) -> Array:
+    """Return a vector of length one; the owner is named in the message about one without a
+    length."""
+    direction = np.asarray(vector, dtype=float)
+    length = np.linalg.norm(direction)
+    check(bool(length > 0), f"{owner} has no length; give a direction.")
+    unit: Array = direction / length
+    return unit
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Plane(Obstacle):
+    """The half-space behind a plane.
+
+    Args:
+        point: on the plane [m].
+        normal: towards the side where bodies are.
+        body, motion, friction, name: see `Obstacle`.
+
+    Example:
+        >>> import gossamer_fx as gx
+        >>> floor = gx.contact.Plane(point=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0), friction=0.3)
+    """
+
+    point: Vector
+    normal: Vector
+
+    def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
+        """Return one wall, which keeps points on one side, and no solid: its origin on the plane
+        [m] and its normal of unit length.
+
+        Raises:
+            InputError: the normal has no length.
+        """
+        normal = _unit(self.normal, f"Plane '{self.name}': its normal")
+        # The third vector of a plane is not used, and repeats the origin.
+        origin = self._at(self.point)
+        wall = ObstacleWall(PairKind.POINT_PLANE, (origin, self._along(normal), origin))
+        return [wall], []
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Sphere(Obstacle):
+    """A ball, or the room within it.
+
+    Args:
+        centre: [m].
+        radius: [m].
+        inside: whether bodies are kept within it.
+        body, motion, friction, name: see `Obstacle`.
+
+    Example:
+        >>> import gossamer_fx as gx
+        >>> ball = gx.contact.Sphere(centre=(0.0, 0.0, 0.1), radius=0.05)
+    """
+
+    centre: Vector
+    radius: float
+    inside: bool = False
+
+    def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
+        """Return the walls, which keep points on one side, and the solids that make the obstacle
+        up.
+
+        A ball is a solid of one corner with a radius [m]; a room (`inside`) is one wall with this
+        radius, whose three points are all the centre [m].
+        """
+        centre = self._at(self.centre)
+        if self.inside:
+            points = (centre, centre, centre)
+            return [ObstacleWall(PairKind.POINT_IN_SPHERE, points, self.radius)], []
+        return [], [ObstacleSolid((centre,), radius=self.radius)]
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Cylinder(Obstacle):
+    """A cylinder with half a ball at each end, or the room within an endless one.
+
+    Args:
+        start, end: of its axis [m].
+        radius: [m].
+        inside: whether bodies are kept within it.
+        body, motion, friction, name: see `Obstacle`.
+
+    Example:
+        >>> import gossamer_fx as gx
+        >>> mast = gx.contact.Cylinder(start=(0.0, 0.0, 0.0), end=(0.0, 0.0, 2.0), radius=0.1)
+    """
+
+    start: Vector
+    end: Vector
+    radius: float
+    inside: bool = False
+
+    def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
+        """Return the walls, which keep points on one side, and the solids that make the obstacle
+        up.
+
+        A mast is a solid of one edge with a radius [m]; a room (`inside`) is a wall without ends: a
+        point on the axis and two unit directions across it.
+
+        Raises:
+            InputError: start and end are the same point.
+        """
+        axis = _unit(np.subtract(self.end, self.start), f"Cylinder '{self.name}': its axis")
+        start = self._at(self.start)
+        if not self.inside:
+            solid = ObstacleSolid((start, self._at(self.end)), ((0, 1),), radius=self.radius)
+            return [], [solid]
+        first, second = perpendicular_pair(axis)
+        points = (start, self._along(first), self._along(second))
+        return [ObstacleWall(PairKind.POINT_IN_CYLINDER, points, self.radius)], []
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Box(Obstacle):
+    """A box, or the room within it.
+
+    Args:
+        centre: [m].
+        sizes: lengths of its edges [m].
+        axes: directions of its edges, orthonormal rows (3, 3); by default those of space.
+        inside: whether bodies are kept within it.
+        body, motion, friction, name: see `Obstacle`.
+
+    Raises:
+        InputError: sizes that are not positive, axes that are not orthonormal; see also `Obstacle`.
+
+    Example:
+        >>> import gossamer_fx as gx
+        >>> bus = gx.contact.Box(centre=(0.0, 0.0, 0.0), sizes=(0.2, 0.2, 0.3))
+    """
+
+    centre: Vector
+    sizes: Vector
+    axes: Sequence[Vector] = field(default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    inside: bool = False
+
+    def __post_init__(self) -> None:
+        """Check sizes [m] and axes in addition to what `Obstacle` checks.
+
+        Raises:
+            InputError: a size that is not positive, axes that are not three orthonormal rows, or
+                what `Obstacle` refuses.
+        """
+        super().__post_init__()
+        check(
+            min(self.sizes) > 0,
+            f"Box '{self.name}': sizes are {tuple(self.sizes)!r} m; give positive numbers.",
+        )
+        axes = np.asarray(self.axes, dtype=float)
+        is_orthonormal = axes.shape == (3, 3) and bool(
+            np.allclose(axes @ axes.T, np.eye(3), atol=ORTHONORMALITY)
+        )
+        check(
+            is_orthonormal,
+            f"Box '{self.name}': its axes are not three orthonormal directions; give them as rows.",
+        )
+
+    def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
+        """Return the walls, which keep points on one side, and the solids that make the obstacle
+        up.
+
+        A box is a solid of 8 corners, 12 edges and 12 triangles, two on each face; a room
+        (`inside`) is six walls.
+        """
+        axes = np.asarray(self.axes, dtype=float)
+        centre = np.asarray(self.centre, dtype=float)
+        half = np.asarray(self.sizes, dtype=float) / 2
+        if self.inside:
+            return self._walls(axes, centre, half), []
+        # The bits of a corner's number are the signs of its coordinates; z is the lowest bit.
+        corners = [centre + (np.array(signs) * half) @ axes for signs in product((-1, 1), repeat=3)]
+        edges = [
+            (corner, corner | bit) for corner in range(8) for bit in AXIS_BITS if not corner & bit
+        ]
+        points = tuple(self._at(corner) for corner in corners)
+        return [], [ObstacleSolid(points, tuple(edges), _triangles_of_box())]
+
+    def _walls(self, axes: Array, centre: Array, half: Array) -> list[ObstacleWall]:
+        """Return the six planes around a room, with normals towards its middle.
+
+        Args:
+            axes: unit directions of the edges, orthonormal rows (3, 3).
+            centre: of the box, (3,) [m].
+            half: half of its sizes along the axes, (3,) [m].
+        """
+        walls = []
+        for k in range(3):
+            for sign in (-1, 1):
+                # `_at` and `_along` attach a point and a direction to the body that carries the
+                # obstacle, or to the ground.
+                origin = self._at(centre + sign * half[k] * axes[k])
+                normal = self._along(-sign * axes[k])
+                walls.append(ObstacleWall(PairKind.POINT_PLANE, (origin, normal, origin)))
+        return walls
+
+
+def _triangles_of_box() -> tuple[tuple[int, int, int], ...]:
+    """Return the 12 triangles of a box, two for each face, as numbers of its corners.
+
+    The number of a corner, 0 to 7, has one bit for each axis: 1 where the corner is on the positive
+    side.
+    """
+    triangles = []
+    for bit in AXIS_BITS:
+        first, second = (other for other in AXIS_BITS if other != bit)
+        for base in (0, bit):
+            opposite = base | first | second
+            triangles.append((base, base | first, opposite))
+            triangles.append((base, base | second, opposite))
+    return tuple(triangles)

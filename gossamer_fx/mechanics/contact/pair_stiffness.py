@@ -1,0 +1,153 @@
+"""The stiffness of pairs at the beginning of contact: given, or enough to stop what comes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gossamer_fx.mechanics.contact.arrays import Array
+from gossamer_fx.mechanics.contact.geometry.collision_mesh import CollisionMesh
+from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
+from gossamer_fx.mechanics.contact.pair_table import CandidatePairs, PairKind, is_room
+from gossamer_fx.mechanics.contact.stiffness_warning import STOPPING_FACTOR, StiffnessWarning
+from gossamer_fx.mechanics.contact.system_view import ContactAssembly
+
+# Closing speed over that at the start of the step: a pair may be faster when it meets.
+SPEED_RESERVE = 1.25
+
+# The reference speed crosses this part of the activation distance in the first step: a pair that
+# hardly moves is not so soft that a step compresses it altogether.
+REFERENCE_WAY = 0.5
+
+# Part of a step over which the closing speed is a difference quotient.
+SHORT_TIME = 1e-3
+
+# Pressure of pairs that are closed by the whole activation distance, over that of the loads of an
+# equilibrium, of which a small area may have to carry much.
+STATIC_FACTOR = 10.0
+
+# No density: divisions by smaller ones are meaningless.
+TINY = 1e-300
+
+
+class PairStiffness:
+    """Chooses k [J] of pairs that begin to touch.
+
+    Args:
+        mesh: what touches.
+        stiffness: K [N/m³]: k = K d² A of a pair that stands for the area A.  None: k = 4 σ v² A
+            with the area density σ of both sides and the closing speed v.
+        activation_distance: d [m].
+        system: with the masses of the bodies.
+
+    Attributes:
+        given: K [N/m³], or None.
+        static_pressure: pressure [N/m²] of the loads of an equilibrium; zero in dynamics.
+    """
+
+    def __init__(
+        self,
+        mesh: CollisionMesh,
+        stiffness: float | None,
+        activation_distance: float,
+        system: ContactAssembly,
+    ) -> None:
+        """Take the given stiffness, or None; densities follow when masses are assembled.
+
+        Args:
+            mesh: bodies and obstacles of a contact.
+            stiffness: K [N/m³], pressure over closing; None: derived from area densities and
+                closing speeds.
+            activation_distance: gap d [m] at which contact begins.
+            system: the equations, with the masses of the bodies.
+        """
+        self._mesh = mesh
+        self.given = stiffness
+        self._activation_distance = activation_distance
+        self._system = system
+        self._warning = StiffnessWarning(
+            stiffness or 0.0, activation_distance, mesh.names, system.comm
+        )
+        self._density: Array | None = None
+        self.static_pressure = 0.0
+
+    def reference_speed(self, step: float) -> float:
+        """Return the least closing speed [m/s] for which stiffness is derived; step is its length
+        [s]."""
+        return REFERENCE_WAY * self._activation_distance / step
+
+    def choose(
+        self,
+        pairs: CandidatePairs,
+        squared_distance: Array,
+        x0: Array,
+        v: Array,
+        reference_speed: float,
+    ) -> Array:
+        """Return the stiffness k [J] of contact pairs that begin to touch; collective.
+
+        A given stiffness that cannot stop the pairs is warned of once, in the log.
+
+        Args:
+            pairs: n pairs.
+            squared_distance: of the closest points at x0 (n,) [m²]; of planes a distance [m].
+            x0, v: points [m] and their velocities [m/s] (m, 3) at the start of the step.
+            reference_speed: closing speed [m/s] that is assumed at least.
+
+        Returns:
+            (n,) [J], proportional to the area for which each pair stands.
+        """
+        sides = np.column_stack([pairs.points[:, 0], pairs.second_point])
+        bodies = self._mesh.body[sides]
+        density = self.densities()[bodies]
+        rate = self._rate_of_distance(pairs, squared_distance, x0, v)
+        if self.given is not None:
+            self._warning.check(
+                bodies=bodies,
+                density=density.min(axis=1),
+                speed=np.maximum(-rate, 0),
+            )
+            return self.given * self._activation_distance**2 * pairs.area
+        if self.static_pressure:
+            return STATIC_FACTOR * self.static_pressure * self._activation_distance * pairs.area
+        # The density that acts between two free sides, twice the harmonic sum; that of one side,
+        # doubled, against an obstacle.
+        both_sides = 2 / np.maximum((1 / density).sum(axis=1), TINY)
+        speed = np.maximum(reference_speed, SPEED_RESERVE * np.abs(rate))
+        return STOPPING_FACTOR * both_sides * speed**2 * pairs.area
+
+    def densities(self) -> Array:
+        """Return the area density (k,) [kg/m²] of bodies and obstacles, computed once."""
+        if self._density is None:
+            self._density = self._mesh.body_densities(self._system)
+        return self._density
+
+    def masses_changed(self) -> None:
+        """Forget the densities."""
+        self._density = None
+
+    def _rate_of_distance(
+        self,
+        pairs: CandidatePairs,
+        squared_distance: Array,
+        x0: Array,
+        v: Array,
+    ) -> Array:
+        """Return by how much the distances of contact pairs grow (n,) [m/s]; negative where they
+        close.
+
+        It is a difference quotient over a thousandth of the step.
+
+        Args:
+            pairs: n pairs.
+            squared_distance: of the closest points at x0 (n,) [m²]; of planes a distance [m], in
+                rooms minus the squared distance from the middle.
+            x0, v: points [m] and their velocities [m/s], (m, 3).
+        """
+        duration = SHORT_TIME * self._system.h
+        later, _ = closest_points(pairs, np.ascontiguousarray(x0 + duration * v))
+        change = np.sqrt(np.abs(later)) - np.sqrt(np.abs(squared_distance))
+        is_plane = pairs.kind == PairKind.POINT_PLANE
+        # Of planes s is the distance; in a room it falls while the distance from the middle grows.
+        by_kind = [later - squared_distance, -change]
+        rate: Array = np.select([is_plane, is_room(pairs.kind)], by_kind, change) / duration
+        return rate

@@ -1,0 +1,390 @@
+"""The contact potential: energy, forces and tangents of pairs, conserving in every step.
+
+Problem.  A time step of this package conserves energy and momenta exactly if energies are functions
+of measures that are quadratic in the coordinates (`terms.discrete_gradient`).  The distance of two
+primitives, e.g. of a point and a triangle, is not such a measure: it depends on where the closest
+points are, and they move.
+
+Idea.  A pair is three vectors, linear in its four points: r between the two sides, a and b along
+them. Points of the two sides are r + u a + v b apart.  The squared distance of the sides
+
+    s(e) = min over (u, v) of φ(u, v)·e,    e = (r·r, r·a, r·b, a·a, a·b, b·b),
+                                            φ = (1, 2u, 2v, u², 2uv, v²)                        (0)
+
+is a minimum of functions that are linear in the six quadratic measures e.  A minimum of linear
+functions is concave.  An energy k b(x), x = (s - offset)/width, of a falling convex b is therefore
+convex in e, and can be treated as any stored energy.
+
+    law       b(x), zero for x ≥ 1
+    BARRIER   (1 - x)³/(4x)     nothing gets through, whatever the stiffness
+    PENALTY   (1 - √x)²/2       linear in the distance; of walls (1 - x)²/2, where s is a distance
+              itself
+
+Algorithm, for a step from e0 = e(q0) to e1 = e(q1) with the change Δe = e1 - e0:
+
+    1. The stress of the step is S = k (b(x1) - b(x0))/(s1 - s0) φ_mean.                        (1)
+    2. φ_mean = ∫₀¹ φ dτ along e0 + τ Δe, by two Gauss points.                                  (2)
+    3. Gauss points leave an error in (2).  A multiple of Δe is added to φ_mean such that
+       φ_mean·Δe = s1 - s0.                                                                     (3)
+    4. The force on the points is De(q_mid)ᵀ S.  Since De(q_mid)(q1 - q0) = Δe, its work is
+       k (b(x1) - b(x0)); it has no resultant and no moment, as e does not change in rigid motions.
+
+Parallel edges.  Their closest points are anywhere along them and jump when they turn.  Adding
+ε ((u - ½)² + (v - ½)²), ε = ROUNDING width, to the form rounds s and leaves it concave.  Where
+edges cross, s may then be ε/2; the offset of barriers is larger by this much, so that they are
+infinite there.
+
+Iterates of Newton's method may pass through something.  Such pairs are pushed back by a parabola of
+the signed distance (`kernels/pass_through.h`).  For edges with a barrier, x must not fall below a
+fiftieth of its value at the start of the step.  Below it b is continued as a parabola of x, so that
+the iteration has a finite force; a step that ends there is refused.
+
+Cost: three searches for closest points for each pair and evaluation, at e1 and at the two Gauss
+points; those of e0 are known from the start of the step.  All is in C, and pairs out of range are
+left out.
+
+Limits: the tangent of a step is not symmetric, since (3) treats both ends differently from the
+middle. The measures at the Gauss points are those of no configuration, so that their closest points
+follow from the measures alone.
+
+References: the discrete energy rule, Simo & Tarnow, Z. angew. Math. Phys. 43 (1992) 757,
+doi:10.1007/BF00913408; barriers of distances, Li et al., "Incremental potential contact", ACM
+Trans. Graph. 39 (2020) 49, doi:10.1145/3386569.3392425.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+import numpy as np
+
+from gossamer_fx.core.forms.c_source import CStruct
+from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array
+from gossamer_fx.mechanics.contact.kernels.library import library
+from gossamer_fx.mechanics.contact.kernels.structs import pair_list_fields
+from gossamer_fx.mechanics.contact.narrow_phase.closest_points import closest_points
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs, CandidatePairs, PairKind, is_room
+
+# ε over the width of a pair of edges.  With a fiftieth of it, barriers near the ends of edges are
+# so steep that a fine sail needs 40 % more steps (docs/theory/contact.md).
+ROUNDING = 0.05
+
+# Stiffness by which pairs that passed through are pushed back, over their own: more than the
+# parabola of the pair, so that the next iterate comes back to the right side.
+PUSH_BACK = 4.0
+
+
+class ContactLaw(IntEnum):
+    """How the energy grows with falling distance; the numbers are those of `kernels/contact.h`."""
+
+    BARRIER = 0
+    PENALTY = 1
+
+
+class PairState(IntEnum):
+    """What a pair does in a step; the numbers are those of `kernels/contact.h`."""
+
+    NO_CONTACT = 0
+    TOUCHES = 1
+    PASSED = 2
+
+
+@dataclass
+class PairResponse:
+    """What n pairs do in a step.
+
+    Attributes:
+        state: of each pair (n,), a `PairState`.
+        forces: on the four points of each pair (n, 12) [N], or None.
+        tangents: their derivatives (n, 144) [N/m] by the end of the step, or None.
+    """
+
+    state: ByteArray
+    forces: Array | None = None
+    tangents: Array | None = None
+
+
+def activate(
+    candidates: CandidatePairs, activation_distance: Array, law: ContactLaw
+) -> ActivePairs:
+    """Return n contact pairs with the numbers of their energy, which reaches up to an activation
+    distance.
+
+    With the sum R of both radii, a pair with the gap d has the squared distance (R + d)².
+
+    Args:
+        candidates: n pairs that may touch.
+        activation_distance: gap (n,) [m] below which each has energy.
+        law: of the energy.  Barriers of edge pairs are made infinite where the edges cross.
+
+    Returns:
+        the pairs with offset and width of the squared distance [m²], of planes [m], and the
+        stiffness zero.
+    """
+    radius = candidates.radius
+    width: Array = (radius + activation_distance) ** 2 - radius**2
+    offset: Array = radius**2
+    if law == ContactLaw.BARRIER:
+        width, offset = infinite_at_crossings(candidates.kind, width, offset)
+    planes = candidates.kind == PairKind.POINT_PLANE
+    # For planes s is a signed distance and no square.
+    width[planes] = activation_distance[planes]
+    offset[planes] = radius[planes]
+    # Inside a sphere or cylinder s is minus the squared distance from the middle.
+    rooms = is_room(candidates.kind)
+    room = candidates.wall_radius[rooms] - radius[rooms]
+    width[rooms] = room**2 - (room - activation_distance[rooms]) ** 2
+    offset[rooms] = -(room**2)
+    return ActivePairs(
+        kind=candidates.kind,
+        points=candidates.points,
+        identifier=candidates.identifier,
+        stiffness=np.zeros(len(candidates)),
+        width=width,
+        offset=offset,
+    )
+
+
+def infinite_at_crossings(kind: ByteArray, width: Array, offset: Array) -> tuple[Array, Array]:
+    """Return width and offset (n,) [m²] of barrier energies that are infinite where edges cross.
+
+    Squared distances of edges are rounded, so that they are not zero at a crossing.  The energy
+    begins at the same distance: offset + width is constant.
+
+    Args:
+        kind: values (n,) of `PairKind`; only edge pairs are changed.
+        width: change of the squared distance over which the energy falls to zero (n,) [m²].
+        offset: squared distance where the barrier of pairs without rounding is infinite (n,) [m²].
+    """
+    rounded = np.where(kind == PairKind.EDGE_EDGE, ROUNDING / 2, 0.0)
+    new_width = width / (1 + rounded)
+    return new_width, offset + rounded * new_width
+
+
+def pair_starts(
+    pairs: ActivePairs,
+    x: Array,
+    squared_distance: Array,
+    parameters: Array,
+) -> Array:
+    """Return the column `start` of contact pairs: what the energy rule needs from the start of a
+    step.
+
+    Args:
+        pairs: n pairs that take part in the step.
+        x: points (m, 3) [m] at the start.
+        squared_distance: of the closest points there (n,) [m²], of planes [m].
+        parameters: (u, v) (n, 2) [-] of these points along the two sides.
+
+    Returns:
+        (n, 4): u, v [-], distance [m], squared distance with rounded edges [m²].  The distance of
+        walls is not used.
+
+    Raises:
+        ValueError: an array is not contiguous, or not of the shape above.
+    """
+    # The compiled C library of contact, which checks the arrays that it gets
+    c = library()
+    count = len(pairs)
+    rounded = np.empty(count)
+    parameters = np.ascontiguousarray(parameters)
+    c.lib.rounded_squared_distances(
+        _active_pairs(pairs, None, ContactLaw.BARRIER).pointer,
+        c.array("x", x, "float64", (len(x), 3)),
+        c.array("parameters", parameters, "float64", (count, 2)),
+        c.array("rounded", rounded, "float64", (count,), writable=True),
+    )
+    start = np.empty((count, 4))
+    start[:, :2] = parameters
+    # Walls have signed or negative s; their distance is not used.
+    start[:, 2] = np.sqrt(np.maximum(squared_distance, 0))
+    start[:, 3] = rounded
+    return start
+
+
+def reversed_pairs(pairs: ActivePairs, x: Array) -> ActivePairs:
+    """Return pairs of the reversed step, which starts at the points x (m, 3) [m].
+
+    The closest points of the original start stay the origin of their vectors: the force depends on
+    that origin where it is corrected along the change of the measures.
+    """
+    start = pair_starts(pairs, x, *closest_points(pairs, x))
+    if pairs.start is not None:
+        start[:, :2] = pairs.start[:, :2]
+    return replace(pairs, start=start)
+
+
+def energy_of_pairs(
+    pairs: ActivePairs,
+    x: Array,
+    law: ContactLaw,
+    parameters: Array | None = None,
+) -> tuple[float, Array]:
+    """Return the energy of contact pairs in one configuration, and their scaled distances.
+
+    Args:
+        pairs: n pairs with their stiffness [J].
+        x: points (m, 3) [m].
+        law: of the energy.
+        parameters: (u, v) of the closest points at x (n, 2), if they are known; None: computed
+            here.
+
+    Returns:
+        sum of the energies [J], and the scaled distance of each pair (n,) [-], which is below one
+        where a pair has energy.
+
+    Raises:
+        ValueError: an array is not contiguous, or not of the shape above.
+    """
+    # The compiled C library of contact, which checks the arrays that it gets
+    c = library()
+    count = len(pairs)
+    if parameters is None:
+        _, parameters = closest_points(pairs, x)
+    scaled_distance = np.empty(count)
+    energy = c.lib.stored_energy(
+        _active_pairs(pairs, None, law).pointer,
+        c.array("x", x, "float64", (len(x), 3)),
+        c.array("parameters", parameters, "float64", (count, 2)),
+        c.array("scaled_distance", scaled_distance, "float64", (count,), writable=True),
+    )
+    return float(energy), scaled_distance
+
+
+def unit_energies(pairs: ActivePairs, scaled_distance: Array, law: ContactLaw) -> Array:
+    """Return b(x) (n,) of contact pairs [-]: their energy over their stiffness.
+
+    Args:
+        pairs: n pairs, of which only the kinds count.
+        scaled_distance: x (n,) [-] of each, from `energy_of_pairs`.
+        law: of the energy.
+
+    Raises:
+        ValueError: an array is not contiguous, or not of the shape above.
+    """
+    c = library()
+    count = len(pairs)
+    energy = np.empty(count)
+    c.lib.unit_energies(
+        _active_pairs(pairs, None, law).pointer,
+        c.array("scaled_distance", scaled_distance, "float64", (count,)),
+        c.array("energy", energy, "float64", (count,), writable=True),
+    )
+    return energy
+
+
+def evaluate(
+    pairs: ActivePairs,
+    x0: Array,
+    x1: Array,
+    law: ContactLaw,
+    alpha: float,
+    *,
+    point_forces: Array | None = None,
+    block_index: Int32Array | None = None,
+    blocks: Array | None = None,
+    by_pair: bool = False,
+    tangents_by_pair: bool = False,
+    geometric_share: float = 1.0,
+    known_state: ByteArray | None = None,
+    push_back: float = PUSH_BACK,
+) -> PairResponse:
+    """Compute forces and tangents of n contact pairs in a step from points x0 to x1.
+
+    Args:
+        pairs: n pairs with the column `start` of their closest points; without it, these are
+            computed.
+        x0, x1: points (m, 3) [m] at the start and at the end.
+        law: of the energy.
+        alpha: weight of the end in the configuration where forces act; with 1 they are the gradient
+            of the energy in the state x1.
+        point_forces: array (m, 3) [N] to which the forces are added.
+        block_index, blocks: arrays (n, 16) and (b, 9); the 3 x 3 blocks [N/m] of the tangent
+            between any two points of a pair are added to the rows of `blocks` that block_index
+            names.
+        by_pair: whether forces are returned pair by pair.
+        tangents_by_pair: whether tangents are, too.
+        geometric_share: share [-] of the geometric stiffness in tangents, which may make them
+            indefinite.
+        known_state: of an earlier call for the same step; pairs without contact are then left out.
+        push_back: stiffness of pairs that passed through, over their own [-]; zero for a step that
+            was accepted, whose pairs are then treated alike in both directions of time.
+
+    Returns:
+        state of each pair (n,); forces (n, 12) [N] and tangents (n, 144) [N/m] as asked for, else
+        None.
+
+    Raises:
+        ValueError: an array is not contiguous, read-only though it is written to, or not of the
+            shape above.
+    """
+    # The compiled C library of contact, which checks the arrays that it gets
+    c = library()
+    count = len(pairs)
+    points = len(x0)
+    start = pairs.start
+    if start is None or alpha == 1:
+        base = x1 if alpha == 1 else x0
+        # In statics the force is the gradient at x1, whose closest points it needs.
+        start = pair_starts(pairs, base, *closest_points(pairs, base))
+    # What is None is not computed: C gets a null pointer for it.
+    state = np.empty(count, dtype=np.uint8) if known_state is None else known_state
+    forces = np.empty((count, 12)) if by_pair else None
+    tangents = np.empty((count, 144)) if tangents_by_pair else None
+    block_count = 0 if blocks is None else len(blocks)
+    step = c.struct(
+        "contact_step",
+        {
+            "x0": c.array("x0", x0, "float64", (points, 3)),
+            "x1": c.array("x1", x1, "float64", (points, 3)),
+            "alpha": alpha,
+            "geometric_share": geometric_share,
+            "push_back": push_back,
+        },
+    )
+    response = c.struct(
+        "contact_response",
+        {
+            "state": c.array("state", state, "uint8", (count,), writable=True),
+            "state_is_known": known_state is not None,
+            "point_forces": c.array(
+                "point_forces", point_forces, "float64", (points, 3), writable=True
+            ),
+            "block_index": c.array("block_index", block_index, "int32", (count, 16)),
+            "blocks": c.array("blocks", blocks, "float64", (block_count, 9), writable=True),
+            "pair_forces": c.array("forces", forces, "float64", (count, 12), writable=True),
+            "pair_tangents": c.array("tangents", tangents, "float64", (count, 144), writable=True),
+        },
+    )
+    table = _active_pairs(pairs, start, law)
+    c.lib.evaluate_pairs(table.pointer, step.pointer, response.pointer)
+    return PairResponse(state, forces, tangents)
+
+
+def _active_pairs(pairs: ActivePairs, start: Array | None, law: ContactLaw) -> CStruct:
+    """Return the C structure of n active pairs with the numbers of the energy law.
+
+    Args:
+        pairs: whose columns become C arrays, which live as long as the structure.
+        start: column `start` (n, 4); None where the C function does not read it.
+        law: of the energy.
+
+    Raises:
+        ValueError: a column is not contiguous, or not of the type that C takes.
+    """
+    # The compiled C library of contact, which checks the arrays that it gets
+    c = library()
+    count = len(pairs)
+    return c.struct(
+        "active_pairs",
+        {
+            "list": pair_list_fields(pairs),
+            "stiffness": c.array("stiffness", pairs.stiffness, "float64", (count,)),
+            "width": c.array("width", pairs.width, "float64", (count,)),
+            "offset": c.array("offset", pairs.offset, "float64", (count,)),
+            "start": c.array("start", start, "float64", (count, 4)),
+            "rounding": ROUNDING,
+            "law": int(law),
+        },
+    )

@@ -1,0 +1,264 @@
+"""Forces and tangents of the active pairs of one contact in a step from x0 to x1.
+
+The pairs are divided into two tables, since their tangents are assembled in two ways:
+
+    pairs between bodies     their four points are block rows of the system, so that the C kernel
+                             adds 3 x 3 blocks between them where they belong
+    pairs with an obstacle   points of obstacles are combinations of block rows; tangents are
+                             computed pair by pair, and multiplied by the weights of these rows
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from petsc4py import PETSc
+
+from gossamer_fx.mechanics.contact.active_set import between_bodies
+from gossamer_fx.mechanics.contact.arrays import Array, ByteArray, Int32Array, Int64Array
+from gossamer_fx.mechanics.contact.assembly import BlockAssembly
+from gossamer_fx.mechanics.contact.geometry.contact_points import ContactPoints
+from gossamer_fx.mechanics.contact.pair_table import ActivePairs
+from gossamer_fx.mechanics.contact.potential import (
+    PUSH_BACK,
+    ContactLaw,
+    PairState,
+    evaluate,
+    reversed_pairs,
+)
+from gossamer_fx.mechanics.contact.system_view import ContactAssembly
+
+if TYPE_CHECKING:
+    # A scene without friction does not load it.
+    from gossamer_fx.mechanics.contact.friction.friction import Friction
+
+
+class StepForces:
+    """Forces and tangents of the active pairs of this rank, with friction.
+
+    Args:
+        points: points of the contact.
+        law: of the energy: barrier or penalty.
+        system: the equations of the scene, with the step.
+        friction: Coulomb friction of the pairs; None: there is none.
+
+    Attributes:
+        friction: if there is any.
+        push_back: stiffness of pairs that passed through, over their own [-].
+        point_forces: forces (m, 3) [N] of this rank's pairs at the last residual.
+        acting_count: number of pairs with a force there.
+    """
+
+    def __init__(
+        self,
+        points: ContactPoints,
+        law: ContactLaw,
+        system: ContactAssembly,
+        friction: Friction | None,
+    ) -> None:
+        """Begin without pairs; `set_pairs` has to be called before forces are computed.
+
+        Args:
+            points: points of the contact.
+            law: of the energy: barrier or penalty.
+            system: the equations of the scene, with the step.
+            friction: Coulomb friction of the pairs; None: there is none.
+        """
+        self.friction = friction
+        self.push_back = PUSH_BACK
+        self.acting_count = 0
+        self._points = points
+        self._law = law
+        self._system = system
+        self._assembly = BlockAssembly(points, system)
+        # Weight of the end of a step in the configuration where forces act: 1 in an equilibrium.
+        self._alpha = system.rule.alpha
+        # Whether the ends of the step were exchanged, in which friction has no part.
+        self._is_reversed = False
+        # What both tables of pairs do at the last residual; None before the first one.
+        self._last_states: tuple[ByteArray, ByteArray] | None = None
+        self.clear()
+
+    def clear(self) -> None:
+        """Set the forces to zero, with a row for each point that this rank knows."""
+        self.point_forces: Array = np.zeros((self._points.count, 3))
+
+    def set_pairs(self, pairs: ActivePairs, x0: Array) -> None:
+        """Take the active pairs of a step, and choose the sparsity pattern of their tangent;
+        collective.
+
+        Pairs between bodies couple their four points.  Points of obstacles are combinations of
+        block rows, vectors of three unknowns, which are coupled instead.
+
+        Args:
+            pairs: all contact pairs of this rank that take part in the step, with the column
+                `start` of their closest points.
+            x0: points (m, 3) [m] at the start of the step.
+
+        Raises:
+            RuntimeError: more 3 x 3 blocks of the tangent on this rank than 32 bits can number.
+        """
+        is_of_bodies = between_bodies(pairs.points, self._points.body_count)
+        self._is_of_bodies = is_of_bodies
+        self._body_pairs = pairs.rows(is_of_bodies)
+        self._obstacle_pairs = pairs.rows(~is_of_bodies)
+        block_rows, self._row_weights = self._points.block_rows_of(self._obstacle_pairs.points)
+        rubbing = [] if self.friction is None else self.friction.begin_step(pairs, x0)
+        block_index = self._assembly.couple(self._body_pairs.points, block_rows, *rubbing)
+        self._body_blocks: Int32Array = block_index[0]
+        self._obstacle_blocks: Int32Array = block_index[1]
+        if self.friction is not None:
+            self.friction.set_block_index(block_index[2:])
+        self._is_reversed = False
+        self._last_end = x0
+        self._last_states = None
+
+    def reverse(self, pairs: ActivePairs, x0: Array) -> ActivePairs:
+        """Return the pairs of the reversed step, whose forces are computed from now on.
+
+        The sparsity pattern of the tangent stays.  Friction differs in the reversed step, and is
+        left out.
+
+        Args:
+            pairs: those of the last `set_pairs`.
+            x0: points (m, 3) [m] at the start of the reversed step.
+        """
+        table = reversed_pairs(pairs, x0)
+        start = table.start
+        assert start is not None, "reversed pairs have the starts of the reversed step"
+        self._body_pairs = replace(self._body_pairs, start=start[self._is_of_bodies])
+        self._obstacle_pairs = replace(self._obstacle_pairs, start=start[~self._is_of_bodies])
+        self._is_reversed = True
+        self._last_end = x0
+        self._last_states = None
+        # Pairs that separate fast would count as too steep when they approach as fast.
+        self.push_back = 0.0
+        return table
+
+    def compute(self, x0: Array, x1: Array) -> None:
+        """Compute the forces of this rank's pairs, with friction, and note what each pair does.
+
+        The forces are in `point_forces` (m, 3) [N] afterwards.  Those at a point are partial sums,
+        over the pairs of this rank.
+
+        Args:
+            x0, x1: points (m, 3) [m] at the start and at the end of the step.
+        """
+        # Pairs add to the rows of their points.
+        self.clear()
+        of_bodies, of_obstacles = (
+            evaluate(
+                pairs,
+                x0,
+                x1,
+                self._law,
+                self._alpha,
+                point_forces=self.point_forces,
+                push_back=self.push_back,
+            ).state
+            for pairs in (self._body_pairs, self._obstacle_pairs)
+        )
+        self._last_end = x1
+        self._last_states = (of_bodies, of_obstacles)
+        self.acting_count = int((of_bodies > 0).sum() + (of_obstacles > 0).sum())
+        if self.friction is not None and not self._is_reversed:
+            self.friction.add_forces(x0, x1, self.point_forces)
+
+    def add_tangents(self, A: PETSc.Mat, x0: Array, x1: Array) -> None:
+        """Add the blocks on the diagonal of the tangent [N/m] to a matrix; `coupling` has the
+        others.  Collective.
+
+        Args:
+            A: tangent of the system with respect to the end of the step; changed in place.
+            x0, x1: points (m, 3) [m] at the start and at the end of the step.
+        """
+        blocks = self._assembly.blocks
+        blocks[:] = 0
+        # Pairs without contact at the last residual have no tangent either.
+        of_bodies, of_obstacles = self._states_at(x1) or (None, None)
+        evaluate(
+            self._body_pairs,
+            x0,
+            x1,
+            self._law,
+            self._alpha,
+            block_index=self._body_blocks,
+            blocks=blocks,
+            geometric_share=self._system.geometric,
+            known_state=of_bodies,
+            push_back=self.push_back,
+        )
+        # Without obstacles the arrays of pairs and weights would be empty.
+        if len(self._obstacle_pairs):
+            response = evaluate(
+                self._obstacle_pairs,
+                x0,
+                x1,
+                self._law,
+                self._alpha,
+                tangents_by_pair=True,
+                geometric_share=self._system.geometric,
+                known_state=of_obstacles,
+                push_back=self.push_back,
+            )
+            self._add_through_block_rows(np.asarray(response.tangents))
+        if self.friction is not None and not self._is_reversed:
+            self.friction.add_tangents(x0, x1, blocks)
+        self._assembly.add_diagonal(A)
+
+    def reserve(self, A: PETSc.Mat) -> None:
+        """Enter zeros on the diagonal of a matrix, which reserve its blocks in the pattern."""
+        self._assembly.reserve_diagonal(A)
+
+    def coupling(self, diagonal: PETSc.Vec | None) -> PETSc.Mat | None:
+        """Return the blocks between two block rows as a matrix; see `BlockAssembly.coupling`."""
+        return self._assembly.coupling(diagonal)
+
+    def _add_through_block_rows(self, tangents: Array) -> None:
+        """Add tangents of contact pairs with obstacles to the blocks of the unknowns that move
+        their points.
+
+        A point of an obstacle is a weighted sum of vectors of three unknowns.  The 3 x 3 blocks
+        [N/m] between these vectors, those of the assembly, are changed in place.
+
+        Args:
+            tangents: (n, 144) [N/m], derivative of the 12 force components of each pair by its 12
+                point coordinates, row by row.
+        """
+        weights = self._row_weights
+        by_points = tangents.reshape(-1, 4, 3, 4, 3)
+        by_rows = np.einsum("npi,npaqb,nqj->nijab", weights, by_points, weights, optimize=True)
+        index = self._obstacle_blocks
+        np.add.at(self._assembly.blocks, index, by_rows.reshape(*index.shape, 9))
+
+    def identifiers_of_passed(self, x0: Array, x1: Array) -> Int64Array:
+        """Return the identifiers (k,) of contact pairs that passed through each other in a step.
+
+        Args:
+            x0, x1: points (m, 3) [m] at its start and at its end.
+        """
+        tables = (self._body_pairs, self._obstacle_pairs)
+        # What the last residual found, unless the end has moved since.
+        states = self._states_at(x1)
+        if states is None:
+            responses = [evaluate(pairs, x0, x1, self._law, self._alpha) for pairs in tables]
+            states = (responses[0].state, responses[1].state)
+        passed = [
+            pairs.identifier[state == PairState.PASSED]
+            for pairs, state in zip(tables, states, strict=True)
+        ]
+        return np.concatenate(passed)
+
+    def _states_at(self, x1: Array) -> tuple[ByteArray, ByteArray] | None:
+        """Return what both tables of pairs do in a step to x1, if it is the last residual's.
+
+        Args:
+            x1: points (m, 3) [m] at the end of the step.
+
+        Returns:
+            a `PairState` of each pair between bodies (n,), and of each pair with an obstacle (k,);
+            None: no residual was computed for this end.
+        """
+        return self._last_states if np.array_equal(x1, self._last_end) else None

@@ -1,0 +1,5 @@
+"""Feedback: torques that follow from the motion; their work counts as supplied."""
+
+from gossamer_fx.core.checks.lazy_names import lazy_names
+
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

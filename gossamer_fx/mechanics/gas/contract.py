@@ -1,0 +1,176 @@
+"""The protocols that the items of a gas network fulfil: volumes, boundaries, openings and walls.
+
+`network.GasNetwork` finds the items of a scene by these protocols and knows no class behind them.
+A new kind of valve is therefore a class with the members of `Opening`; nothing else has to change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol, runtime_checkable
+
+from gossamer_fx.mechanics.gas.enclosure import Enclosure
+from gossamer_fx.mechanics.gas.geometry import Geometry
+from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
+
+# Effective area C_d A [m²] of a step, a function of its length h [s] and of the time [s] of its
+# middle.
+Aperture = Callable[[float, float], float]
+
+
+# Members are properties so that frozen dataclasses fulfil the protocols: a network reads them only.
+@runtime_checkable
+class Holder(Protocol):
+    """A gas boundary of constant state: gas comes from it or goes to it, and it does not change.
+
+    Reservoirs and the surroundings are such boundaries.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name in messages."""
+        ...
+
+    @property
+    def pressure(self) -> float:
+        """Absolute pressure [Pa]."""
+        ...
+
+    @property
+    def temperature(self) -> float:
+        """Temperature [K]."""
+        ...
+
+
+@runtime_checkable
+class Volume(Protocol):
+    """A control volume: gas with a mass and an energy that change, e.g. a chamber or a tank.
+
+    The members are its initial state and its geometry.  The state in a run is `run.chamber(name)`.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name in messages, outputs and `run.chamber`."""
+        ...
+
+    @property
+    def initial_pressure(self) -> float:
+        """Absolute pressure at the start [Pa]."""
+        ...
+
+    @property
+    def initial_temperature(self) -> float:
+        """Temperature at the start [K]."""
+        ...
+
+    @property
+    def gas(self) -> IdealGas:
+        """The gas; all volumes of a scene hold the same."""
+        ...
+
+    @property
+    def fixed_volume(self) -> float:
+        """Rigid part of the volume [m³], added to that of the enclosure."""
+        ...
+
+    @property
+    def enclosure(self) -> Enclosure | None:
+        """The film or piston that bounds the volume; None for a rigid one."""
+        ...
+
+    @property
+    def outside(self) -> Holder | None:
+        """What acts on the outer side of the enclosure; None for a vacuum."""
+        ...
+
+
+@runtime_checkable
+class Opening(Protocol):
+    """A connection through which gas flows between two volumes or boundaries.
+
+    `Orifice` is one.  Which arguments its constructor takes does not matter here.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name in messages."""
+        ...
+
+    @property
+    def a(self) -> Holder | Volume:
+        """The end from which a positive flow comes."""
+        ...
+
+    @property
+    def b(self) -> Holder | Volume:
+        """The end to which a positive flow goes."""
+        ...
+
+    def aperture(self, geometry: Geometry) -> Aperture:
+        """The effective area C_d A [m²] in a running scene, as a function of step length and
+        time."""
+        ...
+
+    def flow(
+        self,
+        gas: IdealGas,
+        area: float,
+        p: tuple[complex, complex],
+        T: tuple[complex, complex],
+    ) -> complex:
+        """Return the mass flow [kg/s] from a to b; negative if the gas flows from b to a.
+
+        It must be analytic in p and T where it is smooth: the network takes derivatives by complex
+        steps.
+
+        Args:
+            gas: the gas of the network.
+            area: effective area C_d A [m²].
+            p: pressures [Pa] of the ends a and b.
+            T: temperatures [K] of the ends a and b.
+        """
+        ...
+
+
+@runtime_checkable
+class Discharge(Opening, Protocol):
+    """An opening with a geometric area and a discharge coefficient, whose effective area is C_d A.
+
+    Gradients know derivatives by these two; of another opening they know none by its numbers.
+    """
+
+    @property
+    def area(self) -> object:
+        """A number [m²], a function of time [s], or a `ring.Ring`."""
+        ...
+
+    @property
+    def discharge_coefficient(self) -> float:
+        """C_d."""
+        ...
+
+
+@runtime_checkable
+class Wall(Protocol):
+    """A wall of constant temperature that exchanges heat with a volume."""
+
+    @property
+    def name(self) -> str:
+        """Name in messages."""
+        ...
+
+    @property
+    def chamber(self) -> Volume:
+        """The volume that the wall heats or cools."""
+        ...
+
+    @property
+    def conductance(self) -> float:
+        """Heat transfer coefficient times area [W/K]."""
+        ...
+
+    @property
+    def temperature(self) -> float:
+        """Temperature of the wall [K]."""
+        ...

@@ -1,0 +1,476 @@
+"""Enclosures of chambers: the volume inside a film, and the volume that a piston sweeps.
+
+An enclosure is compiled when a scene is.  The compiled enclosure gives the volume V(q), its
+gradient G = ∂V/∂q, and the swept volume W of a step; it takes a pressure and adds the force
+pressure · G.
+
+The step goes from coordinates q0 to q1; forces act at q_mid = (1 - α) q0 + α q1, with α of the time
+stepping rule.  The work of the gas in the step is then pressure · W with W = G(q_mid)·(q1 - q0), to
+the last digit, so film and gas exchange energy without loss.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from dolfinx import fem
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check, check_on_all
+from gossamer_fx.core.model.body import Array, Port
+from gossamer_fx.core.model.ports import unit
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.gas.geometry import Geometry
+from gossamer_fx.mechanics.gas.parts import check_normals, label_parts
+from gossamer_fx.mechanics.gas.ring import Loop, Ring
+from gossamer_fx.mechanics.gas.surface import FilmSurface, Side
+from gossamer_fx.mechanics.terms.assembly import Assembly
+
+# A volume below this share of the sum of its terms' sizes is round-off: it has no sign.  Sums over
+# 1e4 to 1e6 triangles have a round-off of some 1e-14; a factor of 100 is left.
+ROUND_OFF = 1e-12
+
+
+class CompiledEnclosure(Protocol):
+    """An enclosed volume in a running scene, evaluated by the last `Geometry.follow`.
+
+    Arrays are the owned parts of system vectors.
+    """
+
+    @property
+    def volume(self) -> float:
+        """V(q1) [m³]; the same on every rank."""
+        ...
+
+    @property
+    def magnitude(self) -> float:
+        """Sum of the sizes of the terms that add up to the volume [m³], by which round-off is
+        judged."""
+        ...
+
+    @property
+    def swept(self) -> float:
+        """W = G(q_mid)·(q1 - q0) [m³], or V(q1) - V(q0) if forces act at the end of the step."""
+        ...
+
+    def start(self) -> None:
+        """Take q1 as the initial state, e.g. to find the sign of the normals."""
+        ...
+
+    def set_pressure(self, pressure: float) -> None:
+        """Set the pressure [Pa] of the iterate, which the next forces and tangents use."""
+        ...
+
+    def add_force(self, values: Array) -> None:
+        """Subtract the force of the gas, pressure · G(q_mid) [N], from the owned part of a
+        residual."""
+        ...
+
+    def gradients(self) -> tuple[Array, Array, Array]:
+        """G(q_mid), ∂V/∂q1 and ∂W/∂q1 [m²]; read-only."""
+        ...
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        """Add the derivative of the force, except what the forms of `Geometry.tangents` give."""
+        ...
+
+
+@runtime_checkable
+class Enclosure(Protocol):
+    """What bounds a chamber, as an item of a scene."""
+
+    @property
+    def films(self) -> Sequence[Membrane]:
+        """The films that bound the chamber, on which outputs show the pressure; none for a
+        piston."""
+        ...
+
+    @property
+    def whole_films(self) -> Sequence[Membrane]:
+        """Films of which all triangles bound the chamber, so that no second chamber may use
+        them."""
+        ...
+
+    def cells(self, film: Membrane) -> np.ndarray:
+        """Local triangles (owned and ghost) of one of its films that bound the chamber."""
+        ...
+
+    def requires(self) -> Iterable[Any]:
+        """The bodies that join the scene with the chamber."""
+        ...
+
+    def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
+        """The enclosure in a running scene; `geometry` has what several enclosures share."""
+        ...
+
+
+class FilmEnclosure:
+    """The volume inside a film and the strips over its rings: V = ⅓∫x·n dA, n the deformed area
+    vector.
+
+    The normals may all point inwards: the compiled enclosure finds that by the sign of V at the
+    start.  The volume of a flat film is round-off; then the normals of the mesh count as outward.
+
+    Args:
+        film: the film.
+        surface: names of the groups of triangles that bound the chamber; empty for the whole film.
+        rings: rings over which strips close the chamber.
+        chamber: name of the chamber, for messages.
+
+    Raises:
+        InputError: a ring is on another film.
+    """
+
+    def __init__(
+        self,
+        film: Membrane,
+        surface: tuple[str, ...],
+        rings: tuple[Ring, ...],
+        chamber: str,
+    ) -> None:
+        """Take a film and what closes it; its mesh is checked when the scene is compiled.
+
+        Args:
+            film: the film.
+            surface: names of the groups of triangles that bound the chamber; empty for the whole
+                film.
+            rings: closed lines of edges over which strips close the chamber.
+            chamber: name of the chamber, for messages.
+
+        Raises:
+            InputError: a ring is on another film.
+        """
+        self.film = film
+        self.surface = surface
+        self.rings = rings
+        self.chamber = chamber
+        for ring in rings:
+            check(
+                ring.body is film,
+                f"Chamber '{chamber}': its ring '{ring.edges}' is on another film than "
+                f"'{film.name}'.",
+            )
+
+    @property
+    def films(self) -> Sequence[Membrane]:
+        """The film that bounds the chamber."""
+        return (self.film,)
+
+    @property
+    def whole_films(self) -> Sequence[Membrane]:
+        """The film, if all of it bounds the chamber."""
+        return () if self.surface else (self.film,)
+
+    def requires(self) -> Iterable[Any]:
+        """The film, which joins the scene with the chamber."""
+        yield self.film
+
+    def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
+        """Return the enclosure in a running scene, which evaluates its volume.  Collective.
+
+        Args:
+            system: the equations of the scene, with its initial state.
+            geometry: rings and surfaces that several enclosures share.
+
+        Raises:
+            InputError: the surface is open, its normals are not consistent, or one of several parts
+                is inside out.
+        """
+        loops = [geometry.loop(ring) for ring in self.rings]
+        cells = self.cells(self.film)
+        signs = self.check_closed(cells, loops)
+        # Each triangle is integrated by the rank that owns it.
+        owned = cells[cells < self.film.mesh.domain.topology.index_map(2).size_local]
+        # A part that a ring closes has no separate volume.
+        if not loops:
+            self._check_parts(cells, system)
+        return _CompiledFilm(geometry.surface(self.film), Side(owned, loops, signs))
+
+    def _check_parts(self, cells: np.ndarray, system: Assembly) -> None:
+        """Refuse a surface of several parts that are not connected, one of which is inside out.
+
+        Collective.
+
+        Args:
+            cells: local triangles (n,) of the surface, owned and ghost, in rising order.
+            system: with the initial positions of the film.
+
+        Raises:
+            InputError: one part has its normals on the other side than the largest one.
+        """
+        labels = label_parts(self.film.mesh.edges, cells)
+        lowest = self.film.comm.allreduce(float(labels.min(initial=np.inf)), op=MPI.MIN)
+        has_several = bool((labels != lowest).any())
+        if not self.film.comm.allreduce(has_several, op=MPI.LOR):
+            return
+        x = fem.Function(self.film.space)
+        self.film.reconstruct(x, system.initial[self.film].positions().ravel())
+        check_normals(self.film, self.chamber, cells, labels, x.x.array.reshape(-1, 3))
+
+    def cells(self, film: Membrane) -> np.ndarray:
+        """Return the local triangles (n,) of the bounding surface, owned and ghost, in rising
+        order.
+
+        Args:
+            film: the film of this enclosure; it has no other.
+
+        Raises:
+            InputError: a name of `surface` is not that of a group of triangles.
+        """
+        if not self.surface:
+            return all_triangles(film)
+        groups = [self.film.mesh.group(name) for name in self.surface]
+        check(
+            all(dim == 2 for dim, _ in groups),
+            f"Chamber '{self.chamber}': its surface {self.surface} must be named groups of "
+            "triangles.",
+        )
+        return np.unique(np.concatenate([cells for _, cells in groups]))
+
+    def check_closed(self, cells: np.ndarray, loops: list[Loop]) -> list[float]:
+        """Check that triangles and strips over rings form a closed, consistently oriented surface.
+
+        In such a surface every edge has two triangles, and they pass it in opposite directions.
+        Strips span the hole that a ring of edges leaves.  Collective.
+
+        Args:
+            cells: local triangles of the surface (n,), owned and ghost.
+            loops: the rings of the chamber, compiled, in the order of `rings`.
+
+        Returns:
+            For each ring the sign, +1 or -1, with which its strips close the surface.
+
+        Raises:
+            InputError: the surface has open edges, a ring is not on its boundary, or neighbouring
+                triangles have opposite normals.
+        """
+        comm = self.film.comm
+        table = self.film.mesh.edges
+        # Number of triangles at each owned edge, and sum of the directions (±1) in which they pass
+        # it
+        count, sum_of_directions = table.tally(cells)
+        open_edges = np.flatnonzero(count == 1)
+        end_vertices = table.ends[open_edges]
+        signs = []
+        for ring, loop in zip(self.rings, loops, strict=True):
+            passed = loop.direction(end_vertices)
+            film_directions = passed * sum_of_directions[open_edges]
+            own_sums = np.array([np.count_nonzero(passed), film_directions.sum()])
+            found, film_direction = comm.allreduce(own_sums)
+            check(
+                found == len(loop.vertices),
+                f"Chamber '{self.chamber}': its ring '{ring.edges}' is not a boundary of its "
+                "surface; give the groups of triangles on one side of it.",
+            )
+            # The strips pass the edges of the ring against the film, as a neighbour triangle would.
+            sign = -float(np.sign(film_direction))
+            signs.append(sign)
+            on_ring = passed != 0
+            spanned = open_edges[on_ring]
+            count[spanned] += 1
+            sum_of_directions[spanned] += sign * passed[on_ring]
+        check_on_all(
+            comm,
+            bool(((count == 0) | (count == 2)).all()),
+            f"Chamber '{self.chamber}': the surface of '{self.film.name}' is open; close it, name "
+            "the groups of triangles that bound the chamber, or span holes by rings.",
+        )
+        check_on_all(
+            comm,
+            bool((sum_of_directions == 0).all()),
+            f"Chamber '{self.chamber}': neighbouring triangles of '{self.film.name}' have opposite "
+            "normals; make or "
+            "read its mesh with orient=True, or turn surfaces (gmsh: model.mesh.reverse).",
+        )
+        return signs
+
+
+def all_triangles(film: Membrane) -> np.ndarray:
+    """All local triangles of a film (owned and ghost)."""
+    index_map = film.mesh.domain.topology.index_map(2)
+    return np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+
+
+class _CompiledFilm:
+    """One chamber of a `FilmSurface`, with the sign of its normals."""
+
+    def __init__(self, surface: FilmSurface, side: Side) -> None:
+        """Add the chamber to the surface, which computes volumes and forces of all its chambers.
+
+        Args:
+            surface: of the film.
+            side: triangles of the chamber, and their directions.
+        """
+        self._surface = surface
+        self._side = side
+        self._index = surface.add(side)
+        # -1 if all normals point inwards
+        self._sign = 1.0
+
+    @property
+    def volume(self) -> float:
+        return self._sign * float(self._surface.volume[self._index])
+
+    @property
+    def magnitude(self) -> float:
+        return float(self._surface.magnitude[self._index])
+
+    @property
+    def swept(self) -> float:
+        return self._sign * float(self._surface.swept[self._index])
+
+    def start(self) -> None:
+        """Choose the sign of the volume, so that a film with inward normals encloses a positive
+        one."""
+        # A flat film has a volume of either sign by round-off; it must not be turned by that.
+        if self._surface.volume[self._index] < -ROUND_OFF * self.magnitude:
+            self._sign = -1.0
+        else:
+            self._sign = 1.0
+
+    def set_pressure(self, pressure: float) -> None:
+        self._surface.pressures[self._index] = self._sign * pressure
+
+    def add_force(self, values: Array) -> None:
+        self._surface.add_force(self._index, values)
+
+    def gradients(self) -> tuple[Array, Array, Array]:
+        at_middle, of_volume, of_swept = self._surface.gradients(self._index)
+        return self._sign * at_middle, self._sign * of_volume, self._sign * of_swept
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        # The film's own tangent is a form, which `Geometry.tangents` gives; only strips remain.
+        pressure = self._surface.pressures[self._index]
+        for loop, sign in zip(self._side.loops, self._side.signs, strict=True):
+            loop.add_tangent(A, -sign * pressure)
+
+
+@check_arguments
+class Piston:
+    """The volume A n·(x - x0) that a point of a body sweeps from its initial position x0.
+
+    Args:
+        port: a point of a body, its position x.
+        area: A [m²], > 0.
+        direction: n, the direction in which the volume grows; need not be of unit length.
+
+    Raises:
+        InputError: the area is not positive or the direction has no length.
+
+    Example:
+        >>> piston = gx.gas.Piston(mass.port(), area=0.01, direction=(1.0, 0.0, 0.0))
+        >>> cylinder = gx.Chamber(
+        ...     piston, gas=air, pressure=1e5, temperature=300.0, dead_volume=2e-3
+        ... )
+    """
+
+    def __init__(
+        self,
+        port: Port,
+        area: float,
+        *,
+        direction: tuple[float, float, float],
+    ) -> None:
+        """Take a point of a body and the direction in which a chamber grows with it.
+
+        Args:
+            port: a point of a body.
+            area: of the piston [m²], > 0.
+            direction: in which the volume grows; need not be of unit length.
+
+        Raises:
+            InputError: the area is not positive or the direction has no length.
+        """
+        check(area > 0, f"Piston: area is {area!r} m²; give a positive number.")
+        check(
+            any(direction), "Piston: direction has no length; give the axis along which it moves."
+        )
+        self.port = port
+        self.area = area
+        self.direction = unit(direction)
+
+    @property
+    def films(self) -> Sequence[Membrane]:
+        """Empty: a piston has no film."""
+        return ()
+
+    @property
+    def whole_films(self) -> Sequence[Membrane]:
+        """Empty: a piston has no film."""
+        return ()
+
+    def cells(self, film: Membrane) -> np.ndarray:
+        """An empty array: a piston has no film."""
+        return np.zeros(0, dtype=np.int32)
+
+    def requires(self) -> Iterable[Any]:
+        """The body of the port, which joins the scene with the chamber."""
+        yield self.port.body
+
+    def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
+        """The enclosure in a running scene."""
+        compiled = _CompiledPiston(self, system)
+        geometry.add(compiled)
+        return compiled
+
+
+class _CompiledPiston:
+    """A piston in a running scene; its volume is linear in the coordinates, so G is constant."""
+
+    def __init__(self, piston: Piston, system: Assembly) -> None:
+        """Compute the gradient of a piston's volume, area times direction [m²], in this rank's
+        unknowns.
+
+        Args:
+            piston: area [m²], direction and the point that moves.
+            system: the equations of the scene.
+        """
+        self._system = system
+        port = piston.port
+        # A port is a weighted sum of nodes; the position is the first three numbers of a node.
+        indices = system.block(port.body).to_global(np.array(port.nodes))[:, :3]
+        entries = np.outer(port.weights, piston.area * piston.direction)
+        start, end = system.q0.getOwnershipRange()
+        mine = (indices >= start) & (indices < end)
+        self._gradient = np.zeros(end - start)
+        np.add.at(self._gradient, indices[mine] - start, entries[mine])
+        self._origin = 0.0
+        self._pressure = 0.0
+
+    def start(self) -> None:
+        self._origin = self._height(self._system.q1)
+        self.follow()
+
+    def _height(self, q: PETSc.Vec) -> float:
+        """A n·x [m³], the same on every rank."""
+        return float(self._system.comm.allreduce(float(self._gradient @ q.array_r)))
+
+    def follow(self) -> None:
+        """Compute volume, its magnitude for round-off, and swept volume [m³] of the present
+        step."""
+        end = self._height(self._system.q1)
+        start = self._height(self._system.q0)
+        self.volume = end - self._origin
+        self.magnitude = abs(end) + abs(self._origin)
+        self.swept = end - start
+
+    def set_pressure(self, pressure: float) -> None:
+        self._pressure = pressure
+
+    def add_force(self, values: Array) -> None:
+        values -= self._pressure * self._gradient
+
+    def gradients(self) -> tuple[Array, Array, Array]:
+        return self._gradient, self._gradient, self._gradient
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        # G is constant: the force depends on the coordinates by the pressure only.
+        pass
+
+    def accept(self) -> None:
+        # `follow` reads q0 from the system: there is nothing to store.
+        pass

@@ -1,0 +1,609 @@
+"""The gas of a scene: all chambers and openings as scalar unknowns that are coupled to the bodies.
+
+Problem.  Chambers exchange gas through openings and work with films and pistons.  Energy has to
+close to round-off: what the gas loses in a step the bodies must gain, whatever the step length.
+
+Unknowns.  y = (p1, m1), pressures [Pa] and masses [kg] of the n chambers at the end of a step.
+They solve the mass and energy balance of `balance`, in which p̄ = (p0 + p1)/2 does the work p̄ W.
+The same p̄ acts on the film in the midpoint rule, so this work is what the bodies receive, to the
+last digit.
+
+Algorithm.  In each Newton iteration of the bodies:
+
+1. Evaluate volumes V and swept volumes W of all enclosures (`Geometry.follow`).
+2. Solve the balance for y at these volumes (`Balance.settle`).  Newton's method for bodies and gas
+   at once does not converge without this: ṁ grows as √Δp outside the laminar range of an orifice,
+   and the iteration ends in a cycle of two.
+3. Set the pressures on the enclosures; take force, coupling and residual there.
+
+`ScalarUnknowns` describes the linear system that the solver forms from them:
+
+    [ A  G ] [δz]     [ r ]
+    [ Hᵀ C ] [δy] = - [ s ]
+
+G = -α ∂V/∂q are the forces of a unit pressure, Hᵀ = ∂s/∂z follows by the chain rule through V and
+W, and C = ∂s/∂y.  After the step the state is summed from the flows, see `commit`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+from petsc4py import PETSc
+
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.body import Array, Body
+from gossamer_fx.mechanics.gas.balance import ACCEPTABLE_RESIDUAL, Balance, End, Passage
+from gossamer_fx.mechanics.gas.contract import Holder, Opening, Volume, Wall
+from gossamer_fx.mechanics.gas.enclosure import CompiledEnclosure
+from gossamer_fx.mechanics.gas.geometry import Geometry
+from gossamer_fx.mechanics.gas.state import ChamberState
+from gossamer_fx.mechanics.terms.assembly import Assembly
+from gossamer_fx.mechanics.terms.scalar_unknowns import ScalarsAdjoint, ScalarTotals
+
+# What stays constant in the chambers of an equilibrium; see `static_processes`.
+ADIABATIC = "adiabatic"
+ISOTHERMAL = "isothermal"
+HELD_PRESSURE = "held pressure"
+PROCESSES = (ADIABATIC, ISOTHERMAL, HELD_PRESSURE)
+
+# A guess of y falls at most to this share of the last solution: pressures and masses stay positive.
+MIN_REMAINING_SHARE = 0.1
+
+
+class GasNetwork:
+    """All chambers and openings of a scene; it plays the role `ScalarUnknowns` with y = (p1, m1).
+
+    Args:
+        items: chambers, reservoirs, surroundings, openings and walls of a scene.
+        system: the compiled scene.
+
+    Attributes:
+        size: number of unknowns, 2n for n chambers.
+        gas: the gas of all chambers.
+        chambers: states of the chambers after the last accepted step.
+        balance: their equations in a step.
+        geometry: volumes and rings of the running scene.
+        y: pressures [Pa] and masses [kg] of the last iterate (2n,).
+        volumes, swept: V and W of the last iterate (n,) [m³].
+        scale: energies [J] and masses [kg] by which the residual is divided (2n,).
+
+    Raises:
+        InputError: the scene has no chamber, chambers hold different gases, or two of them enclose
+            the same film.
+    """
+
+    def __init__(self, items: list[Any], system: Assembly) -> None:
+        """Compile what bounds the chambers, and connect them by openings and walls; collective.
+
+        Args:
+            items: chambers, reservoirs, surroundings, openings and walls of a scene.
+            system: the compiled scene.
+
+        Raises:
+            InputError: there is no chamber, chambers have different gases, two enclose the same
+                film, or a film is not closed.
+        """
+        chambers = [item for item in items if isinstance(item, Volume)]
+        _check_chambers(chambers)
+        self.gas = chambers[0].gas
+        # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
+        self._alpha = system.rule.alpha
+        self.geometry = Geometry(system)
+        self.chambers = [
+            ChamberState(chamber, _compile_enclosure(chamber, system, self.geometry))
+            for chamber in chambers
+        ]
+        n = len(chambers)
+        # Two chambers may have equal values; they are told apart by identity.
+        numbers = {id(chamber): k for k, chamber in enumerate(chambers)}
+        self._passages = _passages(items, numbers, self.geometry)
+        self._walls = [
+            (item, numbers[id(item.chamber)]) for item in items if isinstance(item, Wall)
+        ]
+        self._process = ADIABATIC
+        self.balance = self._make_balance(Balance)
+        self.size = 2 * n
+        # Of the last iterate: volumes, sizes of the terms that add up to them, and swept volumes
+        # [m³]
+        self.volumes: Array = np.zeros(n)
+        self._magnitude: Array = np.zeros(n)
+        self.swept: Array = np.zeros(n)
+        # y that solves the balance, and y that Newton's method for the bodies proposed
+        self.y: Array = np.ones(2 * n)
+        self._proposed: Array = self.y
+        self._residual: Array = np.zeros(2 * n)
+        self.scale: Array = np.ones(2 * n)
+        self._accepted_magnitude: Array = np.zeros(n)
+        # Energy [J] and mass [kg] from boundaries and walls since the start
+        self._supplied = 0.0
+        self._mass_supplied = 0.0
+
+    def _make_balance(self, kind: type[Balance]) -> Balance:
+        """The equations of all chambers."""
+        return kind(
+            gas=self.gas,
+            passages=self._passages,
+            walls=self._walls,
+            n=len(self.chambers),
+        )
+
+    def set_static_process(self, process: str) -> None:
+        """Choose what stays constant in the chambers while an equilibrium is looked for.
+
+        Args:
+            process: "adiabatic", "isothermal" or "held pressure".
+
+        Raises:
+            KeyError: another process.
+        """
+        # Imported here, as runs do not need it.
+        from gossamer_fx.mechanics.gas.static_processes import (
+            HeldPressureBalance,
+            IsothermalBalance,
+        )
+
+        kinds = {
+            ADIABATIC: Balance,
+            ISOTHERMAL: IsothermalBalance,
+            HELD_PRESSURE: HeldPressureBalance,
+        }
+        self._process = process
+        self.balance = self._make_balance(kinds[process])
+
+    def vibration_stiffness(self) -> list[tuple[Array, float]]:
+        """Gradients of volumes g [m²] and stiffnesses κ = γ p/V [Pa/m³] of the closed films.
+
+        In a fast vibration no gas flows and no heat is exchanged, so that the pressure changes by
+        -κ ΔV and the forces by the stiffness κ g⊗g.  Gradients are this rank's part; collective.
+        """
+        return self._stiffness(self.gas.gamma)
+
+    def static_stiffness(self) -> list[tuple[Array, float]]:
+        """The same for slow changes by the process of an equilibrium: κ = γ p/V, p/V or none."""
+        exponents = {ADIABATIC: self.gas.gamma, ISOTHERMAL: 1.0, HELD_PRESSURE: 0.0}
+        return self._stiffness(exponents[self._process])
+
+    def _stiffness(self, exponent: float) -> list[tuple[Array, float]]:
+        """Return the stiffness of the gas in each film or piston against volume changes, p
+        V^exponent = const.
+
+        Collective.
+
+        Args:
+            exponent: γ for an adiabatic change, 1 for an isothermal one, 0 for a constant pressure.
+
+        Returns:
+            for each of them this rank's part of the gradient of its volume [m²], and κ = exponent
+            p/V [Pa/m³]; empty for the exponent 0.
+        """
+        found = []
+        for state in self.chambers:
+            if state.enclosure is not None and exponent:
+                _, of_volume, _ = state.enclosure.gradients()
+                found.append((of_volume, exponent * state.pressure / state.volume))
+        return found
+
+    # ---- scalar unknowns: a step -----------------------------------------------------------------
+
+    def start(self) -> None:
+        """Take the initial volumes [m³], and from them mass [kg] and energy [J] of each chamber.
+        Collective.
+
+        Raises:
+            InputError: a chamber encloses no volume, or a negative one.
+        """
+        self.geometry.follow()
+        self.geometry.accept()
+        for state in self.chambers:
+            if state.enclosure is not None:
+                state.enclosure.start()
+            state.volume = _volume(state)
+            check(
+                state.volume > 0,
+                f"Chamber '{state.chamber.name}' encloses {state.volume:.3g} m³ at the start; open "
+                "it by an initial "
+                "displacement or give it a dead_volume.",
+            )
+            state.pressure = state.chamber.initial_pressure
+            state.internal_energy = state.pressure * state.volume / (self.gas.gamma - 1)
+            specific_energy = self.gas.cv * state.chamber.initial_temperature
+            state.mass = state.internal_energy / specific_energy
+        self._accepted_magnitude = self._magnitudes()
+
+    def begin_step(self, h: float, t: float) -> Array:
+        """Start a step of the gas, and guess its unknowns y at the end: the solution if no film
+        moves.
+
+        Args:
+            h: length of the step [s].
+            t: time of its middle [s].
+
+        Returns:
+            first guess of y: pressures [Pa], then masses [kg] of the n chambers at the end (2n,).
+
+        Raises:
+            InputError: the area of a valve is negative or not a number.
+        """
+        pressures = np.array([state.pressure for state in self.chambers])
+        masses = np.array([state.mass for state in self.chambers])
+        energies = np.array([state.internal_energy for state in self.chambers])
+        volumes = np.array([state.volume for state in self.chambers])
+        self.balance.begin(h, t, p=pressures, m=masses, U=energies, V=volumes)
+        # The volumes of the last iterate are not used: they may be those of a step that failed.
+        self.volumes = volumes
+        self.swept = np.zeros(len(volumes))
+        self._magnitude = self._accepted_magnitude
+        guess = np.concatenate([pressures, masses])
+        settled = self.balance.settle(guess, self.volumes, self.swept, self._magnitude)
+        self.y = guess if settled is None else settled
+        self._proposed = self.y
+        return self.y
+
+    def residual(self, y: Array) -> Array:
+        """Return the scaled residual (2n,) [-] of the gas balance at the iterate.  Collective.
+
+        It solves the balance at the volumes of the iterate, and sets the pressures on films and
+        pistons that enclose the chambers.
+
+        Args:
+            y: pressures [Pa] and masses [kg] that Newton's method for the bodies proposes (2n,).
+        """
+        self.geometry.follow()
+        self.volumes = np.array([_volume(state) for state in self.chambers])
+        self.swept = np.array([_swept(state) for state in self.chambers])
+        self._magnitude = self._magnitudes()
+        self.y = self._solve_at_iterate(y)
+        self._proposed = y
+        self.scale = self.balance.scales(self.y, self.volumes, self._magnitude)
+        self._residual = self.balance.residual(self.y, self.volumes, self.swept) / self.scale
+        # The second half of y are the masses.
+        for state, end_pressure in zip(self.chambers, self.y, strict=False):
+            if state.enclosure is not None:
+                acting = self._acting_pressure(state.pressure, float(end_pressure))
+                state.enclosure.set_pressure(acting - _outside_pressure(state))
+        return self._residual
+
+    def _solve_at_iterate(self, y: Array) -> Array:
+        """Return the solution y of the gas balance at the volumes of the iterate.
+
+        Args:
+            y: pressures [Pa] and masses [kg] that Newton's method for the bodies proposes (2n,);
+                they are returned if they or the volumes are not finite, a volume is not positive,
+                or no solution is found.
+        """
+        finite = np.isfinite(y).all() and np.isfinite(self.volumes + self.swept).all()
+        if not (finite and (self.volumes > 0).all()):
+            return y
+        # Newton's update of y belongs to the y that was proposed; it is applied to the y that was
+        # used.
+        update = y - self._proposed
+        guess = np.maximum(self.y + update, MIN_REMAINING_SHARE * abs(self.y))
+        settled = self.balance.settle(guess, self.volumes, self.swept, self._magnitude)
+        return y if settled is None else settled
+
+    def add_force(self, values: Array) -> None:
+        """Subtract the forces of all chambers [N] from the owned part of a residual."""
+        for state in self.chambers:
+            if state.enclosure is not None:
+                state.enclosure.add_force(values)
+
+    def tangents(self, body: Body) -> Iterable[fem.Form]:
+        """Bilinear forms of the derivative of the pressure forces on a film."""
+        yield from self.geometry.tangents(body)
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        """Add the derivatives of the pressure forces that no form gives, e.g. on strips of
+        rings."""
+        for state in self.chambers:
+            if state.enclosure is not None:
+                state.enclosure.add_tangents(A)
+
+    def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
+        """Return the blocks of the Newton matrix by which the gas is coupled to the bodies.
+
+        G are the forces [N] of a unit of the unknowns y, n pressures [Pa] and n masses [kg]; H the
+        derivatives of the scaled gas balance by coordinates, C those by y.  Collective.
+
+        Returns:
+            this rank's parts of the 2n columns of G and of H, None for a column that is zero, and C
+            (2n, 2n).
+        """
+        n = len(self.chambers)
+        G: list[Array | None] = [None] * (2 * n)
+        H: list[Array | None] = [None] * (2 * n)
+        by_y, by_V = self.balance.derivatives(self.y, self.volumes, self.swept)
+        C = by_y / self.scale[:, None]
+        enclosures = {
+            k: state.enclosure
+            for k, state in enumerate(self.chambers)
+            if state.enclosure is not None
+        }
+        if not enclosures:
+            return G, H, C
+        by_V = by_V[:, list(enclosures)] / self.scale[:, None]
+        by_W = np.zeros_like(by_V)
+        volume_gradients = []
+        swept_gradients = []
+        for i, (k, enclosure) in enumerate(enclosures.items()):
+            at_middle, of_volume, of_swept = enclosure.gradients()
+            # The pressure that acts has the weight α of the pressure at the end of the step.
+            G[k] = -self._alpha * at_middle
+            if self.balance.depends_on_swept_volume:
+                # ∂/∂W of p̄ W in the energy balance
+                total_pressure = self.chambers[k].pressure + float(self.y[k])
+                by_W[k, i] = total_pressure / (2 * self.scale[k])
+            volume_gradients.append(of_volume)
+            swept_gradients.append(of_swept)
+        rows = by_V @ np.array(volume_gradients) + by_W @ np.array(swept_gradients)
+        # Zero columns are left out: the solver spends one solve on each of the others.
+        for k, row in enumerate(rows):
+            if by_V[k].any() or by_W[k].any():
+                H[k] = row
+        return G, H, C
+
+    def commit(self) -> None:
+        """Accept the step: state, supplied energy and supplied mass are summed up.  Collective.
+
+        Mass and energy are summed from the flows, not taken from y: so they are conserved to
+        round-off whatever the tolerance to which pressures and masses y are solved.
+        """
+        rates = self.balance.rates(self.y, self.volumes)
+        h = self.balance.h
+        for k, state in enumerate(self.chambers):
+            if state.enclosure is not None:
+                # The surroundings receive the work of the swept volume at their pressure.
+                self._supplied -= _outside_pressure(state) * state.enclosure.swept
+            state.volume = _volume(state)
+            state.mass += h * float(rates.mass[k])
+            work = (state.pressure + float(self.y[k])) / 2 * _swept(state)
+            state.internal_energy += h * float(rates.energy[k]) - work
+            if self._process != ADIABATIC:
+                self._supply_at_rest(state, float(self.balance.temperatures[k]))
+            state.pressure = (self.gas.gamma - 1) * state.internal_energy / state.volume
+        self.geometry.accept()
+        self._accepted_magnitude = self._magnitude
+        self._supplied += h * rates.energy_supplied
+        self._mass_supplied += h * rates.mass_supplied
+
+    def _supply_at_rest(self, state: ChamberState, temperature: float) -> None:
+        """Add the gas that holds the pressure of a chamber, and the heat that holds its
+        temperature.
+
+        Both count as supplied.
+
+        Args:
+            state: of the chamber, after the flows of the step; mass and energy are changed.
+            temperature: that is held [K].
+        """
+        if self._process == HELD_PRESSURE:
+            mass = state.pressure * state.volume / (self.gas.R * temperature)
+            self._mass_supplied += mass - state.mass
+            state.mass = mass
+        energy = self.gas.cv * state.mass * temperature
+        self._supplied += energy - state.internal_energy
+        state.internal_energy = energy
+
+    # ---- scalar unknowns: gradients --------------------------------------------------------------
+
+    def adjoint(self) -> ScalarsAdjoint:
+        """Derivatives of this gas, for gradients of runs."""
+        # Imported here: runs without gradients do not load it.
+        from gossamer_fx.mechanics.gas.adjoint import GasAdjoint
+
+        return GasAdjoint(self)
+
+    def exchange_ends(self) -> None:
+        """Evaluate the geometry in the reversed step, which starts at the end of the present one.
+        Collective."""
+        self.geometry.accept()
+        self.geometry.follow()
+
+    # ---- scalar unknowns: checks -----------------------------------------------------------------
+
+    def inadmissible(self) -> str:
+        """Report in one clause which chamber has a volume or pressure that is not positive.
+
+        Empty if none has; the same on every rank.
+
+        It needs the volumes [m³] and pressures [Pa] of the last iterate; NaN does not count as not
+        positive.
+        """
+        for state, volume, pressure in zip(self.chambers, self.volumes, self.y, strict=False):
+            if volume <= 0 or pressure <= 0:
+                return (
+                    f"'{state.chamber.name}' would have a volume of {volume:.3g} m³ and a pressure "
+                    f"of {pressure:.3g} Pa"
+                )
+        return ""
+
+    def unsolved(self) -> str:
+        """Report in one clause which chamber's mass and energy balance has the largest residual.
+
+        Empty if all scaled residuals are at most `ACCEPTABLE_RESIDUAL`; NaN counts as infinite.
+
+        It needs the residual of the last iterate, and gives volume [m³] and pressure [Pa] of the
+        chamber there. The text is the same on all ranks.
+        """
+        largest = np.abs(self._residual).reshape(2, -1).max(axis=0)
+        # argmax would pass over a NaN in favour of a number
+        largest[~np.isfinite(largest)] = np.inf
+        k = int(np.argmax(largest))
+        if largest[k] <= ACCEPTABLE_RESIDUAL:
+            return ""
+        return (
+            f"the gas of '{self.chambers[k].chamber.name}' is not in balance (volume "
+            f"{self.volumes[k]:.3g} m³, "
+            f"pressure {self.y[k]:.3g} Pa)"
+        )
+
+    # ---- scalar unknowns: energies and state -----------------------------------------------------
+
+    def totals(self) -> ScalarTotals:
+        """Internal energy of each chamber, mass, and what boundaries and walls supplied."""
+        return ScalarTotals(
+            stored={state.chamber.name: state.internal_energy for state in self.chambers},
+            supplied=self._supplied,
+            mass=sum(state.mass for state in self.chambers),
+            mass_supplied=self._mass_supplied,
+        )
+
+    def states(self) -> dict[str, ChamberState]:
+        """State of each chamber by its name."""
+        return {state.chamber.name: state for state in self.chambers}
+
+    def get_state(self) -> dict[str, Any]:
+        """Return the state for a checkpoint: numbers, words and lists; the same on every rank.
+
+        Returns:
+            "chambers": a list [name, pressure [Pa], mass [kg], internal energy [J], volume [m³]]
+            for each; "supplied" [J] and "mass supplied" [kg] since the start.
+        """
+        chambers = [
+            [state.chamber.name, state.pressure, state.mass, state.internal_energy, state.volume]
+            for state in self.chambers
+        ]
+        return {
+            "chambers": chambers,
+            "supplied": self._supplied,
+            "mass supplied": self._mass_supplied,
+        }
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Restore what `get_state` returned; the bodies have been restored.  Collective.
+
+        Args:
+            state: of a scene with the same chambers in the same order.
+
+        Raises:
+            KeyError, ValueError: the state is of another number of chambers, or lacks an entry.
+        """
+        self.geometry.follow()
+        self.geometry.accept()
+        for chamber, row in zip(self.chambers, state["chambers"], strict=True):
+            # The name is for readers of the file; the order of chambers does not change.
+            _, chamber.pressure, chamber.mass, chamber.internal_energy, chamber.volume = row
+        self._accepted_magnitude = self._magnitudes()
+        self._supplied = state["supplied"]
+        self._mass_supplied = state["mass supplied"]
+
+    # ---- chambers --------------------------------------------------------------------------------
+
+    def _acting_pressure(self, start: float, end: float) -> float:
+        """The pressure [Pa] that acts in the step: p̄ for the midpoint rule, p1 at the end of the
+        step."""
+        return (1 - self._alpha) * start + self._alpha * end
+
+    def _magnitudes(self) -> Array:
+        """For each chamber the sum of the sizes of the terms of its volume [m³], 0 for a rigid
+        one."""
+        magnitudes = np.zeros(len(self.chambers))
+        for k, state in enumerate(self.chambers):
+            if state.enclosure is not None:
+                magnitudes[k] = state.enclosure.magnitude
+        return magnitudes
+
+
+def _check_chambers(chambers: list[Volume]) -> None:
+    """Check that there are chambers, of one gas, and that no two enclose the same whole film.
+
+    Args:
+        chambers: of the scene.
+
+    Raises:
+        InputError: there is none, two have different gases, or two enclose the whole of a film.
+    """
+    check(
+        bool(chambers),
+        "The scene has gas but no chamber or tank; add one, or remove reservoirs and orifices.",
+    )
+    first = chambers[0]
+    for chamber in chambers:
+        check(
+            chamber.gas == first.gas,
+            f"The chambers '{first.name}' and '{chamber.name}' hold different gases; a scene has "
+            "one.",
+        )
+    whole_films: list[object] = []
+    for chamber in chambers:
+        if chamber.enclosure is None:
+            continue
+        for film in chamber.enclosure.whole_films:
+            check(
+                film not in whole_films,
+                f"Two chambers enclose the whole of '{film.name}'; give each its surface, or leave "
+                "one out.",
+            )
+            whole_films.append(film)
+
+
+def _compile_enclosure(
+    chamber: Volume,
+    system: Assembly,
+    geometry: Geometry,
+) -> CompiledEnclosure | None:
+    """Return the compiled enclosure of a chamber; None if its volume is not bounded by bodies.
+
+    Args:
+        chamber: as the user describes it.
+        system: the equations of the scene.
+        geometry: rings and surfaces that several enclosures share.
+
+    Raises:
+        InputError: the film is not closed, or its normals are not consistent.
+    """
+    if chamber.enclosure is None:
+        return None
+    return chamber.enclosure.compile(system, geometry)
+
+
+def _passages(
+    items: list[Any],
+    numbers: dict[int, int],
+    geometry: Geometry,
+) -> list[Passage]:
+    """Return the openings of a scene, with their ends as numbers of chambers or as boundaries.
+
+    Args:
+        items: of the scene that hold or conduct gas; others than openings are passed over.
+        numbers: of the chambers, by the id of each.
+        geometry: of which rings are taken as areas of openings.
+    """
+
+    def end(item: Holder | Volume) -> End:
+        return item if isinstance(item, Holder) else numbers[id(item)]
+
+    openings = [item for item in items if isinstance(item, Opening)]
+    return [
+        Passage(
+            opening=opening,
+            ends=(end(opening.a), end(opening.b)),
+            aperture=opening.aperture(geometry),
+        )
+        for opening in openings
+    ]
+
+
+def _volume(state: ChamberState) -> float:
+    """Volume [m³] of a chamber at the iterate, rigid part included."""
+    volume = float(state.chamber.fixed_volume)
+    if state.enclosure is not None:
+        volume += state.enclosure.volume
+    return volume
+
+
+def _swept(state: ChamberState) -> float:
+    """Volume [m³] that the enclosure of a chamber sweeps in the step; 0 for a rigid one."""
+    if state.enclosure is None:
+        return 0.0
+    return state.enclosure.swept
+
+
+def _outside_pressure(state: ChamberState) -> float:
+    """Pressure [Pa] on the outer side of a chamber's enclosure; 0 for a vacuum."""
+    if state.chamber.outside is None:
+        return 0.0
+    return float(state.chamber.outside.pressure)

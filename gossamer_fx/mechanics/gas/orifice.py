@@ -1,0 +1,245 @@
+"""Orifices between volumes of gas, and walls that heat or cool a chamber."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+from mpi4py import MPI
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.user_functions import ask_numbers
+from gossamer_fx.mechanics.gas.contract import Aperture, Holder, Volume
+from gossamer_fx.mechanics.gas.geometry import Geometry
+from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
+from gossamer_fx.mechanics.gas.network import GasNetwork
+from gossamer_fx.mechanics.gas.ring import Ring
+from gossamer_fx.mechanics.gas.volumes import Chamber
+
+# Largest laminar range of an orifice: above a tenth of the upstream pressure the regularised law
+# would replace (3) in flows that are far from rest.
+MAX_LAMINAR = 0.1
+
+# Least laminar range: a part of the pressure that is well above its round-off.
+MIN_LAMINAR = 1e-12
+
+
+def isentropic_flow(
+    gas: IdealGas,
+    pu: complex,
+    Tu: complex,
+    pd: complex,
+    laminar: float,
+) -> complex:
+    """Mass flow per effective area [kg/(s m²)] of an isentropic nozzle, from pu and Tu to pd ≤ pu.
+
+        ṁ/(C_d A) = p_u/√(R T_u) Ψ(x),   x = p_d/p_u                                   (1)
+        choked, x ≤ (2/(γ+1))^(γ/(γ-1)):  Ψ = √γ (2/(γ+1))^((γ+1)/(2(γ-1)))            (2)
+        subsonic, larger x:               Ψ = √(2γ/(γ-1) (x^(2/γ) - x^((γ+1)/γ)))      (3)
+
+    (Shapiro, Dynamics and Thermodynamics of Compressible Fluid Flow, 1953, ch. 4.)  The slope of
+    (3) is infinite at x = 1: Newton's method fails there, and flows at rest reverse endlessly.  For
+    1 - x < `laminar` Ψ is therefore the odd cubic in 1 - x that has the value and the slope of (3)
+    at 1 - x = laminar.  A short tube at low Reynolds number is linear in the same way.  Pressures
+    within `laminar` of each other equalise later than by (3).
+
+    Args:
+        gas: the gas.
+        pu: upstream pressure [Pa].
+        Tu: upstream temperature [K].
+        pd: downstream pressure [Pa], ≤ pu.
+        laminar: relative pressure difference below which the cubic applies.
+
+    It is analytic in pu, Tu and pd within each branch, so derivatives by complex steps are exact.
+
+    Example:
+        >>> air = IdealGas(gamma=1.4, R=287.0)
+        >>> round(1e-6 * isentropic_flow(air, 2e5, 300.0, 0.0, 1e-5), 7)
+        0.0004667
+    """
+    if pu.real <= 0:
+        return 0.0
+    γ = gas.gamma
+    x = pd / pu
+    scale = pu / (gas.R * Tu) ** 0.5
+    critical_ratio = (2 / (γ + 1)) ** (γ / (γ - 1))
+    if x.real <= critical_ratio:
+        # (2)
+        return scale * γ**0.5 * (2 / (γ + 1)) ** ((γ + 1) / (2 * (γ - 1)))
+    if (1 - x).real >= laminar:
+        # (3)
+        return scale * (2 * γ / (γ - 1) * (x ** (2 / γ) - x ** ((γ + 1) / γ))) ** 0.5
+    # The cubic Ψ_l ((1 - c) ξ + c ξ³), ξ = (1 - x)/laminar, with the value Ψ_l and slope of (3) at
+    # the limit x_l.
+    limit = 1 - laminar
+    value = (2 * γ / (γ - 1) * (limit ** (2 / γ) - limit ** ((γ + 1) / γ))) ** 0.5
+    slope_terms = 2 * limit ** (2 / γ - 1) - (γ + 1) * limit ** (1 / γ)
+    slope = -slope_terms / ((γ - 1) * value)
+    cubic = (slope * laminar / value - 1) / 2
+    ξ = (1 - x) / laminar
+    return scale * value * ((1 - cubic) * ξ + cubic * ξ**3)
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Orifice:
+    """An opening between two volumes of gas; gas flows either way by `isentropic_flow`.
+
+    Args:
+        a, b: chambers, tanks, reservoirs or surroundings; a flow from a to b is positive.
+        area: geometric area [m²]: a number ≥ 0, a function of time [s] (a valve), or the `Ring`
+            between two chambers, whose deformed area counts.
+        discharge_coefficient: C_d, effective over geometric area, in (0, 1].
+        laminar: pressure difference as a share of the upstream pressure below which the flow law is
+            regularised; in (0, 0.1).
+        name: in messages.
+
+    Raises:
+        InputError: an end holds no gas, both ends are the same, or a quantity is out of its range.
+
+    Example:
+        >>> bottle = gx.gas.Reservoir(2e5, 300.0)
+        >>> valve = gx.Orifice(bottle, tank, area=lambda t: 1e-6 if t < 1.0 else 0.0)
+    """
+
+    a: Volume | Holder
+    b: Volume | Holder
+    _: KW_ONLY
+    area: float | Callable[[float], float] | Ring
+    discharge_coefficient: float = 1.0
+    # Pressures equalise by the ideal law (3) down to a difference of 1e-5, below what is measured.
+    laminar: float = 1e-5
+    name: str = "orifice"
+    scalar_unknowns = GasNetwork
+
+    def __post_init__(self) -> None:
+        """Check ends, area [m²], discharge coefficient [-] and laminar range [-] of an opening.
+
+        Raises:
+            InputError: an end holds no gas, both ends are the same, the area is negative or
+                infinite, the discharge coefficient is outside (0, 1], or `laminar` outside [1e-12,
+                0.1).
+        """
+        for end in (self.a, self.b):
+            check(
+                isinstance(end, Volume | Holder),
+                f"Orifice '{self.name}': {end!r} holds no gas; connect chambers, tanks, reservoirs "
+                "or surroundings.",
+            )
+        check(
+            self.a is not self.b,
+            f"Orifice '{self.name}' leads from '{self.a.name}' back into it.",
+        )
+        check(
+            isinstance(self.area, Ring) or callable(self.area) or 0 <= self.area < math.inf,
+            f"Orifice '{self.name}': area is {self.area!r} m²; give a positive number, a function "
+            "of time, or a ring.",
+        )
+        check(
+            0 < self.discharge_coefficient <= 1,
+            f"Orifice '{self.name}': discharge_coefficient is {self.discharge_coefficient!r}; it "
+            "lies in (0, 1].",
+        )
+        check(
+            MIN_LAMINAR <= self.laminar < MAX_LAMINAR,
+            f"Orifice '{self.name}': laminar is {self.laminar!r}; give a small fraction such as "
+            "1e-5.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        """Both ends and the film of a ring, which join the scene with the orifice."""
+        yield self.a
+        yield self.b
+        if isinstance(self.area, Ring):
+            yield from self.area.requires()
+
+    def aperture(self, geometry: Geometry) -> Aperture:
+        """Return the effective area C_d A [m²] as a function of step length h [s] and time t [s].
+
+        t is the middle of the step.  The function is collective, and raises InputError if a valve's
+        area is negative or not a number.
+
+        C_d is the discharge coefficient [-] and A the area [m²], by a ring the area of the film's
+        opening at that time.
+
+        Args:
+            geometry: of the running scene, with the rings whose area may be that of the orifice.
+        """
+        coefficient = self.discharge_coefficient
+        area = self.area
+        if isinstance(area, Ring):
+            loop = geometry.loop(area)
+            return lambda h, t: coefficient * loop.aperture(h)
+        if callable(area):
+            return lambda h, t: coefficient * self._opening(geometry.comm, area, t)
+        return lambda h, t: coefficient * area
+
+    def _opening(self, comm: MPI.Intracomm, area: Callable[[float], float], t: float) -> float:
+        """The area [m²] that a user's function gives at time t, checked.  Collective."""
+        what = f"Orifice '{self.name}': its area at t = {t:.6g} s"
+        opening = float(ask_numbers(comm, what, lambda: area(t)))
+        check(opening >= 0, f"{what} is {opening!r} m²; give one that is not negative.")
+        return opening
+
+    def flow(
+        self,
+        gas: IdealGas,
+        area: float,
+        p: tuple[complex, complex],
+        T: tuple[complex, complex],
+    ) -> complex:
+        """Return the mass flow [kg/s] from a to b; negative if b has the higher pressure.
+
+        Args:
+            gas: the gas.
+            area: effective area C_d A [m²].
+            p: pressures [Pa] of the two ends.
+            T: temperatures [K] of the two ends.
+        """
+        if p[0].real >= p[1].real:
+            return area * isentropic_flow(gas, p[0], T[0], p[1], self.laminar)
+        return -area * isentropic_flow(gas, p[1], T[1], p[0], self.laminar)
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class WallHeat:
+    """A wall of constant temperature that heats or cools a chamber: Q = conductance (T_wall - T)
+    [W].
+
+    The heat counts as supplied in the energy balance.
+
+    Args:
+        chamber: the chamber or tank.
+        conductance: heat transfer coefficient times area [W/K], ≥ 0.
+        temperature: of the wall [K], > 0.
+        name: in messages.
+
+    Raises:
+        InputError: a quantity is out of its range, or `chamber` is not a chamber.
+
+    Example:
+        >>> heater = gx.gas.WallHeat(tank, conductance=0.5, temperature=350.0)
+    """
+
+    chamber: Chamber
+    conductance: float
+    _: KW_ONLY
+    temperature: float
+    name: str = "wall"
+    scalar_unknowns = GasNetwork
+
+    def __post_init__(self) -> None:
+        """Check the arguments, which the class describes; raises `InputError`."""
+        check(
+            0 <= self.conductance < math.inf and 0 < self.temperature < math.inf,
+            f"WallHeat '{self.name}': conductance {self.conductance!r} W/K and temperature "
+            f"{self.temperature!r} K must be positive.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        """The chamber, which joins the scene with the wall."""
+        yield self.chamber

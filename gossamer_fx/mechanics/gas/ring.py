@@ -1,0 +1,602 @@
+"""Rings: closed lines of film edges, as openings for gas and as virtual walls between chambers.
+
+Problem.  A folded tube has compartments that gas leaves through its folds.  No film closes such a
+compartment, yet its volume, the pressure force on its film and the opening have to be defined, for
+a ring of any deformed shape, such that energy and momentum are conserved.
+
+Idea.  Strips between opposite edges of the ring span a surface x(s, r) = (1 - r) x_a(s) + r x_b(s)
+between edge x_a of one side and edge x_b of the other.  With n = x,s × x,r
+
+    a = ∫∫ n ds dr            area vector                                            (1)
+    G[w] = ∫∫ n·w ds dr       gradient of the volume, quadratic in x                 (2)
+    V = ⅓ G[x]                share of the enclosed volume, cubic in x               (3)
+
+summed over the strips.  The sum of n over a closed surface is zero, so the pressure has no
+resultant. The nodes of the ring bear the pressure on the strips.  A node is coupled to those of two
+strips only, and the pressure is spread as the strips' areas are.  (A fan from the centre of the
+ring was the alternative: it would couple every node to all others.)
+
+Algorithm.
+
+1. `Ring.loop` orders the edges to a walk around the ring, the same for any number of ranks.
+2. `Loop` pairs the edges: the walk goes along both sides from its first vertex at once.  Of an odd
+   number of edges the last spans a strip with its own end vertex.
+3. `Loop.follow` evaluates (2) at the middle and at the end of a step, on every rank for all nodes.
+4. `Loop.add_tangent` adds the derivative of (2); each rank adds the rows of its nodes.
+
+Cost: proportional to the number of edges; every rank knows all nodes of a ring.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import basix
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from gossamer_fx.core.algebra.point_measures import Gather, add_blocks
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.forms.c_source import CStruct, check_indices
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.gas.kernels.library import library
+from gossamer_fx.mechanics.terms.assembly import Assembly
+
+Indices = npt.NDArray[np.int64]
+
+# Coordinates that differ by less than this share of the ring's extent count as equal when the first
+# vertex of a walk is chosen: far above round-off, far below the length of an edge.
+COORDINATE_TOLERANCE = 1e-9
+
+# The volume of (3) is linear across a strip in x and in w, and constant in x,r: degree 2 in r.
+QUADRATURE_DEGREE_ACROSS = 2
+
+
+class Edge(NamedTuple):
+    """An edge of a film in global numbers.
+
+    Attributes:
+        first_vertex, last_vertex: vertices of the mesh.
+        first_node, last_node: nodes of the film.
+        middle_node: node between them; -1 for films of order 1.
+        start, end: coordinates (3,) [m] of its ends on the mesh.
+    """
+
+    first_vertex: int
+    last_vertex: int
+    first_node: int
+    last_node: int
+    middle_node: int
+    start: tuple[float, ...]
+    end: tuple[float, ...]
+
+    def reversed(self) -> Edge:
+        """Return the same edge of a film in the opposite direction: its two ends are exchanged."""
+        return Edge(
+            first_vertex=self.last_vertex,
+            last_vertex=self.first_vertex,
+            first_node=self.last_node,
+            last_node=self.first_node,
+            middle_node=self.middle_node,
+            start=self.end,
+            end=self.start,
+        )
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Ring:
+    """A closed line of film edges.
+
+    As the `area` of an `Orifice` it is the opening |½ ∮ x × dx| [m²] in its deformed shape, taken
+    half a step ahead of the known state: a folded tube chokes where it is folded.  In
+    `Chamber(rings=...)` it is spanned by strips, which close the chamber.
+
+    Args:
+        body: the film.
+        edges: name of a group of curves of its mesh.
+
+    Example:
+        >>> ring = gx.gas.Ring(film, "ring 1")
+        >>> opening = gx.Orifice(tank, gx.gas.Ambient(), area=ring, discharge_coefficient=0.8)
+    """
+
+    body: Membrane
+    edges: str
+
+    def requires(self) -> Iterable[Any]:
+        """The film, which joins the scene with the ring."""
+        yield self.body
+
+    def loop(self) -> Indices:
+        """Return the edges of a closed line in the order of a walk around it, the same on every
+        rank.  Collective.
+
+        Returns:
+            An array (n, 5): for each edge its two end vertices, its two end nodes and the node
+            between them (or -1), in global numbers.  The walk starts at the vertex with the lowest
+            x on the mesh, of those the lowest y, then z: at the same vertex for any number of
+            ranks, and at the seam of a tube that is pressed flat, so that opposite edges lie on
+            each other.
+
+        Raises:
+            InputError: the edges do not form one closed line.
+        """
+        edges = sorted(
+            edge for part in self.body.comm.allgather(self._own_edges()) for edge in part
+        )
+        message = (
+            f"Ring: the edges '{self.edges}' of '{self.body.name}' form no closed line; name a "
+            "group that does."
+        )
+        edges_at: dict[int, list[int]] = {}
+        for i, edge in enumerate(edges):
+            edges_at.setdefault(edge.first_vertex, []).append(i)
+            edges_at.setdefault(edge.last_vertex, []).append(i)
+        two_at_each_vertex = all(len(meeting) == 2 for meeting in edges_at.values())
+        check(len(edges) > 2 and two_at_each_vertex, message)
+        walk: list[Edge] = []
+        i = 0
+        vertex = edges[0].first_vertex
+        while not walk or i != 0:
+            edge = edges[i]
+            if edge.first_vertex != vertex:
+                edge = edge.reversed()
+            walk.append(edge)
+            vertex = edge.last_vertex
+            # the other one of the two edges at the vertex
+            i = sum(edges_at[vertex]) - i
+        # A shorter walk means that the edges form several closed lines.
+        check(
+            len(walk) == len(edges),
+            f"Ring: the edges '{self.edges}' of '{self.body.name}' form several closed lines; make "
+            "a group of each line, and give a Ring for each.",
+        )
+        numbers = np.array([edge[:5] for edge in walk])
+        starts = np.array([edge.start for edge in walk])
+        return np.roll(numbers, -_lowest(starts), axis=0)
+
+    def _own_edges(self) -> list[Edge]:
+        """Return the edges of a ring, a closed line of film edges, that this rank owns, in global
+        numbers.
+
+        Raises:
+            InputError: the mesh has no group of this name, or it is not one of curves.
+        """
+        film = self.body
+        table = film.mesh.edges
+        edges = film.mesh.curve(self.edges, f"Ring on '{film.name}'")
+        own = edges[edges < table.owned]
+        local = table.nodes(film.space, own)
+        numbers = film.block.index_map.local_to_global(local.ravel())
+        nodes = numbers.reshape(local.shape)
+        coordinates = film.space.tabulate_dof_coordinates()
+        result = []
+        ends = table.ends[own]
+        for k in range(len(own)):
+            middle_node = -1
+            if film.order == 2:
+                middle_node = int(nodes[k, 1])
+            edge = Edge(
+                first_vertex=int(ends[k, 0]),
+                last_vertex=int(ends[k, 1]),
+                first_node=int(nodes[k, 0]),
+                last_node=int(nodes[k, -1]),
+                middle_node=middle_node,
+                start=tuple(map(float, coordinates[local[k, 0]])),
+                end=tuple(map(float, coordinates[local[k, -1]])),
+            )
+            result.append(edge)
+        return result
+
+
+class Loop:
+    """A ring in a running scene: its area vector, volume and gradient, see the module's (1) to (3).
+
+    Args:
+        ring: the ring.
+        system: the compiled scene.
+
+    Attributes:
+        vertices: global end vertices of the edges in the order of the walk (n, 2).
+        indices: global indices of the coordinates of its nodes in system vectors (nodes, 3).
+        gradients: G at q̄ and at q1, (nodes, 3) [m²] each; the same on every rank.
+
+    Sizes below: n edges, k nodes of a strip, g quadrature points of a strip.
+    """
+
+    def __init__(self, ring: Ring, system: Assembly) -> None:
+        """Walk once around a ring of film edges, and tabulate the strips that close it; collective.
+
+        `_X0` and `_X1` are the positions [m] (nodes, 3) at the start and at the end of a step, the
+        same on every rank, zero until the first evaluation; `_c` is the compiled C library of the
+        kernels.
+
+        Args:
+            ring: the closed line of edges.
+            system: the equations of the scene, with the coordinates of the film.
+
+        Raises:
+            InputError: the edges of the ring do not form one closed line, or no C compiler was
+                found.
+        """
+        walk = ring.loop()
+        order = ring.body.order
+        self._system = system
+        # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
+        self._alpha = system.rule.alpha
+        self.vertices = walk[:, :2]
+        nodes = walk[:, 2]
+        if order == 2:
+            nodes = np.concatenate([walk[:, 2], walk[:, 4]])
+        self._strips = _strips(len(walk), order)
+        self._tabulate(order)
+        self._c = library(system.comm)
+        self._c_strips = self._strips_for_kernel(len(nodes))
+
+        self.indices = system.block(ring.body).to_global(nodes)
+        self._gather = Gather(system.numbering, [self.indices])
+        start, end = system.q0.getOwnershipRange()
+        first_index = self.indices[:, 0]
+        self._mine = (start <= first_index) & (first_index < end)
+        self._own = self.indices[self._mine] - start
+        # Rows of the tangent that this rank adds: strips and the nodes of theirs that it owns.
+        strip, node = np.nonzero(self._mine[self._strips])
+        self._row_count = len(strip)
+        self._c_rows = self._rows_for_kernel(strip, node)
+        self._row_indices = self.indices[self._strips[strip, node]]
+        columns = self.indices[self._strips[strip]]
+        self._column_indices = columns.reshape(len(strip), 3 * self._strips.shape[1])
+        self._X0: Array = np.zeros((len(nodes), 3))
+        self._X1: Array = self._X0
+        self.gradients: tuple[Array, Array] = (self._X0, self._X0)
+
+    def _tabulate(self, order: int) -> None:
+        """Tabulate the shape functions of a strip across a ring at its quadrature points.
+
+        They are values, times the weight of the point, and derivatives along and across the strip,
+        (points, nodes of a strip) each, all dimensionless.
+
+        In the code s and r are the points along and across the strip, from 0 to 1, N and dN values
+        and derivatives of the shape functions along it. Sets `_ds` and `_dr`, the derivatives by s
+        and by r, `_test`, the weighted values, and `_weights`.
+
+        Args:
+            order: of the film's positions, 1 or 2.
+        """
+        interval = basix.CellType.interval
+        # Degree of (3) along a strip: order - 1 of x,s, order of x,r and order of w.
+        degree_along = 3 * order - 1
+        s, weights_s = _quadrature(degree_along)
+        r, weights_r = _quadrature(QUADRATURE_DEGREE_ACROSS)
+        element: Any = basix.create_element(basix.ElementFamily.P, interval, order)
+        N, dN = element.tabulate(1, s)[..., 0]
+        across = np.concatenate([1 - r, r], axis=1)
+        across_slope = np.broadcast_to([-1.0, 1.0], across.shape)
+
+        def at_points(along: Array, sideways: Array) -> Array:
+            """Products (g, k) of functions along a strip and across; the nodes of side a come
+            first."""
+            products = np.einsum("si,rj->srji", along, sideways)
+            points = len(along) * len(sideways)
+            return products.reshape(points, -1)
+
+        weights = np.outer(weights_s, weights_r)
+        self._weights = weights.ravel()
+        self._ds = at_points(dN, across)
+        self._dr = at_points(N, across_slope)
+        self._test = at_points(N, across) * weights.reshape(-1, 1)
+
+    def _strips_for_kernel(self, nodes: int) -> CStruct:
+        """Return the strips that close a ring of film edges as the C structure `ring_strips`.
+
+        `_c` is the C library of the kernels; `_ds` and `_dr` are the derivatives of the shape
+        functions along and across a strip, `_test` their weighted values.
+
+        Args:
+            nodes: number of the ring's nodes.
+
+        Raises:
+            ValueError: a strip has a node that does not exist.
+        """
+        check_indices("The nodes of strips", self._strips, nodes)
+        strips, nodes_of_strip = self._strips.shape
+        points = len(self._weights)
+
+        def table(name: str, values: Array) -> Any:
+            return self._c.array(
+                name, np.ascontiguousarray(values), "float64", (points, nodes_of_strip)
+            )
+
+        return self._c.struct(
+            "ring_strips",
+            {
+                "strip_count": strips,
+                "node_count": nodes_of_strip,
+                "point_count": points,
+                "nodes": self._c.array(
+                    "nodes", self._strips.astype(np.int32), "int32", self._strips.shape
+                ),
+                "along": table("along", self._ds),
+                "across": table("across", self._dr),
+                "test": table("test", self._test),
+            },
+        )
+
+    def _rows_for_kernel(self, strip: Indices, node: Indices) -> CStruct:
+        """Return the rows of a ring's tangent that this rank adds as the C structure `ring_rows`.
+
+        A row belongs to one node of one strip, and stands for its three coordinates; `_c` is the C
+        library of the kernels.
+
+        Args:
+            strip: number of the strip of each row (n,).
+            node: which node of that strip the row belongs to (n,).
+        """
+        count = len(strip)
+        return self._c.struct(
+            "ring_rows",
+            {
+                "count": count,
+                "strip": self._c.array("strip", strip.astype(np.int32), "int32", (count,)),
+                "node": self._c.array("node", node.astype(np.int32), "int32", (count,)),
+            },
+        )
+
+    def aperture(self, h: float) -> float:
+        """|a| [m²] of (1) at q0 + ½ h v0, for a step of length h [s].  Collective.
+
+        That is the middle of the coming step to second order.  The middle of the iterate is not
+        taken: then the flow would depend on the film, and the tangent on the flow.
+        """
+        xs, xr = self._strip_tangents(self._predicted(h))
+        return float(np.linalg.norm(self._area_vector(xs, xr)))
+
+    def aperture_gradient(self, h: float) -> Array:
+        """Return the derivative ∂|a|/∂q0 of the opened area |a| [m²] by positions at the start of a
+        step.  Collective.
+
+        With e = a/|a| the change of |a| is e·δa, and with the tangents x,s and x,r of the ring's
+        strips e·δa = ∫∫ δx,s·(x,r × e) + δx,r·(e × x,s) ds dr.
+
+        In the code xs and xr are these tangents [m] at the quadrature points of all strips, `_ds`
+        and `_dr` the derivatives of the shape functions by s and r. X are the positions (nodes, 3)
+        [m] predicted from the start of the step, at which the area is taken.
+
+        Args:
+            h: length of the step [s].
+
+        Returns:
+            (nodes, 3) [m], the same on every rank; zero for a ring without area.  The derivative by
+            v0 is ½ h times as large.
+        """
+        X = self._predicted(h)
+        xs, xr = self._strip_tangents(X)
+        area_vector = self._area_vector(xs, xr)
+        size = float(np.linalg.norm(area_vector))
+        gradient = np.zeros_like(X)
+        if size == 0:
+            # A closed ring opens in no direction more than in another.
+            return gradient
+        e = np.broadcast_to(area_vector / size, xs.shape)
+        weights = self._weights[:, None]
+        by_xs = weights * _cross(xr, e)
+        by_xr = weights * _cross(e, xs)
+        of_strips = self._ds.T @ by_xs + self._dr.T @ by_xr
+        np.add.at(gradient, self._strips, of_strips)
+        return gradient
+
+    def _predicted(self, h: float) -> Array:
+        """Positions q0 + ½ h v0 (nodes, 3) [m] of the nodes.  Collective."""
+        positions = self._gather(self._system.q0)[0]
+        velocities = self._gather(self._system.v0)[0]
+        predicted: Array = positions + h / 2 * velocities
+        return predicted
+
+    def _area_vector(self, xs: Array, xr: Array) -> Array:
+        """a (3,) [m²] of (1) for the tangents of the strips."""
+        area_vector: Array = np.einsum("g,ngd->d", self._weights, _cross(xs, xr))
+        return area_vector
+
+    def follow(self) -> None:
+        """Evaluate the gradients at q̄ and q1 of the system.  Collective."""
+        self._X1 = self._gather(self._system.q1)[0]
+        at_middle = self._gradient(self._middle())
+        at_end = self._gradient(self._X1)
+        self.gradients = (at_middle, at_end)
+        self._products: Array | None = None
+
+    def accept(self) -> None:
+        """Make the end of this step the start of the next."""
+        self._X0 = self._X1
+
+    def products(self) -> Array:
+        """Return the share of a ring, whose strips close a chamber, in three volumes, (3,) [m³].
+
+        They are G(q1)·q1, three times its volume, G the gradient of the volume; the sum of the
+        sizes of the terms of that, for round-off; and G(q̄)·(q1 - q0), the volume that it sweeps in
+        the step.
+
+        `_X0` and `_X1` are the positions (nodes, 3) [m] at the start and at the end of the step.
+        The result, the same on every rank, is stored for the next call.
+        """
+        if self._products is None:
+            at_middle, at_end = self.gradients
+            terms = at_end * self._X1
+            swept = at_middle * (self._X1 - self._X0)
+            self._products = np.array([terms.sum(), abs(terms).sum(), swept.sum()])
+        return self._products
+
+    def direction(self, vertices: Indices) -> Indices:
+        """Return in which direction the walk round a ring, a closed line of film edges, passes some
+        edges.
+
+        Args:
+            vertices: global numbers (m, 2) of the ends of each edge.
+
+        Returns:
+            For each edge +1 if the walk passes it from the first to the second vertex, -1 for the
+            opposite direction, 0 if it is not an edge of the ring; (m,).
+        """
+        # a and b are the first and second vertex of an edge.
+        passed = {(int(a), int(b)) for a, b in self.vertices}
+        signs = np.zeros(len(vertices), dtype=np.int64)
+        for i in range(len(vertices)):
+            a = int(vertices[i, 0])
+            b = int(vertices[i, 1])
+            if (a, b) in passed:
+                signs[i] = 1
+            elif (b, a) in passed:
+                signs[i] = -1
+        return signs
+
+    def add_own(
+        self,
+        values: Array,
+        start: int,
+        G: Array,
+    ) -> None:
+        """Add a gradient at the nodes of a ring of film edges to the unknowns that this rank owns.
+
+        Args:
+            values: the owned unknowns of the film, flattened; changed in place.
+            start: where they begin in this rank's part of a system vector.
+            G: a gradient at all nodes of the ring (nodes, 3) [m²].
+        """
+        values[self._own - start] += G[self._mine]
+
+    def add_tangent(self, A: PETSc.Mat, scale: float) -> None:
+        """Add the derivative of a pressure's force by the end q1 of the step to a matrix; each rank
+        adds its rows.
+
+        The force is scale · G(q̄), with the gradient G [m²] of the ring's volume and positions q̄ =
+        (1 - α) q0 + α q1; its derivative is scale · α · ∂G/∂q.
+
+        X are the positions q̄ (nodes, 3) [m], a_ij a vector [m] for each pair of nodes i and j,
+        `_c` the C library of the kernels.
+
+        Args:
+            A: tangent of the system [N/m], changed in place.
+            scale: pressure on the strips [Pa], with its sign.
+        """
+        # δG_i = Σ_j a_ij × δx_j, from δn = δx,s × x,r + x,s × δx,r
+        shape = (self._row_count, 3, self._column_indices.shape[1])
+        blocks = np.empty(shape)
+        X = self._middle()
+        self._c.lib.ring_tangent(
+            self._c_strips.pointer,
+            self._c_rows.pointer,
+            self._c.array("X", X, "float64", X.shape),
+            scale * self._alpha,
+            self._c.array("blocks", blocks, "float64", shape, writable=True),
+        )
+        add_blocks(A, self._row_indices, self._column_indices, blocks)
+
+    def _middle(self) -> Array:
+        """Positions (nodes, 3) [m] of the nodes at q̄."""
+        X: Array = (1 - self._alpha) * self._X0 + self._alpha * self._X1
+        return X
+
+    def _strip_tangents(self, X: Array) -> tuple[Array, Array]:
+        """x,s and x,r (strips, g, 3) for the positions X (nodes, 3) of the nodes."""
+        corners = X[self._strips]
+        return self._ds @ corners, self._dr @ corners
+
+    def _gradient(self, X: Array) -> Array:
+        """Return the gradient of the volume that the ring's strips close, by the positions of its
+        nodes.
+
+        G is the gradient, `_c` the C library of the kernels. All ranks compute the whole ring.
+
+        Args:
+            X: positions (nodes, 3) [m] of the nodes.
+
+        Returns:
+            (nodes, 3) [m²].
+        """
+        G = np.zeros_like(X)
+        self._c.lib.add_ring_gradient(
+            self._c_strips.pointer,
+            self._c.array("X", X, "float64", X.shape),
+            self._c.array("G", G, "float64", G.shape, writable=True),
+        )
+        return G
+
+
+def _quadrature(degree: int) -> tuple[Array, Array]:
+    """Points (g, 1) and weights (g,) on the interval [0, 1], exact for polynomials of a degree."""
+    points, weights = basix.make_quadrature(basix.CellType.interval, degree)
+    return np.asarray(points), np.asarray(weights)
+
+
+def _lowest(points: Array) -> int:
+    """Return the number of the point that has the lowest x, of those the lowest y, then z.
+
+    Coordinates that differ by round-off count as equal; of equal points it is the first.
+
+    Args:
+        points: (n, 3) [m], n > 0.
+    """
+    low = points.min(axis=0)
+    high = points.max(axis=0)
+    extent = float(np.linalg.norm(high - low))
+    # A ring of no extent is compared by 1 m, to avoid a division by zero.
+    resolution = COORDINATE_TOLERANCE * extent or 1.0
+    # Rounding makes coordinates equal that differ by round-off only.
+    x, y, z = np.rint((points - low) / resolution).T
+    # lexsort sorts by its last key first.
+    return int(np.lexsort((z, y, x))[0])
+
+
+def _strips(n: int, order: int) -> Indices:
+    """Return the nodes of the strips that close a ring of n edges.
+
+    On either side they are the start, the end and, of order 2, the node between.  Vertex i of the
+    walk is node i, the node on the edge behind it is node n + i.
+
+    Args:
+        n: number of edges, at least 3.
+        order: of the film's positions, 1 or 2.
+
+    Returns:
+        (strips, 2 (order + 1)), strips = n/2 rounded up.
+    """
+    pairs = np.arange(n // 2)
+    # start, end and middle node of the edges on the way there, and on the way back
+    there = [pairs, pairs + 1, n + pairs]
+    back = [
+        (n - pairs) % n,
+        n - 1 - pairs,
+        2 * n - 1 - pairs,
+    ]
+    columns = there[: order + 1] + back[: order + 1]
+    strips = np.stack(columns, axis=1)
+    if n % 2:
+        # The last edge of an odd number spans a triangle with its end vertex.
+        last = n // 2
+        edge = [last, last + 1, n + last][: order + 1]
+        end_vertex = [last + 1] * (order + 1)
+        strips = np.vstack([strips, edge + end_vertex])
+    return strips
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return a × b over the last axis; np.cross takes three times as long for so few vectors.
+
+    Args:
+        a, b: arrays (..., 3) of one shape.
+    """
+    # Components x, y, z of a and of b, each of shape (...).
+    ax, ay, az = np.moveaxis(a, -1, 0)
+    bx, by, bz = np.moveaxis(b, -1, 0)
+    products = [
+        ay * bz - az * by,
+        az * bx - ax * bz,
+        ax * by - ay * bx,
+    ]
+    return np.stack(products, axis=-1)

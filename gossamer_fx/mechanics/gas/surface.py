@@ -1,0 +1,380 @@
+"""The surface of a film that bounds one or more chambers: volumes, gradients, forces and tangent.
+
+For chamber c with the deformed area vector n dA of its part of the film and the strips of its
+rings:
+
+    G_c[w] = ∫ n·w dA                  gradient of the volume, quadratic in x              (1)
+    V_c = ⅓ ∫ x·n dA = ⅓ G_c(q)·q      since the volume is homogeneous of degree three     (2)
+    W_c = G_c(q̄)·(q1 - q0)            swept volume, for the midpoint rule                 (3)
+    ∂W_c/∂q1 = G_c(q̄) + α (G_c(q1) - G_c(q0))      since G_c is quadratic, for α = ½     (4)
+
+Algorithm.  In every iteration:
+
+1. One linear form with discontinuous test functions gives (1) triangle by triangle, at q̄ and at
+   q1.
+2. A sparse matrix of ones adds up the triangles of each chamber, node by node.
+3. Sums over ranks give (2) and (3); rank 0 adds the strips of the rings, which every rank knows.
+4. `add_force` adds pressure · G_c(q̄); one bilinear form gives the tangent of all chambers.
+
+Cost: two assemblies of a vector and one of a matrix in an iteration, however many chambers share
+the film.  A form for each chamber would cost as many assemblies as there are chambers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, la
+from mpi4py import MPI
+
+from gossamer_fx.core.forms.compilation import compile_form
+from gossamer_fx.core.forms.kinematics import area_vector
+from gossamer_fx.core.forms.spaces import cell_nodes
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.gas.ring import Loop
+from gossamer_fx.mechanics.terms.assembly import Assembly
+
+Cells = npt.NDArray[np.int32]
+
+# Weight α of the rules in which forces act at the middle, or at the end, of a step.
+MIDPOINT = 0.5
+END_OF_STEP = 1.0
+
+
+@dataclass
+class Side:
+    """What bounds one chamber.
+
+    Attributes:
+        cells: triangles of the film that this rank owns.
+        loops: the rings (closed lines of film edges) whose strips of triangles close the chamber.
+        signs: for each loop +1 or -1, by which the volume and gradient of its strip are multiplied
+            so that the normals of the strip agree with those of the film.
+        initial_gradient: owned part of G at q0, flattened [m²].
+    """
+
+    cells: Cells
+    loops: list[Loop]
+    signs: list[float]
+    initial_gradient: Array = field(default_factory=lambda: np.zeros(0))
+
+
+class FilmSurface:
+    """Volumes of all chambers that a film bounds, with gradients, forces and tangent.
+
+    Args:
+        film: the film.
+        system: the compiled scene.
+
+    Attributes:
+        pressures: pressure [Pa] of each chamber on its triangles, along their normals (chambers,).
+        volume: V_c at q1 (chambers,) [m³], positive if the normals point outwards.
+        magnitude: sum of the sizes of the terms of G_c(q)·q (chambers,) [m³], for round-off.
+        swept: W_c (chambers,) [m³], or V_c(q1) - V_c(q0) if forces act at the end of the step.
+    """
+
+    def __init__(self, film: Membrane, system: Assembly) -> None:
+        """Prepare the surface of a film that bounds chambers of gas, which are added one by one.
+
+        Args:
+            film: the film.
+            system: the equations of the scene, with the coordinates of the film.
+        """
+        self.film = film
+        self.pressures: Array = np.zeros(0)
+        self._comm = film.comm
+        self._sides: list[Side] = []
+        self._fields = system.fields[film]
+        # The owned unknowns of the film in this rank's part of a system vector
+        self._owned = system.block(film).owned
+        self._local_size = system.numbering.size_local
+        # Weight of the end of a step in the positions where forces act: ½, or 1 at its end.
+        self._alpha = system.rule.alpha
+        self._form: fem.Form | None = None
+        # Owned parts of G_c(q̄) and G_c(q1) of the present iterate, once they were asked for, by
+        # chamber
+        self._totals_at_mid: dict[int, Array] = {}
+        self._totals_at_end: dict[int, Array] = {}
+
+    def add(self, side: Side) -> int:
+        """Register a chamber; returns its index in the results.
+
+        It must be called before the first `follow`, which compiles the forms for all chambers.
+        """
+        self._sides.append(side)
+        self.pressures = np.zeros(len(self._sides))
+        return len(self._sides) - 1
+
+    def _compile(self) -> None:
+        """Compile the forms of area vectors and of the pressure's tangent, and allocate the arrays.
+        Collective.
+
+        Raises:
+            InputError: no C compiler was found.
+        """
+        film = self.film
+        domain = film.mesh.domain
+        # Area vector: 2 (order - 1); test function or position: order.
+        degree = 2 * (film.order - 1) + film.order
+        dx = ufl.Measure(
+            "dx",
+            domain,
+            metadata={"quadrature_degree": degree},
+            **self._restriction(),
+        )
+        broken = fem.functionspace(domain, ("Discontinuous Lagrange", film.order, (3,)))
+        constants = fem.functionspace(domain, ("Discontinuous Lagrange", 0))
+        self._x = fem.Function(film.space)
+        self._pressure = fem.Function(constants)
+
+        # w is a test function, or another vector field, on the film.
+        def flux(x: Any, w: Any) -> Any:
+            return ufl.dot(area_vector(film.deformation(x)), w)
+
+        self._form = compile_form(flux(self._x, ufl.TestFunction(broken)) * dx)
+        load = -self._pressure * flux(self._fields.mid, self._fields.w) * dx
+        tangent = ufl.derivative(load, self._fields.q1, self._fields.dq)
+        self._tangent = compile_form(tangent)
+        index_map = broken.dofmap.index_map
+        self._parts = np.zeros(3 * (index_map.size_local + index_map.num_ghosts))
+        self._compile_sum(broken)
+        self._vector = la.vector(film.block.index_map, 3)
+        self._at_mid: Array = np.zeros((len(self._nodes), 3))
+        self._at_end: Array = self._at_mid
+        self._initial_volume: Array = np.zeros(len(self._sides))
+
+    def _restriction(self) -> dict[str, Any]:
+        """Return arguments of a UFL measure on the triangles that bound the chambers of a film.
+        Collective.
+
+        Returns:
+            `subdomain_data` and `subdomain_id`; empty if the chambers use the whole film.
+        """
+        of_sides = [side.cells for side in self._sides]
+        cells = np.unique(np.concatenate(of_sides))
+        owned = self.film.mesh.domain.topology.index_map(2).size_local
+        whole = self._comm.allreduce(len(cells) == owned, op=MPI.LAND)
+        if whole:
+            return {}
+        return {"subdomain_data": [(1, cells)], "subdomain_id": 1}
+
+    def _compile_sum(self, broken: fem.FunctionSpace) -> None:
+        """Make the sum over the triangles of each chamber, node by node: a sparse matrix of ones.
+
+        Its rows are the nodes of one chamber after another: chamber c has the rows from starts[c]
+        to starts[c + 1], and a node shared by two chambers has two rows.
+
+        Args:
+            broken: space of discontinuous functions, whose nodes are the columns.
+        """
+        # Imported here, as chambers that are rigid or have a piston do not need SciPy.
+        from scipy.sparse import csr_matrix
+
+        nodes = []
+        rows = []
+        columns = []
+        self._starts = [0]
+        for side in self._sides:
+            cells_to_nodes = cell_nodes(self.film.space)[side.cells]
+            own, positions = np.unique(cells_to_nodes, return_inverse=True)
+            nodes.append(own)
+            rows.append(positions.ravel() + self._starts[-1])
+            columns.append(cell_nodes(broken)[side.cells].ravel())
+            self._starts.append(self._starts[-1] + len(own))
+        self._nodes = np.concatenate(nodes)
+        all_rows = np.concatenate(rows)
+        all_columns = np.concatenate(columns)
+        ones = np.ones(len(all_rows))
+        shape = (self._starts[-1], len(self._parts) // 3)
+        self._sum = csr_matrix((ones, (all_rows, all_columns)), shape=shape)
+
+    # ---- the step --------------------------------------------------------------------------------
+
+    def follow(self) -> None:
+        """Evaluate volumes [m³] and gradients [m²] of all chambers at the end of the step, as
+        iterated. Collective.
+
+        The rings of the chambers have to be evaluated before.  The first call compiles the forms.
+
+        q0 and q1 are the positions [m] of the nodes at the start and at the end of the step, c is
+        the index of a chamber. Sets `volume`, `magnitude` and `swept` (chambers,) [m³], summed over
+        all ranks, and clears the stored totals of gradients.
+
+        Raises:
+            InputError: in the first call, if no C compiler was found.
+        """
+        if self._form is None:
+            self._compile()
+        q0 = self._at_nodes(self._fields.q0)
+        q1 = self._at_nodes(self._fields.q1)
+        self._at_end = self._gradient(1.0)
+        if self._alpha == END_OF_STEP:
+            self._at_mid = self._at_end
+        else:
+            self._at_mid = self._gradient(self._alpha)
+        self._totals_at_mid.clear()
+        self._totals_at_end.clear()
+        volume_terms = self._at_end * q1
+        swept_terms = self._at_mid * (q1 - q0)
+        terms = np.stack([volume_terms, abs(volume_terms), swept_terms])
+        sums = np.zeros((len(self._sides), 3))
+        for c, side in enumerate(self._sides):
+            sums[c] = terms[:, self._rows(c)].sum(axis=(1, 2))
+            # Every rank knows all of a loop, so one rank adds it.
+            if self._comm.rank == 0:
+                shares = np.zeros(3)
+                for loop, sign in zip(side.loops, side.signs, strict=True):
+                    shares += loop.products() * (sign, 1.0, sign)
+                sums[c] += shares
+        self._comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+        self.volume: Array = sums[:, 0] / 3
+        self.magnitude: Array = sums[:, 1]
+        self.swept: Array
+        if self._alpha == MIDPOINT:
+            self.swept = sums[:, 2]
+        else:
+            self.swept = self.volume - self._initial_volume
+
+    def accept(self) -> None:
+        """Make the end of this step the start of the next.  Collective."""
+        self._initial_volume = self.volume
+        for c, side in enumerate(self._sides):
+            side.initial_gradient = self._total_at_end(c)
+
+    def _at_nodes(self, function: fem.Function) -> Array:
+        """Values of a function at the nodes of all chambers (rows, 3)."""
+        values: Array = function.x.array.reshape(-1, 3)
+        return values[self._nodes]
+
+    def _rows(self, c: int) -> slice:
+        """The rows of chamber c in arrays over the nodes of all chambers."""
+        return slice(self._starts[c], self._starts[c + 1])
+
+    def _gradient(self, share: float) -> Array:
+        """Return the gradient of enclosed volumes from this rank's triangles, at the nodes of each
+        chamber.
+
+        The vector of parts is one of this rank, ghost values included; `_sum` is the sparse matrix
+        that adds the parts of the cells at each node.
+
+        Args:
+            share: of the end q1 in the positions (1 - share) q0 + share q1 [-].
+
+        Returns:
+            (rows, 3) [m²], one row for each node of each chamber; sums over ranks are not taken.
+        """
+        q0 = self._fields.q0.x.array
+        q1 = self._fields.q1.x.array
+        if share == END_OF_STEP:
+            # without the round-off and the cost of the sum below
+            self._x.x.array[:] = q1
+        else:
+            self._x.x.array[:] = (1 - share) * q0 + share * q1
+        self._parts[:] = 0
+        fem.assemble_vector(self._parts, self._form)
+        G: Array = self._sum @ self._parts.reshape(-1, 3)
+        return G
+
+    # ---- one chamber -----------------------------------------------------------------------------
+
+    def add_force(self, c: int, values: Array) -> None:
+        """Subtract the force of chamber c, pressure · G_c(q̄) [N], from the owned part of a
+        residual."""
+        values[self._owned] -= self.pressures[c] * self._total_at_mid(c)
+
+    def gradients(self, c: int) -> tuple[Array, Array, Array]:
+        """Return gradients [m²] of volume and swept volume of one chamber.  Collective.
+
+        Args:
+            c: index of the chamber, as `add` returned it.
+
+        Returns:
+            G_c = ∂V_c/∂q in the positions q̄ where forces act, which times the pressure is the
+            force; ∂V_c/∂q1 and ∂W_c/∂q1, by coordinates at the end of the step, of the volume V_c
+            and the swept volume W_c; this rank's parts of system vectors.
+        """
+        at_mid = self._total_at_mid(c)
+        at_end = self._total_at_end(c)
+        of_swept = at_end
+        if self._alpha == MIDPOINT:
+            change = at_end - self._sides[c].initial_gradient
+            of_swept = at_mid + self._alpha * change
+        return (
+            self._in_system(at_mid),
+            self._in_system(at_end),
+            self._in_system(of_swept),
+        )
+
+    def _in_system(self, values: Array) -> Array:
+        """This rank's part of a system vector, with values at the unknowns of the film and else
+        zero."""
+        vector = np.zeros(self._local_size)
+        vector[self._owned] = values
+        return vector
+
+    def _total_at_mid(self, c: int) -> Array:
+        """G_c(q̄) [m²], strips of rings included, owned part, flattened.  Collective."""
+        if c not in self._totals_at_mid:
+            of_loops = [loop.gradients[0] for loop in self._sides[c].loops]
+            self._totals_at_mid[c] = self._total(c, self._at_mid, of_loops)
+        return self._totals_at_mid[c]
+
+    def _total_at_end(self, c: int) -> Array:
+        """G_c(q1) [m²], strips of rings included, owned part, flattened.  Collective."""
+        if c not in self._totals_at_end:
+            of_loops = [loop.gradients[1] for loop in self._sides[c].loops]
+            self._totals_at_end[c] = self._total(c, self._at_end, of_loops)
+        return self._totals_at_end[c]
+
+    def _total(
+        self,
+        c: int,
+        G: Array,
+        of_loops: list[Array],
+    ) -> Array:
+        """Return the owned part of the gradient of a chamber's volume.  Collective.
+
+        It is the sum over the triangles of all ranks, and over the strips of the chamber's rings.
+
+        Args:
+            c: index of the chamber.
+            G: gradient (rows, 3) [m²] from this rank's triangles, at the nodes of all chambers.
+            of_loops: for each loop of the chamber the gradient (nodes, 3) [m²] of its strip at all
+                nodes of the loop, complete and the same on every rank; each rank adds the rows of
+                the nodes that it owns, times the sign of the loop.
+
+        Returns:
+            values [m²] at the film's unknowns that this rank owns, flattened.
+        """
+        rows = self._rows(c)
+        values = self._vector.array
+        values[:] = 0
+        values.reshape(-1, 3)[self._nodes[rows]] = G[rows]
+        self._vector.scatter_reverse(la.InsertMode.add)
+        owned = self._owned.stop - self._owned.start
+        total: Array = values[:owned].copy()
+        side = self._sides[c]
+        for loop, sign, of_loop in zip(side.loops, side.signs, of_loops, strict=True):
+            loop.add_own(total, self._owned.start, sign * of_loop)
+        return total
+
+    def tangents(self) -> Iterable[fem.Form]:
+        """Yield the bilinear form of the derivative of all chambers' pressure forces by the end of
+        the step.
+
+        Forces on strips over rings are not in it.  It takes the current `pressures` [Pa], which add
+        up on triangles that two chambers share.
+        """
+        pressure = self._pressure.x.array
+        pressure[:] = 0
+        # one value in each triangle
+        dofs = cell_nodes(self._pressure.function_space)[:, 0]
+        for side, acting in zip(self._sides, self.pressures, strict=True):
+            pressure[dofs[side.cells]] += acting
+        yield self._tangent

@@ -1,0 +1,305 @@
+"""Items that hold gas: chambers and tanks, whose state changes, and boundaries, whose state is
+constant."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check, check_positive, require_positive
+from gossamer_fx.mechanics.bodies.edge_lines import SewnEdges
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.gas.enclosure import Enclosure, FilmEnclosure
+from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
+from gossamer_fx.mechanics.gas.network import GasNetwork
+from gossamer_fx.mechanics.gas.ring import Ring
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Reservoir:
+    """A gas supply of constant pressure and temperature.
+
+    Mass and energy that it gives count as supplied in the energy balance.
+
+    Args:
+        pressure: absolute pressure [Pa], > 0.
+        temperature: [K], > 0.
+        name: in messages.
+
+    Raises:
+        InputError: pressure or temperature is not a positive number.
+
+    Example:
+        >>> bottle = gx.gas.Reservoir(pressure=2e5, temperature=300.0)
+        >>> inlet = gx.Orifice(bottle, tank, area=1e-6)
+    """
+
+    pressure: float
+    temperature: float
+    _: KW_ONLY
+    name: str = "reservoir"
+    scalar_unknowns = GasNetwork
+
+    def __post_init__(self) -> None:
+        _check_state(f"Reservoir '{self.name}'", self.pressure, self.temperature)
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Ambient:
+    """The surroundings: constant pressure, by default a vacuum, and constant temperature.
+
+    Args:
+        pressure: absolute pressure [Pa], ≥ 0.
+        temperature: [K], > 0; of gas that flows in from the surroundings.
+        name: in messages.
+
+    Raises:
+        InputError: the pressure is negative or the temperature is not a positive number.
+
+    Example:
+        >>> vent = gx.Orifice(tank, gx.gas.Ambient(), area=1e-6)
+    """
+
+    pressure: float = 0.0
+    temperature: float = 300.0
+    _: KW_ONLY
+    name: str = "ambient"
+    scalar_unknowns = GasNetwork
+
+    def __post_init__(self) -> None:
+        """Check the arguments, which the class describes; raises `InputError`."""
+        check(
+            math.isfinite(self.pressure) and self.pressure >= 0,
+            f"Ambient '{self.name}': pressure is {self.pressure!r} Pa; give zero (vacuum) or a "
+            "positive number.",
+        )
+        check_positive(self, "temperature", "K")
+
+
+@check_arguments
+class Chamber:
+    """A volume of well mixed ideal gas that a closed film, a piston or rigid walls enclose.
+
+    Mass and energy balance of the chamber:
+
+        dm/dt = Σ ṁ
+        dU/dt = Σ c_p T_up ṁ - p dV/dt + heat,      p = (γ - 1) U/V
+
+    ṁ are the mass flows [kg/s] of the orifices that lead into it, T_up the temperature of the end
+    from which the gas comes.
+
+    Args:
+        enclosure: the closed film that bounds it, several films that are sewn together, or a
+            `Piston`; None for a rigid chamber.
+        gas: the gas; the same for all chambers of a scene.
+        pressure: initial absolute pressure [Pa], > 0.
+        temperature: initial temperature [K], > 0.
+        dead_volume: rigid volume [m³] that is added to the enclosed one (pipes, a valve); > 0 if
+            the enclosure is flat at the start.
+        volume: volume [m³] of a rigid chamber, > 0; None with an enclosure.
+        surface: names of the groups of triangles that bound the chamber; empty for the whole film.
+        rings: closed lines of film edges where no film closes the chamber.  Gas passes there only
+            if an `Orifice` has the ring as its area.
+        seams: those that close the film or films; they join the scene with the chamber.  Let the
+            gas in when they are closed: gas in an open gap pushes, but does not leave.
+        outside: what acts on the outer side of the film; None for a vacuum.
+        name: in messages, outputs and `run.chamber(name)`.
+
+    Raises:
+        InputError: a quantity is out of its range, enclosure and volume are both given or both
+            missing, or surface, rings and seams are given without a film.
+
+    Example:
+        >>> bag = gx.Chamber(
+        ...     film, gas=air, pressure=100.0, temperature=300.0, dead_volume=1e-6, name="bag"
+        ... )
+    """
+
+    scalar_unknowns = GasNetwork
+
+    def __init__(
+        self,
+        enclosure: Membrane | Sequence[Membrane] | Enclosure | None = None,
+        *,
+        gas: IdealGas,
+        pressure: float,
+        temperature: float,
+        dead_volume: float = 0.0,
+        volume: float | None = None,
+        surface: tuple[str, ...] = (),
+        rings: tuple[Ring, ...] = (),
+        seams: Sequence[SewnEdges] = (),
+        outside: Ambient | None = None,
+        name: str = "chamber",
+    ) -> None:
+        """Check the arguments, and find what encloses the gas.
+
+        Args:
+            enclosure: a closed film, several that are sewn, or a piston; None for a rigid chamber.
+            gas: the ideal gas.
+            pressure: initial absolute pressure [Pa], > 0.
+            temperature: initial temperature [K], > 0.
+            dead_volume: rigid volume [m³] in addition to the enclosed one, ≥ 0.
+            volume: of a rigid chamber [m³], > 0; None with an enclosure.
+            surface: names of groups of triangles that bound the chamber; empty for the whole film.
+            rings: closed lines of film edges that are spanned.
+            seams: that close the film or films.
+            outside: surroundings on the outer side of the film; None for a vacuum.
+            name: in messages and outputs.
+
+        Raises:
+            InputError: a number is out of its range, enclosure and volume are both given or both
+                missing, or surface, rings and seams are given without a film.
+        """
+        self.name = name
+        self.gas = gas
+        self.outside = outside
+        self.initial_pressure = pressure
+        self.initial_temperature = temperature
+        _check_state(f"{type(self).__name__} '{name}'", pressure, temperature)
+        check(
+            (volume is not None) == (enclosure is None),
+            f"Chamber '{name}': give either a film (or piston) that encloses it, or the volume of "
+            "a rigid chamber.",
+        )
+        self.fixed_volume = _rigid_part(name, dead_volume, volume)
+        check(
+            isinstance(enclosure, Membrane) or not (surface or rings),
+            f"Chamber '{name}': surface and rings belong to a film; give one as enclosure, or "
+            "leave them out.",
+        )
+        self.seams = tuple(seams)
+        self.enclosure = _enclosure(enclosure, surface, rings, self.seams, name)
+
+    def requires(self) -> Iterable[Any]:
+        """The bodies of the enclosure and the surroundings, which join the scene with the
+        chamber."""
+        if self.enclosure is not None:
+            yield from self.enclosure.requires()
+        if self.outside is not None:
+            yield self.outside
+
+
+@check_arguments
+class Tank(Chamber):
+    """A rigid chamber, e.g. a bottle that blows down.
+
+    Args:
+        volume: [m³], > 0.
+        gas: the gas; the same for all chambers of a scene.
+        pressure: initial absolute pressure [Pa], > 0.
+        temperature: initial temperature [K], > 0.
+        name: in messages, outputs and `run.chamber(name)`.
+
+    Raises:
+        InputError: a quantity is not a positive number.
+
+    Example:
+        >>> bottle = gx.Tank(1e-3, gas=air, pressure=2e5, temperature=300.0, name="bottle")
+    """
+
+    def __init__(
+        self,
+        volume: float,
+        *,
+        gas: IdealGas,
+        pressure: float,
+        temperature: float,
+        name: str = "tank",
+    ) -> None:
+        """Make a rigid chamber.
+
+        Args:
+            volume: [m³], > 0.
+            gas: the ideal gas.
+            pressure: initial absolute pressure [Pa], > 0.
+            temperature: initial temperature [K], > 0.
+            name: in messages and outputs.
+
+        Raises:
+            InputError: a quantity is not a positive number.
+        """
+        super().__init__(
+            gas=gas,
+            pressure=pressure,
+            temperature=temperature,
+            volume=volume,
+            name=name,
+        )
+
+
+def _enclosure(
+    enclosure: Membrane | Sequence[Membrane] | Enclosure | None,
+    surface: tuple[str, ...],
+    rings: tuple[Ring, ...],
+    seams: tuple[SewnEdges, ...],
+    chamber: str,
+) -> Enclosure | None:
+    """Make the enclosure of a chamber, None if its walls are rigid.
+
+    Args:
+        enclosure: a film, several films that are sewn, another enclosure as a piston, or None.
+        surface: groups of the film that bound the chamber; all of it if empty.
+        rings: openings of the film that rings close.
+        seams: seams that close films.
+        chamber: name of the chamber, for messages.
+
+    Raises:
+        InputError: seams are given with surface, rings, or without films; several films without
+            seams; a ring is on another film.
+    """
+    if isinstance(enclosure, Membrane) and not seams:
+        return FilmEnclosure(enclosure, surface, rings, chamber)
+    if isinstance(enclosure, Membrane | Sequence):
+        # Imported here: a scene without seams does not load them.
+        from gossamer_fx.mechanics.gas.sewn import SewnEnclosure
+
+        check(
+            not (surface or rings),
+            f"Chamber '{chamber}': seams are given together with surface or rings; sew all of the "
+            "film, or leave them out.",
+        )
+        films = (enclosure,) if isinstance(enclosure, Membrane) else tuple(enclosure)
+        return SewnEnclosure(films, seams, chamber)
+    check(
+        not seams,
+        f"Chamber '{chamber}': seams belong to films; give them as enclosure, or leave the seams "
+        "out.",
+    )
+    return enclosure
+
+
+def _rigid_part(name: str, dead_volume: float, volume: float | None) -> float:
+    """Check and return the part of a chamber's volume [m³] that does not depend on a film.
+
+    Args:
+        name: of the chamber, for messages.
+        dead_volume: volume in addition to that of the enclosure [m³], zero or more.
+        volume: of a rigid chamber [m³], above zero; None if it has an enclosure.
+
+    Raises:
+        InputError: one of them is negative or not finite, or `volume` is zero.
+    """
+    if volume is not None:
+        check(
+            math.isfinite(volume) and volume > 0,
+            f"Chamber '{name}': its volume is {volume!r} m³; give a positive number.",
+        )
+        return volume
+    # Zero is allowed: a film that encloses a volume at the start needs no dead volume.
+    check(
+        math.isfinite(dead_volume) and dead_volume >= 0,
+        f"Chamber '{name}': its dead volume is {dead_volume!r} m³; give zero or a positive number.",
+    )
+    return dead_volume
+
+
+def _check_state(where: str, pressure: float, temperature: float) -> None:
+    # Zero pressure is refused because an empty chamber has no mass, and so no temperature.
+    require_positive(f"{where}: pressure", pressure, "Pa", " (an almost empty chamber: 1e-3)")
+    require_positive(f"{where}: temperature", temperature, "K")

@@ -1,0 +1,207 @@
+"""Accelerations of a body as the masses that are attached to it have them: of a tape on a film."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from petsc4py import PETSc
+
+from gossamer_fx.core.algebra.numbering import GlobalIndices
+from gossamer_fx.core.algebra.point_measures import Gather, add_blocks, attach_all, evaluated_here
+from gossamer_fx.core.model.body import Array, Body, Port
+from gossamer_fx.core.model.roles import (
+    ExternalLoads,
+    Forces,
+    GradientLimits,
+    IndependentOfShape,
+    OnMeshes,
+    Reversible,
+    StepObserver,
+    Supply,
+    Tangents,
+    WithoutParameters,
+)
+from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
+from gossamer_fx.mechanics.terms.point_masses import AttachedKineticEnergy
+
+
+class AttachedLoads(
+    OnMeshes,
+    ExternalLoads,
+    StepObserver,
+    Forces,
+    Tangents,
+    Supply,
+    WithoutParameters,
+    GradientLimits,
+    Reversible,
+    IndependentOfShape,
+    CompiledTerms["AttachedLoad"],
+):
+    """All `AttachedLoad` terms of a scene: forces M (a + A (X - c)) on the attached vectors X of
+    masses M."""
+
+    def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:
+        """Compile accelerations of bodies, e.g. gravity, as loads on masses that are attached to
+        these bodies.  Collective.
+
+        P, offsets and M are the matrices of `attach_all` from coordinates to attached vectors, its
+        constants, and the masses [kg] of these vectors. `_X0` has the attached vectors [m] at the
+        start of a step.
+
+        Args:
+            terms: accelerations a + A (x - c) of bodies; a [m/s²], A [1/s²], c [m].
+            system: the equations of the scene, with the attached masses.
+
+        Raises:
+            InputError: a port of an attached mass has nodes, weights and vectors that do not belong
+                together.
+        """
+        self._system = system
+        self._name = terms[0].name
+        # P, offsets, M and A of one kinetic energy.
+        self._masses: list[tuple[Array, Array, Array, Array]] = []
+        self._indices: list[GlobalIndices] = []
+        self._constant: list[Array] = []
+        for term in terms:
+            for masses in system.terms:
+                if isinstance(masses, AttachedKineticEnergy):
+                    self._add(term, masses, system)
+        # Set by the first step; the shapes have to be right before it.
+        self._X0: list[Array] = [np.zeros(constant.shape) for constant in self._constant]
+        self._gather = Gather(system.numbering, self._indices) if self._indices else None
+
+    def _add(self, term: AttachedLoad, masses: AttachedKineticEnergy, system: Assembly) -> None:
+        """Prepare the acceleration of a body as a load on masses that are attached to it, if any
+        is.
+
+        In the code P and o give the k attached vectors (3k,) of a tuple from its coordinates, as P
+        q + o; M (n, 3k, 3k) [kg] are the masses, A (n, 3k, 3k) [1/s²] and a (n, 3k) [m/s²] the
+        acceleration of these vectors. n counts the tuples that this rank evaluates.
+
+        Args:
+            term: the acceleration a + A (x - c) of the body.
+            masses: masses [kg] at points or directions (ports) of bodies; each tuple of ports is
+                evaluated on one rank.
+            system: the equations of the scene.
+
+        Raises:
+            InputError: a port has nodes, weights and vectors that do not belong together.
+        """
+        if not any(port.body is term.body for place in masses.ports for port in place):
+            return
+        # Each tuple of ports is evaluated on one rank, so that its load counts once.
+        own = evaluated_here(masses.ports)
+        k = masses.mass.shape[1]
+        n = len(own)
+        tuples = [masses.ports[i] for i in own]
+        indices, P, o = attach_all(system.numbering, system.bodies, tuples, 3 * k)
+        # The weight of the body's positions in each port: a director has no weight.
+        points = np.array([[_of_points(port, term.body) for port in ports] for ports in tuples])
+        points = points.reshape(n, k)
+        # A tuple may have ports of several bodies; the load acts on those of this one.
+        is_on_body = np.array([[port.body is term.body for port in ports] for ports in tuples])
+        is_on_body = is_on_body.reshape(n, k)
+        M = np.einsum("nij,ab->niajb", masses.mass[own], np.eye(3))
+        M = M.reshape(n, 3 * k, 3 * k)
+        A = np.einsum("nj,ij,ab->niajb", is_on_body * 1.0, np.eye(k), term.gradient)
+        A = A.reshape(n, 3 * k, 3 * k)
+        # a + A (x - c) = (a - A c) + A x
+        at_origin = term.acceleration - term.gradient @ term.centre
+        a = (points[:, :, None] * at_origin).reshape(n, 3 * k)
+        self._masses.append((P, o, M, A))
+        self._indices.append(indices)
+        self._constant.append(a)
+
+    def _vectors(self, q: PETSc.Vec) -> list[Array]:
+        """Attached vectors (n, 3k) of each term at unknowns q.  Collective."""
+        if self._gather is None:
+            return []
+        pairs = zip(self._masses, self._gather(q), strict=True)
+        return [np.einsum("nax,nx->na", P, values) + o for (P, o, _, _), values in pairs]
+
+    def _forces(self) -> list[Array]:
+        """Return the forces M (a + A X) on attached masses, where forces of the step act.
+        Collective.
+
+        An attached mass belongs to a tuple of k ports of bodies, each a vector X: a point [m] or a
+        director [-].  `_add` prepared, for each load and each kinetic energy with masses on its
+        body: the masses M (n, 3k, 3k) [kg], and the acceleration a + A X of the load, with A (n,
+        3k, 3k) [1/s²] and a (n, 3k) [m/s²] (`_constant`), that at the origin.  Both are zero for
+        ports of other bodies, a also for directors.  X is at (1 - α) X0 + α X1, α the weight of the
+        end of the step: ½ is its middle, 1 its end.
+
+        Returns:
+            for each pair of a load and a kinetic energy (n, 3k) [N], for directors [N m]; n counts
+            the masses that this rank evaluates.
+        """
+        # Where all forces of the step act: at (1 - α) X0 + α X1 of the vectors X at its ends.  The
+        # force is linear in X, so the work of the step is exact.
+        α = self._system.rule.alpha
+        found = []
+        X1_of_all = self._vectors(self._system.q1)
+        groups = zip(self._masses, self._constant, self._X0, X1_of_all, strict=True)
+        for (_, _, M, A), a, X0, X1 in groups:
+            X = (1 - α) * X0 + α * X1
+            acceleration = a + np.einsum("nab,nb->na", A, X)
+            found.append(np.einsum("nab,nb->na", M, acceleration))
+        return found
+
+    def begin_step(self, t: float) -> None:
+        self._X0 = self._vectors(self._system.q0)
+
+    def add_forces(self, r: PETSc.Vec) -> None:
+        """Subtract the loads [N] on all attached masses from r."""
+        groups = zip(self._masses, self._indices, self._forces(), strict=True)
+        for (P, _, _, _), indices, F in groups:
+            force = -np.einsum("nax,na->nx", P, F)
+            r.setValues(indices.ravel(), force.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
+        if self._masses:
+            r.assemble()
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        """Subtract the derivatives [N/m] of these loads from A, where they depend on positions."""
+        α = self._system.rule.alpha
+        for (P, _, M, gradient), indices in zip(self._masses, self._indices, strict=True):
+            # Zero for gravity, whose acceleration is the same everywhere.
+            if gradient.any():
+                K = -α * np.einsum("nax,nab,nbc,ncy->nxy", P, M, gradient, P, optimize=True)
+                add_blocks(A, indices, indices, K)
+
+    def without_gradient(self) -> str:
+        # Its accelerations are numbers of loads, which it does not derive.
+        if not self._masses:
+            return ""
+        return (
+            f"'{self._name}' acts on masses that are attached to its body; leave them out of the "
+            "scene"
+        )
+
+    def supplied(self) -> float:
+        ends = zip(self._forces(), self._X0, self._vectors(self._system.q1), strict=True)
+        return sum(float(np.sum(F * (X1 - X0))) for F, X0, X1 in ends)
+
+
+@dataclass(frozen=True, eq=False)
+class AttachedLoad:
+    """Acceleration a + A (x - c) of a body, of the masses that other parts attach to it: a, c (3,),
+    A (3, 3)."""
+
+    name: str
+    body: Body
+    acceleration: Array
+    gradient: Array
+    centre: Array
+    compiler: ClassVar[Compiler] = AttachedLoads
+
+
+def _of_points(port: Port, body: Body) -> float:
+    """Sum of the weights of positions: one for a point of the body, zero for a direction or another
+    body."""
+    if port.body is not body:
+        return 0.0
+    vectors = port.vectors or (0,) * len(port.nodes)
+    return float(sum(w for w, v in zip(port.weights, vectors, strict=True) if v == 0))

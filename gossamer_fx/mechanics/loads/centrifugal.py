@@ -1,0 +1,154 @@
+"""Centrifugal force: the load under which a steady spin is an equilibrium."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.forms.kinematics import Expr
+from gossamer_fx.core.model.body import Array, Body, Port, Vector
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term, terms_of
+from gossamer_fx.mechanics.loads.attached_loads import AttachedLoad
+from gossamer_fx.mechanics.terms.loads import Load
+from gossamer_fx.mechanics.terms.masses import KineticEnergy, NodeKineticEnergy
+from gossamer_fx.mechanics.terms.point_loads import PointLoad
+
+
+class _OnVectors:
+    """Forces Σ_j m_ij A (X_j - c_j) on the vectors of one node, A = |Ω|² 1 - Ω Ωᵀ."""
+
+    def __init__(self, mass: Array, A: Array, centre: Array) -> None:
+        """Multiply masses and A; directors, which have no centre, come after the point.
+
+        Args:
+            mass: m (k, k) of the k vectors: kg, kg m and kg m² for points and directors.
+            A: (3, 3) [1/s²] of the angular velocity Ω.
+            centre: a point (3,) [m] of the axis.
+        """
+        self._K = np.kron(mass, A)
+        self._c = np.concatenate([centre, np.zeros(self._K.shape[0] - 3)])
+
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
+        """Nothing to prepare: the force depends on positions only."""
+
+    def force(self, X: Array) -> Array:
+        force: Array = self._K @ (X - self._c)
+        return force
+
+    def tangent(self, X: Array) -> Array:
+        return self._K
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Centrifugal:
+    """Centrifugal force of a body in axes that turn with a constant angular velocity Ω about a
+    point c.
+
+        δW = M-weighted (|Ω|² 1 - Ω Ωᵀ)(q - c)·w   over positions and directors
+
+    With it an equilibrium is the steady spin as seen from these axes: find it, then start with
+    `StartFrom` and `RigidMotion` of the same spin; `analysis.modes` about it add the Coriolis
+    force.
+
+    Args:
+        body: any body.
+        spin: Ω [rad/s], not zero.
+        centre: c [m].
+        name: name in messages and output.
+
+    Raises:
+        InputError: a spin of zero.
+
+    Example:
+        >>> gx.loads.Centrifugal(film, (0.0, 0.0, 10.0), centre=(0.5, 0.5, 0.0)).name
+        'centrifugal force on film'
+    """
+
+    body: Body
+    spin: Vector
+    _: KW_ONLY
+    centre: Vector = (0.0, 0.0, 0.0)
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        """Check the arguments, and name the item if it has no name."""
+        check(
+            any(self.spin),
+            f"Centrifugal force on '{self.body.name}': spin is zero; give Ω in rad/s.",
+        )
+        if not self.name:
+            object.__setattr__(self, "name", f"centrifugal force on {self.body.name}")
+
+    def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
+        yield self.body
+
+    def terms(self, start: State) -> Iterable[Term]:
+        """Yield terms of the equations: the load on masses of meshes and nodes, and on those
+        attached to the body. Collective.
+
+        Ω is the angular velocity [rad/s], c the centre (3,) [m], r = x - c, and A (3, 3) [1/s²] the
+        matrix from r to the acceleration.
+
+        Args:
+            start: the initial state of the scene, from which the masses of the body follow.
+        """
+        Ω = np.asarray(self.spin, dtype=float)
+        c = np.asarray(self.centre, dtype=float)
+        # -Ω × (Ω × r) = (|Ω|² 1 - Ω Ωᵀ) r
+        A = Ω @ Ω * np.eye(3) - np.outer(Ω, Ω)
+        for part in terms_of(self.body, start):
+            if isinstance(part, KineticEnergy):
+                yield self._on_mesh(part, A, c)
+            elif isinstance(part, NodeKineticEnergy):
+                # Point loads name global nodes and are the same on every rank.
+                masses = np.concatenate(part.body.comm.allgather(part.mass))
+                for node, mass in enumerate(masses):
+                    ports = tuple(
+                        Port(part.body, (node,), weights=(1.0,), vectors=(k,))
+                        for k in range(len(mass))
+                    )
+                    yield PointLoad(self.name, ports, _OnVectors(mass, A, c))
+        yield AttachedLoad(f"{self.name} (attached)", self.body, np.zeros(3), A, c)
+
+    def _on_mesh(self, part: KineticEnergy, A: Array, c: Array) -> Term:
+        """Return the load on a mass of a mesh: the body's mass form applied to the acceleration.
+
+        Args:
+            part: kinetic energy of the body, with its mass as a bilinear form.
+            A: matrix (3, 3) [1/s²] from a position relative to c to its acceleration.
+            c: centre of the rotation (3,) [m].
+        """
+        mesh = part.body.space.mesh
+        size = part.body.block.size
+        # Constants, so that another spin needs no new kernel.  Directors have no centre.
+        rotation = fem.Constant(mesh, A)
+        centre = fem.Constant(mesh, np.concatenate([c, np.zeros(size - 3)]))
+
+        # q are coordinates of the body, w test functions and r = q - centre.
+        def work(q: Expr, w: Expr) -> ufl.Form:
+            """Virtual work [J] at coordinates q along test functions w."""
+            r = q - centre
+            components = []
+            for first in range(0, size, 3):
+                vector = ufl.as_vector([r[first + i] for i in range(3)])
+                acceleration = ufl.dot(rotation, vector)
+                components += [acceleration[i] for i in range(3)]
+            return part.mass(ufl.as_vector(components), w)
+
+        return Load(self.name, part.body, work, follows=True)

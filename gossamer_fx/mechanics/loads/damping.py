@@ -1,0 +1,164 @@
+"""Damping of films, cables and beams, off unless it is part of the scene; its loss counts as
+dissipated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+import ufl
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.forms.compilation import constant
+from gossamer_fx.core.forms.kinematics import Expr
+from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.bodies.beam import Beam
+from gossamer_fx.mechanics.bodies.cable import Cable
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.terms.element_energies import ViscousDissipation
+
+Body = Membrane | Cable | Beam
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Damping:
+    """Mass- and stiffness-proportional damping of a film, plate, cable or beam; its loss counts as
+    dissipated.
+
+    A mode of angular frequency ω loses the fraction ζ = α/(2ω) + β ω/2 of critical damping.
+
+    Args:
+        body: a film, plate, cable or beam.
+        mass_factor: α [1/s]; force -α ρt v per area, or -α μ v per length.  It slows every motion,
+            rigid ones, too.
+        stiffness_factor: β [s]; stress β C Ė with the elastic matrix C of the taut film, cable or
+            beam (Kelvin-Voigt).  Rigid motions are free.
+        tension_only: whether C is the stiffness ψ''(e) that a film has at the start of each step:
+            in full where it is taut, along the folds where it is wrinkled, nearly zero where it is
+            slack.
+        name: name in messages and output.
+
+    Raises:
+        InputError: factors that are negative or both zero, `tension_only` of another body than a
+            film or without a stiffness factor.
+
+    Example:
+        >>> gx.Damping(film, stiffness_factor=1e-4, tension_only=True).name
+        'damping'
+    """
+
+    body: Body
+    _: KW_ONLY
+    mass_factor: float = 0.0
+    stiffness_factor: float = 0.0
+    tension_only: bool = False
+    name: str = "damping"
+
+    def __post_init__(self) -> None:
+        """Check the factors [1/s] and [s] of damping by mass and by stiffness.
+
+        Raises:
+            InputError: a factor is negative, both are zero, or `tension_only` is given for a body
+                that is not a film or without a stiffness factor.
+        """
+        check(
+            self.mass_factor >= 0
+            and self.stiffness_factor >= 0
+            and self.mass_factor + self.stiffness_factor > 0,
+            f"Damping '{self.name}': mass_factor is {self.mass_factor!r} 1/s and stiffness_factor "
+            f"{self.stiffness_factor!r} s; give one that is positive, and none that is negative.",
+        )
+        check(
+            not self.tension_only
+            or (isinstance(self.body, Membrane) and self.stiffness_factor > 0),
+            f"Damping '{self.name}': tension_only is for the stiffness damping of films; leave it "
+            "out, or give both.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
+        yield self.body
+
+    def terms(self, start: State) -> Iterable[Term]:
+        """Yield terms of the equations: dissipation by the mass and by the stiffness, for factors
+        above zero.
+
+        With `tension_only` also the stiffness of the film at the start of each step, as a term.
+
+        α [1/s] is the factor on the mass, β [s] that on the stiffness, v are the rates of the
+        coordinates; e_rate or ė is the rate of the strain measures, C the stiffness.
+
+        Args:
+            start: the initial state of the scene, which damping does not need.
+        """
+        body = self.body
+        both = self.mass_factor > 0 and self.stiffness_factor > 0
+        # Two terms need two names in the energy balance; one alone keeps that of the item.
+        by_mass = f"{self.name} (mass)" if both else self.name
+        by_stiffness = f"{self.name} (stiffness)" if both else self.name
+        if self.mass_factor > 0:
+            # Constants, so that other factors need no new kernel.
+            α = constant(body.space.mesh, self.mass_factor)
+            inertia = ufl.as_vector(_inertia(body))
+            yield ViscousDissipation(
+                by_mass,
+                body,
+                lambda x: x,
+                lambda v: α / 2 * sum(inertia[i] * v[i] ** 2 for i in range(len(inertia))),
+                body.mass_dx,
+                parameters=(Parameter("mass_factor", "1/s", α),),
+            )
+        if self.stiffness_factor > 0:
+            β = constant(body.space.mesh, self.stiffness_factor)
+            factor = (Parameter("stiffness_factor", "s", β),)
+            if self.tension_only and isinstance(body, Membrane):
+                # Imported here: few scenes need it, and it compiles another form.
+                from gossamer_fx.mechanics.loads.present_stiffness import PresentStiffness
+
+                yield (now := PresentStiffness(body, body.measure, body.density, body.dx))
+                C = now.matrix
+                viscous = lambda e_rate: β / 2 * ufl.dot(e_rate, ufl.dot(C, e_rate))  # noqa: E731
+                yield ViscousDissipation(by_stiffness, body, body.measure, viscous, body.dx, factor)
+                return
+            # The energy ψ of the taut body at the rates of its measures: β ψ(ė) is the dissipation
+            # potential of the Kelvin-Voigt stress β C ė.
+            measure, energy = _unwrinkled(body)
+            yield ViscousDissipation(
+                by_stiffness, body, measure, lambda e_rate: β * energy(e_rate), body.dx, factor
+            )
+
+
+def _inertia(body: Body) -> list[Expr]:
+    """Mass per unit of the mesh of each of a node's numbers."""
+    if isinstance(body, Membrane):
+        return [body.area_density] * 3
+    c = body.constants
+    if isinstance(body, Cable):
+        return [body.per_mesh_length(c.line_density)] * 3
+    # Of the position and both directors of a beam's section.
+    return [c.line_density] * 3 + [c.rotary2] * 3 + [c.rotary3] * 3
+
+
+def _unwrinkled(body: Body) -> tuple[Callable[[Expr], Expr], Callable[[Expr], Expr]]:
+    """Return the strain measure of a body, and its stored energy as it is in tension.
+
+    Args:
+        body: film, cable or beam.
+
+    Returns:
+        measure, a function of positions [m]; energy density, a function of that measure: per area
+        [J/m²] of films, per length of the mesh [J/m] of cables and beams.
+    """
+    if isinstance(body, Membrane):
+        # A wrinkled film would have no stiffness across its wrinkles, and their flutter no damping.
+        linear = body.law.unwrinkled()
+        return body.measure, lambda e: linear.energy(e, body.constants)
+    if isinstance(body, Cable):
+        stiffness = body.per_mesh_length(body.constants.EA)
+        return body.measure, lambda e: stiffness / 2 * e[0] ** 2
+    return body.measure, body.density

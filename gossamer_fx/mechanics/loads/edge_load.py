@@ -1,0 +1,229 @@
+"""Load along edges of a film, in space or normal to the edge."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import meshtags
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check, check_on_all
+from gossamer_fx.core.checks.user_functions import ask_numbers
+from gossamer_fx.core.forms.compilation import constant
+from gossamer_fx.core.forms.kinematics import Expr, area_vector
+from gossamer_fx.core.model.body import Indices, Vector
+from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.terms.loads import Load
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class EdgeLoad:
+    """A force per reference length along a named group of edges of a film: δW = ∫f·w ds.
+
+    Args:
+        body: a film or plate.
+        edges: name of curves of its mesh, on its rim or inside it.
+        force: f [N/m], three numbers or a function of time [s] that returns them: its direction in
+            space stays.
+        normal_force: instead of a force, p [N/m] of f = p ν along the normal ν of a rim, in the
+            film's plane and outwards; a number or a function of time [s].
+        following: whether ν turns with the deformed film (δW = ∫p ν·w ds, |ν| = 1), or stays that
+            of the mesh.
+        name: name in messages and output.
+
+    Raises:
+        InputError: neither or both of the forces; a normal force on edges that are not on the rim.
+
+    Example:
+        >>> gx.loads.EdgeLoad(film, "right", force=(10.0, 0.0, 0.0)).name
+        'film/right load'
+        >>> gx.loads.EdgeLoad(film, "top", normal_force=lambda t: 10.0 * t).edges
+        'top'
+    """
+
+    body: Membrane
+    edges: str
+    _: KW_ONLY
+    force: Vector | Callable[[float], Vector] | None = None
+    normal_force: float | Callable[[float], float] | None = None
+    following: bool = False
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        """Check the edges and forces, and name the load after its edges if it has no name.
+
+        Collective.
+
+        Raises:
+            InputError: the mesh has no such curves; neither or both of the forces; edges where more
+                than two sheets meet, or, for a normal force, edges that are not on the rim.
+        """
+        film = self.body
+        edges = film.mesh.curve(self.edges, f"EdgeLoad on '{film.name}'")
+        check(
+            (self.force is None) != (self.normal_force is None),
+            f"EdgeLoad on '{self.edges}': give either a force or a normal one.",
+        )
+        # The normal of an edge in its sheet is defined on the rim only.
+        most_sheets = 2
+        if self.normal_force is not None:
+            most_sheets = 1
+        sheets = film.mesh.edges.count[edges]
+        check_on_all(
+            film.comm,
+            bool((sheets <= most_sheets).all()),
+            f"EdgeLoad: the group '{self.edges}' of '{film.name}' has edges where several sheets "
+            "meet, or inside the "
+            "film where a load has no normal; name edges of the rim, or give a force in space.",
+        )
+        if not self.name:
+            object.__setattr__(self, "name", f"{film.name}/{self.edges} load")
+
+    def requires(self) -> Iterable[Any]:
+        """The film."""
+        yield self.body
+
+    def terms(self, start: State) -> Iterable[Term]:
+        """The load as a term of the equations."""
+        if self.normal_force is None:
+            yield self._in_space()
+        else:
+            yield self._across()
+
+    def _measures(self) -> tuple[ufl.Measure | None, ufl.Measure | None]:
+        """Return measures ds of the edges on the rim, and dS of those inside.  Collective.
+
+        Each is None where no rank has such edges.
+
+        Raises:
+            InputError: the mesh has no such group of curves, or the group has another dimension.
+        """
+        film = self.body
+        domain = film.mesh.domain
+        # Integrals over edges need the triangles next to them.
+        domain.topology.create_connectivity(1, 2)
+        edges = film.mesh.curve(self.edges, "EdgeLoad")
+        is_on_rim = film.mesh.edges.is_boundary[edges]
+        ds = self._measure("ds", edges[is_on_rim])
+        dS = self._measure("dS", edges[~is_on_rim])
+        return ds, dS
+
+    def _measure(self, kind: str, edges: Indices) -> ufl.Measure | None:
+        """Return a measure of some edges, exact for a constant force.  Collective.
+
+        Args:
+            kind: "ds" for edges on the rim, "dS" for those between two triangles.
+            edges: local numbers (n,) of the edges.
+
+        Returns:
+            the measure, or None if no rank has any edge.
+        """
+        film = self.body
+        if film.comm.allreduce(len(edges)) == 0:
+            return None
+        domain = film.mesh.domain
+        tags = meshtags(domain, 1, edges, np.ones(len(edges), dtype=np.int32))
+        # Exact for a constant force: test functions have the order of the film.
+        metadata = {"quadrature_degree": film.order}
+        measure = ufl.Measure(kind, domain, subdomain_data=tags, metadata=metadata)
+        return measure(1)
+
+    def _in_space(self) -> Term:
+        """Return the load of a force f [N/m] in space as a term of the equations: δW = ∫f·w ds.
+        Collective.
+
+        In a run a force that is a function of time is checked: InputError if it raises or returns
+        other than three finite numbers.
+
+        ds and dS are the measures of the edges on the rim and of those inside the film, w test
+        functions, and `at` sets f at a time.
+        """
+        force = self.force
+        name = self.name
+        ds, dS = self._measures()
+        given: tuple[float, ...] = (0.0, 0.0, 0.0)
+        if force is not None and not callable(force):
+            given = tuple(float(component) for component in force)
+        # A constant, so that other values need no new kernel.
+        f = fem.Constant(self.body.mesh.domain, given)
+
+        def at(t: float) -> None:
+            """Set f to its value at a time t [s]."""
+            if callable(force):
+                source = f"'{name}' at t = {t:.6g} s"
+                f.value[:] = ask_numbers(self.body.comm, source, lambda: force(t), (3,))
+
+        def work(x: Expr, w: Expr) -> ufl.Form:
+            """δW [J] along test functions w."""
+            parts = []
+            if ds is not None:
+                parts.append(ufl.dot(f, w) * ds)
+            # Test functions are continuous: the mean of both sides is the value on the edge.
+            if dS is not None:
+                parts.append(ufl.dot(f, ufl.avg(w)) * dS)
+            return sum(parts[1:], parts[0])
+
+        if callable(force):
+            return Load(name, self.body, work, at=at)
+        return Load(name, self.body, work, parameters=(Parameter("force", "N/m", f),))
+
+    def _across(self) -> Term:
+        """Return the load of a force p ν, p [N/m], along the normal ν of the rim, as a term: δW =
+        ∫p ν·w ds.  Collective.
+
+        In a run a force that is a function of time is checked: InputError if it raises or returns
+        other than a finite number.
+
+        In the code f has the value of p, and `at` sets it at a time.
+        """
+        film = self.body
+        value = self.normal_force
+        ds, _ = self._measures()
+        given = 0.0
+        if value is not None and not callable(value):
+            given = float(value)
+        f = constant(film.mesh.domain, given)
+        ν = ufl.FacetNormal(film.mesh.domain)
+
+        def at(t: float) -> None:
+            """Set p to its value at a time t [s]."""
+            if callable(value):
+                source = f"'{self.name}' at t = {t:.6g} s"
+                f.value = float(ask_numbers(film.comm, source, lambda: value(t)))
+
+        def work(x: Expr, w: Expr) -> ufl.Form:
+            """Return the virtual work δW [J] of a load f ν [N/m] along the edges ds, ν the normal
+            of the rim.
+
+            Args:
+                x: positions (3,) [m] of the film.
+                w: test function (3,), like x.
+            """
+            # Dead load: normal and length of the edge are those of the mesh.
+            if not self.following:
+                return f * ufl.dot(ν, w) * ds
+            # The deformed edge has this tangent; its product with the film's normal is along -ν.
+            a = area_vector(film.deformation(x))
+            tangent = ufl.dot(ufl.grad(x), ufl.cross(_normal(film), ν))
+            along = ufl.cross(a, tangent)
+            return -f * ufl.dot(along, w) / ufl.sqrt(ufl.dot(along, along)) * ds
+
+        if callable(value):
+            return Load(self.name, film, work, follows=self.following, at=at)
+        parameters = (Parameter("normal_force", "N/m", f),)
+        return Load(self.name, film, work, follows=self.following, parameters=parameters)
+
+
+def _normal(film: Membrane) -> Expr:
+    """Unit normal of the undeformed film."""
+    n = area_vector(film.deformation(ufl.SpatialCoordinate(film.mesh.domain)))
+    return n / ufl.sqrt(ufl.dot(n, n))

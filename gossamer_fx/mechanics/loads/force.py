@@ -1,0 +1,275 @@
+"""Forces and torques on points and frames of bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.user_functions import ask_numbers
+from gossamer_fx.core.model.body import Array, Attached, Port, Vector
+from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.bodies.between import bodies_of
+from gossamer_fx.mechanics.bodies.frames import Frame, Line
+from gossamer_fx.mechanics.terms.couple import Couple
+from gossamer_fx.mechanics.terms.point_loads import PointForce, PointLoad
+
+History = Callable[[float], Sequence[float]]
+
+
+@dataclass(frozen=True)
+class ConstantForce:
+    """Forces (3k,) that never change."""
+
+    value: Array
+    depends_on_position_only = True
+
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
+        """Nothing to prepare: the force is constant."""
+
+    def force(self, X: Array) -> Array:
+        return self.value
+
+    def tangent(self, X: Array) -> Array:
+        return np.zeros((X.size, X.size))
+
+    def get_number(self, key: str) -> Array:
+        return self.value
+
+    def with_number(self, key: str, value: Array) -> ConstantForce:
+        return ConstantForce(value)
+
+    def force_by_number(self, key: str, X: Array) -> Array:
+        """The force is the number itself."""
+        return np.eye(X.size)
+
+
+class ForceInTime:
+    """Force (3,) as a function of time, taken where forces act, e.g. at the middle of the step.
+
+    Attributes:
+        factor: number by which the function is multiplied; a parameter of gradients.
+    """
+
+    depends_on_position_only = True
+
+    def __init__(self, comm: MPI.Intracomm, name: str, value: History) -> None:
+        """Take the function, which is first called when a step begins.
+
+        Args:
+            comm: the ranks, which must agree on its values.
+            name: of the load, for messages.
+            value: function of time [s] that returns three components [N].
+        """
+        self._comm = comm
+        self._name = name
+        self._value = value
+        self._now: Array = np.zeros(3)
+        self.factor = 1.0
+
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
+        """Ask the user's function for the force [N] of a step; the same on all ranks, collective.
+
+        Args:
+            t: start of the step [s].
+            lag: time after it at which the force acts [s].
+            X, V: attached vector (3,) [m] and its rate, which this force does not need.
+
+        Raises:
+            InputError: the function raises, or returns other than three finite numbers.
+        """
+        # Once a step: the user's function is asked on rank 0 only, which costs a broadcast.
+        self._now = at_time(self._comm, self._name, self._value, t + lag)
+
+    def force(self, X: Array) -> Array:
+        return self.factor * self._now
+
+    def tangent(self, X: Array) -> Array:
+        return np.zeros((3, 3))
+
+    def get_number(self, key: str) -> Array:
+        return np.array([self.factor])
+
+    def with_number(self, key: str, value: Array) -> ForceInTime:
+        changed = ForceInTime(self._comm, self._name, self._value)
+        changed.factor = float(value[0])
+        return changed
+
+    def force_by_number(self, key: str, X: Array) -> Array:
+        """The force without the factor, as a column."""
+        return self._now[:, None]
+
+
+def at_time(
+    comm: MPI.Intracomm,
+    name: str,
+    value: History,
+    t: float,
+) -> Array:
+    """value(t) as three finite numbers, the same on every rank."""
+    return ask_numbers(comm, f"'{name}' at t = {t:.6g} s", lambda: value(t), (3,))
+
+
+class ConstantTorque(Couple):
+    """Torque (3,) in space axes that never changes."""
+
+    def __init__(self, torque: Array) -> None:
+        """Take the torque (3,) [N m], in axes of space."""
+        super().__init__()
+        self.torque = torque
+
+
+class TorqueInTime(Couple):
+    """Torque (3,) in space axes as a function of time, taken where forces act, e.g. at the middle
+    of the step."""
+
+    def __init__(self, comm: MPI.Intracomm, name: str, value: History) -> None:
+        """Take the function, which is first called when a step begins.
+
+        Args:
+            comm: the ranks, which must agree on its values.
+            name: of the load, for messages.
+            value: function of time [s] that returns three components [N m].
+        """
+        super().__init__()
+        self._comm = comm
+        self._name = name
+        self._value = value
+
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
+        """Ask the user's function for the torque [N m] of a step; the same on all ranks,
+        collective.
+
+        Args:
+            t: start of the step [s].
+            lag: time after it at which the torque acts [s].
+            X, V: attached vectors (3k,) and their rates, which are not needed.
+
+        Raises:
+            InputError: the function raises, or returns other than three finite numbers.
+        """
+        self.torque = at_time(self._comm, self._name, self._value, t + lag)
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Force:
+    """A force on a point of a body; its work counts as supplied.
+
+    Args:
+        port: the point, e.g. `film.port("tip")`.
+        force: [N] in space axes, three numbers or a function of time [s] that returns them.
+        name: name in messages and output.
+
+    Raises:
+        InputError: a port that is a direction; during a run: a force that is not finite.
+
+    Example:
+        >>> push = gx.loads.Force(mass.port(), lambda t: (np.sin(t), 0.0, 0.0))
+        >>> push.name
+        'force'
+    """
+
+    port: Port
+    force: Vector | History
+    _: KW_ONLY
+    name: str = "force"
+
+    def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
+        yield self.port.body
+
+    def terms(self, start: State) -> Iterable[Term]:
+        """Yield the force [N] as a term of the equations: a load on its port, the point where it
+        acts.
+
+        A force that is given as three numbers, and a factor of a function of time, are parameters
+        of gradients.
+
+        Args:
+            start: the initial state of the scene, which this load does not need.
+        """
+        value = self.force
+        if callable(value):
+            law = ForceInTime(self.port.body.comm, self.name, value)
+            # A function of time belongs to its user; a gradient has the number that multiplies it.
+            factor = (Parameter("factor", "", "factor"),)
+            yield PointLoad(self.name, (self.port,), law, factor)
+            return
+        constant_force = ConstantForce(np.asarray(value, dtype=float))
+        parameters = (Parameter("force", "N", "value"),)
+        yield PointLoad(self.name, (self.port,), constant_force, parameters)
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Torque:
+    """A torque on a rigid body, a beam's section or a `RigidRegion`; its work counts as supplied.
+
+    Args:
+        frame: what it turns, e.g. `body.frame()`, or the line of a straight region, on which the
+            torque across it acts.
+        torque: [N m] in space axes, three numbers or a function of time [s] that returns them.
+        name: name in messages and output.
+
+    Raises:
+        InputError: during a run: a torque that is not finite.
+
+    Example:
+        >>> gx.loads.Torque(hub.frame(), (0.0, 0.0, 0.5)).torque
+        (0.0, 0.0, 0.5)
+    """
+
+    frame: Frame | Line
+    torque: Vector | History
+    _: KW_ONLY
+    name: str = "torque"
+
+    def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
+        yield from bodies_of(self.frame)
+
+    def terms(self, start: State) -> Iterable[Term]:
+        """Yield the torque [N m] as a term of the equations: a load on the directors of its frame
+        or line.
+
+        Directors are vectors that turn with a rigid body or a beam's section. In a run a torque
+        that is a function of time is checked: InputError if it raises, or returns other than three
+        finite numbers.
+
+        Args:
+            start: the initial state of the scene, which this load does not need.
+        """
+        vectors: tuple[Attached, ...] = self.frame.directors
+        value = self.torque
+        law: PointForce
+        if callable(value):
+            comm = next(iter(self.requires())).comm
+            law = TorqueInTime(comm, self.name, value)
+        else:
+            law = ConstantTorque(np.asarray(value, dtype=float))
+        yield PointLoad(self.name, vectors, law)

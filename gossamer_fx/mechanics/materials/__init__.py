@@ -1,0 +1,5 @@
+"""Film laws: stored energy per unit reference area as a function of the strain."""
+
+from gossamer_fx.core.checks.lazy_names import lazy_names
+
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

@@ -1,0 +1,281 @@
+"""Drag of the upper atmosphere on films and rigid bodies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from gossamer_fx.extend import (
+    Array,
+    Assembly,
+    Expr,
+    InputError,
+    State,
+    Term,
+    area_vector,
+    ask,
+    check,
+    check_arguments,
+    constant,
+)
+from gossamer_fx.mechanics.bodies import Membrane, RigidBody
+from gossamer_fx.mechanics.orbit.environment import ROTATION
+from gossamer_fx.mechanics.orbit.flight import Flight
+from gossamer_fx.mechanics.orbit.flying_loads import (
+    FacesForce,
+    FlyingLoad,
+    FlyingPointLoad,
+    axes_of,
+)
+from gossamer_fx.mechanics.orbit.free_molecular import Accommodation, Air
+from gossamer_fx.mechanics.orbit.orbit import Orbit
+from gossamer_fx.mechanics.orbit.solar_pressure import check_surfaces, geometry, surface_measure
+from gossamer_fx.mechanics.orbit.surface_forces import Rows, Surface, Symbolic, flow_force
+
+Atmosphere = Callable[[float], Air]  # of the altitude [m]
+
+
+@check_arguments
+@dataclass(frozen=True)
+class ExponentialAtmosphere:
+    """Atmosphere whose density falls by a factor e over a scale height.
+
+    Args:
+        density: at `altitude` [kg/m³].
+        altitude: reference [m].
+        scale_height: [m].
+        temperature: at all altitudes [K].
+
+    Example:
+        >>> atmosphere = gx.orbit.ExponentialAtmosphere(3e-12, 400e3, scale_height=60e3)
+        >>> atmosphere(400e3).density
+        3e-12
+    """
+
+    density: float
+    altitude: float
+    _: KW_ONLY
+    scale_height: float
+    temperature: float = 1000.0
+
+    def __post_init__(self) -> None:
+        for what in ("density", "scale_height", "temperature"):
+            value = getattr(self, what)
+            check(value > 0, f"ExponentialAtmosphere: {what} is {value!r}; give a positive number.")
+
+    def __call__(self, altitude: float) -> Air:
+        """The air at an altitude [m]."""
+        return Air(
+            self.density * math.exp((self.altitude - altitude) / self.scale_height),
+            self.temperature,
+        )
+
+
+@check_arguments
+class Drag:
+    """Drag of free-molecular flow on the deformed triangles of a film, or on the surfaces of a
+    rigid body.
+
+    Each triangle or surface meets the air with its own velocity; none shades another.  The air has
+    the state at the altitude of the scene over a sphere, and turns with the Earth about z.  It
+    reaches both sides of an open film, and the outer side of a closed one.  A closed film that is
+    convex shades nothing, so that its drag is complete.
+
+    Args:
+        body: a film or a rigid body.
+        orbit: the orbit of the scene.
+        atmosphere: a function of the altitude [m] that returns `Air`, e.g. `ExponentialAtmosphere`.
+        accommodation: exchange of momentum with the surface; default: diffuse.
+        surfaces: of a rigid body.
+        closed: whether the film encloses a volume, with normals that point outwards, e.g. a
+            balloon.
+        rotation: of the atmosphere [rad/s].
+        name: for messages and results; default from the body.
+
+    Raises:
+        InputError: a film with surfaces, or a rigid body without, or one that is `closed`.
+
+    Example:
+        >>> air = gx.orbit.ExponentialAtmosphere(3e-12, 400e3, scale_height=60e3)
+        >>> drag = gx.orbit.Drag(film, orbit, atmosphere=air)
+    """
+
+    def __init__(
+        self,
+        body: Membrane | RigidBody,
+        orbit: Orbit,
+        *,
+        atmosphere: Atmosphere,
+        accommodation: Accommodation | None = None,
+        surfaces: Sequence[Surface] = (),
+        closed: bool = False,
+        rotation: float = ROTATION,
+        name: str = "",
+    ) -> None:
+        """Check the arguments of the load of rarefied air on a body, and name the load after the
+        body.
+
+        Args:
+            body: a film or a rigid body.
+            orbit: the orbit of the scene.
+            atmosphere: maps an altitude [m] to `Air`.
+            accommodation: exchange of momentum with the surface; None: molecules leave diffusely.
+            surfaces: flat faces of a rigid body; none for a film.
+            closed: whether a film encloses a volume, so that air reaches its outer side only.
+            rotation: angular speed [rad/s] of the air about z.
+            name: for messages and results.
+
+        Raises:
+            InputError: `atmosphere` is not a function, `rotation` is not finite, a rigid body has
+                no surfaces or is `closed`, or a film has surfaces.
+        """
+        self.body = body
+        self.orbit = orbit
+        self.atmosphere = atmosphere
+        self.rotation = rotation
+        self.accommodation = accommodation or Accommodation()
+        self.surfaces = tuple(surfaces)
+        self.closed = closed
+        self.name = name or f"drag on {body.name}"
+        check(
+            callable(atmosphere),
+            f"'{self.name}': atmosphere is {atmosphere!r}; give a function of the altitude.",
+        )
+        check(
+            math.isfinite(rotation),
+            f"'{self.name}': rotation is {rotation!r} rad/s; give a finite number.",
+        )
+        check_surfaces(self.name, body, self.surfaces)
+        check(
+            not closed or not isinstance(body, RigidBody),
+            f"'{self.name}': closed is for films; a Surface of a rigid body is one-sided by "
+            "itself.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        yield self.body
+        yield self.orbit
+
+    def flow(self, flight: Flight) -> tuple[Air, Array]:
+        """The air at the origin of the frame of the scene, and its velocity relative to this
+        origin.
+
+        Args:
+            flight: position `R` and velocity `V` (3,) [m, m/s] of the origin from the Earth's
+                centre.
+
+        Returns:
+            the state of the air at the altitude of the origin, and the velocity Ω×R - V (3,) [m/s]
+            of air that turns with the Earth.
+
+        Raises:
+            InputError: the user's atmosphere fails or does not return `Air`, on all ranks.
+                Collective: all ranks call it.
+        """
+        # One altitude for the whole scene, which is small compared with a scale height.
+        altitude = float(np.linalg.norm(flight.R)) - self.orbit.radius
+
+        def air_there() -> Air:
+            air = self.atmosphere(altitude)
+            if isinstance(air, Air):
+                return air
+            raise InputError(f"it returns {air!r}; return Air.")
+
+        what = f"'{self.name}': the atmosphere at {altitude:.6g} m"
+        # A user's function: `ask` reports its errors in one sentence, on all ranks alike.
+        air = ask(self.body.comm, what, air_there)
+        # The air turns with the Earth about z; the origin moves through it with the velocity V.
+        wind: Array = np.cross([0.0, 0.0, self.rotation], flight.R) - flight.V
+        return air, wind
+
+    def terms(self, start: State) -> Iterable[Term]:
+        if isinstance(self.body, RigidBody):
+            yield FlyingPointLoad(self.name, axes_of(self.body), self.orbit, _FlowOnFaces(self))
+        else:
+            yield self._on_film(self.body)
+
+    def _on_film(self, film: Membrane) -> FlyingLoad:
+        """Load of the flow on the deformed triangles of a film; air and wind are constants of its
+        form.
+
+        Args:
+            film: the body of the load; its triangles are the faces.
+
+        Returns:
+            the load term: the form of its virtual work (forces [N] tested by w), and `prepare`,
+            which sets the constants (density [kg/m³], velocity and thermal speed [m/s],
+            √(T_wall/T_air)) before each step. `prepare` raises the errors of `flow`.
+        """
+        mesh = film.space.mesh
+        how = self.accommodation
+        # Constants, whose values `prepare` sets before each step: literals in a form would compile
+        # a new kernel for every value.
+        # U (3,): velocity of the air relative to the origin of the frame [m/s]; ρ: its density
+        # [kg/m³]; thermal: its thermal speed [m/s]; wall: √(T_wall/T_air) [-]; σn, σt:
+        # accommodation coefficients of normal and tangential momentum [-].
+        U = fem.Constant(mesh, np.zeros(3))
+        ρ = constant(mesh, 1.0)
+        thermal = constant(mesh, 1.0)
+        wall = constant(mesh, 1.0)
+        σn = constant(mesh, how.normal)
+        σt = constant(mesh, how.tangential)
+        # Air reaches both sides of an open film.
+        sides = constant(mesh, 1.0 - float(self.closed))
+        dx = surface_measure(film)
+
+        def work(q: Expr, rate: Expr, w: Expr) -> ufl.Form:
+            a = area_vector(film.deformation(q))
+            force = flow_force(a, U - rate, thermal, σn, σt, wall, sides, Symbolic)
+            return ρ * ufl.dot(force, w) * dx
+
+        def prepare(flight: Flight, system: Assembly) -> None:
+            air, U.value = self.flow(flight)
+            ρ.value = air.density
+            thermal.value = air.thermal_speed
+            wall.value = math.sqrt(how.wall_temperature / air.temperature)
+
+        return FlyingLoad(self.name, film, self.orbit, work, prepare)
+
+
+class _FlowOnFaces(FacesForce):
+    """Free-molecular flow on flat faces."""
+
+    def __init__(self, drag: Drag) -> None:
+        """Take area vectors [m²] and centres [m] of surfaces, and which of them are two-sided."""
+        super().__init__(*geometry(drag.surfaces))
+        self._drag = drag
+        self._two_sided = np.array([float(s.two_sided) for s in drag.surfaces])[:, None]
+        self._air = Air(0.0)
+        self._wind: Array = np.zeros(3)
+
+    def prepare(self, flight: Flight) -> None:
+        self._air, self._wind = self._drag.flow(flight)
+
+    def on_faces(self, areas: Array, positions: Array, rates: Array) -> Array:
+        """Forces of the air on n flat faces of a rigid body.
+
+        `prepare` must have set the air and the wind of the step. A face without area or without
+        relative flow gives NaN.
+
+        Args:
+            areas: area vectors (..., n, 3) [m²] of the faces, pointing away from their fronts.
+            positions: of their centres (..., n, 3) [m]; not used, since the air is uniform.
+            rates: velocities of the centres (..., n, 3) [m/s].
+
+        Returns:
+            forces (..., n, 3) [N]; complex where the input is, for derivatives by complex steps.
+        """
+        how, air = self._drag.accommodation, self._air
+        wall = math.sqrt(how.wall_temperature / air.temperature)
+        # Velocity of the air relative to each face (..., n, 3) [m/s].
+        U = self._wind - rates
+        f: Array = air.density * flow_force(
+            areas, U, air.thermal_speed, how.normal, how.tangential, wall, self._two_sided, Rows
+        )
+        return f

@@ -1,0 +1,251 @@
+"""Keplerian orbital elements, and their conversion to and from positions and velocities."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import KW_ONLY, dataclass, replace
+
+import numpy as np
+
+from gossamer_fx.extend import Array, check, check_arguments
+from gossamer_fx.mechanics.orbit.gravity_field import MU
+
+# Eccentricity, and sine of the inclination, below which the direction to perigee, or to the node,
+# is round-off.
+_SMALL = 1e-11
+
+# Newton's method on Kepler's equation: largest number of iterations, and relative tolerance.
+_KEPLER_ITERATIONS = 60
+_KEPLER_TOLERANCE = 1e-15
+
+# Eccentricity from which Newton's method starts at E = π, from where it converges for every
+# anomaly.
+_LARGE_ECCENTRICITY = 0.8
+
+
+@check_arguments
+@dataclass(frozen=True)
+class Elements:
+    """Osculating elements of an orbit: an ellipse (e < 1, a > 0) or a hyperbola (e > 1, a < 0).
+
+    Args:
+        a: semi-major axis [m].
+        e: eccentricity.
+        i: inclination [rad].
+        node: right ascension of the ascending node [rad].
+        perigee: argument of perigee [rad].
+        anomaly: true anomaly [rad].
+
+    Raises:
+        InputError: a and e are of no orbit, or a value is not finite.
+
+    Example:
+        >>> gx.orbit.Elements(6.8e6, 0.001, i=0.9).e
+        0.001
+    """
+
+    a: float
+    e: float = 0.0
+    _: KW_ONLY
+    i: float = 0.0
+    node: float = 0.0
+    perigee: float = 0.0
+    anomaly: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse elements that are neither those of an ellipse nor of a hyperbola.
+
+        Raises:
+            InputError: a [m] and e are neither an ellipse (a > 0, e < 1) nor a hyperbola (a < 0, e
+                > 1), the inclination i is not in 0 to π, or the true anomaly [rad] is beyond the
+                asymptote of the hyperbola.
+        """
+        check(
+            self.e >= 0 and self.e != 1 and self.a * (1 - self.e) > 0,
+            f"Elements: a is {self.a!r} m and e is {self.e!r}; give an ellipse (a > 0, e < 1) or a "
+            "hyperbola (a < 0, e > 1).",
+        )
+        check(
+            0 <= self.i <= math.pi,
+            f"Elements: i is {self.i!r} rad; an inclination is between 0 and pi.",
+        )
+        check(
+            1 + self.e * math.cos(self.anomaly) > 0,
+            f"Elements: the hyperbola of e = {self.e!r} has no point at the anomaly "
+            f"{self.anomaly!r} rad; give one "
+            "closer to perigee.",
+        )
+
+    def motion(self, mu: float = MU) -> float:
+        """Mean motion n = √(μ/|a|³) [rad/s]."""
+        return math.sqrt(mu / abs(self.a) ** 3)
+
+    def period(self, mu: float = MU) -> float:
+        """2π/n [s] of an ellipse."""
+        return 2 * math.pi / self.motion(mu)
+
+    def state(self, mu: float = MU) -> tuple[Array, Array]:
+        """Position (3,) [m] and velocity (3,) [m/s] at the true anomaly, relative to the central
+        body.
+
+        The default of `mu` is the value of the Earth. Elements were checked at construction.
+
+        Args:
+            mu: gravitational parameter of the central body [m³/s²].
+        """
+        # p: semi-latus rectum [m]; r, v: position [m] and velocity [m/s] in the axes of the orbit;
+        # R: rotation to the axes of the scene.
+        p = self.a * (1 - self.e**2)
+        cosine = math.cos(self.anomaly)
+        sine = math.sin(self.anomaly)
+        r = p / (1 + self.e * cosine) * np.array([cosine, sine, 0.0])
+        v = math.sqrt(mu / p) * np.array([-sine, self.e + cosine, 0.0])
+        # From the axes of the orbit (x to perigee, z normal to the orbit) to the axes of the scene.
+        R = _about(2, self.node) @ _about(0, self.i) @ _about(2, self.perigee)
+        return R @ r, R @ v
+
+    def after(self, t: float, mu: float = MU) -> Elements:
+        """The elements t seconds later, without perturbations (Kepler's equation)."""
+        M = self._mean_anomaly() + self.motion(mu) * t
+        return replace(self, anomaly=_true_anomaly(M, self.e))
+
+    def _mean_anomaly(self) -> float:
+        """Mean anomaly [rad], by the eccentric anomaly E of an ellipse or H of a hyperbola.
+
+        Kepler's equation: M = E - e sin E, or M = e sinh H - H.  It follows from the true anomaly
+        and the eccentricity e of these elements.
+        """
+        e = self.e
+        half = self.anomaly / 2
+        if e < 1:
+            E = 2 * math.atan2(
+                math.sqrt(1 - e) * math.sin(half),
+                math.sqrt(1 + e) * math.cos(half),
+            )
+            return E - e * math.sin(E)
+        H = 2 * math.atanh(math.sqrt((e - 1) / (e + 1)) * math.tan(half))
+        return e * math.sinh(H) - H
+
+
+def elements_of(r: Array, v: Array, mu: float = MU) -> Elements:
+    """Osculating elements of a position and a velocity.
+
+    The perigee of a circle is set to its node; the node of an equatorial orbit to the x axis.
+
+    Args:
+        r: position (3,) from the centre [m].
+        v: velocity (3,) [m/s].
+        mu: gravitational parameter of the central body [m³/s²].
+
+    Raises:
+        InputError: the motion is a straight line or a parabola, which have no such elements.
+
+    >>> import numpy as np
+    >>> circle = elements_of(np.array([7e6, 0.0, 0.0]), np.array([0.0, np.sqrt(MU / 7e6), 0.0]))
+    >>> round(circle.a), circle.e
+    (7000000, 0.0)
+    """
+    r = np.asarray(r, dtype=float)
+    v = np.asarray(v, dtype=float)
+    distance = float(np.linalg.norm(r))
+    # Angular momentum per mass (3,) [m²/s].
+    L = np.cross(r, v)
+    check(
+        float(np.linalg.norm(L)) > 1e-9 * distance * float(np.linalg.norm(v)),
+        "A body that falls straight down has no elements; give it a velocity across.",
+    )
+    energy = float(v @ v) / 2 - mu / distance
+    check(
+        abs(energy) > 1e-14 * mu / distance,
+        "A parabola has no semi-major axis; change the speed a little.",
+    )
+    # Eccentricity vector.  This form has no difference that cancels for circles.
+    towards_perigee = ((v @ v) - mu / distance) * r / mu - float(r @ v) * v / mu
+    e = float(np.linalg.norm(towards_perigee))
+    normal = L / np.linalg.norm(L)
+    x_axis = np.array([1.0, 0.0, 0.0])
+    z_axis = np.array([0.0, 0.0, 1.0])
+
+    towards_node = np.array([-normal[1], normal[0], 0.0])
+    sine = float(np.linalg.norm(towards_node))
+    to_node = x_axis
+    if sine > _SMALL:
+        to_node = towards_node / sine
+
+    to_perigee = to_node
+    eccentricity = 0.0
+    if e > _SMALL:
+        to_perigee = towards_perigee / e
+        eccentricity = e
+
+    return Elements(
+        a=-mu / (2 * energy),
+        e=eccentricity,
+        i=math.atan2(sine, float(normal[2])),
+        node=_angle(x_axis, to_node, z_axis),
+        perigee=_angle(to_node, to_perigee, normal),
+        anomaly=_angle(to_perigee, r / distance, normal),
+    )
+
+
+def _angle(a: Array, b: Array, axis: Array) -> float:
+    """Angle [rad] from a to b (3,) about a unit axis (3,) perpendicular to both, in [0, 2π)."""
+    sine = float(axis @ np.cross(a, b))
+    cosine = float(a @ b)
+    return math.atan2(sine, cosine) % (2 * math.pi)
+
+
+def _about(axis: int, angle: float) -> Array:
+    """Rotation matrix (3, 3) about a coordinate axis.
+
+    Args:
+        axis: 0, 1 or 2 for x, y or z.
+        angle: right-handed angle [rad] by which vectors are turned.
+    """
+    cosine = math.cos(angle)
+    sine = math.sin(angle)
+    i = (axis + 1) % 3
+    j = (axis + 2) % 3
+    # R turns vectors right-handed about the axis.
+    R = np.eye(3)
+    R[i, i] = cosine
+    R[i, j] = -sine
+    R[j, i] = sine
+    R[j, j] = cosine
+    return R
+
+
+def _true_anomaly(M: float, e: float) -> float:
+    """True anomaly [rad] of a mean anomaly, by Newton's method on Kepler's equation.
+
+    Args:
+        M: mean anomaly [rad].
+        e: eccentricity, dimensionless: below 1 for an ellipse, above 1 for a hyperbola, not 1.
+
+    Returns:
+        the true anomaly, in -π to π.  The iteration ends at a change below round-off or after 60
+        iterations, without an error.
+    """
+    if e < 1:
+        # E: eccentric anomaly [rad] of an ellipse; H below: that of a hyperbola.
+        M = math.remainder(M, 2 * math.pi)
+        E = M
+        # Kepler's equation is nearly singular at perigee of such an ellipse.
+        if e >= _LARGE_ECCENTRICITY:
+            E = math.copysign(math.pi, M)
+        for _ in range(_KEPLER_ITERATIONS):
+            change = (E - e * math.sin(E) - M) / (1 - e * math.cos(E))
+            E -= change
+            if abs(change) < _KEPLER_TOLERANCE:
+                break
+        return 2 * math.atan2(
+            math.sqrt(1 + e) * math.sin(E / 2),
+            math.sqrt(1 - e) * math.cos(E / 2),
+        )
+    H = math.asinh(M / e)
+    for _ in range(_KEPLER_ITERATIONS):
+        change = (e * math.sinh(H) - H - M) / (e * math.cosh(H) - 1)
+        H -= change
+        if abs(change) < _KEPLER_TOLERANCE * max(1.0, abs(H)):
+            break
+    return 2 * math.atan(math.sqrt((e + 1) / (e - 1)) * math.tanh(H / 2))

@@ -1,0 +1,288 @@
+"""What attracts and lights a scene in orbit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from gossamer_fx.extend import Array, Vector, check, is_vector
+from gossamer_fx.mechanics.orbit.eclipse import AU, shadow_depth, sunlit_in_cone, sunlit_in_cylinder
+from gossamer_fx.mechanics.orbit.elements import Elements
+from gossamer_fx.mechanics.orbit.gravity_field import EGM_MU, MU, RADIUS, egm2008, oblateness
+from gossamer_fx.mechanics.orbit.harmonics import SolidHarmonics
+from gossamer_fx.mechanics.orbit.optics import PRESSURE
+from gossamer_fx.mechanics.orbit.sky import (
+    MU_MOON,
+    MU_SUN,
+    Sky,
+    point_gradient,
+    third_body,
+    third_body_gradient,
+)
+
+Shadow = Literal["none", "cylinder", "cone"]
+SunHistory = Callable[[float], Sequence[float]]
+ROTATION = 7.292115e-5  # rad/s, of the Earth
+
+
+class Environment:
+    """What attracts and lights a scene; its arguments are those of `Orbit`."""
+
+    def __init__(
+        self,
+        start: Elements | tuple[Vector, Vector],
+        *,
+        gravity: str | int = "point",
+        epoch: str | None = None,
+        sun: Vector | SunHistory | None = None,
+        third_bodies: Sequence[str] = (),
+        shadow: Shadow = "cylinder",
+        mu: float | None = None,
+        radius: float = RADIUS,
+        pressure: float = PRESSURE,
+        ut1_utc: float = 0.0,
+        following: float = 1000.0,
+        name: str = "orbit",
+    ) -> None:
+        """Check the arguments of an orbit; build gravity field, sky and initial state.
+
+        Args:
+            start: `Elements`, or position [m] and velocity [m/s], (3,) each, from the attracting
+                centre.
+            gravity: "point", "J2", or the degree of EGM2008, 2 to 20.
+            epoch: date of the time 0 in UTC.
+            sun: position of the Sun from the centre [au], (3,), or a function of time [s] that
+                returns it; None: that of the epoch.
+            third_bodies: of "sun" and "moon", whose tides act.
+            shadow: of the centre: "cylinder", "cone" or "none".
+            mu: gravity parameter of the centre [m³/s²]; None: that of the Earth.
+            radius: of the centre [m].
+            pressure: of sunlight at 1 au [N/m²].
+            ut1_utc: UT1 - UTC [s].
+            following: time [s] in which the origin returns to the centre of mass.
+            name: for messages and results.
+
+        Raises:
+            InputError: an argument is out of its range or not one of the named choices, `epoch` is
+                missing where the gravity field or a third body depends on the date, or the library
+                ERFA for dates is not installed.
+        """
+        self.name = name
+        self.radius = radius
+        self.pressure = pressure
+        self.following = following
+        # arguments that a restart compares, see `outputs.arguments`
+        self._start = start
+        self._gravity = gravity
+        self._epoch = epoch
+        self._ut1_utc = ut1_utc
+        for what in ("radius", "pressure", "following"):
+            value = getattr(self, what)
+            check(
+                math.isfinite(value) and value > 0,
+                f"Orbit '{name}': {what} is {value!r}; give a positive number.",
+            )
+        check(
+            gravity in ("point", "J2") or isinstance(gravity, int),
+            f"Orbit '{name}': gravity is {gravity!r}; give 'point', 'J2' or a degree of EGM2008.",
+        )
+        check(
+            shadow in ("none", "cylinder", "cone"),
+            f"Orbit '{name}': shadow is {shadow!r}; give 'none', 'cylinder' or 'cone'.",
+        )
+        self.shadow: Shadow = shadow
+        self._harmonics: SolidHarmonics | None = None
+        if gravity == "J2":
+            self._harmonics = oblateness(mu=MU if mu is None else mu)
+        elif gravity != "point":
+            assert isinstance(gravity, int)
+            self._harmonics = egm2008(gravity)
+        # Harmonics of a degree depend on the longitude; J2 alone is the same at all of them.
+        self._turns = isinstance(gravity, int)
+        # The coefficients of EGM2008 belong to its value of μ.
+        self.mu = mu if mu is not None else EGM_MU if self._turns else MU
+        check(
+            math.isfinite(self.mu) and self.mu > 0,
+            f"Orbit '{name}': mu is {mu!r} m³/s²; give a positive number.",
+        )
+        self._third_bodies = tuple(third_bodies)
+        check(
+            set(self._third_bodies) <= {"sun", "moon"},
+            f"Orbit '{name}': third_bodies are {self._third_bodies!r}; known are 'sun' and 'moon'.",
+        )
+        check(
+            epoch is not None or not (self._turns or self._third_bodies),
+            f"Orbit '{name}': harmonics of a turning Earth, and Sun and Moon, need a date; give an "
+            "epoch.",
+        )
+        self.sky = Sky(epoch, ut1_utc) if epoch is not None else None
+        check(
+            sun is None
+            or callable(sun)
+            or (is_vector(sun) and (bool(np.any(sun)) or self.mu > MU_SUN / 2)),
+            f"Orbit '{name}': sun is {sun!r}; give three numbers in astronomical units, or a "
+            "function of time; only "
+            "an orbit with the Sun's mu has it at its centre.",
+        )
+        self._sun = sun
+        self.state = self._state_of(start)
+
+    def _state_of(self, start: Elements | tuple[Vector, Vector]) -> tuple[Array, Array]:
+        """Position [m] and velocity [m/s], (3,) each, at the start of the orbit.
+
+        Args:
+            start: orbital elements, or the position [m] and the velocity [m/s] themselves.
+
+        Raises:
+            InputError: `start` is neither, or the position is the centre.
+        """
+        if isinstance(start, Elements):
+            return start.state(self.mu)
+        check(
+            isinstance(start, tuple | list)
+            and len(start) == 2
+            and all(is_vector(s) for s in start),
+            f"Orbit '{self.name}': start is {start!r}; give Elements, or a position [m] and a "
+            "velocity [m/s].",
+        )
+        # Position [m] and velocity [m/s] from the attracting centre.
+        r, v = (np.asarray(s, dtype=float) for s in start)
+        check(
+            bool(np.linalg.norm(r) > 0),
+            f"Orbit '{self.name}' starts in the centre; give another position.",
+        )
+        return r, v
+
+    # ---- what attracts ---------------------------------------------------------------------------
+
+    @property
+    def is_perturbed(self) -> bool:
+        """Whether more attracts than a point."""
+        return self._harmonics is not None or bool(self._third_bodies)
+
+    def field(self, r: Array, t: float) -> Array:
+        """Perturbing acceleration (3,) [m/s²]: all attraction except the 1/r gravity of the centre.
+
+        It is the sum over oblateness or harmonics and the tides of Sun and Moon; zero if there are
+        none.
+
+        Args:
+            r: position (3,) from the attracting centre [m], in axes that do not turn.
+            t: time since the epoch [s].
+        """
+        a: Array = np.zeros(3)
+        if self._harmonics is not None:
+            E = self.earth(t)
+            # Harmonics are functions of Earth-fixed coordinates.
+            a += E.T @ self._harmonics.gradient(E @ r)
+        for position, mu in self._bodies(t):
+            a += third_body(r, position, mu)
+        return a
+
+    def gradient(self, r: Array, t: float) -> Array:
+        """Its derivative (3, 3) with respect to r [1/s²]."""
+        G: Array = np.zeros((3, 3))
+        if self._harmonics is not None:
+            E = self.earth(t)
+            G += E.T @ self._harmonics.second_gradient(E @ r) @ E
+        for position, mu in self._bodies(t):
+            G += third_body_gradient(r, position, mu)
+        return G
+
+    def tide(self, r: Array) -> Array:
+        """μ/|r|³ (1 - 3 r̂r̂ᵀ) (3, 3) [1/s²]."""
+        return point_gradient(r, self.mu)
+
+    def _bodies(self, t: float) -> Iterable[tuple[Array, float]]:
+        """Positions (3,) [m] of the third bodies at time t [s], each with its μ [m³/s²]."""
+        if self.sky is not None and self._third_bodies:
+            if "sun" in self._third_bodies:
+                yield self.sky.sun(t), MU_SUN
+            if "moon" in self._third_bodies:
+                yield self.sky.moon(t), MU_MOON
+
+    def earth(self, t: float) -> Array:
+        """Rotation (3, 3) to Earth-fixed axes; without epoch, from the axes at time 0 about z."""
+        if self.sky is not None:
+            return self.sky.earth(t)
+        # The angle at time 0 is unknown without an epoch; J2, which is symmetric about z, needs
+        # none.
+        c, s = math.cos(ROTATION * t), math.sin(ROTATION * t)
+        return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+    # ---- what lights -----------------------------------------------------------------------------
+
+    def sun(self, t: float) -> Array:
+        """Position (3,) [m] of the Sun from the attracting centre; zero if the Sun is the centre.
+
+        Args:
+            t: time since the start of the run [s].
+
+        Raises:
+            InputError: neither `sun` nor an epoch was given to the orbit, or the user's function
+                `sun` does not return three finite numbers.
+        """
+        if self._sun is None:
+            check(
+                self.sky is not None,
+                f"Orbit '{self.name}' does not know where the Sun is; give it `sun`, or an epoch.",
+            )
+            assert self.sky is not None
+            return self.sky.sun(t)
+        value = self._sun(t) if callable(self._sun) else self._sun
+        check(
+            is_vector(value),
+            f"Orbit '{self.name}': the Sun is at {value!r} au at t = {t:.6g} s; give three "
+            "numbers.",
+        )
+        return AU * np.asarray(value, dtype=float)
+
+    def light(self, r: Array, t: float) -> tuple[Array, float]:
+        """Direction (3,) in which sunlight goes at r, and its pressure on a black surface
+        [N/m²].
+
+        The direction is a unit vector away from the Sun; `r` (3,) [m] is from the attracting centre
+        and t [s] from the start of the run. The pressure is reduced by the shadow, to zero in the
+        umbra.
+
+        Raises:
+            InputError: the position of the Sun is not known or not three finite numbers, see `sun`.
+        """
+        sun = self.sun(t)
+        way = r - sun
+        distance = float(np.linalg.norm(way))
+        # The pressure of sunlight falls with the square of the distance from the Sun.
+        return way / distance, self.pressure * (AU / distance) ** 2 * self.sunlit(r, sun)
+
+    def sunlit(self, r: Array, sun: Array) -> float:
+        """Part of the Sun that is seen from r."""
+        # A Sun in the centre casts no shadow: nothing lies between it and the scene.
+        if self.shadow == "none" or not np.any(sun):
+            return 1.0
+        sunlit = sunlit_in_cone if self.shadow == "cone" else sunlit_in_cylinder
+        return sunlit(r, sun, self.radius)
+
+    def depth(self, r: Array, t: float) -> float:
+        """How deep r is in the cylinder of the shadow [m]; negative outside."""
+        return shadow_depth(r, self.sun(t), self.radius)
+
+    # ---- axes ------------------------------------------------------------------------------------
+
+    @cached_property
+    def local_axes(self) -> Array:
+        """Rotation matrix (3, 3) at the start, with the columns outward, along and across the
+        orbit."""
+        return local_axes(*self.state)
+
+
+def local_axes(r: Array, v: Array) -> Array:
+    """Columns: away from the centre, in the plane of the orbit along the motion, and normal to
+    it."""
+    out = r / np.linalg.norm(r)
+    across = np.cross(r, v)
+    across /= np.linalg.norm(across)
+    return np.column_stack([out, np.cross(across, out), across])

@@ -1,0 +1,201 @@
+"""Loads that depend on where a scene flies: compiled as other loads, after the origin has made its
+step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+import ufl
+
+from gossamer_fx.extend import (
+    Array,
+    Assembly,
+    Attached,
+    Compiler,
+    Expr,
+    Loads,
+    MeshBody,
+    PointLoad,
+    PointLoads,
+    Port,
+    at_rate,
+)
+from gossamer_fx.mechanics.orbit.flight import Flight
+from gossamer_fx.mechanics.orbit.orbit import Orbit
+
+
+class FlyingLoads(Loads):
+    """All `FlyingLoad` terms of a scene."""
+
+    def __init__(self, terms: Sequence[FlyingLoad], system: Assembly) -> None:
+        """Compile the terms as loads that depend on the mean velocity of the step."""
+        self._flying = terms
+        super().__init__([at_rate(term, system.fields[term.body]) for term in terms], system)
+
+    def begin_step(self, t: float) -> None:
+        """Set the constants of all loads for the step that is evaluated at time t [s].  Collective.
+
+        Each load is given the position, velocity and light of its orbit in the middle of the step,
+        and the length `h` [s] of the step.
+
+        Raises:
+            InputError: the orbit of a load is not in the scene, or the step is too long for the
+                orbit.
+        """
+        system = self._system
+        for term in self._flying:
+            flight = term.orbit.flight(system)
+            flight.prepare(system)
+            # The forms take velocities as differences over the step.
+            system.fields[term.body].h.value = system.h
+            term.prepare(flight, system)
+        super().begin_step(t)
+
+
+@dataclass(frozen=True, eq=False)
+class FlyingLoad:
+    """A load on a body on a mesh: `work(q, rate, w)` is its virtual work with the mean velocity of
+    the step.
+
+    prepare: sets its constants from the flight, before each step.
+    """
+
+    name: str
+    body: MeshBody
+    orbit: Orbit
+    work: Callable[[Expr, Expr, Expr], ufl.Form]
+    prepare: Callable[[Flight, Assembly], None]
+    compiler: ClassVar[Compiler] = FlyingLoads
+
+
+class FlyingForce(Protocol):
+    """Force on attached vectors in flight; an array X (..., k, 3) may be complex."""
+
+    def prepare(self, flight: Flight) -> None:
+        """Take what surrounds the flight in the step."""
+        ...
+
+    def forces(self, X: Array, rate: Array) -> Array:
+        """Forces (..., k, 3) on vectors X (..., k, 3) and their mean rates."""
+        ...
+
+
+class _ByComplexSteps:
+    """A `FlyingForce` as a law of point loads, its derivative taken by complex steps, to
+    round-off."""
+
+    def __init__(self, law: FlyingForce) -> None:
+        self._law = law
+        # Seconds from the start of the step; any positive number serves before the first step.
+        self._lag = 1.0
+        self._X0: Array = np.zeros(0)
+
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
+        """Start a step from the vectors of the ports; the force acts on them `lag` seconds later.
+
+        The vectors X are stored as `_X0`; mean rates are (X - X0)/lag.
+
+        Args:
+            t: time at the start of the step [s]; not used, since the orbit knows it.
+            lag: time from the start of the step to that of the force [s], positive.
+            X: vectors of k ports at the start of the step, (3k,): points [m] and directors [-].
+            V: their rates (3k,) at the start; not used, since mean rates follow from X and `lag`.
+        """
+        self._lag = lag
+        self._X0 = X
+
+    def _forces(self, X: Any) -> Any:
+        shape = (*X.shape[:-1], -1, 3)
+        return self._law.forces(X.reshape(shape), ((X - self._X0) / self._lag).reshape(shape))
+
+    def force(self, X: Array) -> Array:
+        f: Array = self._forces(X).ravel()
+        return f
+
+    def tangent(self, X: Array) -> Array:
+        """Derivatives (3k, 3k) of the forces with respect to the vectors X (3k,) of k ports.
+
+        Units are N/m for points [m], N for directors [-].  Before the first step the matrix is
+        zero.
+
+        K_ij is the derivative of component i of the forces by component j of X.  `begin` stored
+        `_X0`, the vectors at the start of the step; the law of the force is evaluated for 3k
+        complex steps at once.
+        """
+        if not self._X0.size:  # before the first step only the pattern of the matrix is asked for
+            return np.zeros((X.size, X.size))
+        # A complex step subtracts nothing, so that it can be this small; its error is of the
+        # order of its square.
+        tiny = 1e-30
+        stepped = self._forces(X + 1j * tiny * np.eye(X.size))
+        K: Array = stepped.reshape(X.size, X.size).imag.T / tiny
+        return K
+
+
+class FlyingPointLoads(PointLoads):
+    """All `FlyingPointLoad` terms of a scene."""
+
+    def __init__(self, terms: Sequence[FlyingPointLoad], system: Assembly) -> None:
+        self._flying = terms
+        super().__init__(
+            [PointLoad(t.name, t.ports, _ByComplexSteps(t.law)) for t in terms], system
+        )
+
+    def begin_step(self, t: float) -> None:
+        """Prepare all laws for the step that is evaluated at time t [s]."""
+        for term in self._flying:
+            flight = term.orbit.flight(self._system)
+            flight.prepare(self._system)
+            term.law.prepare(flight)
+        super().begin_step(t)
+
+
+@dataclass(frozen=True, eq=False)
+class FlyingPointLoad:
+    """A load on points and directors of bodies in flight."""
+
+    name: str
+    ports: tuple[Attached, ...]
+    orbit: Orbit
+    law: FlyingForce
+    compiler: ClassVar[Compiler] = FlyingPointLoads
+
+
+def axes_of(body: Any) -> tuple[Port, ...]:
+    """Position and directors of a rigid body."""
+    return tuple(Port(body, (0,), weights=(1.0,), vectors=(k,)) for k in range(4))
+
+
+class FacesForce:
+    """A force on flat faces of a rigid body at its position and directors (..., 4, 3).
+
+    Args:
+        areas: area vectors (n, 3), centres (n, 3) in body axes.
+    """
+
+    def __init__(self, areas: Array, centres: Array) -> None:
+        self._areas = areas
+        # Weights of position and directors in a centre c, which is x + Σ c_k d_k.
+        self._arms = np.column_stack([np.ones(len(centres)), centres])
+
+    def forces(self, X: Array, rate: Array) -> Array:
+        """Forces (..., 4, 3) on position and directors X (..., 4, 3) that move with the rates."""
+        # Area vectors turn with the directors; the position does not move them.
+        faces = self._areas @ X[..., 1:, :]
+        f = self.on_faces(faces, self._arms @ X, self._arms @ rate)
+        total: Array = np.swapaxes(f, -1, -2) @ self._arms
+        return np.swapaxes(total, -1, -2)
+
+    def on_faces(self, areas: Array, positions: Array, rates: Array) -> Array:
+        """Forces (..., n, 3) [N] on area vectors [m²] at positions [m] with velocities [m/s], all
+        (..., n, 3)."""
+        raise NotImplementedError

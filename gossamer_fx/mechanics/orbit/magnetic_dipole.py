@@ -1,0 +1,153 @@
+"""The torque of the Earth's magnetic field on a dipole."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.extend import Array, Port, State, Term, Vector, check, check_arguments, is_vector
+from gossamer_fx.mechanics.bodies import Frame
+from gossamer_fx.mechanics.orbit.flight import Flight
+from gossamer_fx.mechanics.orbit.flying_loads import FlyingPointLoad
+from gossamer_fx.mechanics.orbit.magnetic_field import Igrf
+from gossamer_fx.mechanics.orbit.orbit import Orbit
+
+MomentHistory = Callable[[float], Sequence[float]]
+
+
+@check_arguments
+class MagneticDipole:
+    """Torque m × B of the Earth's magnetic field B on a dipole m that is fixed in a frame.
+
+    B is that of IGRF-14 at the position of the frame.  The torque is distributed to the directors
+    as by `Torque`, so that a step h changes the angular momentum by exactly h m × B.
+
+    Args:
+        frame: of a rigid body, with three directors.
+        orbit: the orbit of the scene, with an epoch.
+        moment: components along the directors [A m²]: three numbers, or a function of time [s] that
+            returns them.
+        name: for messages and results.
+
+    Raises:
+        InputError: the frame has not three directors, the orbit has no epoch, or IGRF-14 does not
+            cover the year.
+
+    Example:
+        >>> try:
+        ...     magnet = gx.orbit.MagneticDipole(hub.frame(), orbit, moment=(0.0, 0.0, 1.5))
+        ... except gx.InputError as error:
+        ...     print("epoch" in str(error))
+        True
+    """
+
+    def __init__(
+        self,
+        frame: Frame,
+        orbit: Orbit,
+        *,
+        moment: Vector | MomentHistory,
+        name: str = "magnet",
+    ) -> None:
+        """Check the arguments of a magnetic dipole, and read IGRF-14, the Earth's field, for its
+        year.
+
+        Args:
+            frame: of a rigid body, with three directors.
+            orbit: the orbit of the scene, with an epoch.
+            moment: dipole moment along the directors [A m²], (3,), or a function of time [s] that
+                returns it.
+            name: for messages and results.
+
+        Raises:
+            InputError: the frame has not three directors, the moment is neither numbers nor a
+                function, the orbit has no epoch, or IGRF-14 does not cover its year.
+        """
+        self.frame = frame
+        self.orbit = orbit
+        self.moment = moment
+        self.name = name
+        check(
+            isinstance(frame, Frame) and len(frame.directors) == 3,
+            f"'{name}' needs a frame with three directors; give that of a rigid body.",
+        )
+        check(
+            callable(moment) or is_vector(moment),
+            f"'{name}': moment is {moment!r} A m²; give three numbers or a function of time.",
+        )
+        check(
+            orbit.sky is not None,
+            f"'{name}': the magnetic field turns with the Earth; give the orbit an epoch.",
+        )
+        # The field changes by less than a percent a year: that of the epoch serves the whole run.
+        self._field = Igrf(orbit.sky.year) if orbit.sky is not None else None
+
+    def requires(self) -> Iterable[Any]:
+        yield from (p.body for p in self.frame.directors if isinstance(p, Port))
+        yield self.orbit
+
+    def field(self, flight: Flight) -> Array:
+        """B (3,) [T] in the axes of the scene, in the middle of the step."""
+        assert self._field is not None
+        # IGRF is a field in Earth-fixed axes.
+        turn = self.orbit.earth(flight.time)
+        B: Array = turn.T @ self._field.field(turn @ flight.R)
+        return B
+
+    def terms(self, start: State) -> Iterable[Term]:
+        yield FlyingPointLoad(self.name, self.frame.directors, self.orbit, _DipoleTorque(self))
+
+
+class _DipoleTorque:
+    """Forces F × d_k on directors d_k with (tr S 1 - S) F = m × B, S = Σ d_k d_kᵀ."""
+
+    def __init__(self, dipole: MagneticDipole) -> None:
+        self._dipole = dipole
+        self._B: Array = np.zeros(3)
+        self._m: Array = np.zeros(3)
+
+    def prepare(self, flight: Flight) -> None:
+        """Take the field B (3,) [T] and the moment m (3,) [A m²] in the middle of the step.
+
+        Args:
+            flight: time and position of the scene in the middle of the step.
+
+        Raises:
+            InputError: the user's function for the moment does not return three finite numbers.
+        """
+        moment = self._dipole.moment
+        # Loads of the midpoint rule act in the middle of the step.
+        value = moment(flight.time) if callable(moment) else moment
+        check(
+            is_vector(value),
+            f"'{self._dipole.name}': its moment is {value!r} at t = {flight.time:.6g} s; return "
+            "three finite numbers.",
+        )
+        self._B = self._dipole.field(flight)
+        self._m = np.asarray(value, dtype=float)
+
+    def forces(self, X: Array, rate: Array) -> Array:
+        """Forces on the directors X of a body whose torque is m × B.
+
+        Args:
+            X: three directors (..., 3, 3) [-], one a row; complex for derivatives by complex steps.
+            rate: their rates [1/s]; not used.
+
+        Returns:
+            forces (..., 3, 3) [N m], conjugate to the dimensionless directors.
+
+        Raises:
+            numpy.linalg.LinAlgError: the directors are parallel, which no body in a solved step
+                has.
+        """
+        torque = np.cross(self._m @ X, self._B)
+        # In the middle of a step directors are not exactly orthonormal; with their own S the
+        # torque is still m × B.
+        # F: torque over the resistance tr(S) 1 - S of the directors [N m].
+        S = np.swapaxes(X, -1, -2) @ X
+        resistance = np.trace(S, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - S
+        F = np.linalg.solve(resistance, torque[..., None])[..., 0]
+        f: Array = np.cross(F[..., None, :], X)
+        return f

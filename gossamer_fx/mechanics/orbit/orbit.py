@@ -1,0 +1,123 @@
+"""The orbit of a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from weakref import WeakKeyDictionary
+
+from gossamer_fx.extend import Assembly, State, Term, Vector, check, check_arguments
+from gossamer_fx.mechanics.orbit.elements import Elements
+from gossamer_fx.mechanics.orbit.environment import Environment, Shadow, SunHistory
+from gossamer_fx.mechanics.orbit.flight import Flight
+from gossamer_fx.mechanics.orbit.gravity_field import RADIUS
+from gossamer_fx.mechanics.orbit.optics import PRESSURE
+from gossamer_fx.mechanics.orbit.relative_gravity import RelativeGravity
+
+
+@check_arguments
+class Orbit(Environment):
+    """An orbit for the whole scene: coordinates are relative to an origin in orbit, in axes that do
+    not turn.
+
+    A mass m at x has the force of gravity less that of the accelerated frame, R being the position
+    of the origin from the attracting centre:
+
+        m [-μ X/|X|³ + μ R/|R|³ + a(X) - a(R)],   X = R + x
+
+    a contains oblateness or harmonics, Sun and Moon, to first order in |x|/|R|.  Under 1/r gravity,
+    energy and angular momentum of orbit and deformation together are conserved to the tolerance of
+    the solver, for every step; `orbit.origin` describes how.  Rigid bodies have mass, centre and
+    inertia, so that the forces on them lack terms of order (size/|X|)³.  Initial positions and
+    velocities are relative to the origin.
+
+    Args:
+        start: `Elements`, or position [m] and velocity [m/s] of the origin, (3,) each.
+        gravity: "point", "J2", or the degree 2 to 20 of EGM2008, which needs an epoch.
+        epoch: UTC of the time 0, e.g. "2026-01-01T12:00:00"; needs ERFA (extra `orbit`).
+        sun: from the attracting centre to the Sun [au]: three numbers, or a function of time [s]
+            that returns them; default that of the epoch.  (0, 0, 0): the Sun is the centre.
+        third_bodies: "sun", "moon"; need an epoch.
+        shadow: of the centre: "cylinder", "cone" (with penumbra) or "none".
+        mu: gravity parameter of the centre [m³/s²]; default that of the gravity field.
+        radius: of the centre, for shadow and altitude [m].
+        pressure: of sunlight at 1 au on a black surface [N/m²].
+        ut1_utc: [s].
+        following: time in which the origin returns to the centre of mass [s]; the motion does not
+            depend on it.
+        name: for messages and results.
+
+    Raises:
+        InputError: a start that is not an orbit, or something that needs an epoch without one.
+
+    Example:
+        >>> low = gx.orbit.Orbit(gx.orbit.Elements(6.8e6, i=0.9), gravity="J2")
+        >>> low.radius
+        6378137.0
+    """
+
+    def __init__(
+        self,
+        start: Elements | tuple[Vector, Vector],
+        *,
+        gravity: str | int = "point",
+        epoch: str | None = None,
+        sun: Vector | SunHistory | None = None,
+        third_bodies: Sequence[str] = (),
+        shadow: Shadow = "cylinder",
+        mu: float | None = None,
+        radius: float = RADIUS,
+        pressure: float = PRESSURE,
+        ut1_utc: float = 0.0,
+        following: float = 1000.0,
+        name: str = "orbit",
+    ) -> None:
+        """Check the arguments of an orbit; a flight starts when a scene with it is compiled.
+
+        Args:
+            start: `Elements`, or position [m] and velocity [m/s], (3,) each, from the attracting
+                centre.
+            gravity: "point", "J2", or the degree of EGM2008, 2 to 20.
+            epoch: date of the time 0 in UTC.
+            sun: position of the Sun from the centre [au], (3,), or a function of time [s] that
+                returns it; None: that of the epoch.
+            third_bodies: of "sun" and "moon", whose tides act.
+            shadow: of the centre: "cylinder", "cone" or "none".
+            mu: gravity parameter of the centre [m³/s²]; None: that of the Earth.
+            radius: of the centre [m].
+            pressure: of sunlight at 1 au [N/m²].
+            ut1_utc: UT1 - UTC [s].
+            following: time [s] in which the origin returns to the centre of mass.
+            name: for messages and results.
+
+        Raises:
+            InputError: an argument is out of its range, or something needs an `epoch` without one.
+        """
+        super().__init__(
+            start,
+            gravity=gravity,
+            epoch=epoch,
+            sun=sun,
+            third_bodies=third_bodies,
+            shadow=shadow,
+            mu=mu,
+            radius=radius,
+            pressure=pressure,
+            ut1_utc=ut1_utc,
+            following=following,
+            name=name,
+        )
+        # Weak keys: an orbit does not keep the compiled scenes of earlier runs in memory.
+        self._flights: WeakKeyDictionary[Assembly, Flight] = WeakKeyDictionary()
+
+    def terms(self, start: State) -> Iterable[Term]:
+        # Each compiled scene has a separate flight, so that runs may share an orbit.
+        yield RelativeGravity(self.name, Flight(self), self._flights)
+
+    def flight(self, system: Assembly) -> Flight:
+        """The orbit at work on a system.
+
+        Raises:
+            InputError: it is not in that scene.
+        """
+        check(system in self._flights, f"'{self.name}' is not in the scene; add the orbit to it.")
+        return self._flights[system]

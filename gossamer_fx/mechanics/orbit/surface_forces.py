@@ -1,0 +1,187 @@
+"""Forces of light and of rarefied air on a face, by formulas that work for UFL expressions and
+arrays.
+
+The argument `maths` of the formulas is `Symbolic` for films, whose forces are compiled by UFL, and
+`Rows` for the flat faces of rigid bodies, which are NumPy arrays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+import numpy as np
+import ufl
+from scipy import special
+
+from gossamer_fx.extend import Array, Expr, Vector, check, check_arguments, is_vector
+from gossamer_fx.mechanics.orbit.free_molecular import coefficients
+from gossamer_fx.mechanics.orbit.optics import MIRROR, Optics
+
+
+class Symbolic:
+    """Operations on UFL vectors."""
+
+    dot = ufl.dot
+    root = ufl.sqrt
+    exp = ufl.exp
+    erf = ufl.erf
+
+    @staticmethod
+    def choose(where_positive: Expr, a: Expr, b: Expr) -> Expr:
+        """`a` where the first argument is positive, otherwise `b`."""
+        return ufl.conditional(ufl.gt(where_positive, 0.0), a, b)
+
+
+class Rows:
+    """Operations on arrays, vectors (..., 3) and numbers (..., 1).
+
+    Arrays may be complex, since derivatives are taken by complex steps.
+    """
+
+    root = np.sqrt
+    exp = np.exp
+    erf = special.erf
+
+    @staticmethod
+    def dot(a: Array, b: Array) -> Array:
+        """Dot products (..., 1)."""
+        product: Array = np.sum(a * b, axis=-1, keepdims=True)
+        return product
+
+    @staticmethod
+    def choose(where_positive: Array, a: Any, b: Any) -> Array:
+        """`a` where the first argument is positive, otherwise `b`."""
+        return np.where(np.real(where_positive) > 0, a, b)
+
+
+def light_force(
+    a: Any,
+    u: Any,
+    front: Any,
+    back: Any,
+    maths: Any,
+) -> Any:
+    """Force of light on a face, divided by the pressure of light.
+
+        |a·u| [(c_0 cos α + c_1) n + c_2 u]
+
+    with the unit normal n of the face on the side away from the light, the angle α between n and u,
+    and the coefficients c of the lit side.
+
+    Args:
+        a: area vector of the face [m²], a UFL vector or rows (..., 3); it points away from its
+            front. Its length must not be zero: NaN is returned.
+        u: unit vector along the light.
+        front: the three coefficients of `Optics.coefficients` that hold when the front is lit.
+        back: those that hold when the back is lit.
+        maths: `Symbolic` for UFL expressions, or `Rows` for arrays.
+
+    Returns:
+        a vector [m²], of the shape of `a`.
+
+    >>> import numpy as np
+    >>> mirror = (2.0, 0.0, 0.0)
+    >>> light_force(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]), mirror, mirror, Rows)
+    array([0., 0., 2.])
+    """
+    # c = a·u [m²]; mirrored, both and along are the coefficients c_0, c_1 and c_2 of the lit side.
+    c = maths.dot(a, u)
+    area = maths.root(maths.dot(a, a))
+    # The back is lit where light and area vector have the same direction.
+    sign = maths.choose(c, 1.0, -1.0)
+    mirrored, both, along = (
+        maths.choose(c, of_back, of_front) for of_front, of_back in zip(front, back, strict=True)
+    )
+    # |a·u| without an absolute value, of which a complex step has no derivative.
+    projected_area = sign * c
+    # `a` has the length of the area, so that it is divided by the area once more.
+    along_normal = (mirrored * projected_area / area + both) * (sign / area)
+    return projected_area * (along_normal * a + along * u)
+
+
+def flow_force(
+    a: Any,
+    U: Any,
+    thermal: Any,
+    σn: Any,
+    σt: Any,
+    wall: Any,
+    two_sided: Any,
+    maths: Any,
+) -> Any:
+    """Force of free-molecular flow on a face, divided by the density of the air.
+
+    Args:
+        a: area vector of the face [m²], a UFL vector or rows (..., 3); it points away from its
+            front.
+        U: velocity of the air relative to the face [m/s], of the same kind.
+        thermal: thermal speed √(2kT/m) of the air [m/s].
+        σn: accommodation coefficient of normal momentum, 0 to 1.
+        σt: accommodation coefficient of tangential momentum, 0 to 1.
+        wall: √(T_w/T), with the temperatures of wall and air.
+        two_sided: 1, or 0 if air does not reach the back; a number, or (n, 1) for n faces.
+        maths: `Symbolic` for UFL expressions, or `Rows` for arrays.
+
+    Returns:
+        a vector [m⁴/s²], of the shape of `a`; NaN where `a` or `U` is zero.
+    """
+    area = maths.root(maths.dot(a, a))
+    speed = maths.root(maths.dot(U, U))
+    # c: cosine between area vector and relative wind [-].
+    c = maths.dot(a, U) / (area * speed)
+    s = speed / thermal
+    # The normal of `coefficients` points into the surface: -a for the front, a for the back.
+    into_front, shear_front = coefficients(-c, s, σn, σt, wall, maths)
+    into_back, shear_back = coefficients(c, s, σn, σt, wall, maths)
+    normal = two_sided * into_back - into_front
+    shear = shear_front + two_sided * shear_back
+    # ½U² (A n + B u) times the area, with the lengths of a and U multiplied out.
+    return speed / 2 * (normal * speed * a + shear * area * U)
+
+
+@check_arguments
+@dataclass(frozen=True)
+class Surface:
+    """A flat surface of a rigid body, for light and air.
+
+    Args:
+        area: [m²].
+        normal: outward, in body axes, (3,).
+        centre: centroid in body axes, from the centre of mass [m], (3,).
+        optics: of the front, to which the normal points, and of the back.
+        two_sided: whether light and air reach the back: a plate instead of a side of a box.
+
+    Raises:
+        InputError: a value is out of its range.
+
+    Example:
+        >>> panel = gx.orbit.Surface(2.0, (0.0, 0.0, 1.0), centre=(1.5, 0.0, 0.0), two_sided=True)
+        >>> panel.area
+        2.0
+    """
+
+    area: float
+    normal: Vector
+    _: KW_ONLY
+    centre: Vector = (0.0, 0.0, 0.0)
+    optics: Optics = MIRROR
+    two_sided: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse an area that is not positive, and vectors that are not three numbers.
+
+        Raises:
+            InputError: area ≤ 0 [m²], normal or centre [m] are not three finite numbers, or the
+                normal is zero.
+        """
+        check(self.area > 0, f"Surface: area is {self.area!r} m²; give a positive number.")
+        for what in ("normal", "centre"):
+            check(
+                is_vector(getattr(self, what)),
+                f"Surface: {what} is {getattr(self, what)!r}; give three numbers.",
+            )
+        check(
+            bool(np.any(np.asarray(self.normal))),
+            "Surface: normal is zero; give the direction outward.",
+        )

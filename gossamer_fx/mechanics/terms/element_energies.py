@@ -1,0 +1,748 @@
+"""Energies and dissipation ∫ψ(e(q)) dx on meshes, solved by a mixed iteration in strains.
+
+Problem.  A film's strain is quadratic in the coordinates.  Newton's iteration on the coordinates
+alone sees, after each update, stresses of the second-order strain that the update brings with it.
+In a stiff, thin film they are many times the stresses of the solution, and the iteration zigzags.
+
+Idea (D. Magisano, L. Leonetti & G. Garcea, Int. J. Numer. Meth. Eng. 109 (2017) 1237).  The strain
+ê at the quadrature points is a separate unknown, which is condensed at each point.  In the next
+iterate ê follows the *linearised* strain, so that the second-order part never produces stress.  At
+convergence ê is the true strain, and the solution is that of the original equations.
+
+Algorithm, for one iteration.  S(ê) is the stress of the step by the stress rule
+(`terms.discrete_gradient`), D = dS/dê, and w any variation of the coordinates.
+
+1. Residual, with the stress S + D (e(q1) - ê) that is linear about ê:
+
+       ∫ (S + D (e(q1) - ê))·De(q_mid)[w] dx                                                     (1)
+
+2. Tangent:
+
+       ∫ D De(q1)[δ]·De(q_mid)[w] + α (γ S + (1-γ) S⁺)·D²e[δ, w] dx                              (2)
+
+   γ is the share of the geometric stiffness: 1, except in initial iterations without it (see
+   `solvers.newton`).  S⁺ is the tensile part of S at rest (α = 1), and zero in time steps.  In time
+   steps S⁺ would cost a thrown plate 50 % more iterations, and rejected steps.
+3. Solve for the update δ of the coordinates.  The strain linearised about the last iterate is
+
+       e_lin = e(q1) - ½ D²e[δ, δ]                                                               (3)
+
+   after the update.  It is ê of the next iteration, except where the strain is chosen.
+4. Choice of strains, in laws with several states.  Where a film changes its state, the linearised
+   stress
+
+       σ = S + D (e_lin - ê)                                                                     (4)
+
+   of a point may be far from the stress of the linearised strain.  There the new ê is chosen
+   between two strains, e_lin and that which has the stress σ:
+
+       (D + k I)(ê - e_lin) = σ - S(e_lin),    |ê - e_lin| <= |e_lin - ê_before|                 (5)
+
+   with k a fraction of the largest stiffness.  Stiff points then follow the strain, soft points the
+   stress.
+5. Evaluate S and D at the new ê once at all points.  The forms of 1 and 2 only read them.
+
+How S and D are evaluated.  Compiled expressions, of which a path that stays in one state of the
+film (taut, wrinkled or slack) has a separate one; it costs a third to a sixth of the general one.
+Laws with several states are evaluated by a C kernel (`terms.law_kernel`), which also chooses the
+strains.
+
+Terms that share a measure.  The stiffness and the viscous damping of a film have the same measure
+e. The forms (1) and (2) are linear in S and D, so such terms share one form of the sum of their
+stresses: a cell then has one kernel and one entry into the matrix, and not one for each term.
+Viscous stresses are linear in the strain, so that (1) has the stress at e(q1) whatever ê is.  The
+forms compute them from the strains of the term that they share the form with; nothing more is
+stored for them.
+
+Cost.  The law is evaluated once at each point and iteration, as in Newton's method on the
+coordinates. ê, S and D are stored: 15 numbers at each quadrature point of a film.  (5) is one
+linear system of the size of the strain at each point that asks for it.
+
+Limits.  The measure e has to be quadratic, so that (3) is exact.  The choice of strains changes the
+iterates and not the solution: at its end ê = e(q1) to the tolerance of the iteration.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem, la
+from petsc4py import PETSc
+from ufl.algorithms.renumbering import renumber_indices
+
+from gossamer_fx.core.checks.errors import InputError
+from gossamer_fx.core.forms.backend import interpolation_points, tabulate
+from gossamer_fx.core.forms.compilation import compile_expression, compile_form
+from gossamer_fx.core.forms.kinematics import Expr
+from gossamer_fx.core.forms.spaces import cell_nodes
+from gossamer_fx.core.forms.strain_path import Piece, gradient, with_derivative
+from gossamer_fx.core.model.body import Array, Body, MeshBody
+from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.roles import (
+    Dissipation,
+    Forces,
+    GradientLimits,
+    IterateObserver,
+    OnMeshes,
+    ResidualForms,
+    Reversible,
+    StateObserver,
+    StepObserver,
+    StoredEnergies,
+    Supply,
+    TangentForms,
+    TimeDependence,
+)
+from gossamer_fx.mechanics.materials.c_law import CLaw
+from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
+from gossamer_fx.mechanics.terms.coordinates import Coordinates
+from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
+
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.terms.law_kernel.point_law import PointLaw
+    from gossamer_fx.mechanics.terms.thermal_strain import ThermalStrain
+
+# Weight α of the midpoint rules, the only ones for which strains are chosen.
+MIDPOINT = 0.5
+
+
+class ElementEnergies(
+    OnMeshes,
+    StepObserver,
+    IterateObserver,
+    StateObserver,
+    TimeDependence,
+    Forces,
+    TangentForms,
+    StoredEnergies,
+    Dissipation,
+    Supply,
+    ResidualForms,
+    GradientLimits,
+    Reversible,
+    CompiledTerms["StoredEnergy | ViscousDissipation"],
+):
+    """All `StoredEnergy` and `ViscousDissipation` terms of a scene."""
+
+    def __init__(
+        self, terms: Sequence[StoredEnergy | ViscousDissipation], system: Assembly
+    ) -> None:
+        """Compile forces, tangents and energies of all terms on meshes.  Collective.
+
+        Args:
+            terms: what films, plates, cables and beams add to the equations: stored energies of
+                strains, and dissipation by their rates.
+            system: the compiled scene, which has the coordinates of the bodies as functions.
+
+        Raises:
+            InputError: a law is written in C, and the stress rule has no function for such laws.
+        """
+        self._system = system
+        self._stored: list[StoredForces] = []
+        self._viscous: list[ViscousForces] = []
+        for term in terms:
+            at = system.fields[term.body]
+            if isinstance(term, StoredEnergy):
+                self._stored.append(StoredForces(term, at, system.rule))
+            else:
+                self._viscous.append(ViscousForces(term, at))
+        self.elements: list[ElementForces] = [*self._stored, *self._viscous]
+        self._forms: list[ElementForms] = []
+        for alike in _with_one_measure(self.elements):
+            _share_strains(alike)
+            at = system.fields[alike[0].term.body]
+            self._forms.append(ElementForms(alike, at, system.rule))
+        self.losses = [force.term.name for force in self._viscous]
+        # One vector for each body, to which all of its terms are assembled.
+        self._forces = {term.body: _vector_of(system.fields[term.body]) for term in terms}
+
+    def begin_step(self, t: float) -> None:
+        for body in self._forces:
+            self._system.fields[body].h.value = self._system.h
+        for force in self._stored:
+            force.begin_step(self._system.time + self._system.h)
+
+    def take_time(self, t: float) -> None:
+        for force in self._stored:
+            if force.thermal is not None:
+                force.thermal.set_end(t)
+
+    def update(self, linearly: bool) -> None:
+        for force in self._stored:
+            if linearly:
+                force.linearise()
+            else:
+                force.evaluate()
+
+    def add_forces(self, r: PETSc.Vec) -> None:
+        """Add the internal forces of all terms on meshes at the present iterate to the residual.
+        Collective.
+
+        Args:
+            r: residual [N] of all unknowns, changed in place.
+        """
+        # b: assembly vector [N] of one body, owned and ghost unknowns.
+        for b in self._forces.values():
+            b.array[:] = 0
+        for force in self._stored:
+            force.respond()
+        for forms in self._forms:
+            fem.assemble_vector(self._forces[forms.body].array, forms.residual)
+        with r as values:
+            for body, b in self._forces.items():
+                b.scatter_reverse(la.InsertMode.add)
+                owned = self._system.block(body).owned
+                self._system.fields[body].add_forces(b.array, values[owned])
+
+    def tangent_forms(self, body: Body) -> list[fem.Form]:
+        for force in self._stored:
+            if force.term.body is body:
+                force.respond()
+        return [forms.tangent for forms in self._forms if forms.body is body]
+
+    def dissipated(self) -> Array:
+        return np.array([force.dissipated() for force in self._viscous])
+
+    def supplied(self) -> float:
+        """Work [J] of heat on thermal strains in the step, this rank's share."""
+        return sum(force.heat() for force in self._stored)
+
+    def commit(self) -> None:
+        for force in self._stored:
+            force.commit()
+
+    def energies(self) -> dict[str, float]:
+        return {force.term.name: force.energy() for force in self._stored}
+
+    def without_gradient(self) -> str:
+        """In words, which stored energy has no gradient by parameters, and what to do; empty if all
+        have one.
+
+        Laws that are written in C have no derivatives, and therefore no gradient in time steps.
+        """
+        # At rest the stress is the derivative of the density, which is in UFL for all laws.
+        if self._system.rule.alpha != MIDPOINT:
+            return ""
+        for force in self._stored:
+            if force.term.c_law is not None:
+                return (
+                    f"the law of '{force.term.name}' is written in C, without derivatives; use one "
+                    "of UFL"
+                )
+        return ""
+
+    def residual_forms(self, body: Body, w: Expr) -> list[ufl.Form]:
+        return [force.residual_form(w) for force in self.elements if force.term.body is body]
+
+    def energy_forms(self, body: Body) -> list[ufl.Form]:
+        return [force.energy_form() for force in self._stored if force.term.body is body]
+
+
+@dataclass(frozen=True, eq=False)
+class StoredEnergy:
+    """Stored energy ∫ψ(e(q)) dx: `measure` is quadratic in q, `density` ψ is a function of the
+    strain alone.
+
+    `pieces` cuts the path between two strains where ψ is not smooth; `pulling` is the part of a
+    stress of which the geometric stiffness is positive; `c_law` computes stresses in place of
+    derivatives of `density`; `thermal` is subtracted from the measure; `parameters` are
+    coefficients of the density and of the thermal strain.
+    """
+
+    name: str
+    body: MeshBody
+    measure: Callable[[Expr], Expr]
+    density: Callable[[Expr], Expr]
+    dx: ufl.Measure
+    quadratic: bool = False
+    pieces: Callable[[Expr, Expr], list[Piece]] | None = None
+    pulling: Callable[[Expr], Expr] | None = None
+    c_law: CLaw | None = None
+    thermal: ThermalStrain | None = None
+    parameters: tuple[Parameter, ...] = ()
+    compiler: ClassVar[Compiler] = ElementEnergies
+
+
+@dataclass(frozen=True, eq=False)
+class ViscousDissipation:
+    """Dissipation: stress φ'(ė) against the rate of the measure; φ is quadratic and convex, the
+    loss 2∫∫φ(ė) dx dt.
+
+    `measure` is quadratic in q, `density` is φ as a function of its rate; `parameters` are
+    coefficients of φ.
+    """
+
+    name: str
+    body: MeshBody
+    measure: Callable[[Expr], Expr]
+    density: Callable[[Expr], Expr]
+    dx: ufl.Measure
+    parameters: tuple[Parameter, ...] = ()
+    compiler: ClassVar[Compiler] = ElementEnergies
+
+
+class ElementForces(ABC):
+    """Stresses of one term on a mesh, in UFL.
+
+    Attributes:
+        term: what it computes.
+        measure_at_end: the measure (m,) of the term at q1.
+        S: stress (m,) at the quadrature points at the strain ê.
+        D: its derivatives (m, m) by that strain.
+        linear_stress: S + D (e(q1) - ê).
+    """
+
+    term: StoredEnergy | ViscousDissipation
+    measure_at_end: Expr
+    S: Expr
+    D: Expr
+    linear_stress: Expr
+
+    @abstractmethod
+    def residual_form(self, w: Expr) -> ufl.Form:
+        """The forces of the converged step, ∫ S_mean·De(q_mid)[w] dx [J], with its true strains.
+
+        The compiled residual reads strains and stresses as numbers at points; here they are
+        expressions, so that UFL can derive them with respect to anything.
+
+        Args:
+            w: test function on the space of the coordinates.
+        """
+
+
+class ViscousForces(ElementForces):
+    """Stresses and loss of one `ViscousDissipation`, with the damping stress
+
+        σ = φ'((e - e0)/h)
+
+    for the strain e and that of the start of the step, e0; h is the length of the step.
+
+    Args:
+        term: what it computes.
+        at: the coordinates of the body in a step.
+    """
+
+    term: ViscousDissipation
+
+    def __init__(self, term: ViscousDissipation, at: Coordinates) -> None:
+        """Write the stresses down, and compile the loss.  Collective.
+
+        Args:
+            term: measure (strain, m components) and dissipation as functions of the coordinates.
+            at: the coordinates of the body, as functions for forms.
+        """
+        self.term = term
+        self._at = at
+        self.measure_at_end = term.measure(at.q1)
+        self._set_stresses(_linearised(self.measure_at_end, at), term.measure(at.q0))
+        change = self.measure_at_end - term.measure(at.q0)
+        self._work = compile_form(ufl.dot(self._stress(change), change) * term.dx)
+
+    def share_strains(self, stored: StoredForces) -> None:
+        """Use the strains at the quadrature points that a stored energy with the same measure
+        keeps."""
+        self._set_stresses(stored.strain_variable, stored.strain_at_start)
+
+    def _set_stresses(self, strain: Expr, start: Expr) -> None:
+        """Write S, D and the linear stress down.
+
+        Args:
+            strain: ê (m,), which is linear in the last update.
+            start: e0 (m,), at the start of the step.
+        """
+        change = ufl.variable(strain - start)
+        σ = self._stress(change)
+        self.S = σ
+        self.D = ufl.diff(σ, change)
+        self.linear_stress = self._stress(self.measure_at_end - start)
+
+    def _stress(self, change: Expr) -> Expr:
+        """The damping stress of a change of strain within the step, to which it is proportional."""
+        return gradient(self.term.density, change / self._at.h)
+
+    def dissipated(self) -> float:
+        """Energy [J] dissipated in the step, this rank's share; asked before the step is
+        accepted."""
+        return float(fem.assemble_scalar(self._work))
+
+    def residual_form(self, w: Expr) -> ufl.Form:
+        at = self._at
+        first_variation = ufl.derivative(self.measure_at_end, at.q1, w)
+        at_middle = ufl.replace(first_variation, {at.q1: at.mid})
+        change = self.measure_at_end - self.term.measure(at.q0)
+        return ufl.dot(self._stress(change), at_middle) * self.term.dx
+
+
+class StoredForces(ElementForces):
+    """Strains, stresses and energy of one `StoredEnergy`, compiled.
+
+    Args:
+        term: what it computes.
+        at: the coordinates of the body in a step.
+        rule: the stress rule.
+
+    Attributes:
+        strain_variable: ê (m,) at the quadrature points.
+        strain_at_start: strain (m,) there at the start of the step.
+        thermal: thermal strain that is subtracted from the measure of the term; None without
+            expansion.
+    """
+
+    term: StoredEnergy
+
+    def __init__(self, term: StoredEnergy, at: Coordinates, rule: StressRule) -> None:
+        """Compile one stored energy on a mesh: strains, stresses and energy.
+
+        Residual and tangent are those of `ElementForms`.  The strain at the quadrature points is an
+        unknown in addition to the coordinates.  Collective.
+
+        Args:
+            term: measure (strain, m components) and density as functions of the coordinates.
+            at: coordinates of the body at the start and the end of a step, as functions for forms.
+            rule: how the stress of a step follows from the strains at its ends.
+
+        Raises:
+            InputError: the law is written in C, and the rule has no function for such laws.
+        """
+        self.term = term
+        self._at = at
+        self._rule = rule
+        self.thermal: ThermalStrain | None = term.thermal
+        self.measure_at_end = term.measure(at.q1)
+        e = self._strain_at_end()
+        self._size = m = e.ufl_shape[0]
+        mesh = at.q1.function_space.mesh
+        self._metadata = term.dx.metadata()
+        topology = mesh.topology.index_map(mesh.topology.dim)
+        self._cells = np.arange(topology.size_local + topology.num_ghosts, dtype=np.int32)
+
+        # Strains at the quadrature points: at the start of the step, at its present iterate (ê),
+        # and at the start of the step before.
+        self.strain_at_start = self._at_points(mesh, m)
+        self.strain_variable = self._at_points(mesh, m)
+        self._strain_before = self.strain_at_start.x.array.copy()
+        # Stress S (m,) of the step and its derivatives D (m, m) by the strain at its end, row after
+        # row, and whether they are those of the present ê.
+        self._has_response = False
+        self._response = self._at_points(mesh, m + m * m)
+        self.S = ufl.as_vector([self._response[i] for i in range(m)])
+        self.D = ufl.as_matrix(
+            [[self._response[m + i * m + j] for j in range(m)] for i in range(m)]
+        )
+        self.linear_stress = self.S + ufl.dot(self.D, e - self.strain_variable)
+        self._points = interpolation_points(self.strain_at_start.function_space)
+
+        # Only laws with several states need the kernel, and the choice of strains.
+        self._law: PointLaw | None = None
+        strain = ufl.variable(self.strain_variable)
+        if term.quadratic:
+            self._compile_response(rule.stress(term, self.strain_at_start, strain), strain)
+            self._energy = compile_form(term.density(self.strain_at_start) * term.dx)
+        else:
+            self._compile_law(term, rule, mesh)
+        if self.thermal is not None:
+            expansion = self.thermal.end - self.thermal.start
+            self._work_of_expansion = compile_form(ufl.dot(self.linear_stress, expansion) * term.dx)
+        self._true_strain = compile_expression(e, self._points)
+        self._linearised_strain = compile_expression(_linearised(e, at), self._points)
+
+    def _strain_at_end(self) -> Expr:
+        """The measure of the term at q1, less the thermal strain."""
+        if self.thermal is None:
+            return self.measure_at_end
+        return self.measure_at_end - self.thermal.end
+
+    def _at_points(self, mesh: Any, *shape: int) -> fem.Function:
+        """A function with values of a shape at each quadrature point."""
+        element = quadrature_element(mesh, self._metadata, shape)
+        return fem.Function(fem.functionspace(mesh, element))
+
+    def _compile_response(self, stress: Expr, strain: Expr) -> None:
+        """The expression of (S, D) of a law with one state, from its stress as a function of ê."""
+        self._one_response = compile_expression(with_derivative(stress, strain), self._points)
+
+    def _compile_law(self, term: StoredEnergy, rule: StressRule, mesh: Any) -> None:
+        """Compile the C kernel of a law with several states, as taut, wrinkled and slack, and its
+        energy.
+
+        Args:
+            term: the stored energy, with the pieces of a strain path on which it is smooth.
+            rule: how the stress of a step follows from the strains at its ends.
+            mesh: of the body.
+
+        Raises:
+            InputError: the law is written in C, and the rule has no function for such laws; or
+                there is no C compiler.
+            RuntimeError: dolfinx numbers quadrature points differently than the kernel expects.
+        """
+        from gossamer_fx.mechanics.terms.law_kernel.functions import law_functions
+        from gossamer_fx.mechanics.terms.law_kernel.library import library
+        from gossamer_fx.mechanics.terms.law_kernel.point_law import PointLaw, PointValues
+
+        # Before the law, so that a missing compiler is not blamed on this body.
+        library(mesh.comm)
+        m = self._size
+        rows = cell_nodes(self.strain_variable.function_space)
+        # The kernel uses the same rows for all of its arrays.  The strain at the start of the step
+        # is `strain_at_start`, that of the iterate `strain_variable`.
+        if not np.array_equal(rows, cell_nodes(self._response.function_space)):
+            raise RuntimeError("dolfinx numbers the points of strains and responses differently.")
+        values = PointValues(
+            start=self.strain_at_start.x.array.reshape(-1, m),
+            strain=self.strain_variable.x.array.reshape(-1, m),
+            response=self._response.x.array.reshape(-1, m + m * m),
+            rows=rows,
+        )
+        try:
+            functions = law_functions(term, rule, self.strain_at_start, self.strain_variable)
+        except InputError as error:
+            # The rule knows neither the body nor its law.
+            raise InputError(f"'{term.body.name}': {error}") from error
+        self._law = PointLaw(
+            functions,
+            values,
+            self._cells,
+            # At rest (α = 1) the pseudo-time steps are short enough without the choice.
+            may_choose=rule.alpha == MIDPOINT,
+        )
+        self._linear_strain = self._at_points(mesh, m)
+        self._density = self._at_points(mesh)
+        self._energy = compile_form(self._density * term.dx)
+
+    # ---- the course of a step --------------------------------------------------------------------
+
+    def begin_step(self, end: float) -> None:
+        """Start a step that ends at the time `end` [s]: nothing is known of its stress yet."""
+        if self.thermal is not None:
+            self.thermal.set_end(end)
+        if self._law is not None:
+            self._law.begin_step()
+
+    def commit(self) -> None:
+        """End a step: the strain of its end is that of the next one's start."""
+        self._strain_before[:] = self.strain_at_start.x.array
+        self.strain_at_start.x.array[:] = self.strain_variable.x.array
+        if self.thermal is not None:
+            self.thermal.commit()
+
+    def linearise(self) -> None:
+        """Set the strain ê at the quadrature points for the next iterate of Newton's method.
+
+        ê is an unknown in addition to the coordinates: it follows from the strain of the last
+        iterate and its linear change.  A law with several states (taut, wrinkled, slack) chooses ê
+        and evaluates stresses here; for others stresses are evaluated when they are needed.
+        """
+        if self._law is not None:
+            # The first guess is the strain of the last step's start: a film that flutters
+            # alternates from step to step.
+            self._law.linearise(
+                linear_strain=self._linearised_strains,
+                first_guess=lambda: self._strain_before.reshape(-1, self._size),
+            )
+            self._has_response = True
+            return
+        self._tabulate(self._linearised_strain, self.strain_variable)
+        self._has_response = False
+
+    def evaluate(self) -> None:
+        """Take the true strain e(q1) for ê."""
+        self._tabulate(self._true_strain, self.strain_variable)
+        self._has_response = False
+
+    def respond(self) -> None:
+        """Evaluate stress S and its derivative D by the strain at all quadrature points, at the
+        first use.
+
+        They are stored, m + m² numbers a point for m strains, in the unit of the density (per area
+        [N/m], per length [N]), for residual and tangent.  Later calls for the same strain do
+        nothing.  States that are only accepted or restored, as in the reversed run of a gradient,
+        need strains and no stresses.
+        """
+        if self._has_response:
+            return
+        self._has_response = True
+        if self._law is not None:
+            self._law.respond()
+        else:
+            self._tabulate(self._one_response, self._response)
+
+    def _linearised_strains(self) -> Array:
+        """The strains (q, m) linearised about the last iterate."""
+        self._tabulate(self._linearised_strain, self._linear_strain)
+        strains: Array = self._linear_strain.x.array.reshape(-1, self._size)
+        return strains
+
+    def _tabulate(self, expression: fem.Expression, at_points: fem.Function) -> None:
+        """Evaluate an expression at the quadrature points of all cells."""
+        tabulate(expression, at_points, self._cells)
+
+    # ---- the energy balance ----------------------------------------------------------------------
+
+    def energy(self) -> float:
+        """Stored energy [J] of the last accepted state, this rank's share."""
+        if self._law is not None:
+            self._law.density(self._density.x.array)
+        return float(fem.assemble_scalar(self._energy))
+
+    def heat(self) -> float:
+        """Energy [J] that heat supplies in the step, -∫ S_mean·Δe_th dx; this rank's share."""
+        if self.thermal is None:
+            return 0.0
+        self.respond()
+        return -float(fem.assemble_scalar(self._work_of_expansion))
+
+    # ---- sensitivities ---------------------------------------------------------------------------
+
+    def residual_form(self, w: Expr) -> ufl.Form:
+        # Strains at the start (e0) and the end (e1) of the step, without thermal strain.
+        at = self._at
+        term = self.term
+        e0 = term.measure(at.q0)
+        if self.thermal is not None:
+            e0 -= self.thermal.start
+        e1 = ufl.variable(self._strain_at_end())
+        S_mean = self._rule.stress(term, e0, e1)
+        first_variation = ufl.derivative(term.measure(at.q1), at.q1, w)
+        at_middle = ufl.replace(first_variation, {at.q1: at.mid})
+        return ufl.dot(S_mean, at_middle) * term.dx
+
+    def energy_form(self) -> ufl.Form:
+        """The stored energy at q1."""
+        return self.term.density(self._strain_at_end()) * self.term.dx
+
+    @property
+    def strain(self) -> Array:
+        """Strains at the quadrature points, owned and ghost, flattened."""
+        array: Array = self.strain_variable.x.array
+        return array
+
+
+class ElementForms:
+    """Residual and tangent of terms that have one measure on one body, as one form each.
+
+    The forms are (1) and (2) of the module with the sums of S, D and S + D (e - ê) of the terms.
+
+    Args:
+        forces: one or more terms, with equal measures and domains of integration.
+        at: the coordinates of the body in a step.
+        rule: the stress rule.
+
+    Attributes:
+        body: the body of the terms.
+        residual, tangent: the compiled forms.
+    """
+
+    def __init__(self, forces: Sequence[ElementForces], at: Coordinates, rule: StressRule) -> None:
+        """Compile residual and tangent of the mixed iteration, in which the strain is a separate
+        unknown.  Collective.
+
+        Args:
+            forces: the terms, of `_with_one_measure`.
+            at: coordinates of the body at the start and the end of a step, as functions for forms.
+            rule: how the stress of a step follows from the strains at its ends.
+        """
+        term = forces[0].term
+        self.body = term.body
+        stored = [force for force in forces if isinstance(force, StoredForces)]
+        # Thermal strain does not depend on the coordinates, so that all terms have these
+        # variations.
+        e = forces[0].measure_at_end
+        first_variation = ufl.derivative(e, at.q1, at.w)
+        at_middle = ufl.replace(first_variation, {at.q1: at.mid})
+        along_update = ufl.derivative(e, at.q1, at.dq)
+        second_variation = ufl.derivative(first_variation, at.q1, at.dq)
+        S = _sum([force.S for force in forces])
+        D = _sum([force.D for force in forces])
+        stress = _sum([force.linear_stress for force in forces])
+        self.residual = compile_form(ufl.dot(stress, at_middle) * term.dx)
+        stress_in_tangent = at.γ * S
+        for force in stored:
+            if force.term.pulling is not None and rule.alpha == 1.0:
+                stress_in_tangent += (1 - at.γ) * force.term.pulling(force.S)
+        material = ufl.dot(ufl.dot(D, along_update), at_middle)
+        geometric = at.α * ufl.dot(stress_in_tangent, second_variation)
+        self.tangent = compile_form((material + geometric) * term.dx)
+
+
+def _with_one_measure(elements: Sequence[ElementForces]) -> list[list[ElementForces]]:
+    """Group terms on the same body that have equal measures and domains of integration.
+
+    Measures are compared as UFL expressions: those of a film and of its damping are different
+    functions in Python.
+    """
+    groups: list[list[ElementForces]] = []
+    for force in elements:
+        alike = next((group for group in groups if _is_alike(group[0], force)), None)
+        if alike is None:
+            groups.append([force])
+        else:
+            alike.append(force)
+    return groups
+
+
+def _share_strains(alike: Sequence[ElementForces]) -> None:
+    """Let viscous stresses read the strains at the points that a stored energy keeps, if one has
+    their measure.
+
+    The strain of a heated body does not serve: it is the measure less the thermal strain.
+    """
+    stored = [force for force in alike if isinstance(force, StoredForces)]
+    if not stored or stored[0].thermal is not None:
+        return
+    for force in alike:
+        if isinstance(force, ViscousForces):
+            force.share_strains(stored[0])
+
+
+def _is_alike(one: ElementForces, other: ElementForces) -> bool:
+    """Whether two terms may share residual and tangent."""
+    if one.term.body is not other.term.body or one.term.dx != other.term.dx:
+        return False
+    # UFL gives the free indices of each expression new numbers.
+    return renumber_indices(one.measure_at_end) == renumber_indices(other.measure_at_end)
+
+
+def _sum(expressions: Sequence[Expr]) -> Expr:
+    """The sum of one or more UFL expressions, without a zero in front."""
+    total = expressions[0]
+    for expression in expressions[1:]:
+        total += expression
+    return total
+
+
+def _linearised(e: Expr, at: Coordinates) -> Expr:
+    """The strain (3) of the module, which is linear in the last update δ.
+
+    Args:
+        e: strain (m,) at q1, quadratic in the coordinates.
+        at: coordinates of the body in the step.
+    """
+    second_variation = ufl.derivative(ufl.derivative(e, at.q1, at.δ), at.q1, at.δ)
+    return e - second_variation / 2
+
+
+def thermal_strain_of(system: Assembly, body: Body) -> ThermalStrain | None:
+    """The thermal strain of a body in a compiled scene; None without thermal expansion."""
+    for term in system.terms:
+        if isinstance(term, StoredEnergy) and term.body is body and term.thermal is not None:
+            return term.thermal
+    return None
+
+
+def _vector_of(at: Coordinates) -> la.Vector:
+    """An assembly vector of the space of a body, owned and ghost nodes."""
+    dofmap = at.q0.function_space.dofmap
+    return la.vector(dofmap.index_map, dofmap.index_map_bs)
+
+
+def quadrature_element(mesh: Any, metadata: dict[str, Any], shape: tuple[int, ...]) -> Any:
+    """An element of values at the points at which a measure with this metadata is integrated."""
+    return basix.ufl.quadrature_element(
+        mesh.basix_cell(), value_shape=shape, degree=metadata["quadrature_degree"], scheme="default"
+    )

@@ -1,0 +1,121 @@
+"""Kinetic energies of bodies: constant mass matrices, and what they make of a turning frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from petsc4py import PETSc
+
+from gossamer_fx.core.algebra.numbering import GlobalIndices
+from gossamer_fx.core.forms.compilation import compile_form
+from gossamer_fx.core.forms.kinematics import Expr
+from gossamer_fx.core.model.body import Array, Body, MeshBody
+from gossamer_fx.core.model.parameters import Parameter
+from gossamer_fx.core.model.roles import Mass, MassForms, OnMeshes
+from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
+
+
+class Masses(OnMeshes, Mass, MassForms, CompiledTerms["KineticEnergy"]):
+    """All `KineticEnergy` terms of a scene."""
+
+    def __init__(self, terms: Sequence[KineticEnergy], system: Assembly) -> None:
+        self._system = system
+        self._terms = terms
+
+    def mass_forms(self, body: Body) -> list[fem.Form]:
+        """Compiled bilinear forms of the mass [kg] of a body's terms."""
+        found = []
+        for term in self._terms:
+            if term.body is body:
+                at = self._system.fields[term.body]
+                found.append(compile_form(term.mass(at.dq, at.w)))
+        return found
+
+    def kinetic_forms(self, body: Body, v: Expr, w: Expr) -> list[ufl.Form]:
+        """The same forms as expressions of velocities v [m/s] and test functions w."""
+        return [term.mass(v, w) for term in self._terms if term.body is body]
+
+    def add_mass(self, M: PETSc.Mat) -> None:
+        """Add the mass [kg] of all terms to M."""
+        # The forms of one body are assembled in one call.
+        for body in dict.fromkeys(term.body for term in self._terms):
+            self._system.block(body).assemble(M, self.mass_forms(body))
+
+    def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
+        """Add the matrix [kg/s] of the Coriolis force 2 M (spin × v) in a turning frame.
+        Collective.
+
+        Args:
+            G: matrix of all unknowns, changed in place.
+            spin: angular velocity (3,) [rad/s] of the frame.
+        """
+        for term in self._terms:
+            at = self._system.fields[term.body]
+            # ω: the spin as a constant, so that another one needs no new kernel.
+            ω = fem.Constant(at.q0.function_space.mesh, tuple(float(c) for c in spin))
+            # The components of a node are one or more vectors: its position, then directors.
+            components = []
+            for first in range(0, len(at.dq), 3):
+                vector = ufl.as_vector([at.dq[first + j] for j in range(3)])
+                turned_vector = ufl.cross(ω, vector)
+                components += [turned_vector[j] for j in range(3)]
+            turned = ufl.as_vector(components)
+            gyroscopic = compile_form(2 * term.mass(turned, at.w))
+            self._system.block(term.body).assemble(G, [gyroscopic])
+
+
+@dataclass(frozen=True, eq=False)
+class KineticEnergy:
+    """Kinetic energy ½ v·Mv with the constant mass matrix `mass(v, w)`, a bilinear form."""
+
+    body: MeshBody
+    mass: Callable[[Expr, Expr], ufl.Form]
+    parameters: tuple[Parameter, ...] = ()
+    compiler: ClassVar[Compiler] = Masses
+
+
+class NodeMasses(Mass, CompiledTerms["NodeKineticEnergy"]):
+    """All `NodeKineticEnergy` terms of a scene."""
+
+    def __init__(self, terms: Sequence[NodeKineticEnergy], system: Assembly) -> None:
+        self._system = system
+        self._terms = terms
+
+    def add_mass(self, M: PETSc.Mat) -> None:
+        """Add the mass of all nodes to M; its units are those of `NodeKineticEnergy.mass`."""
+        for rows, mass in self._nodes():
+            of_components = np.kron(mass, np.eye(3))
+            M.setValues(rows, rows, of_components, addv=PETSc.InsertMode.ADD_VALUES)
+
+    def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
+        """Add the matrix 2 w·M (spin × v) of a frame that turns with `spin` (3,) [rad/s] to G."""
+        # Row i is e_i × spin, so that w·(cross v) = w·(spin × v).
+        cross = np.cross(np.eye(3), np.asarray(spin))
+        for rows, mass in self._nodes():
+            of_components = np.kron(2 * mass, cross)
+            G.setValues(rows, rows, of_components, addv=PETSc.InsertMode.ADD_VALUES)
+
+    def _nodes(self) -> Iterator[tuple[GlobalIndices, Array]]:
+        """Global indices and mass (s, s) of every owned node."""
+        for term in self._terms:
+            rows = self._system.block(term.body).rows.reshape(-1, term.body.block.size)
+            yield from zip(rows, term.mass, strict=True)
+
+
+@dataclass(frozen=True, eq=False)
+class NodeKineticEnergy:
+    """Kinetic energy ½ Σ_ij mass[i, j] v_i·v_j of a body without mesh, v_i the rates of a node's
+    vectors.
+
+    `mass` (n, s, s) for the n owned nodes of s vectors: kg for positions, kg m and kg m² with
+    directors.
+    """
+
+    body: Body
+    mass: Array
+    compiler: ClassVar[Compiler] = NodeMasses

@@ -1,0 +1,522 @@
+"""Constraints between points, kept exactly by multipliers that are unknowns of the sparse matrix.
+
+    e(q1) = 0,    force De(q_mid)ᵀλ,    tangent [ α λ·D²e  De(q_mid)ᵀ ]
+                                                [ De(q1)       0      ]
+
+A multiplier whose measure depends on fixed coordinates only is fixed too.
+
+A constraint may close over time: e(q1) = f(t1) e(q_start), with f falling from 1 to 0.  The work
+-λ·(e(q1) - e(q0)) of its force counts as supplied.
+
+Where seams meet, a tie may follow from others: three points that are tied in a circle need two
+ties. Such ties are found in the graph whose vertices are coordinates and whose edges are
+constraints between two coordinates each; fixed coordinates are one vertex.  A tie that closes a
+circle in this graph is left out, if it says that it may be (`may_repeat`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx.common import IndexMap
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from gossamer_fx.core.algebra.point_measures import (
+    Gather,
+    PointMeasure,
+    PointMeasures,
+    add_blocks,
+    evaluated_here,
+    nodes_of,
+    refuse_ports_outside,
+)
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.body import Array, Attached, Block
+from gossamer_fx.core.model.roles import (
+    Forces,
+    IndependentOfShape,
+    Multipliers,
+    Reversible,
+    StateObserver,
+    StepObserver,
+    Supply,
+    WithoutParameters,
+)
+from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledConstraints, Compiler
+
+# Largest violation at the start, in units of the constraint: the bound for "these points coincide".
+MAX_INITIAL_VIOLATION = 1e-8
+
+# Largest rate of violation at the start, as a fraction of the rates of the measures involved.
+MAX_INITIAL_RATE = 1e-8
+
+# Number of constraints up to which redundant ones are looked for: the eigenvalue problem is dense,
+# on rank 0.  With more of them a redundant constraint shows as a singular matrix.
+MAX_CHECKED_CONSTRAINTS = 1500
+
+# Entry of the gradient of a constraint below which it does not depend on a coordinate.
+NO_GRADIENT = 1e-12
+
+# Eigenvalue of the normalised Gram matrix of the constraints below which one of them follows from
+# others.
+NULL_EIGENVALUE = 1e-12
+
+# Component of a null vector from which a constraint takes part in it.
+TAKES_PART = 1e-6
+
+# The vertex of all fixed coordinates in the graph of ties.
+GROUND = -1
+
+
+class PointConstraints(
+    Multipliers,
+    StepObserver,
+    StateObserver,
+    Forces,
+    Supply,
+    WithoutParameters,
+    Reversible,
+    IndependentOfShape,
+    CompiledConstraints["PointConstraint"],
+):
+    """All `PointConstraint` terms of a scene; those that are alike are one array.
+
+    The multipliers of term k are the k-th block behind those of the bodies.
+    """
+
+    @classmethod
+    def multipliers(cls, terms: Sequence[PointConstraint], comm: MPI.Intracomm) -> list[Block]:
+        """One multiplier for each measure, on the rank that evaluates it."""
+        blocks = []
+        for term in terms:
+            own = len(evaluated_here(term.measure.ports))
+            measures_of_tuple = term.measure.H.shape[0]
+            blocks.append(Block(IndexMap(comm, own), measures_of_tuple))
+        return blocks
+
+    def __init__(self, terms: Sequence[PointConstraint], system: Assembly) -> None:
+        """Compile all constraints between points: arrays and indices that stay the same in a run.
+        Collective.
+
+        Args:
+            terms: the constraints, in the same order on all ranks.
+            system: the compiled scene; multipliers are numbered behind its bodies.
+
+        Raises:
+            InputError: a port whose nodes, weights and vectors do not belong together, or one of a
+                body that is not in the scene.
+        """
+        tuples = [(term.name, term.measure.ports) for term in terms]
+        refuse_ports_outside(system.comm, system.bodies, tuples)
+        numbering = system.numbering
+        self._system = system
+        self._comm = system.comm
+        self._terms = terms
+        # Terms with equal shapes and numbers of nodes are one array.
+        groups: dict[tuple[int, ...], list[int]] = {}
+        for k, term in enumerate(terms):
+            groups.setdefault((*term.measure.H.shape, nodes_of(term.measure)), []).append(k)
+        self._measures: list[PointMeasures] = []
+        self._term_of: list[npt.NDArray[np.int64]] = []
+        self._local: list[npt.NDArray[np.int64]] = []
+        for alike in groups.values():
+            at = PointMeasures(numbering, system.bodies, [terms[k].measure for k in alike])
+            self._measures.append(at)
+            self._term_of.append(np.array(alike)[at.owner])
+            # The multipliers of term k are the block behind those of the bodies.
+            owned = [numbering.owned(len(system.bodies) + k) for k in alike]
+            local = np.concatenate([np.arange(block.start, block.stop) for block in owned])
+            self._local.append(local.reshape(at.n, at.m))
+        self._rows = [(local + numbering.start).astype(PETSc.IntType) for local in self._local]
+        # Unknowns (n, D) of each array at the start of the step; `commit` sets them.
+        self._q0: list[Array] = [np.zeros((at.n, at.D)) for at in self._measures]
+        self._gather = Gather(numbering, [at.indices for at in self._measures])
+        self._closes = any(term.closing for term in terms)
+        # e at the start of the scene, and the right-hand side e(q1) = target of the step.
+        self._initial: list[Array] = [np.zeros((at.n, at.m)) for at in self._measures]
+        self._targets: list[Array] = [np.zeros((at.n, at.m)) for at in self._measures]
+        self.owned = slice(numbering.owned(len(system.bodies)).start, numbering.size_local)
+
+    def tied_ports(self) -> list[list[tuple[Attached, ...]]]:
+        """The tuples of ports of each term that this rank evaluates."""
+        found = []
+        for term in self._terms:
+            ports = term.measure.ports
+            found.append([ports[i] for i in evaluated_here(ports)])
+        return found
+
+    def begin_step(self, t: float) -> None:
+        """Set the right-hand sides of constraints that close to those at the end of the step."""
+        if self._closes:
+            self._targets = self._targets_at(self._system.time + self._system.h)
+
+    def commit(self) -> None:
+        """Fetch the accepted coordinates, at which the next step starts."""
+        self._q0 = self._gather(self._system.q0)
+
+    def supplied(self) -> float:
+        """Work [J] that constraints supply while they close, -λ·(e(q1) - e(q0)); this rank's share.
+
+        Collective.  A seam that is drawn together is such a constraint; all others do no work.  λ
+        are the multipliers, e(q) the constraints at the coordinates q0 and q1 [m] at the start and
+        the end of the step.  Call it before the step is committed.
+        """
+        if not self._closes:
+            return 0.0
+        values = self._system.q1.array_r.copy()
+        term_closes = np.array([term.closing is not None for term in self._terms])
+        work = 0.0
+        # For each array of constraints: its number k, measures `at`, and unknowns q (n, D).
+        for k, at, q in self._at_end():
+            closes = term_closes[self._term_of[k]]
+            change = at.strain(q) - at.strain(self._q0[k])
+            work_of_rows = values[self._local[k]] * change
+            work -= float(work_of_rows[closes].sum())
+        return work
+
+    def _at_end(self) -> Iterator[tuple[int, PointMeasures, Array]]:
+        """Number, measures and unknowns (n, D) in q1 of each array of constraints.  Collective."""
+        unknowns = self._gather(self._system.q1)
+        return zip(range(len(self._measures)), self._measures, unknowns, strict=True)
+
+    def _targets_at(self, t: float) -> list[Array]:
+        """Right-hand sides of the constraints e(q) = openness(t) e(q_start) at a time.
+
+        The openness of a seam that is drawn together falls from 1 to 0; that of all other
+        constraints is 0.
+
+        Args:
+            t: time [s].
+
+        Returns:
+            One array (constraints, equations) for each kind of constraint, in the unit of the
+            constraint ([m] for points that coincide).
+        """
+        openness = np.zeros(len(self._terms))
+        for k, term in enumerate(self._terms):
+            if term.closing:
+                openness[k] = term.closing.openness(t)
+        targets: list[Array] = []
+        for term_of, initial in zip(self._term_of, self._initial, strict=True):
+            targets.append(openness[term_of][:, None] * initial)
+        return targets
+
+    def _take_initial(self, q0: PETSc.Vec) -> None:
+        """Measure where the constraints that close begin.  Collective."""
+        if self._closes:
+            groups = zip(self._measures, self._gather(q0), strict=True)
+            self._initial = [at.strain(q) for at, q in groups]
+
+    def add_forces(self, r: PETSc.Vec) -> None:
+        """Add De(q_mid)ᵀλ to r, and e(q1) in the rows of the multipliers."""
+        values = self._system.q1.array_r.copy()
+        for k, at, q in self._at_end():
+            force = values[self._local[k]][:, None] @ self._middle_gradient(k, q)
+            r.setValues(at.indices.ravel(), force.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
+            excess = at.strain(q) - self._targets[k]
+            r.setValues(self._rows[k].ravel(), excess.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
+        r.assemble()
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        """Add the derivatives of constraint forces and of constraints, by coordinates and
+        multipliers.
+
+        With constraints e(q) = 0, multipliers λ and forces De(q_mid)ᵀ λ at q_mid = (1 - α) q0 + α
+        q1 the blocks are α λ·D²e [N/m], De(q_mid)ᵀ, and De(q1) in the rows of the multipliers.
+        Collective.
+
+        Args:
+            A: tangent of all unknowns, multipliers included, not yet assembled; changed in place.
+        """
+        values = self._system.q1.array_r.copy()
+        for k, at, q in self._at_end():
+            λ = values[self._local[k]]
+            rows = self._rows[k]
+            if not at.is_linear:
+                stiffness = self._system.rule.alpha * at.stiffness(at.geometric(λ))
+                add_blocks(A, at.indices, at.indices, stiffness)
+            force_gradient = self._middle_gradient(k, q).transpose(0, 2, 1)
+            add_blocks(A, at.indices, rows, force_gradient)
+            add_blocks(A, rows, at.indices, at.gradient(q))
+            # A factorisation needs the diagonal in the sparsity pattern, though its entries are
+            # zero.
+            add_blocks(A, rows, rows, np.zeros((at.n, at.m, at.m)))
+
+    def _middle_gradient(self, k: int, q: Array) -> Array:
+        """De(q_mid) (n, m, D) of array k at unknowns q (n, D) at the end of the step."""
+        at = self._measures[k]
+        if at.is_linear:
+            return at.gradient(q)
+        α = self._system.rule.alpha
+        return at.gradient((1 - α) * self._q0[k] + α * q)
+
+    def add_curvature(self, v: PETSc.Vec, r: PETSc.Vec) -> None:
+        """D²e[v, v] in the rows of the multipliers."""
+        for rows, at, rates in zip(self._rows, self._measures, self._gather(v), strict=True):
+            r.setValues(rows.ravel(), at.second(rates).ravel(), addv=PETSc.InsertMode.ADD_VALUES)
+        r.assemble()
+
+    def violation(self, q: PETSc.Vec) -> float:
+        """Largest violation of a constraint in a state, in its own units; the same on every
+        rank."""
+        targets = self._targets_at(self._system.time)
+        worst = []
+        for at, x, target in zip(self._measures, self._gather(q), targets, strict=True):
+            violations = np.abs(at.strain(x) - target)
+            worst.append(float(violations.max(initial=0.0)))
+        return float(self._comm.allreduce(max(worst), op=MPI.MAX))
+
+    # ---- before the first step -------------------------------------------------------------------
+
+    def idle(self, free: PETSc.Vec, q0: PETSc.Vec) -> npt.NDArray[np.int64]:
+        """Multipliers that have no equation: of constraints between fixed coordinates, or that
+        repeat others.
+
+        Collective.
+
+        Args:
+            free: 1 at coordinates that may move and 0 at fixed ones, a distributed vector.
+            q0: coordinates [m] of the initial state, a distributed vector.
+
+        Returns:
+            Their positions (n,) in this rank's part of a vector, sorted.
+
+        `validate` must have been called before: it measures where seams begin.
+
+        Raises:
+            InputError: a seam cannot close, since nodes on both of its sides are fixed.
+        """
+        found: list[npt.NDArray[np.int64]] = [np.zeros(0, dtype=np.int64)]
+        stuck = 0
+        # For each array: its number k, measures `at`, unknowns q (n, D), and `free` at these.
+        for k, at, q, mask in self._at_start(free, q0):
+            gradient_of_free = np.abs(at.gradient(q)) * mask[:, None, :]
+            is_idle = gradient_of_free.max(axis=2, initial=0.0) < NO_GRADIENT
+            found.append(self._local[k][is_idle])
+            is_open = np.abs(self._targets[k]) > MAX_INITIAL_VIOLATION
+            stuck += int((is_idle & is_open).sum())
+        check(
+            self._comm.allreduce(stuck) == 0,
+            "A seam cannot close: nodes on both of its sides are fixed; free one side, or move its "
+            "support.",
+        )
+        return np.union1d(np.concatenate(found), self._repeated(free, q0))
+
+    def _at_start(
+        self, free: PETSc.Vec, q0: PETSc.Vec
+    ) -> Iterator[tuple[int, PointMeasures, Array, Array]]:
+        """Number, measures, unknowns (n, D) and `free` (n, D) of each array at q0.  Collective."""
+        unknowns = self._gather(q0)
+        masks = self._gather(free)
+        return zip(range(len(self._measures)), self._measures, unknowns, masks, strict=True)
+
+    def _repeated(self, free: PETSc.Vec, q0: PETSc.Vec) -> npt.NDArray[np.int64]:
+        """Multipliers of ties that follow from others, such as the third of three points tied in a
+        circle.
+
+        Only ties that allow it (`may_repeat`) are found.  Collective.
+
+        Args:
+            free: 1 at coordinates that may move and 0 at fixed ones.
+            q0: coordinates of the initial state.
+
+        Returns:
+            Their positions (n,) in this rank's part of a vector.
+        """
+        none = np.zeros(0, dtype=np.int64)
+        if not any(term.may_repeat for term in self._terms):
+            return none
+        # Of each tie: whether it may be left out, term, two coordinates, rank and position.
+        mine: list[tuple[bool, int, int, int, int, int]] = []
+        rank = self._comm.rank
+        # For each array: its number k, measures `at`, unknowns q (n, D), and `free` at these.
+        for k, at, q, mask in self._at_start(free, q0):
+            # G (n, m, D) is the gradient of the constraints.
+            G = at.gradient(q)
+            # A tie is a constraint between two coordinates.
+            for i, j in np.argwhere((np.abs(G) > NO_GRADIENT).sum(axis=2) == 2):
+                columns = np.flatnonzero(np.abs(G[i, j]) > NO_GRADIENT)
+                ends = [int(at.indices[i, c]) if mask[i, c] else GROUND for c in columns]
+                number = int(self._term_of[k][i])
+                may_repeat = self._terms[number].may_repeat
+                position = int(self._local[k][i, j])
+                mine.append((may_repeat, number, min(ends), max(ends), rank, position))
+        gathered = self._comm.allgather(mine)
+        # Ties that must stay come first, so that only others close circles.
+        ties = sorted(tie for of_rank in gathered for tie in of_rank)
+        root: dict[int, int] = {}
+
+        def root_of(vertex: int) -> int:
+            """The vertex that stands for all that are connected with this one; paths are
+            shortened."""
+            while (above := root.setdefault(vertex, vertex)) != vertex:
+                root[vertex] = root[above]
+                vertex = above
+            return vertex
+
+        found = []
+        for may_repeat, _, a, b, of_rank, position in ties:
+            first = root_of(a)
+            second = root_of(b)
+            if first != second:
+                root[first] = second
+            elif may_repeat and of_rank == rank:
+                found.append(position)
+        return np.array(found, dtype=np.int64)
+
+    def validate(self, q0: PETSc.Vec, v0: PETSc.Vec, free: PETSc.Vec) -> None:
+        """Check that the initial state satisfies all constraints, and that none follows from the
+        others.  Collective.
+
+        It also stores the values of the constraints that close in time, from which they begin.
+        Scenes with more than `MAX_CHECKED_CONSTRAINTS` constraints are not searched for dependent
+        ones.
+
+        Args:
+            q0: coordinates [m] of the initial state.
+            v0: velocities [m/s] of it.
+            free: 1 at coordinates that may move and 0 at fixed ones.
+
+        Raises:
+            InputError: a constraint is violated, itself or its rate, or redundant; by name.
+        """
+        self._take_initial(q0)
+        self._targets = self._targets_at(0.0)
+        violations = np.zeros(len(self._terms))
+        rates = np.zeros(len(self._terms))
+        # Scale of the rates; 1 per second where everything is at rest.
+        speed = 1.0
+        groups = zip(self._term_of, self._measures, self._gather(q0), self._gather(v0), strict=True)
+        # For each array: the term of each row, measures `at`, unknowns q and rates v (n, D); De (n,
+        # m, D) is the gradient of the constraints.
+        for (term_of, at, q, v), target in zip(groups, self._targets, strict=True):
+            De = at.gradient(q)
+            violation = np.abs(at.strain(q) - target).max(axis=1, initial=0.0)
+            rate = np.abs(np.einsum("nmx,nx->nm", De, v)).max(axis=1, initial=0.0)
+            np.maximum.at(violations, term_of, violation)
+            np.maximum.at(rates, term_of, rate)
+            speed = max(speed, np.abs(De).max(initial=1.0) * np.abs(v).max(initial=0.0))
+        self._comm.Allreduce(MPI.IN_PLACE, violations, op=MPI.MAX)
+        self._comm.Allreduce(MPI.IN_PLACE, rates, op=MPI.MAX)
+        speed = float(self._comm.allreduce(speed, op=MPI.MAX))
+        for term, violation, rate in zip(self._terms, violations, rates, strict=True):
+            check(
+                violation <= MAX_INITIAL_VIOLATION,
+                f"'{term.name}' does not hold at the start: it is off by {violation:.3g}; let the "
+                "joined points coincide.",
+            )
+            check(
+                rate <= MAX_INITIAL_RATE * speed,
+                f"'{term.name}' does not hold in rate at the start: the joined points separate "
+                f"with {rate:.3g} per "
+                "second; give both bodies the same velocity there.",
+            )
+        self._refuse_redundant(q0, free)
+
+    def _refuse_redundant(self, q0: PETSc.Vec, free: PETSc.Vec) -> None:
+        """Check that no constraint follows from the others: that their gradients are independent.
+
+        Collective; rank 0 computes.  Scenes with more than `MAX_CHECKED_CONSTRAINTS` are not
+        checked.
+
+        Args:
+            q0: coordinates of the initial state.
+            free: 1 at coordinates that may move and 0 at fixed ones.
+
+        Raises:
+            InputError: names the constraints that depend on each other.
+        """
+        n = self._comm.allreduce(sum(at.n * at.m for at in self._measures))
+        if n > MAX_CHECKED_CONSTRAINTS:
+            return
+        repeated = self._repeated(free, q0)
+        mine: list[tuple[int, Array, Array]] = []
+        for k, at, q, mask in self._at_start(free, q0):
+            # Gradient (n, m, D) of the constraints by free unknowns.
+            De = at.gradient(q) * mask[:, None, :]
+            for i in range(at.n):
+                for j in range(at.m):
+                    is_repeated = self._local[k][i, j] in repeated
+                    if np.any(De[i, j]) and not is_repeated:
+                        mine.append((int(self._term_of[k][i]), at.indices[i], De[i, j]))
+        message = ""
+        gathered = self._comm.gather(mine)
+        if gathered is not None:
+            rows: list[tuple[int, Array, Array]] = []
+            for rows_of_rank in gathered:
+                rows += rows_of_rank
+            message = self._redundancy(rows)
+        message = self._comm.bcast(message)
+        check(not message, message)
+
+    def _redundancy(self, rows: list[tuple[int, Array, Array]]) -> str:
+        """A sentence that names the constraints that depend on each other, or an empty one.
+
+        They take part in null vectors of the Gram matrix of the gradients, scaled to unit length.
+
+        Args:
+            rows: for each equation the index of its term, and the global indices (D,) and values
+                (D,) of its gradient.
+        """
+        if not rows:
+            return ""
+        columns = np.unique(np.concatenate([indices for _, indices, _ in rows]))
+        # The gradients as a dense matrix, one row for each equation.
+        G = np.zeros((len(rows), len(columns)))
+        for i, (_, indices, values) in enumerate(rows):
+            np.add.at(G[i], np.searchsorted(columns, indices), values)
+        # Rows of unit length, so that the eigenvalues do not depend on the units of the
+        # constraints.
+        length = np.linalg.norm(G, axis=1)
+        G /= np.where(length > 0, length, 1.0)[:, None]
+        eigenvalues, vectors = np.linalg.eigh(G @ G.T)
+        null = vectors[:, eigenvalues < NULL_EIGENVALUE]
+        if not null.size:
+            return ""
+        takes_part = np.abs(null).max(axis=1) > TAKES_PART
+        involved = {self._terms[rows[i][0]].name for i in np.flatnonzero(takes_part)}
+        names = ", ".join(f"'{name}'" for name in sorted(involved))
+        return (
+            f"{null.shape[1]} of the constraints {names} follow from the others; free one of the "
+            "joints, e.g. by a "
+            "ball joint instead of a revolute one."
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Closing:
+    """How a constraint closes: e(q1) = f(t1) e(q_start).
+
+    Attributes:
+        openness: f, a function of time [s]; 1 at the start of the scene, and without a rate there.
+    """
+
+    openness: Callable[[float], float]
+
+
+@dataclass(frozen=True, eq=False)
+class PointConstraint:
+    """Measures that stay zero, by multipliers λ: e(q1) = 0 at the end of a step, force De(q_mid)ᵀλ
+    in it.
+
+    The force does no work: De(q_mid)(q1 - q0) = e(q1) - e(q0) = 0.  It conserves momentum and
+    angular momentum if e is invariant to translations and rotations.
+
+    Attributes:
+        name: in messages and output.
+        measure: e(q).
+        closing: how e goes to zero from what it is at the start; None: it is zero from the start.
+        may_repeat: whether a tie of two nodes that follows from others is left out, instead of
+            refused.
+    """
+
+    name: str
+    measure: PointMeasure
+    closing: Closing | None = None
+    may_repeat: bool = False
+    compiler: ClassVar[Compiler] = PointConstraints

@@ -1,0 +1,89 @@
+"""Thermal strain of a stored energy, at both ends of a step.
+
+The stored energy is ψ(e - e_th(t)).  In a step the difference goes from e0 - e_th(t0) to e1 -
+e_th(t1); the stress rule gives a mean stress S of this path, with
+
+    S·(Δe - Δe_th) = Δψ.
+
+The forces of S do the work ∫ S·Δe on the body.  The change of the stored energy less that work,
+-∫ S·Δe_th, is what heat supplies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from dolfinx import fem
+
+from gossamer_fx.core.forms.kinematics import Expr
+from gossamer_fx.core.model.parameters import Parameter
+
+# Sets a function on a mesh to the temperatures [K] of a time [s].
+SetTemperature = Callable[[fem.Function, float], None]
+
+
+class ThermalStrain:
+    """e_th of one body in one compiled scene.
+
+    Args:
+        strain: e_th as an expression of a temperature [K].
+        space: of the temperatures.
+        temperature: sets the temperatures of a time.
+        in_time: whether they change with time.
+        parameters: constants of the strain.
+
+    Attributes:
+        start_temperature, end_temperature: temperatures at the start and at the end of the step.
+        start, end: e_th there.
+        is_heated: whether another item of the scene computes the temperatures.
+    """
+
+    def __init__(
+        self,
+        strain: Callable[[Expr], Expr],
+        space: fem.FunctionSpace,
+        temperature: SetTemperature,
+        *,
+        in_time: bool,
+        parameters: tuple[Parameter, ...],
+    ) -> None:
+        """Make thermal strains at both ends of a step, from the temperatures at time zero.
+        Collective.
+
+        Args:
+            strain: thermal strain as a function of a temperature [K], both UFL expressions.
+            space: scalar function space of the temperatures.
+            temperature: sets a function of that space to the temperatures [K] of a time [s].
+            in_time: whether they change with time.
+            parameters: constants of the strain, e.g. a coefficient of expansion.
+
+        Raises:
+            InputError: a temperature that is not possible, or a user's function that fails.
+        """
+        self.start_temperature = fem.Function(space)
+        self.end_temperature = fem.Function(space)
+        self.start = strain(self.start_temperature)
+        self.end = strain(self.end_temperature)
+        self.in_time = in_time
+        self.is_heated = False
+        self._temperature = temperature
+        self._constants = parameters
+        temperature(self.end_temperature, 0.0)
+        self.commit()
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Parameters of the stored energy; temperatures only if they do not change with time."""
+        if self.in_time:
+            return self._constants
+        both = (self.start_temperature, self.end_temperature)
+        return (*self._constants, *(Parameter("temperature", "K", one) for one in both))
+
+    def set_end(self, t: float) -> None:
+        """Take the temperatures at the end of a step, t [s]."""
+        if self.in_time and not self.is_heated:
+            self._temperature(self.end_temperature, t)
+
+    def commit(self) -> None:
+        """The end of the step is the start of the next one."""
+        self.start_temperature.x.array[:] = self.end_temperature.x.array

@@ -1,5 +1,0 @@
-"""What is recorded of a run: fields, tables, probes."""
-
-from gossamer_fx.checks.lazy_names import lazy_names
-
-__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

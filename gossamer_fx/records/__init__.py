@@ -1,0 +1,1 @@
+"""What a run leaves: fields, probes, files, checkpoints, pictures and reports."""

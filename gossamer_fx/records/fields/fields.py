@@ -1,0 +1,500 @@
+"""Output fields of bodies by name, compiled when they are asked for.
+
+    displacement            x - X, from the stress-free mesh [m]
+    velocity                [m/s]
+    strain1 ≥ strain2       principal Green-Lagrange strains of a film, thermal strains included
+    elastic_strain1 ≥ elastic_strain2
+                            principal strains less the thermal strain, of which stresses are
+                            functions
+    stress1 ≥ stress2       principal second Piola-Kirchhoff stresses of a film, ∂ψ/∂E over the
+                            thickness [Pa]
+    direction               F n/|F n| with n the direction of strain1: the direction of tension on
+                            the deformed film
+    state                   0 slack, 1 wrinkled, 2 taut
+    pressure                gas pressure inside less that outside [Pa]; on a film between two
+                            chambers the difference of their pressures
+    temperature             of a film with thermal expansion or solar heating [K]; zero without
+    group                   number of the cell's part among those of all films, see `fields.groups`
+
+    wrinkle_slope           largest slope of wrinkles that the mesh does not resolve, see
+                            `fields.wrinkles`: local means, where `state` may alternate between
+                            cells
+    wrinkle_amplitude       estimate of their amplitude [m]
+    wrinkle_direction       along their crests on the deformed film; zero without wrinkles
+
+    fold_angle              angle of the creases at a cell [rad], zero in other cells
+    mode_amplitude          distance from the equilibrium in the record of a mode [m], else zero
+    contact_pressure        at the nodes [N/m²], both sides of a film added, by the area of the
+                            stress-free shape
+
+    curvature1 ≥ curvature2 principal curvatures of a plate [1/m], positive towards the normal
+                            of its mesh
+    moment1 ≥ moment2       principal bending moments of a plate [N m/m]
+
+    tension                 axial force of a cable or beam [N], negative for compression
+    axial_strain            strain of which it is a function: with the initial strain, without the
+                            thermal one
+
+All bodies on a mesh have displacement, velocity and contact pressure; cables and beams have tension
+and axial strain; plates have curvatures and moments; films have all others.
+
+A field is either an expression of the coordinates q and velocities v of its body, or it is
+collected from the scene: gas, creases and contact have values that are not functions of q.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import ufl
+from dolfinx import fem, la
+
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.forms.backend import interpolation_points
+from gossamer_fx.core.forms.compilation import compile_expression
+from gossamer_fx.core.forms.kinematics import Expr, half_trace_and_radius
+from gossamer_fx.core.forms.spaces import cell_nodes
+from gossamer_fx.core.model.body import Body, MeshBody, has_nodal_unknowns
+from gossamer_fx.core.model.roles import CellFields, NodeFields, playing
+from gossamer_fx.mechanics.bodies.curve import Curve
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.terms.discrete_gradient import gradient
+from gossamer_fx.mechanics.terms.element_energies import thermal_strain_of
+from gossamer_fx.records.fields.axial_force import GaussValues, axial_strain, tension
+from gossamer_fx.records.fields.body_shape import BodyShape
+from gossamer_fx.records.fields.film_states import film_state
+from gossamer_fx.records.fields.groups import groups_of
+from gossamer_fx.solve.system.system import System
+
+# Fields of `fields.wrinkles`
+WRINKLE_MAPS = ("wrinkle_slope", "wrinkle_amplitude", "wrinkle_direction")
+
+# An expression of the shape of a body
+Expression = Callable[[BodyShape], Expr]
+
+# What sets a function on a body in a system to a field that is collected from the scene
+Collector = Callable[[fem.Function, MeshBody, System], None]
+
+
+@dataclass(frozen=True)
+class Field:
+    """Description of a field.
+
+    Attributes:
+        shape: () for a scalar, (3,) for a vector.
+        expression: of the shape of a body; None for a field that is collected from the scene.
+        of_films: whether only films have it.  It may then jump between cells: strains are made of
+            derivatives of q.
+        of_plates: whether only films that bend have it.
+        along_line: the quantity at the Gauss points of a cable or beam, for a field that only these
+            have; else None.
+    """
+
+    shape: tuple[int, ...]
+    expression: Expression | None = None
+    of_films: bool = False
+    of_plates: bool = False
+    along_line: Expression | None = None
+
+
+# ---- expressions ---------------------------------------------------------------------------------
+
+
+def position(q: Expr) -> Expr:
+    """The position (3,) among a node's coordinates, which come first; directors follow in beams."""
+    return ufl.as_vector([q[i] for i in range(3)])
+
+
+def _displacement(shape: BodyShape) -> Expr:
+    return position(shape.q) - ufl.SpatialCoordinate(shape.body.space.mesh)
+
+
+def _velocity(shape: BodyShape) -> Expr:
+    return position(shape.v)
+
+
+def _strains(shape: BodyShape) -> tuple[Expr, Expr]:
+    """Principal strains, the larger one first."""
+    mean, radius = half_trace_and_radius(shape.body.measure(shape.q))
+    return mean + radius, mean - radius
+
+
+def _elastic_strains(shape: BodyShape) -> tuple[Expr, Expr]:
+    """Principal strains less the thermal strain, the larger one first."""
+    mean, radius = half_trace_and_radius(shape.elastic_strain())
+    return mean + radius, mean - radius
+
+
+def _stresses(shape: BodyShape) -> tuple[Expr, Expr]:
+    """Principal stresses [Pa], the larger one first."""
+    film = shape.body
+    S = gradient(film.density, shape.elastic_strain()) / film.constants.thickness
+    # `half_trace_and_radius` takes twice the shear, as strains have it.
+    mean, radius = half_trace_and_radius(ufl.as_vector([S[0], S[1], 2 * S[2]]))
+    return mean + radius, mean - radius
+
+
+def _principal(tensor: Expr) -> tuple[Expr, Expr]:
+    """Principal values of a symmetric tensor (2, 2), the larger one first."""
+    components = [tensor[0, 0], tensor[1, 1], tensor[0, 1] + tensor[1, 0]]
+    mean, radius = half_trace_and_radius(ufl.as_vector(components))
+    return mean + radius, mean - radius
+
+
+def _curvatures(shape: BodyShape) -> tuple[Expr, Expr]:
+    """Principal curvatures [1/m]."""
+    return _principal(shape.body.curvature(shape.q))
+
+
+def _moments(shape: BodyShape) -> tuple[Expr, Expr]:
+    """Principal bending moments [N m/m]."""
+    plate = shape.body
+    moment = plate.moment(shape.q)
+    if shape.thermal_curvature is not None:
+        moment -= plate.bending_stiffness.moment(shape.thermal_curvature)
+    return _principal(moment)
+
+
+def _direction(shape: BodyShape) -> Expr:
+    """Return the direction of tension on the deformed film, a unit vector (3,) as a UFL expression.
+
+    It is F n/|F n| with the deformation gradient F and the direction n of the larger principal
+    strain, thermal strain not included.  Where the principal strains are equal, n is the first
+    vector of the film's frame.
+
+    Args:
+        shape: coordinates of the film as functions on its mesh.
+    """
+    e = shape.elastic_strain()
+    # The radius is kept above zero by its definition, so nothing is divided by zero below.
+    _, radius = half_trace_and_radius(e)
+    a = (e[0] - e[1]) / 2
+    b = e[2] / 2
+    # Two forms of the eigenvector of [[a, b], [b, -a]]: in each its large component does not cancel
+    # for one sign of a.
+    n = ufl.conditional(
+        ufl.ge(a, 0),
+        ufl.as_vector([radius + a, b]),
+        ufl.as_vector([b, radius - a]),
+    )
+    unit_n = n / ufl.sqrt(ufl.dot(n, n))
+    tangent = ufl.dot(shape.body.deformation(shape.q), unit_n)
+    return tangent / ufl.sqrt(ufl.dot(tangent, tangent))
+
+
+def _larger(values: Callable[[BodyShape], tuple[Expr, Expr]]) -> Expression:
+    """The expression of the larger of two principal values."""
+    return lambda shape: values(shape)[0]
+
+
+def _smaller(values: Callable[[BodyShape], tuple[Expr, Expr]]) -> Expression:
+    """The expression of the smaller of two principal values."""
+    return lambda shape: values(shape)[1]
+
+
+FIELDS = {
+    "displacement": Field((3,), _displacement),
+    "velocity": Field((3,), _velocity),
+    "strain1": Field((), _larger(_strains), of_films=True),
+    "strain2": Field((), _smaller(_strains), of_films=True),
+    "elastic_strain1": Field((), _larger(_elastic_strains), of_films=True),
+    "elastic_strain2": Field((), _smaller(_elastic_strains), of_films=True),
+    "stress1": Field((), _larger(_stresses), of_films=True),
+    "stress2": Field((), _smaller(_stresses), of_films=True),
+    "direction": Field((3,), _direction, of_films=True),
+    "state": Field((), film_state, of_films=True),
+    "curvature1": Field((), _larger(_curvatures), of_films=True, of_plates=True),
+    "curvature2": Field((), _smaller(_curvatures), of_films=True, of_plates=True),
+    "moment1": Field((), _larger(_moments), of_films=True, of_plates=True),
+    "moment2": Field((), _smaller(_moments), of_films=True, of_plates=True),
+    # The gas has a separate state, and a fold may have turned more than once: neither is a function
+    # of the film's coordinates.
+    "group": Field((), of_films=True),
+    "wrinkle_slope": Field((), of_films=True),
+    "wrinkle_amplitude": Field((), of_films=True),
+    "wrinkle_direction": Field((3,), of_films=True),
+    "pressure": Field((), of_films=True),
+    "temperature": Field((), of_films=True),
+    "fold_angle": Field((), of_films=True),
+    "contact_pressure": Field(()),
+    "mode_amplitude": Field(()),
+    "tension": Field((), along_line=tension),
+    "axial_strain": Field((), along_line=axial_strain),
+}
+
+
+def check_fields(body: Body, names: Sequence[str]) -> None:
+    """Check the names of output fields of a body.
+
+    Args:
+        body: film, plate, cable or beam.
+        names: of its fields, keys of `FIELDS`.
+
+    Raises:
+        InputError: no name is given, or the body does not have one of the fields; the message lists
+            those that it has.
+    """
+    is_film = isinstance(body, Membrane)
+    is_line = isinstance(body, Curve)
+    bends = isinstance(body, Membrane) and body.bends
+    known = []
+    for name, field in FIELDS.items():
+        is_missing = (
+            (field.of_films and not is_film)
+            or (field.of_plates and not bends)
+            or (field.along_line is not None and not is_line)
+        )
+        if not is_missing:
+            known.append(name)
+    fields = f"its fields are: {', '.join(known)}."
+    check(bool(names), f"No field of '{body.name}' is asked for; {fields}")
+    for name in names:
+        check(name in known, f"'{body.name}' has no field {name!r}; {fields}")
+
+
+# ---- functions -----------------------------------------------------------------------------------
+
+
+class FieldFunctions:
+    """Named fields of one body as functions of one Lagrange element, so that one file can take
+    them.
+
+    The element has the order of the body.  It is continuous if all fields are, else discontinuous.
+    Strains of a film of order p are polynomials of degree 2 (p - 1) in each cell, so for p = 1, 2
+    nothing is lost or smoothed.
+
+    Args:
+        system: the compiled scene.
+        body: a body on a mesh in it.
+        names: of the fields.
+
+    Attributes:
+        functions: one for each name, in their order; set by `update`.
+
+    Raises:
+        InputError: see `check_fields`.
+    """
+
+    def __init__(self, system: System, body: MeshBody, names: Sequence[str]) -> None:
+        """Make one function for each name, and what computes its values; `update` computes them.
+
+        Collective: expressions are compiled.
+
+        Args:
+            system: the compiled scene.
+            body: a body on a mesh in it.
+            names: of output fields, e.g. "displacement".
+
+        Raises:
+            InputError: the body does not have a field, or is not in the scene, the law of a film
+                has no maps of wrinkles, or no C compiler was found.
+        """
+        check_fields(body, names)
+        self._shape = BodyShape(system, body)
+        self._element = self._element_of(names)
+        self.functions: list[fem.Function] = []
+        self._updates: list[Callable[[], None]] = []
+        for name in names:
+            function = self._function(name)
+            self.functions.append(function)
+            self._updates.append(self._update_of(function, body, system))
+
+    def _element_of(self, names: Sequence[str]) -> tuple[str, int]:
+        """Return family and order of an element that can represent all fields.
+
+        Args:
+            names: of the fields.  One that may jump between cells makes all discontinuous, as one
+                file takes functions of one element only.
+        """
+        order = self._shape.body.space.ufl_element().degree
+        jumps = any(FIELDS[name].of_films or FIELDS[name].along_line is not None for name in names)
+        if jumps:
+            return "Discontinuous Lagrange", order
+        return "Lagrange", order
+
+    def _function(self, name: str) -> fem.Function:
+        mesh = self._shape.body.space.mesh
+        space = fem.functionspace(mesh, (*self._element, FIELDS[name].shape))
+        return fem.Function(space, name=name)
+
+    def _update_of(
+        self, function: fem.Function, body: MeshBody, system: System
+    ) -> Callable[[], None]:
+        """Return what sets the function of a field to the accepted state; collective.
+
+        Args:
+            function: named as its field.
+            body: on whose mesh the function is.
+            system: the compiled scene.
+
+        Returns:
+            a function without arguments: a map of wrinkles, the interpolation of a compiled
+            expression, or the collection of values from the scene.
+
+        Raises:
+            InputError: no C compiler was found, or a map of wrinkles is asked for and the law of
+                the film has none.
+        """
+        field = FIELDS[function.name]
+        if function.name in WRINKLE_MAPS:
+            # Imported here, as few outputs need it.
+            from gossamer_fx.records.fields.wrinkles import WrinkleMap
+
+            return WrinkleMap(function, body, system).update
+        if field.along_line is not None:
+            assert isinstance(body, Curve)
+            values = GaussValues(system, body, field.along_line)
+            return partial(_interpolate_gauss_values, values, function)
+        if field.expression is None:
+            return partial(_COLLECTORS[function.name], function, body, system)
+        points = interpolation_points(function.function_space)
+        shape = self._shape
+        expression = field.expression(shape)
+        return partial(function.interpolate, compile_expression(expression, points))
+
+    def update(self) -> None:
+        """Set all functions to the accepted state, ghosts included.  Collective."""
+        self._shape.update()
+        for function, update in zip(self.functions, self._updates, strict=True):
+            update()
+            function.x.scatter_forward()
+
+
+def _interpolate_gauss_values(values: GaussValues, function: fem.Function) -> None:
+    """Set a discontinuous function to the polynomial through the values at the Gauss points."""
+    values.update()
+    function.interpolate(values.function)
+
+
+# ---- fields that are collected from the scene ----------------------------------------------------
+
+
+def _collect_pressure(function: fem.Function, film: MeshBody, system: System) -> None:
+    """Set a discontinuous function to the gas pressure difference [Pa] on each cell.
+
+    It is that inside less that outside; zero on films that enclose no gas.  Ghost cells are not
+    set.
+
+    Args:
+        function: of this rank's cells, changed in place.
+        film: a film on whose mesh the function is.
+        system: the compiled scene, with the gas of its chambers.
+    """
+    values = function.x.array
+    values[:] = 0
+    for unknowns in system.scalar_unknowns:
+        for state in unknowns.states().values():
+            enclosure = state.chamber.enclosure
+            if enclosure is None or not any(film is one for one in enclosure.films):
+                continue
+            outside = 0.0
+            if state.chamber.outside is not None:
+                outside = state.chamber.outside.pressure
+            nodes = cell_nodes(function.function_space)[enclosure.cells(film)]
+            # A cell between two chambers is visited twice: the second pressure less the first.
+            values[nodes] = state.pressure - outside - values[nodes]
+
+
+def _collect_group(function: fem.Function, film: MeshBody, system: System) -> None:
+    """Set a discontinuous function to the number of each cell's part; see `groups_of`."""
+    films = [body for body in system.bodies if isinstance(body, Membrane)]
+    _, parts_of_films = groups_of(films)
+    for other, parts in zip(films, parts_of_films, strict=True):
+        if other is film:
+            nodes = cell_nodes(function.function_space)[: len(parts)]
+            function.x.array[nodes] = parts[:, None]
+
+
+def _collect_cell_values(function: fem.Function, body: MeshBody, system: System) -> None:
+    """Set a discontinuous function to the mean of the scene's values in each cell; collective.
+
+    Values come from the parts of the scene that have some for this field, e.g. from creases; cells
+    without a value are zero.
+
+    Args:
+        function: named as its field; changed in place; ghosts are not updated.
+        body: on whose mesh the function is.
+        system: the compiled scene.
+    """
+    sums = function.x
+    counts = fem.Function(function.function_space).x
+    sums.array[:] = 0
+    for kind in playing(CellFields, system.compiled):
+        found = kind.cell_values(function.name, body)
+        if found is None:
+            continue
+        cells, values = found
+        nodes = cell_nodes(function.function_space)[cells]
+        np.add.at(sums.array, nodes, values[:, None])
+        np.add.at(counts.array, nodes, 1.0)
+    # A cell may have values on several ranks.
+    sums.scatter_reverse(la.InsertMode.add)
+    counts.scatter_reverse(la.InsertMode.add)
+    sums.array[:] /= np.maximum(counts.array, 1.0)
+
+
+def _collect_node_values(function: fem.Function, body: MeshBody, system: System) -> None:
+    """Set a function to the sum of the scene's values at each node; collective.
+
+    Values come from the parts of the scene that have some for this field, e.g. from contact; nodes
+    without a value, and reduced films, whose unknowns are not at nodes, are zero.
+
+    Args:
+        function: named as its field, of the order of the body; changed in place.
+        body: on whose mesh the function is.
+        system: the compiled scene.
+    """
+    # A reduced film has no terms at nodes.
+    if not has_nodal_unknowns(body):
+        function.x.array[:] = 0
+        return
+    index_map = body.block.index_map
+    at_nodes = la.vector(index_map)
+    at_nodes.array[:] = 0
+    for kind in playing(NodeFields, system.compiled):
+        found = kind.node_values(function.name, body)
+        if found is None:
+            continue
+        global_nodes, values = found
+        # Nodes that are not on this rank have the local number -1.
+        local = index_map.global_to_local(global_nodes)
+        here = local >= 0
+        np.add.at(at_nodes.array, local[here], values[here])
+    # The rank that knows the value of a node need not own the node.
+    at_nodes.scatter_reverse(la.InsertMode.add)
+    at_nodes.scatter_forward()
+    # The function may be discontinuous: it has the nodes of each cell.
+    of_function = cell_nodes(function.function_space).ravel()
+    of_body = cell_nodes(body.space).ravel()
+    function.x.array[of_function] = at_nodes.array[of_body]
+
+
+def _collect_temperature(function: fem.Function, body: MeshBody, system: System) -> None:
+    """Set a discontinuous function to the temperature [K] of a film; zero if it has none.
+    Collective.
+
+    Args:
+        function: changed in place; ghosts are not updated.
+        body: the film.
+        system: the compiled scene.
+    """
+    strain = thermal_strain_of(system, body)
+    if strain is None:
+        # Heated films without thermal expansion have a temperature in each cell.
+        _collect_cell_values(function, body, system)
+        return
+    # The function has the order of positions, temperatures have one less.
+    function.interpolate(strain.start_temperature)
+
+
+_COLLECTORS: dict[str, Collector] = {
+    "pressure": _collect_pressure,
+    "temperature": _collect_temperature,
+    "group": _collect_group,
+    "fold_angle": _collect_cell_values,
+    "contact_pressure": _collect_node_values,
+    "mode_amplitude": _collect_node_values,
+}

@@ -1,0 +1,244 @@
+"""Forces that supports and joints exert, from the residual and the multipliers of the last
+solution."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from gossamer_fx.core.algebra.point_measures import Gather, PointMeasure, attach, evaluated_here
+from gossamer_fx.core.checks.errors import check, is_vector
+from gossamer_fx.core.model.body import Array, Attached, Port, Vector
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.bodies.frames import Frame
+from gossamer_fx.mechanics.terms.point_constraints import PointConstraint
+from gossamer_fx.mechanics.terms.supports import Support
+from gossamer_fx.solve.system.system import System
+
+
+class NamedPart(Protocol):
+    """A support or joint of a scene."""
+
+    @property
+    def name(self) -> str: ...
+
+    def terms(self, start: State) -> Iterable[Term]: ...
+
+
+@runtime_checkable
+class Joint(NamedPart, Protocol):
+    """A joint of two sides, each a port or a frame."""
+
+    @property
+    def a(self) -> Any: ...
+
+    @property
+    def b(self) -> Any: ...
+
+
+def check_vector(what: str, about: Vector) -> Array:
+    """Three finite numbers."""
+    check(is_vector(about), f"{what}: the point is {about!r}; give three numbers.")
+    return np.asarray(about, dtype=float)
+
+
+def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Array, Array]:
+    """Force and moment that a support exerts in the last solution.  Collective.
+
+    Args:
+        system: the compiled scene, after a step or at rest.
+        support: an item that fixes or prescribes coordinates or rotations, e.g. `Fixed`.
+        about: point (3,) [m] of the moment, the same on every rank.
+
+    Returns:
+        Force (3,) [N] and moment (3,) [N m], the same on every rank.
+
+    Raises:
+        InputError: `support` is not a support, is not in the scene or holds nothing, or the point
+            is not three finite numbers.
+    """
+    check(
+        hasattr(support, "terms"),
+        f"{support!r} is not a support; give a Fixed of the scene.",
+    )
+    centre = check_vector(f"The reaction of '{support.name}'", about)
+    total = np.zeros((2, 3))
+    found = False
+    # A support fixes coordinates, or holds rotations by constraints with multipliers, or both.
+    for term in system.terms_of(support):
+        name = getattr(term, "name", "")
+        if isinstance(term, Support):
+            found = any(
+                isinstance(t, Support) and t.name == name and t.body is term.body
+                for t in system.terms
+            )
+            if found:
+                total += _held(system, term, centre)
+        elif isinstance(term, PointConstraint):
+            found = any(isinstance(t, PointConstraint) and t.name == name for t in system.terms)
+            if found:
+                total += _tied(
+                    system,
+                    term.measure,
+                    λ=_multipliers(system, name),
+                    counts=lambda port: True,
+                    centre=centre,
+                )
+    check(
+        found,
+        f"'{support.name}' is not a support of this scene; add it to the scene, or ask for one "
+        "that is in it.",
+    )
+    total = system.comm.allreduce(total)
+    return total[0], total[1]
+
+
+def joint_force(system: System, joint: Joint, about: Vector | None = None) -> tuple[Array, Array]:
+    """Force and moment that a joint exerts on its second side `b` in the last solution.
+    Collective.
+
+    Side `a` bears the opposite.
+
+    Args:
+        system: the compiled scene, after a step or at rest.
+        joint: a joint of two points or frames, with multipliers.
+        about: point (3,) [m] of the moment; default: the origin.
+
+    Returns:
+        Force (3,) [N] and moment (3,) [N m], the same on every rank.
+
+    Raises:
+        InputError: it is not in the scene, or has no multipliers, or the point is not three
+            numbers.
+    """
+    check(
+        hasattr(joint, "b"),
+        f"'{getattr(joint, 'name', joint)}' is not a joint; give a BallJoint, FixedJoint, ...",
+    )
+    centre = check_vector(
+        f"The force of '{joint.name}'", (0.0, 0.0, 0.0) if about is None else about
+    )
+    terms = [term for term in system.terms_of(joint) if isinstance(term, PointConstraint)]
+    check(
+        bool(terms),
+        f"'{joint.name}' is not a joint of this scene; add it to the scene, or ask for one that is "
+        "in it.",
+    )
+    # The ground has no unknowns: the force on it is the opposite of that on the other side.
+    second = list(_bodies(joint.b))
+    sign, mine = (1.0, second) if second else (-1.0, list(_bodies(joint.a)))
+
+    def on_side(port: Port) -> bool:
+        return any(port.body is body for body in mine)
+
+    total = np.zeros((2, 3))
+    for term in terms:
+        total += sign * _tied(
+            system, term.measure, _multipliers(system, term.name), on_side, centre
+        )
+    total = system.comm.allreduce(total)
+    return total[0], total[1]
+
+
+def _bodies(side: Attached | Frame) -> Iterable[Any]:
+    """Bodies of a port or frame, the frame of a beam's section included."""
+    vectors = (side.origin, side.complete.origin) if isinstance(side, Frame) else (side,)
+    for vector in vectors:
+        if isinstance(vector, Port):
+            yield vector.body
+
+
+def _held(system: System, term: Support, centre: Array) -> Array:
+    """This rank's share of force [N] and moment [N m], (2, 3), of coordinates that a support holds.
+
+    Supports that hold one coordinate together bear equal parts of its force, so that all reactions
+    balance the loads.
+
+    Args:
+        system: the compiled scene, after a step or at rest.
+        term: the coordinates that the support holds.
+        centre: point (3,) [m] of the moment.
+    """
+    owned = system.block(term.body).owned
+    vectors = term.body.block.size // 3
+    mine = _owned_coordinates(system, term)
+    holders = np.zeros(system.numbering.size_local)
+    for other in system.terms:
+        if isinstance(other, Support) and other.body is term.body:
+            holders[_owned_coordinates(system, other)] += 1
+    # Reactions are stored for all fixed coordinates of the system, in their order.
+    reactions = system.supports.reactions[np.searchsorted(system.supports.held, mine)]
+    all_forces = np.zeros(system.numbering.size_local)
+    all_forces[mine] = reactions / holders[mine]
+    forces = all_forces[owned].reshape(-1, vectors, 3)
+    arms = system.q0.array_r[owned].reshape(-1, vectors, 3).copy()
+    # Only positions have an arm about the centre; directors turn about their own origin.
+    arms[:, 0] -= centre
+    return np.array([forces[:, 0].sum(axis=0), np.cross(arms, forces).sum(axis=(0, 1))])
+
+
+def _owned_coordinates(system: System, term: Support) -> npt.NDArray[np.int64]:
+    """Local numbers of the coordinates that a support holds on this rank, each once."""
+    owned = system.block(term.body).owned
+    on_this_rank = term.dofs[term.dofs < owned.stop - owned.start]
+    return np.unique(on_this_rank).astype(np.int64) + owned.start
+
+
+def _multipliers(system: System, name: str) -> Array:
+    """λ of a constraint, one row for each of this rank's points."""
+    terms = [t for t in system.terms if isinstance(t, PointConstraint)]
+    # Multipliers are numbered behind the bodies, in the order of the constraints.
+    k = next(i for i, term in enumerate(terms) if term.name == name)
+    owned = system.numbering.owned(len(system.bodies) + k)
+    return system.q0.array_r[owned].reshape(-1, terms[k].measure.H.shape[0])
+
+
+def _tied(
+    system: System,
+    measure: PointMeasure,
+    λ: Array,
+    counts: Callable[[Port], bool],
+    centre: Array,
+) -> Array:
+    """Force and moment that one constraint exerts on some of its ports: this rank's share.
+
+    A port is a point or direction of a body.  Collective.
+
+    Args:
+        system: the compiled scene, after a step or at rest.
+        measure: quadratic functions e = ½ X·H X + L·X + c of the stacked vectors X of the ports,
+            which the constraint holds at zero.  Its force is -∂e/∂X λ.
+        λ: its multipliers (n, m), [N] for distances of points.
+        counts: whether the force on a port is part of the sum.
+        centre: point of the moment (3,) [m].
+
+    Returns:
+        Force [N] and moment [N m], as rows (2, 3).
+    """
+    # α: weight of the end of the step in the point at which its forces acted.
+    # α: weight of the end of the step in the point at which its forces acted.
+    α = system.rule.alpha
+    total = np.zeros((2, 3))
+    # The vectors X of a tuple of ports are P q + o, linear in its unknowns q.
+    own = [measure.ports[i] for i in evaluated_here(measure.ports)]
+    attached = [attach(system.numbering, system.bodies, place) for place in own]
+    gather = Gather(system.numbering, [indices for indices, _, _ in attached])
+    ends = zip(own, attached, gather(system.q0), gather(system.previous), λ, strict=True)
+    for place, (_, P, o), now, before, each in ends:
+        # Where the forces of the last step acted.
+        X = P @ ((1 - α) * before + α * now) + o
+        forces = -(each @ (measure.H @ X + measure.L)).reshape(-1, 3)
+        for port, x, f in zip(place, X.reshape(-1, 3), forces, strict=True):
+            # Forces on the ground balance those on the other side.
+            if isinstance(port, Port) and counts(port):
+                # Each node of a port has a weight w and the number v of one of its vectors: 0 for
+                # the position, others for directors.
+                vectors = port.vectors or (0,) * len(port.weights)
+                of_points = sum(w for w, v in zip(port.weights, vectors, strict=True) if v == 0)
+                total[0] += of_points * f  # one for a point of the body, zero for a direction
+                total[1] += np.cross(x - of_points * centre, f)
+    return total

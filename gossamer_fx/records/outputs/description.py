@@ -1,0 +1,214 @@
+"""Description of a compiled scene: as data for a file, and as lines of text."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.core.mesh.quality import box, corner_points, sizes
+from gossamer_fx.core.model.body import Body, is_body, is_on_mesh
+from gossamer_fx.mechanics.terms.masses import KineticEnergy, NodeKineticEnergy
+from gossamer_fx.solve.view import Run
+from gossamer_fx.version import VERSION
+
+Description = dict[str, Any]
+
+# Packages whose versions may change results; they are recorded with a run.
+_PACKAGES = ("fenics-dolfinx", "fenics-ufl", "petsc4py", "mpi4py", "numpy", "gmsh", "adios2")
+
+
+def describe(run: Run) -> Description:
+    """Bodies, terms, gas, energies and momenta of the present state, as data for `run.json`.
+
+    Masses [kg], areas [m²], lengths [m], boxes [m], pressures [Pa], temperatures [K], volumes [m³],
+    energies [J], momenta [kg m/s, kg m²/s].  Collective; the same on every rank.
+
+    Args:
+        run: whose scene and state are described.
+    """
+    system = run.system
+    totals = run.totals
+    massive = set()
+    for term in system.terms:
+        if isinstance(term, KineticEnergy | NodeKineticEnergy):
+            massive.add(term.body)
+    # Joints add frames to sections of beams, which have no mass and which a user does not know as
+    # bodies.
+    bodies = {}
+    section_frames = []
+    for body in system.bodies:
+        if body in massive:
+            bodies[body.name] = _body(run, body)
+        else:
+            section_frames.append(body.name)
+    chambers = {}
+    for name, state in run.chambers.items():
+        chambers[name] = {
+            "pressure": state.pressure,
+            "temperature": state.temperature,
+            "volume": state.volume,
+            "mass": state.mass,
+        }
+    items = {item.name: type(item).__name__ for item in run.scene.items if not is_body(item)}
+    roles = Counter(type(term).__name__ for term in system.terms)
+    scalar_unknowns = sum(scalars.size for scalars in system.scalar_unknowns)
+    return {
+        "unknowns": system.numbering.size + scalar_unknowns,
+        "ranks": run.comm.size,
+        "bodies": bodies,
+        "section frames": section_frames,
+        "roles": dict(sorted(roles.items())),
+        "items": items,
+        "chambers": chambers,
+        "energies": {"kinetic": totals.kinetic, **totals.stored},
+        "momentum": totals.momentum.tolist(),
+        "angular momentum": totals.angular_momentum.tolist(),
+    }
+
+
+def _body(run: Run, body: Body) -> Description:
+    """Kind, size, mass [kg], surrounding box [m] and law of a body, as data for JSON.  Collective.
+
+    Args:
+        run: with the state of the body.
+        body: a body of its scene.
+
+    Returns:
+        a dictionary; on a mesh with the number of cells, the order, and the area [m²] or length
+        [m].
+    """
+    nodes = body.block.index_map.size_global
+    positions = run.system.state[body].positions()
+    found: Description = {
+        "kind": type(body).__name__,
+        "nodes": nodes,
+        "unknowns": nodes * body.block.size,
+        "mass": _mass(run, body),
+        "box": [corner.tolist() for corner in box(run.comm, positions)],
+    }
+    if is_on_mesh(body):
+        domain = body.space.mesh
+        dimension = domain.topology.dim
+        own_size = float(sizes(corner_points(domain)).sum())
+        found["cells"] = domain.topology.index_map(dimension).size_global
+        found["order"] = body.space.ufl_element().degree
+        measure = "length"
+        if dimension == 2:
+            measure = "area"
+        found[measure] = run.comm.allreduce(own_size)
+        mesh = getattr(body, "mesh", None)
+        # Bodies of users have a function space, and not always a mesh with groups.
+        if mesh is not None:
+            found["groups"] = sorted(mesh.groups)
+    # Films and cables have a law, beams a section.
+    for name in ("law", "section"):
+        law = getattr(body, name, None)
+        if is_dataclass(law):
+            numbers = {field.name: getattr(law, field.name) for field in fields(law)}
+            found["law"] = [type(law).__name__, numbers]
+    return found
+
+
+def _mass(run: Run, body: Body) -> float:
+    """Mass of a body [kg]: e·M e, where e moves it along x by one.  Collective.
+
+    Args:
+        run: whose system has the mass matrix M.
+        body: a body of its scene.
+    """
+    system = run.system
+    owned = system.block(body).owned
+    along_x = np.zeros(owned.stop - owned.start)
+    # The first vector of each node is its position; others are directors, which do not move.
+    along_x.reshape(-1, 3)[:: body.block.size // 3, 0] = 1.0
+    motion = system.numbering.vector()
+    motion.array[owned] = along_x
+    momentum = system.M.createVecLeft()
+    system.M.mult(motion, momentum)
+    return float(motion.dot(momentum))
+
+
+def versions() -> dict[str, str]:
+    """Versions of this package and of those that it is built on, by name.
+
+    Packages that are not installed are left out.
+    """
+    found = {"gossamer_fx": VERSION}
+    for name in _PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def lines(about: Mapping[str, Any]) -> list[str]:
+    """A description of a run as lines of text: one for each body, chamber and kind of term.
+
+    Args:
+        about: the entry "scene" of a run.json, as `describe` returns it: masses in kg, energies in
+            J.
+    """
+    ranks = f"{about['ranks']} ranks"
+    if about["ranks"] == 1:
+        ranks = "1 rank"
+    rows = [("unknowns", f"{about['unknowns']} on {ranks}")]
+    for name, body in about["bodies"].items():
+        rows.append((f"body '{name}'", ", ".join(_body_words(body))))
+        if "law" in body:
+            law, numbers = body["law"]
+            values = [f"{key} {number_text(value)}" for key, value in numbers.items()]
+            rows.append(("", f"{law}: {', '.join(values)}"))
+    # Descriptions of older runs have no such key.
+    if about.get("section frames"):
+        names = [f"'{name}'" for name in about["section frames"]]
+        rows.append(("section frames", ", ".join(names)))
+    roles = [f"{role} {count}" for role, count in about["roles"].items()]
+    rows.append(("parts per role", ", ".join(roles) or "none"))
+    if about["items"]:
+        items = [f"{kind} '{name}'" for name, kind in about["items"].items()]
+        rows.append(("other items", ", ".join(items)))
+    for name, gas in about["chambers"].items():
+        state = (
+            f"{gas['pressure']:.6g} Pa, {gas['temperature']:.6g} K, {gas['volume']:.6g} m³, "
+            f"{gas['mass']:.6g} kg"
+        )
+        rows.append((f"gas in '{name}'", state))
+    mass = sum(body["mass"] for body in about["bodies"].values())
+    rows.append(("mass", f"{mass:.6g} kg"))
+    energies = [f"{name} {energy:.6g} J" for name, energy in about["energies"].items()]
+    rows.append(("energies", ", ".join(energies)))
+    width = max(len(name) for name, _ in rows) + 2
+    return [name.ljust(width) + words for name, words in rows]
+
+
+def _body_words(body: Mapping[str, Any]) -> list[str]:
+    """The kind, size and mass of a body in words, e.g. "120 cells of order 1", "mass 0.3 kg".
+
+    Args:
+        body: entry of the body in a run.json: its mass in kg, its area in m² or length in m.
+    """
+    words = [body["kind"]]
+    if "cells" in body:
+        words.append(f"{body['cells']} cells of order {body.get('order', '?')}")
+    words.append(f"{body['unknowns']} unknowns")
+    words.append(f"mass {body['mass']:.6g} kg")
+    for what, unit in (("area", "m²"), ("length", "m")):
+        if what in body:
+            words.append(f"{what} {body[what]:.6g} {unit}")
+    # Descriptions of older runs do not have them.
+    if "groups" in body:
+        words.append(f"groups: {', '.join(body['groups']) or 'none'}")
+    return words
+
+
+def number_text(value: Any) -> str:
+    """A number with six digits; any other value as it is."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return str(value)

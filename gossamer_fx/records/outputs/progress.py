@@ -1,0 +1,167 @@
+"""Progress of a run on the terminal."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from typing import IO, TYPE_CHECKING
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.records.fields.units import energy_words
+from gossamer_fx.solve.view import Run
+
+# Wall time [s] between two lines if the output is not a terminal: a log file must stay short.
+LINE_INTERVAL = 10.0
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+
+
+@check_arguments
+class Progress:
+    """Shows time, step, iterations and energy error of a run on rank 0, and a summary at its end.
+
+    A terminal shows a bar with the length of the step and the remaining wall time; any other stream
+    gets a line every ten seconds.
+
+    Args:
+        stream: default the standard error.
+        seconds: least wall time between two updates [s].
+
+    Example:
+        >>> import io
+        >>> lines = io.StringIO()
+        >>> ball = gx.PointMass(2.0, comm=comm, name="ball")
+        >>> progress = gx.outputs.Progress(lines)
+        >>> gx.Simulation(gx.Scene(ball), gx.Midpoint(dt=0.1), outputs=[progress]).run(until=0.2)
+        >>> lines.getvalue().startswith("3 unknowns, compiled in")
+        True
+    """
+
+    times: Sequence[float] = ()
+
+    def __init__(self, stream: IO[str] | None = None, seconds: float = 0.5) -> None:
+        self._stream = stream or sys.stderr
+        self._pause = seconds
+        self._shown = 0.0  # time of the last update, by the monotonic clock [s]
+        self._bar: Bar | None = None
+
+    def open(self, run: Run) -> None:
+        """Print the number of unknowns and the time of compilation."""
+        self._live = self._stream.isatty()
+        if not self._live:
+            self._pause = max(self._pause, LINE_INTERVAL)
+        self._print(
+            run, f"{run.system.numbering.size} unknowns, compiled in {run.compile_seconds:.1f} s\n"
+        )
+
+    def _print(self, run: Run, text: str) -> None:
+        """Write a text on rank 0."""
+        if run.comm.rank == 0:
+            self._stream.write(text)
+            self._stream.flush()
+
+    def record(self, run: Run, last: bool) -> None:
+        """Update the terminal if enough wall time has passed since the last update.  Collective.
+
+        `_shown` is the time of the last update and `_pause` the time between updates, both wall
+        time [s]; `_live` tells whether a bar is drawn or lines are printed. Rank 0 alone writes.
+
+        Args:
+            run: whose time, step and energy error are shown.
+            last: True for the last state of the run, which is always shown.
+        """
+        now = time.monotonic()
+        # The energy error is collective, and clocks differ: rank 0 decides for all ranks.
+        is_early = now - self._shown < self._pause and not last
+        if run.comm.bcast(is_early):
+            return
+        self._shown = now
+        balance = energy_balance(run)
+        if self._live:
+            self._draw(run, balance)
+        else:
+            counts = f"step {run.step}   iterations {run.last_iterations}   {balance}"
+            self._print(run, f"t = {run.time:.6g} of {run.until:.6g} s   {counts}\n")
+
+    def _draw(self, run: Run, balance: str) -> None:
+        """Update the bar on the terminal; only rank 0 draws.
+
+        Args:
+            run: whose time and end time [s], step, length of the step [s] and iterations are shown.
+            balance: closing error of the energy balance, in words.
+        """
+        if run.comm.rank > 0:
+            return
+        if self._bar is None:
+            self._bar = _bar(self._stream)
+            self._bar.add_task("")
+            self._bar.start()
+        # Before the first step, no step has a length that could be shown.
+        h = run.stepping.wanted
+        if run.step:
+            h = run.system.h
+        counts = f"step {run.step}  {run.last_iterations} it.  {balance}"
+        words = f"{run.time:.4g}/{run.until:.4g} s  h {h:.2g} s  {counts}"
+        self._bar.update(
+            self._bar.task_ids[0], completed=run.time, total=run.until, description=words
+        )
+        self._bar.refresh()
+
+    def close(self, run: Run) -> None:
+        """End the bar, and print a summary: steps, iterations, wall times [s], and closing errors.
+
+        Args:
+            run: that has ended.
+        """
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None
+        steps = max(run.step, 1)
+        closes = "at rest"
+        if not run.at_rest:
+            # The relative error alone would hide a large error of the energy of a film next to the
+            # energy of its gas.
+            closes = (
+                f"energy closes to {run.energy_error:.1e} of {energy_words(run.largest_energy)}, "
+                f"{run.energy_defect:.1e} J"
+            )
+        summary = (
+            f"{run.step} steps in {run.seconds:.1f} s, {run.iterations / steps:.1f} iterations a "
+            f"step, {run.substeps} steps rejected; {closes}"
+        )
+        if run.totals.mass:
+            summary += f", gas mass to {run.mass_error:.1e}"
+        spent = f"{run.solver.newton.summary()}; output {run.output_seconds:.1f} s"
+        self._print(run, f"{summary}\n{spent}\n")
+
+
+def energy_balance(run: Run) -> str:
+    """The closing error of the energy in words; a share of energies that are round-off would mean
+    nothing."""
+    return "at rest" if run.at_rest else f"ledger {run.energy_error:+.1e}"
+
+
+def _bar(stream: IO[str]) -> Bar:
+    """A progress bar of the library rich on a terminal; it is drawn only when it is told to
+    refresh.
+
+    Args:
+        stream: the terminal, e.g. the standard error.
+    """
+    # Imported here, as runs without a terminal do not need it.
+    from rich.console import Console
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    return Bar(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=None),
+        TaskProgressColumn(),
+        TimeRemainingColumn(),
+        console=Console(file=stream),
+        # A thread that refreshes the bar would write between the lines of other outputs.
+        auto_refresh=False,
+        expand=True,
+    )

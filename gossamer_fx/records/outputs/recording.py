@@ -1,0 +1,509 @@
+"""The folder of a run, from which pictures and reports are drawn and which other programs may read.
+
+    run.json           the scene, the arguments of its items, versions, how the run was made and how
+                       it ended
+    ledger.csv         energies, momenta, errors, iterations of every step: `Ledger`
+    gas.csv            pressure, temperature, volume and mass of each chamber, if there is gas
+    states.csv         fractions of area of the films that are taut and wrinkled
+    points.csv         positions of the bodies without a mesh, if there are any
+    solids.csv         origin and axes of the solids that move, if there are any; their shapes are
+                       in run.json
+    lines.csv          ends of ropes, springs and bars of tapes, at the times of the fields, if
+                       there are any
+    tensions.csv       tensions of these lines and of cables and beams, at the same times
+    probes.csv         the probes that were asked for
+    fields/NAME.bp     fields of each body on a mesh: `VTX`, or instead, with the format "vtu",
+    fields/NAME.pvd    and the folder fields/NAME_files: `VTU`
+
+`RunReader` reads the folder.  All files are written by other outputs; `Recording` makes these, and
+`run.json` in addition.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check, on_rank_zero
+from gossamer_fx.core.model.body import Body, is_on_mesh
+from gossamer_fx.mechanics.bodies.between import DrawnAsLines
+from gossamer_fx.mechanics.bodies.curve import Curve
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.records.fields.groups import groups_of
+from gossamer_fx.records.outputs.arguments import arguments_of
+from gossamer_fx.records.outputs.connector_lines import ConnectorLines
+from gossamer_fx.records.outputs.description import describe, versions
+from gossamer_fx.records.outputs.file_names import file_name
+from gossamer_fx.records.outputs.ledger import Ledger
+from gossamer_fx.records.outputs.output import RUN_FILES, Probe, make_parent, replace_file
+from gossamer_fx.records.outputs.probe_table import Probes
+from gossamer_fx.records.outputs.run_file import FORMAT
+from gossamer_fx.records.outputs.schedule import Schedule
+from gossamer_fx.records.outputs.solid_frames import FramePart, as_data, moves, solids_of
+from gossamer_fx.records.outputs.vtu import VTU
+from gossamer_fx.records.outputs.vtx import VTX
+from gossamer_fx.records.probes.points import GAS, AreaFraction, GasState
+from gossamer_fx.solve.view import Run
+
+# What writes one of the files.
+RecordedPart = VTX | VTU | Probes | ConnectorLines | Ledger
+
+# The third state of a film is slack; its area is the remainder.
+RECORDED_STATES = ("taut", "wrinkled")
+
+# Formats of fields, and the endings of their files.
+FORMATS = {"vtx": ".bp", "vtu": ".pvd"}
+# Default fields of a film: enough to see its shape, its wrinkles, and where it may tear.
+FILM_FIELDS = ("displacement", "state", "stress1", "strain2")
+
+# A run has finished if it ends before its end time by less than this fraction of it: round-off.
+_END_TOLERANCE = 1e-12
+
+
+@check_arguments
+class Recording:
+    """Writes the folder of a run; see the module for its files.
+
+    Args:
+        folder: of the run.  A folder that holds another run is refused.
+        fields: names of fields by the names of bodies, see `gx.fields`.  Default of films:
+            displacement, state, the larger stress, the smaller strain, and the pressure if the film
+            bounds a chamber; of other bodies the displacement.
+        probes: further numbers by name, see `outputs.Probes`.
+        every: steps between two records of the fields; the first and the last state are always
+            recorded.
+        times: at which fields are recorded instead [s].
+        title: a line for pictures and reports.
+        states_every: steps between two rows of states.csv; default: as often as the fields.
+        overwrite: whether another run in the folder is replaced.  Its files are removed when the
+            first state is recorded, so that a run that is refused destroys nothing.
+        format: of the fields: "vtx" (ADIOS2), or "vtu" (VTU and PVD, which need no ADIOS2, and are
+            read by pyvista as well as ParaView).
+
+    Raises:
+        InputError: an unknown format; when the run is made: an unknown field or body, or a folder
+            that cannot be written or holds another run.
+
+    Example:
+        >>> ball = gx.PointMass(2.0, comm=comm, name="ball")
+        >>> recording = gx.Recording(folder / "throw", title="A throw")
+        >>> throw = gx.Simulation(gx.Scene(ball), gx.Midpoint(dt=0.1), outputs=[recording])
+        >>> throw.run(until=0.2)
+        >>> sorted(path.name for path in (folder / "throw").iterdir())
+        ['ledger.csv', 'points.csv', 'run.json']
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        fields: Mapping[str, Sequence[str]] | None = None,
+        *,
+        probes: Mapping[str, Probe] | None = None,
+        every: int = 10,
+        times: Sequence[float] = (),
+        title: str = "",
+        states_every: int | None = None,
+        overwrite: bool = False,
+        format: str = "vtx",
+    ) -> None:
+        """Check the arguments of the record of a run; the folder is made when a run begins.
+
+        Args:
+            folder: for the files of the run.
+            fields: names of fields by the names of bodies on a mesh; None: default fields.
+            probes: functions of the run that return a number, by name.
+            every: number of steps between two records of the fields.
+            times: of records of the fields [s], in place of `every`.
+            title: a line for pictures.
+            states_every: number of steps between two rows of area fractions; None: as the fields.
+            overwrite: whether another run in the folder is replaced.
+            format: "vtx" or "vtu".
+
+        Raises:
+            InputError: the format is not "vtx" or "vtu", a number of steps is below 1, or a time is
+                negative or not finite.
+        """
+        check(
+            format in FORMATS,
+            f'Recording \'{folder}\': format is {format!r}; give "vtx" or "vtu".',
+        )
+        self.folder = Path(folder)
+        self.title = title
+        self.overwrite = overwrite
+        self.format = format
+        self.fields = dict(fields or {})
+        self.probes = dict(probes or {})
+        self.schedule = Schedule(every, tuple(times))
+        self.states_schedule = self.schedule
+        if states_every is not None:
+            self.states_schedule = Schedule(states_every)
+        self.has_begun = False  # whether a state was recorded
+        self._clears_folder = False  # whether the first record removes the files of another run
+        self._fields: dict[str, VTX | VTU] = {}
+        self._tables: dict[str, Probes | ConnectorLines | Ledger] = {}
+
+    @property
+    def times(self) -> Sequence[float]:
+        """Times that the run must meet [s]."""
+        return self.schedule.times
+
+    @property
+    def writes(self) -> Sequence[Path]:
+        """Files and folders that no other run may write."""
+        return [self.folder / name for name in RUN_FILES]
+
+    # ---- the protocol of outputs -----------------------------------------------------------------
+
+    def open(self, run: Run) -> None:
+        """Check the request, and make all outputs.  Collective.
+
+        Args:
+            run: that begins, with its scene and initial state.
+
+        Raises:
+            InputError: an unknown field or body, a probe that fails, or a folder that cannot be
+                written.
+        """
+        self._prepare(run)
+        self._clears_folder = self.overwrite
+        for _, output in self._outputs():
+            output.open(run)
+
+    def resume(self, run: Run, cursor: Mapping[str, Any]) -> None:
+        """Continue after a restart, from the positions of all files in a checkpoint.
+
+        Args:
+            run: that was restarted.
+            cursor: of `cursor`, by the names of files.
+
+        Raises:
+            InputError: the checkpoint is of a recording with other files.
+        """
+        self._prepare(run)
+        # All names are known before the first file is shortened to its position.
+        missing = [name for name, _ in self._outputs() if name not in cursor]
+        check(
+            not missing,
+            f"Recording: the checkpoint has no position in '{' and '.join(missing)}', so that it "
+            "is of a run with another recording, or of an older version; start the run again.",
+        )
+        for name, output in self._outputs():
+            output.resume(run, cursor[name])
+
+    def cursor(self) -> dict[str, Any]:
+        """Positions in all files, for a checkpoint."""
+        return {name: output.cursor() for name, output in self._outputs()}
+
+    def record(self, run: Run, last: bool) -> None:
+        """Record the state of a run in all files where it is due.  Collective.
+
+        Args:
+            run: whose present state is written.
+            last: True for the last state of the run, which is written to all files.
+
+        Raises:
+            OutputFailure: a file cannot be written.
+            InputError: a probe fails, or `run.json` cannot be written.
+        """
+        self.has_begun = True
+        if self._clears_folder:
+            # Also tables that this run does not write, e.g. of a gas that it does not have.
+            on_rank_zero(run.comm, self._clear_folder)
+            self._clears_folder = False
+        for _, output in self._outputs():
+            output.record(run, last)
+        # Pictures may be drawn while the run goes on: they need run.json from the start.
+        if run.step == 0:
+            self._write(run, "running")
+
+    def _clear_folder(self) -> None:
+        """Remove the files of another run from the folder; the folder of the fields stays.  On one
+        rank.
+
+        Raises:
+            OSError: a file cannot be removed.
+        """
+        for path in self.writes:
+            if path.is_dir():
+                for inner in path.iterdir():
+                    if inner.is_dir():
+                        shutil.rmtree(inner)
+                    else:
+                        inner.unlink()
+            else:
+                path.unlink(missing_ok=True)
+
+    def record_fields(self, run: Run) -> None:
+        """Record the fields of the present state, unless they were just recorded."""
+        is_new = any(output.last_time != run.time for output in self._fields.values())
+        for output in self._fields.values():
+            if output.last_time != run.time:
+                output.record(run, last=True)
+        for name in ("lines.csv", "tensions.csv"):
+            table = self._tables.get(name)
+            if is_new and table is not None:
+                table.record(run, last=True)
+
+    def close(self, run: Run) -> None:
+        """Close all files, and write to `run.json` how the run ended.  Collective.
+
+        The status is "finished", "stopped", or "stopped: " with the message of the error that is
+        being raised.
+
+        Args:
+            run: that ends at its time `run.time` [s]; it should have reached `run.until` [s].
+
+        Raises:
+            OutputFailure: a field file cannot be closed.
+            InputError: `run.json` cannot be written.
+        """
+        for _, output in self._outputs():
+            output.close(run)
+        # `Simulation` closes its outputs while an error of a step passes.
+        failure = sys.exception()
+        if failure is not None:
+            self._write(run, f"stopped: {failure}")
+        elif run.time >= run.until * (1 - _END_TOLERANCE):
+            self._write(run, "finished")
+        else:
+            self._write(run, "stopped")
+
+    # ---- outputs for the files -------------------------------------------------------------------
+
+    def _outputs(self) -> Iterator[tuple[str, RecordedPart]]:
+        """The outputs for the files, by the names under which checkpoints store their cursors."""
+        for name, output in self._fields.items():
+            yield f"fields of {name}", output
+        yield from self._tables.items()
+
+    def _prepare(self, run: Run) -> None:
+        """Make the outputs, and the part of run.json that does not change.  Collective.
+
+        Args:
+            run: that begins, with its scene and initial state.
+
+        Raises:
+            InputError: a body of `fields` is not in the scene, or the folder cannot be written.
+        """
+        make_parent(run.comm, self.folder / "run.json")
+        films = [body for body in run.system.bodies if isinstance(body, Membrane)]
+        names = [body.name for body in run.system.bodies if is_on_mesh(body)]
+        for name in self.fields:
+            check(
+                name in names,
+                f"Recording '{self.folder}': the scene has no body '{name}' on a mesh; those are: "
+                f"{', '.join(names) or 'none'}.",
+            )
+        self._solids = solids_of(run.system)
+        self._fields = self._make_fields(run)
+        self._tables = dict(self._make_tables(run, films))
+        self._about = {
+            "format": FORMAT,
+            "title": self.title,
+            "scene": describe(run),
+            "arguments": arguments_of(run.scene.items),
+            "stepper": {"kind": type(run.stepper).__name__, "dt": run.stepper.dt},
+            "fields": {name: list(output.fields) for name, output in self._fields.items()},
+            "solids": [as_data(solid) for solid in self._solids],
+            "versions": versions(),
+            "ranks": run.comm.size,
+        }
+        if any("group" in output.fields for output in self._fields.values()):
+            self._about["groups"] = groups_of(films)[0]
+
+    def _make_fields(self, run: Run) -> dict[str, VTX | VTU]:
+        """The outputs of fields by the names of bodies: one for each body on a mesh.
+
+        Args:
+            run: with the bodies of the scene.  A body without an entry in `self.fields` gets
+                default fields.
+        """
+        outputs: dict[str, VTX | VTU] = {}
+        kind: type[VTX] | type[VTU] = VTX
+        if self.format == "vtu":
+            kind = VTU
+        for body in run.system.bodies:
+            if not is_on_mesh(body):
+                continue
+            outputs[body.name] = kind(
+                self.folder / "fields" / f"{file_name(body.name)}{FORMATS[self.format]}",
+                body,
+                fields=self.fields.get(body.name) or _default_fields(body, run),
+                every=self.schedule.every,
+                times=self.schedule.times,
+            )
+        return outputs
+
+    def _make_tables(
+        self,
+        run: Run,
+        films: Sequence[Membrane],
+    ) -> Iterator[tuple[str, Probes | ConnectorLines | Ledger]]:
+        """Yield the tables by their file names; those without columns are left out.
+
+        These are tables of gas states, area fractions of films, positions of points, frames of
+        solids, the user's probes, ends of connectors, tensions, and the energy balance.
+
+        Args:
+            run: with the scene.
+            films: the films of the scene.
+
+        Raises:
+            InputError: a probe, a film or a name of a file is refused by the table that it is for.
+        """
+        gas: dict[str, Probe] = {}
+        for name, state in run.chambers.items():
+            for quantity in GAS:
+                gas[f"{name} {quantity}"] = GasState(state.chamber, quantity)
+        states: dict[str, Probe] = {}
+        for film in films:
+            for fraction in RECORDED_STATES:
+                states[f"{film.name} {fraction}"] = AreaFraction(film, fraction)
+        points: dict[str, Probe] = {}
+        for body in run.system.bodies:
+            if not is_on_mesh(body):
+                for i, axis in enumerate("xyz"):
+                    points[f"{body.name} {axis}"] = _Coordinate(body, i)
+        columns: dict[str, Mapping[str, Probe]] = {
+            "probes.csv": self.probes,
+            "gas.csv": gas,
+            "states.csv": states,
+            "points.csv": points,
+            "solids.csv": self._frame_columns(),
+        }
+        for name, probes in columns.items():
+            schedule = Schedule()
+            if name == "states.csv":
+                # Areas are integrals over all films, dearer than the other columns.
+                schedule = self.states_schedule
+            if probes:
+                path = self.folder / name
+                yield name, Probes(path, probes, every=schedule.every, times=schedule.times)
+        # Without fields, pictures show the state after any step.
+        schedule = Schedule()
+        if self._fields:
+            schedule = self.schedule
+        ends = ConnectorLines(self.folder / "lines.csv", run.scene.items, schedule)
+        if ends:
+            yield "lines.csv", ends
+        tensions = _tension_columns(run)
+        if tensions:
+            yield (
+                "tensions.csv",
+                Probes(
+                    self.folder / "tensions.csv",
+                    tensions,
+                    every=schedule.every,
+                    times=schedule.times,
+                ),
+            )
+        yield "ledger.csv", Ledger(self.folder / "ledger.csv")
+
+    def _frame_columns(self) -> dict[str, Probe]:
+        """Columns of solids.csv: probes of the origin [m] and axes [-] of each solid that moves.
+
+        A solid is a rigid shape in pictures, e.g. of a rigid body or an obstacle; each has twelve
+        columns.
+        """
+        columns: dict[str, Probe] = {}
+        moving = [solid for solid in self._solids if moves(solid)]
+        for number, solid in enumerate(moving, start=1):
+            # Solids may have the same name; the number makes the columns unique.
+            for i, vector in enumerate(("", "d1", "d2", "d3")):
+                for j, axis in enumerate("xyz"):
+                    columns[f"{number} {solid.name} {vector}{axis}"] = FramePart(solid, 3 * i + j)
+        return columns
+
+    def _write(self, run: Run, status: str) -> None:
+        """Write run.json with the scene and the statistics of the run so far.  Collective.
+
+        Args:
+            run: with time [s], steps, iterations, wall times [s] and closing errors.
+            status: how the run ended, or "running".
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        statistics = {
+            "time": run.time,
+            "until": run.until,
+            "steps": run.step,
+            "rejected": run.substeps,
+            "iterations": run.iterations,
+            "iterations a step": run.iterations / max(run.step, 1),
+            "seconds": run.seconds,
+            "seconds of compilation": run.compile_seconds,
+            "at rest": run.at_rest,
+            "energy error": run.energy_error,
+            "energy defect": run.energy_defect,
+            "largest energy": run.largest_energy,
+            "mass error": run.mass_error,
+        }
+        about = self._about | {"status": status, "statistics": statistics}
+        # Records of equilibria and modes have more to tell, see `static_records`.
+        about |= getattr(run, "about", {})
+        text = json.dumps(about, indent=1, ensure_ascii=False)
+        on_rank_zero(run.comm, lambda: replace_file(self.folder / "run.json", text))
+
+
+class _Coordinate:
+    """A coordinate [m] of the first node of a body, as a probe."""
+
+    def __init__(self, body: Body, axis: int) -> None:
+        """Take the body, and the number of the axis: 0, 1 or 2 for x, y or z."""
+        self._body = body
+        self._axis = axis
+
+    def __call__(self, run: Run) -> float:
+        """The coordinate in the state of a run."""
+        positions = run.system.state[self._body].positions()
+        # Ranks without the node contribute minus infinity.
+        own = positions[:1, self._axis].max(initial=-np.inf)
+        return float(run.comm.allreduce(own, MPI.MAX))
+
+
+def _tension_columns(run: Run) -> dict[str, Probe]:
+    """Columns of tensions.csv: the mean tension [N] of each line, and the range of long ones.
+
+    Args:
+        run: with the scene, whose cables, beams, tapes, springs, ropes and tethers have columns.
+    """
+    lines = [item for item in run.scene.items if isinstance(item, Curve | DrawnAsLines)]
+    if not lines:
+        return {}
+    # Imported here: scenes without lines do not load it.
+    from gossamer_fx.records.probes.lines import Tension
+
+    columns: dict[str, Probe] = {}
+    for line in lines:
+        columns[f"{line.name} mean [N]"] = Tension(line)
+        has_parts = isinstance(line, Curve) or len(line.lines_to_draw) > 1
+        if has_parts:
+            columns[f"{line.name} least [N]"] = Tension(line, "least")
+            columns[f"{line.name} largest [N]"] = Tension(line, "largest")
+    return columns
+
+
+def _default_fields(body: Body, run: Run) -> tuple[str, ...]:
+    """Names of the fields of a body that are recorded if none were asked for.
+
+    Args:
+        body: a body on a mesh; films have stress, strain and state in addition to the displacement.
+        run: whose chambers show whether the film encloses gas, which has a pressure.
+    """
+    if not isinstance(body, Membrane):
+        return ("displacement",)
+    enclosures = [state.chamber.enclosure for state in run.chambers.values()]
+    films = [film for enclosure in enclosures if enclosure for film in enclosure.films]
+    bounds_gas = any(film is body for film in films)
+    if bounds_gas:
+        return (*FILM_FIELDS, "pressure")
+    return FILM_FIELDS

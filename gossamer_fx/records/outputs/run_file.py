@@ -1,0 +1,264 @@
+"""The file `run.json` in a run's folder: its contents, and their check when it is read.
+
+The file may come from a stranger.  It is checked as a whole when it is read, so that its readers
+find the keys and types that they expect.  An error names the key, the value and the expected type.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gossamer_fx.core.checks.errors import InputError, check
+
+# Number of the format of run.json and of the other files in the folder.
+FORMAT = 1
+
+_REMEDY = "write the run again, or put back a copy of the file."
+
+# Larger integers do not fit into the arrays of NumPy.
+_MAX_INTEGER = 2**63
+
+# Keys of statistics that older versions wrote, and their present names.
+_OLD_STATISTICS = {"halved": "rejected"}
+
+# Characters of a value in a message: the file may contain a text of any length.
+_MAX_SHOWN = 60
+
+
+@dataclass(frozen=True)
+class Each:
+    """Kind of an object whose keys are free, and whose values are all of one kind."""
+
+    kind: Any
+
+
+@dataclass(frozen=True)
+class Several:
+    """Kind of a list whose elements are all of one kind; of a fixed length if `count` is given."""
+
+    kind: Any
+    count: int | None = None
+
+
+@dataclass(frozen=True)
+class Row:
+    """Kind of a list whose elements have different kinds."""
+
+    kinds: tuple[Any, ...]
+
+
+NUMBER = (int, float)
+_ANYTHING = object
+
+_SOLID = {
+    "X": Several(Several(NUMBER, 3)),
+    "triangles": Several(Several(int, 3)),
+    "lines": Several(Several(int, 2)),
+    "moves": bool,
+}
+_BODY = {
+    "kind": str,
+    "nodes": int,
+    "unknowns": int,
+    "mass": NUMBER,
+    "box": Several(Several(NUMBER, 3), 2),
+    "cells?": int,
+    "order?": int,
+    "groups?": Several(str),
+    "area?": NUMBER,
+    "length?": NUMBER,
+    "law?": Row((str, Each(_ANYTHING))),
+}
+_PRESTRESS = {
+    "unit": str,
+    "asked": NUMBER,
+    "mean": NUMBER,
+    "least": NUMBER,
+    "largest": NUMBER,
+}
+_CHAMBER = dict.fromkeys(("pressure", "temperature", "volume", "mass"), NUMBER)
+# Kinds by key; a key that ends in a question mark may be missing, e.g. in the files of older
+# versions.
+_RUN = {
+    "format": int,
+    "title": str,
+    "status": str,
+    "ranks": int,
+    "scene": {
+        "unknowns": int,
+        "ranks": int,
+        "bodies": Each(_BODY),
+        "section frames?": Several(str),
+        "roles": Each(int),
+        "items": Each(str),
+        "chambers": Each(_CHAMBER),
+        "energies": Each(NUMBER),
+        "momentum": Several(NUMBER, 3),
+        "angular momentum": Several(NUMBER, 3),
+    },
+    "arguments?": Each(Each(_ANYTHING)),
+    "stepper": {"kind": str, "dt": NUMBER},
+    "fields": Each(Several(str)),
+    "groups?": Several(str),
+    "solids?": Several(_SOLID),
+    "versions": Each(str),
+    "kind?": str,
+    "captions?": Several(str),
+    "result?": Each(_ANYTHING),
+    "prestress?": Each(_PRESTRESS),
+    "statistics": {
+        "time": NUMBER,
+        "until": NUMBER,
+        "steps": int,
+        "rejected": int,
+        "iterations": int,
+        "iterations a step": NUMBER,
+        "seconds": NUMBER,
+        "seconds of compilation": NUMBER,
+        "at rest?": bool,
+        "energy error": NUMBER,
+        "energy defect?": NUMBER,
+        "largest energy?": NUMBER,
+        "mass error": NUMBER,
+    },
+}
+
+
+def read_run_file(folder: Path) -> dict[str, Any]:
+    """The contents of a run's `run.json`, checked.
+
+    Args:
+        folder: of the run.
+
+    Returns:
+        a dictionary with the keys and types that `_RUN` lists, quantities in SI units.
+
+    Raises:
+        InputError: the file does not exist, it is not JSON, of another format, or has other keys or
+            types than a run writes.
+    """
+    path = folder / "run.json"
+    check(
+        path.is_file(),
+        f"There is no run in '{folder}'; give a folder with a run.json, as `Recording` writes.",
+    )
+    try:
+        about = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"'{path}' cannot be read ({error}); {_REMEDY}") from error
+    version = None
+    if isinstance(about, dict):
+        version = about.get("format")
+    # The format comes before all else: in another one, other keys are right.
+    check(
+        not isinstance(version, int) or version == FORMAT,
+        f"'{path}' is of format {version}, not {FORMAT}; read it with the program that wrote it.",
+    )
+    _rename_old_keys(about)
+    _check_kind(path, "the file", about, _RUN)
+    for solid in about.get("solids", []):
+        point_count = len(solid["X"])
+        indices = []
+        for face in (*solid["triangles"], *solid["lines"]):
+            indices += face
+        check(
+            all(0 <= index < point_count for index in indices),
+            f"'{path}': a solid has {point_count} points, but its faces use others; {_REMEDY}",
+        )
+    return dict(about)
+
+
+def _rename_old_keys(about: Any) -> None:
+    """Give the statistics of an older version their present names, in place.
+
+    Args:
+        about: contents of a run.json, not checked yet: contents of other structure are left as they
+            are.
+    """
+    # Not yet checked: the file may hold anything.
+    if not isinstance(about, dict) or not isinstance(about.get("statistics"), dict):
+        return
+    statistics = about["statistics"]
+    for old, new in _OLD_STATISTICS.items():
+        if old in statistics:
+            statistics.setdefault(new, statistics.pop(old))
+
+
+def _check_kind(
+    path: Path,
+    where: str,
+    value: Any,
+    kind: Any,
+) -> None:
+    """Raise `InputError` unless a value of a JSON file has the expected structure.
+
+    Args:
+        path: of the file, for messages.
+        where: what the value is in the file, for messages.
+        value: as read from JSON.
+        kind: the expected structure: a type, a dict of keys (those that end in "?" may be missing),
+            or `Each`, `Several` or `Row` of kinds.
+
+    Raises:
+        InputError: names the file, the key, the value and what it must be.
+    """
+    if isinstance(kind, dict):
+        _refuse_unless(isinstance(value, dict), path, where, value, "an object")
+        for key, inner in kind.items():
+            name = key.removesuffix("?")
+            check(name in value or key != name, f"'{path}': {where} has no '{name}'; {_REMEDY}")
+            if name in value:
+                _check_kind(path, f"'{name}'", value[name], inner)
+    elif isinstance(kind, Each):
+        _refuse_unless(isinstance(value, dict), path, where, value, "an object")
+        for name, inner in value.items():
+            _check_kind(path, f"{where} of {name!r}", inner, kind.kind)
+    elif isinstance(kind, Several):
+        _refuse_unless(isinstance(value, list), path, where, value, "a list")
+        right_length = kind.count is None or len(value) == kind.count
+        _refuse_unless(right_length, path, where, value, f"a list of {kind.count}")
+        for inner in value:
+            _check_kind(path, where, inner, kind.kind)
+    elif isinstance(kind, Row):
+        right_length = isinstance(value, list) and len(value) == len(kind.kinds)
+        _refuse_unless(right_length, path, where, value, f"a list of {len(kind.kinds)}")
+        for inner, inner_kind in zip(value, kind.kinds, strict=True):
+            _check_kind(path, where, inner, inner_kind)
+    elif kind is bool or kind is str:
+        words = "a text"
+        if kind is bool:
+            words = "true or false"
+        _refuse_unless(isinstance(value, kind), path, where, value, words)
+    elif kind is not _ANYTHING:
+        # In Python, bool is a subclass of int.
+        is_number = isinstance(value, kind) and not isinstance(value, bool)
+        fits = is_number and (isinstance(value, float) or abs(value) < _MAX_INTEGER)
+        words = "a number"
+        if kind is int:
+            words = "an integer"
+        _refuse_unless(fits, path, where, value, words)
+
+
+def _refuse_unless(
+    right: bool,
+    path: Path,
+    where: str,
+    value: Any,
+    expected: str,
+) -> None:
+    """Raise `InputError` unless a value of a run.json is right.
+
+    Args:
+        right: whether it is.
+        path: of the file, for the message.
+        where: key of the value, for the message.
+        value: as it was read; the message shows at most 60 characters of it.
+        expected: what it must be, in words.
+    """
+    shown = repr(value)
+    if len(shown) > _MAX_SHOWN:
+        shown = f"{shown[:_MAX_SHOWN]}..."
+    check(right, f"'{path}': {where} is {shown}, but must be {expected}; {_REMEDY}")

@@ -1,0 +1,96 @@
+"""Positions and orientations of the solids of a scene, for pictures and recordings."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.core.drawing.solids import Solid
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.roles import Drawable, playing
+from gossamer_fx.solve.system.system import System
+from gossamer_fx.solve.view import Run
+
+# Origin and axes of a solid that is not moved, (4, 3).
+REST = np.vstack([np.zeros(3), np.eye(3)])
+
+
+def solids_of(system: System) -> list[Solid]:
+    """The solids of all terms of a scene, e.g. rigid bodies and obstacles."""
+    solids: list[Solid] = []
+    for kind in playing(Drawable, system.compiled):
+        solids += kind.solids()
+    return solids
+
+
+def frame_of(solid: Solid, system: System) -> Array:
+    """Origin [m] and axes [-] of a solid in the accepted state, (4, 3); the same on every rank.
+
+    A solid is a rigid shape in pictures: on a rigid body, with a prescribed motion, or at rest.
+    Its axes are the rows 1 to 3; those of a solid that is not on a body are the coordinate axes.
+
+    Args:
+        solid: of the scene.
+        system: the compiled scene, with the state and the time.
+
+    Collective: all ranks call it.
+    """
+    if solid.on is not None:
+        # One rank has the body's only node, and all others an empty array.
+        own = system.state[solid.on].coordinates().copy()
+        frames = np.concatenate(system.comm.allgather(own))
+        return np.asarray(frames[0])
+    origin: Array = np.zeros(3)
+    if solid.motion is not None:
+        origin = np.asarray(solid.motion(system.time), dtype=float)
+    return np.vstack([REST[:1] + origin, REST[1:]])
+
+
+def placed(X: Array, frame: Array) -> Array:
+    """Positions in space (n, 3) [m] of points X in a frame (4, 3)."""
+    return frame[0] + X @ frame[1:]
+
+
+def moves(solid: Solid) -> bool:
+    """Whether a solid is on a body, or has a prescribed motion."""
+    return solid.on is not None or solid.motion is not None
+
+
+def as_data(solid: Solid) -> dict[str, Any]:
+    """The shape of a solid as lists, for JSON: points [m] to six digits, triangles, lines.
+
+    Args:
+        solid: a rigid shape that pictures show, with points X (n, 3) [m].
+
+    Returns:
+        a dictionary with the keys "X", "triangles", "lines" (indices of points), and "moves".
+    """
+    points = []
+    for point in solid.X:
+        # Six digits are enough for pictures, and keep the file short.
+        points.append([float(f"{x:.6g}") for x in point])
+    return {
+        "X": points,
+        "triangles": solid.triangles.tolist(),
+        "lines": solid.lines.tolist(),
+        "moves": moves(solid),
+    }
+
+
+class FramePart:
+    """A component of a solid's frame, as a probe.
+
+    Args:
+        solid: of the scene.
+        part: index of the component in the frame (4, 3), row by row.
+    """
+
+    def __init__(self, solid: Solid, part: int) -> None:
+        self._solid = solid
+        self._part = part
+
+    def __call__(self, run: Run) -> float:
+        """The component in the state of a run."""
+        frame = frame_of(self._solid, run.system)
+        return float(frame.ravel()[self._part])

@@ -1,0 +1,342 @@
+"""From where a scene is seen, and how it is lit and drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.records.plot.rasterise import Canvas, Colours
+from gossamer_fx.records.plot.shapes import Integers, Shape, unit
+from gossamer_fx.records.plot.viewpoint import LARGEST_ZOOM, View
+
+_INK = (0.30, 0.33, 0.37)  # of lines and dots
+_SOLID_COLOUR = (0.66, 0.64, 0.60)
+
+# ---- where the camera stands
+_TURN = np.radians(25)  # of the longest axis, so that depth is seen
+_ELEVATION_FLAT = np.radians(38)  # of shapes without height
+_ELEVATION_TALL = np.radians(18)  # of shapes without depth
+# Part by which the spread along x counts more than along y: of equal axes x is the longer, whatever
+# the round-off.
+_PREFER_X = 2e-3
+# Way of the shapes across the picture, over the largest of them, from which on the camera follows
+# them.
+_FAR = 1.6
+_MARGIN = 0.02  # around the shapes, of the larger side
+_MIN_SIDE = 0.2  # of the larger side, that the smaller one has at least
+
+# ---- how it is drawn
+_SUPERSAMPLES = 2  # pixels of a canvas along a pixel of the image
+_LIGHT = unit(np.array([-0.45, 0.55, 0.7]))  # direction to it: right, up, towards the eye
+_AMBIENT = 0.35  # share of light that comes from everywhere
+_GLOSS = 0.35  # share of the range of brightness for reflections
+_SHININESS = 24  # exponent of Phong's reflection
+_HALF_LINE = 1.3  # pixels of the image
+_DOT = 5.0  # radius in pixels of the image
+_DOT_SECTORS = 24
+_UNSEEN = 0.02  # share of light of layers behind others that are left out
+_OUTLINE = 6.0  # pixels of the image: jump in depth that is outlined
+_OUTLINE_STRENGTH = 0.55
+
+
+@dataclass(frozen=True)
+class Camera:
+    """An axonometric camera for some shapes, one picture each.
+
+    Attributes:
+        axes: (3, 3), unit vectors to the right, up and towards the eye.
+        size: width and height [m] of what a picture shows.
+        centres: of each picture, along the first two axes [m].
+        depth: distances from the eye between which the shapes lie [m].
+        zooms: of each picture; it shows the part of `size` that is one over this number.
+        opacity: share of light that a layer keeps back.
+    """
+
+    axes: Array
+    size: tuple[float, float]
+    centres: list[tuple[float, float]]
+    depth: tuple[float, float]
+    zooms: list[float]
+    opacity: float = 1.0
+
+    @property
+    def aspect(self) -> float:
+        """Width over height."""
+        return self.size[0] / self.size[1]
+
+
+def aim(shapes: Sequence[Shape], view: View = View()) -> Camera:  # noqa: B008 (frozen)
+    """A camera that sees all shapes, at one scale unless the view zooms.
+
+    z is up.  The longest horizontal axis of the shapes runs to the right, turned by 25°; a flat
+    shape is seen from higher above (38°) than a tall one (18°).  The camera stands still unless the
+    shapes travel far.
+
+    Args:
+        shapes: the scene at one or more times, each with points (p, 3) [m]; at least one.
+        view: choices of the user; what is None there is chosen from the shapes.
+    """
+    axes = _axes(_spread(shapes), view)
+    lows = np.full((len(shapes), 3), np.inf)
+    highs = np.full((len(shapes), 3), -np.inf)
+    for k, shape in enumerate(shapes):
+        seen = shape.points @ axes.T
+        lows[k] = seen.min(axis=0, initial=np.inf)
+        highs[k] = seen.max(axis=0, initial=-np.inf)
+    largest_box = (highs - lows).max(axis=0)
+    whole_box = highs.max(axis=0) - lows.min(axis=0)
+    travels_far = bool((whole_box[:2] > _FAR * largest_box[:2].max()).any())
+    if view.zoom or view.follow or (view.follow is None and travels_far):
+        box = largest_box
+        centres = (highs + lows)[:, :2] / 2
+    else:
+        box = whole_box
+        middle = (highs.max(axis=0) + lows.min(axis=0))[:2] / 2
+        centres = np.broadcast_to(middle, (len(shapes), 2))
+    larger_side = float(box[:2].max()) or 1.0
+    margin = _MARGIN * larger_side
+    size = np.maximum(box[:2], _MIN_SIDE * larger_side) + margin
+    zooms = np.ones(len(shapes))
+    if view.zoom:
+        own_sizes = np.maximum((highs - lows)[:, :2], 1e-9 * larger_side) + margin
+        zooms = np.minimum((size / own_sizes).min(axis=1), LARGEST_ZOOM)
+    return Camera(
+        axes=axes,
+        size=(float(size[0]), float(size[1])),
+        centres=[(float(x), float(y)) for x, y in centres],
+        depth=(-float(highs[:, 2].max()) - margin, -float(lows[:, 2].min()) + margin),
+        zooms=[float(zoom) for zoom in zooms],
+        opacity=view.opacity,
+    )
+
+
+def _spread(shapes: Sequence[Shape]) -> Array:
+    """Mean second moment (3, 3) of the points of the shapes, each about its centre."""
+    moments = np.zeros((3, 3))
+    for shape in shapes:
+        if len(shape.points):
+            moments += np.cov(shape.points.T, bias=True)
+    return moments / len(shapes)
+
+
+def _axes(spread: Array, view: View) -> Array:
+    """Unit vectors (3, 3), one a row, to the right, up and towards the eye.
+
+    Args:
+        spread: second moment (3, 3) [m²] of the points of the shapes about their centres.
+        view: azimuth and elevation [rad] of the user; None: chosen from the spread.
+    """
+    horizontal = spread[:2, :2] + np.diag([_PREFER_X, 0.0]) * np.trace(spread)
+    # squares: second moments [m²] along the two horizontal directions, in rising order.
+    squares, directions = np.linalg.eigh(horizontal)
+    longest = directions[:, 1]
+    # of the two directions of an axis, the one whose larger component is positive
+    longest = longest * np.sign(longest[np.abs(longest).argmax()])
+    azimuth = view.azimuth
+    if azimuth is None:
+        azimuth = np.arctan2(longest[1], longest[0]) - _TURN
+    elevation = view.elevation
+    if elevation is None:
+        depth = np.sqrt(max(squares[0], 0.0))
+        height = np.sqrt(max(spread[2, 2], 0.0))
+        flatness = depth / max(depth + height, 1e-300)
+        elevation = _ELEVATION_TALL + (_ELEVATION_FLAT - _ELEVATION_TALL) * flatness
+    cos_azimuth = np.cos(azimuth)
+    sin_azimuth = np.sin(azimuth)
+    cos_elevation = np.cos(elevation)
+    right = np.array([cos_azimuth, sin_azimuth, 0.0])
+    eye = np.array([sin_azimuth * cos_elevation, -cos_azimuth * cos_elevation, np.sin(elevation)])
+    return np.array([right, np.cross(eye, right), eye])
+
+
+class _Triangles(NamedTuple):
+    """Triangles on a canvas: corners (n, 3, 3) [pixels], brightness (n, 3), kinds (n,)."""
+
+    corners: Array
+    shades: Array
+    kinds: Integers
+
+
+def render(
+    camera: Camera,
+    shapes: Iterable[Shape],
+    scale: float,
+    colours: Array,
+) -> Iterator[Array]:
+    """Draw shapes (a scene at one or more times) as images with shading and hidden surfaces.
+
+    Args:
+        camera: for these shapes.
+        shapes: as many as the camera has centres, with points [m].
+        scale: pixels of the image per metre.
+        colours: (kinds, 3), red, green and blue in [0, 1] of triangles of each kind.
+
+    Yields:
+        An image (height, width, 3) in [0, 1] of each shape.
+
+    Raises:
+        ValueError: there are not as many shapes as the camera has centres.
+    """
+    n = _SUPERSAMPLES
+    width = round(camera.size[0] * scale) * n
+    height = round(camera.size[1] * scale) * n
+    palette = _palette(colours)
+    ink = len(palette) - 2
+    for shape, (x, y), zoom in zip(shapes, camera.centres, camera.zooms, strict=True):
+        pixels_per_metre = scale * n * zoom
+        # pixels count from the upper left corner
+        origin = np.array([width / 2 - x * pixels_per_metre, height / 2 + y * pixels_per_metre, 0])
+        project = _Projection(camera.axes, pixels_per_metre, origin)
+        corners = project(shape.corners)
+        shades = _shades(corners, shape.normals @ camera.axes.T)
+        parts = [_Triangles(corners, shades, shape.kinds)]
+        line_kinds = np.where(shape.line_kinds < 0, ink, shape.line_kinds)
+        parts.append(_bars(project(shape.lines), line_kinds))
+        parts.append(_balls(project(shape.dots), ink))
+        near = camera.depth[0] * pixels_per_metre
+        far = camera.depth[1] * pixels_per_metre
+        canvas = Canvas(height, width, near, far)
+        image = _image(canvas, parts, palette, camera.opacity)
+        yield image.reshape(height // n, n, width // n, n, 3).mean(axis=(1, 3))
+
+
+def _image(
+    canvas: Canvas,
+    parts: Sequence[_Triangles],
+    palette: Colours,
+    opacity: float,
+) -> Array:
+    """What is nearest and, through it, what is behind: the image of a canvas.
+
+    Layers are drawn from front to back (depth peeling), each with the light that those before it
+    let through.
+
+    Args:
+        canvas: empty, of the size of the image [pixels].
+        parts: triangles, in pixels of the canvas.
+        palette: colours (kinds, 256, 3) by brightness, 0 to 255.
+        opacity: share of light that a layer absorbs, above 0, at most 1.
+
+    Returns:
+        red, green and blue (height, width, 3) in [0, 1] on white.
+    """
+    image = np.ones((canvas.height, canvas.width, 3))
+    light = 1.0
+    while True:
+        for part in parts:
+            canvas.draw(part.corners, part.shades, part.kinds, palette)
+        layer = canvas.outlined(_OUTLINE * _SUPERSAMPLES, _OUTLINE_STRENGTH)
+        image += light * opacity * (layer - 1)
+        light *= 1 - opacity
+        behind = canvas.behind() if light > _UNSEEN else None
+        if behind is None:
+            return image
+        canvas = behind
+
+
+@dataclass(frozen=True)
+class _Projection:
+    """From metres in space to pixels to the right, down and away from the eye."""
+
+    axes: Array
+    scale: float
+    origin: Array
+
+    def __call__(self, points: Array) -> Array:
+        seen = self.scale * (points @ self.axes.T)
+        pixels: Array = self.origin + seen * np.array([1.0, -1.0, -1.0])
+        return pixels
+
+
+def _bars(ends: Array, kinds: Integers) -> _Triangles:
+    """Lines as round bars: on each side of the axis a strip of triangles that gets darker outwards.
+
+    Args:
+        ends: (m, 2, 3) [pixels]: to the right, down and away from the eye.
+        kinds: rows (m,) of the palette.
+
+    Returns:
+        4 m triangles with their brightness.
+    """
+    half_width = _HALF_LINE * _SUPERSAMPLES
+    # the axis stands out by the radius, so that a line is seen on the film on which it lies
+    start = ends[:, 0] - np.array([0.0, 0.0, half_width])
+    end = ends[:, 1] - np.array([0.0, 0.0, half_width])
+    along = end - start
+    across = np.stack([-along[:, 1], along[:, 0], np.zeros(len(ends))], axis=1)
+    across = half_width * unit(across)
+    crest = np.array([0.0, 0.0, -half_width])
+    corners = []
+    shades = []
+    for side in (across, -across):
+        corners.append(np.stack([start + side, start + crest, end + crest], axis=1))
+        shades.append(np.tile([0.35, 0.8, 0.8], (len(ends), 1)))
+        corners.append(np.stack([start + side, end + crest, end + side], axis=1))
+        shades.append(np.tile([0.35, 0.8, 0.35], (len(ends), 1)))
+    return _Triangles(np.concatenate(corners), np.concatenate(shades), np.tile(kinds, 4))
+
+
+def _balls(centres: Array, kind: int) -> _Triangles:
+    """Dots as small balls: cones whose tips are bright and stand towards the eye.
+
+    Args:
+        centres: (k, 3) [pixels]: to the right, down and away from the eye.
+        kind: row of the palette for dots.
+
+    Returns:
+        24 k triangles with their brightness.
+    """
+    radius = _DOT * _SUPERSAMPLES
+    angles = np.linspace(0, 2 * np.pi, _DOT_SECTORS + 1)
+    rim = radius * np.stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))], axis=1)
+    tip = np.broadcast_to([0.0, 0.0, -radius], (_DOT_SECTORS, 3))
+    cone = np.stack([tip, rim[:-1], rim[1:]], axis=1)
+    corners = (centres[:, None, None] + cone).reshape(-1, 3, 3)
+    shades = np.tile([0.85, 0.4, 0.4], (len(corners), 1))
+    return _Triangles(corners, shades, np.full(len(corners), kind))
+
+
+def _shades(corners: Array, normals: Array) -> Array:
+    """Brightness (n, 3) in [0, 1] at corners: Phong's reflection with a distant light.
+
+    Each triangle is lit on the side that is seen.
+
+    Args:
+        corners: of n triangles, (n, 3, 3) [pixels]: to the right, down and away from the eye.
+        normals: unit vectors (n, 3, 3) at the corners, along the axes of the camera: to the right,
+            up and towards the eye.
+    """
+    # pixels count downwards and depth away from the eye: in them, the normal of a front side points
+    # away
+    first_edge = corners[:, 1] - corners[:, 0]
+    second_edge = corners[:, 2] - corners[:, 0]
+    from_behind = np.cross(first_edge, second_edge)[:, 2] > 0
+    normals = np.where(from_behind[:, None, None], -normals, normals)
+    halfway = unit(_LIGHT + np.array([0.0, 0.0, 1.0]))
+    diffuse = (0.5 + normals @ _LIGHT / 2).clip(0)
+    gloss = (normals @ halfway).clip(0) ** _SHININESS
+    matt = _AMBIENT + (1 - _AMBIENT) * diffuse
+    shades: Array = matt * (1 - _GLOSS) + _GLOSS * gloss
+    return shades
+
+
+def _palette(colours: Array) -> npt.NDArray[np.uint8]:
+    """Colours (kinds + 2, 256, 3) by brightness, as bytes; the last two kinds are lines and solids.
+
+    They go from black to the colour at 1 - gloss, then half-way on to white.
+
+    Args:
+        colours: red, green and blue in [0, 1], (kinds, 3), of the triangles of films.
+    """
+    brightness = np.linspace(0, 1, 256)[:, None]
+    base = np.array([*colours, _INK, _SOLID_COLOUR])[:, None]
+    matt = (brightness / (1 - _GLOSS)).clip(0, 1)
+    gloss = ((brightness - (1 - _GLOSS)) / _GLOSS).clip(0, 1)
+    shaded = base * matt * (1 - gloss / 2) + gloss / 2
+    palette: npt.NDArray[np.uint8] = np.rint(255 * shaded).astype(np.uint8)
+    return palette

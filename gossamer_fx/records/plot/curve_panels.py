@@ -1,0 +1,480 @@
+"""The tables of a run's folder as panels of a figure: energies, gas, states of the films, errors,
+solver, probes."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import cycle
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.records.fields.film_states import STATES
+from gossamer_fx.records.outputs.ledger import LOST
+from gossamer_fx.records.plot.colours import STATE_COLOURS
+from gossamer_fx.records.plot.measured_series import MeasuredSeries, rms_difference
+from gossamer_fx.records.plot.run_reader import RunReader, Tables
+from gossamer_fx.records.plot.units import plain_text, scaled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+INK = "#33383d"
+# after M. Okabe and K. Ito, Color universal design (2008)
+LINES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B8860B", "#56B4E9", "#7F6A4F")
+
+_MAX_POINTS = 2000  # of a curve: more are not seen, and make files large
+_NEGLIGIBLE = 1e-6  # of the largest curve: a curve that is always smaller is not shown
+_LOGARITHMIC = 30.0  # ratio of the peaks of curves from which on their axis is logarithmic
+_LABEL_PITCH = 0.082  # height of a line of a label, of the height of the axes
+_LABEL_GAP = 0.018  # between labels, of the height of the axes
+_LABEL_WIDTH = 18  # letters of a line of a name at the end of a curve
+_LABEL_LINES = 2  # that such a name has at most
+_TITLE_WIDTH = 40  # letters of a line of a panel's title
+_SHOWN_SHARE = 0.02  # share of the area from which on a state is named
+_SMALLEST_ERROR = 1e-17
+_USUAL_ERROR = 1e-12  # to which the axis of errors goes at least
+_ANGULAR = "angular momentum "  # before the axes of its components
+_STORED = "stored "  # before the names of parts that store energy
+_UNIT = re.compile(r"\[([^]]*)\]$")  # at the end of a probe's name
+_LEGEND_LINE = 0.11  # height of a line of a legend, of the height of the curves
+_MANY_MARKS = 200  # measured values from which on their marks are small
+_PROBE = re.compile(r"(.+) (\S+)( \[[^]]*\])")  # a probe's name with a unit: "tip x [m]"
+
+Panel = Callable[["Axes"], None]
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Panels over one time axis.
+
+    Attributes:
+        panels: functions that draw themselves on axes.
+        start: of the time axis, in its unit.
+        end: of the time axis, in its unit.
+        unit: of the time axis, e.g. "ms".
+    """
+
+    panels: list[Panel]
+    start: float = 0.0
+    end: float = 1.0
+    unit: str = "s"
+
+
+def run_curves(run: RunReader, solver: bool = True) -> Curves:
+    """Return the panels of a run over time: energies, gas, states of the film, errors.
+
+    There are none if ledger.csv is absent or has fewer than two rows.  Curves have at most 2000
+    points: of a longer table rows at about equal distances are drawn, the first and the last
+    included.  Panels of gas.csv, tensions.csv, states.csv and probes.csv are left out if the file
+    is absent.
+
+    Args:
+        run: reads the tables of a recorded run.
+        solver: whether iterations and probes are shown, too.
+
+    Returns:
+        functions that draw the panels, and start, end and unit of the time axis.
+
+    Raises:
+        InputError: a table exists, but cannot be read, lacks a column or has cells that are not
+            numbers.
+    """
+    ledger = _thinned(run.table("ledger.csv"))
+    if not ledger or len(ledger["time"]) < 2:
+        return Curves([])
+    second, prefix = scaled(float(ledger["time"].max()))
+    gas = _thinned(run.table("gas.csv"))
+    states = _thinned(run.table("states.csv"))
+
+    energies = {"kinetic": ledger["kinetic"]}
+    energies |= {f"in {name}": energy for name, energy in _with_prefix(ledger, _STORED).items()}
+    energies |= {name: ledger[name] for name in ("supplied", "dissipated")}
+    colours = dict(zip(energies, cycle(LINES), strict=False))
+    t = ledger["time"] / second
+    panels: list[Panel] = [partial(_lines, t, energies, colours, "Energy", "J")]
+    losses = _with_prefix(ledger, LOST)
+    if len(losses) > 1:
+        panels.append(partial(_lines, t, losses, _line_colours(losses), "Energy lost", "J"))
+    suffix = " pressure"
+    pressures = {
+        name.removesuffix(suffix): values for name, values in gas.items() if name.endswith(suffix)
+    }
+    if pressures:
+        # a chamber has the colour of its energy
+        shades = {name: colours.get(f"in {name}", INK) for name in pressures}
+        panels.append(partial(_lines, gas["time"] / second, pressures, shades, "Pressure", "Pa"))
+    tensions = _thinned(run.table("tensions.csv"))
+    means = _mean_tensions(tensions)
+    if means:
+        times = tensions["time"] / second
+        panels.append(partial(_lines, times, means, _line_colours(means), "Tension", "N"))
+    shares = _area_shares(run, states)
+    if shares:
+        panels.append(partial(_states, states["time"] / second, shares))
+    angular = _with_prefix(ledger, _ANGULAR)
+    # A scene that starts at rest has none, or what its supports give it.
+    if any(values[0] != 0 for values in angular.values()):
+        shades = _line_colours(angular)
+        title = "Angular momentum about the origin"
+        panels.append(partial(_lines, t, angular, shades, title, "kg m²/s"))
+    errors = {"energy": ledger["energy_error"]}
+    if "mass_error" in ledger:
+        errors["gas mass"] = ledger["mass_error"]
+    panels.append(partial(_errors, t, errors))
+    if solver:
+        panels.append(partial(_iterations, t, ledger["iterations"]))
+        probes = _thinned(run.table("probes.csv"))
+        panels += [
+            partial(_probes, probes["time"] / second, title, curves)
+            for title, curves in grouped(probes).items()
+        ]
+    return Curves(panels, start=float(t[0]), end=float(t[-1]), unit=f"{prefix}s")
+
+
+def overlay_curves(run: RunReader, series: Sequence[MeasuredSeries]) -> Curves:
+    """A panel for each probe that was measured, with the measured series over it.
+
+    Args:
+        run: reads a recorded run with these probes.
+        series: measured, at least one, with times [s] and values in the units of the probes.
+
+    Returns:
+        functions that draw the panels, and start, end and unit of the time axis.
+
+    Raises:
+        InputError: there is no series.
+    """
+    check(
+        len(series) > 0,
+        "overlay: there are no measured series; give files with columns named like the probes of "
+        "the run.",
+    )
+    probes = _thinned(run.table("probes.csv"))
+    end = max(float(probes["time"].max()), *(float(one.t.max()) for one in series))
+    start = min(float(probes["time"].min()), *(float(one.t.min()) for one in series))
+    second, prefix = scaled(max(abs(start), abs(end)))
+    by_probe: dict[str, list[MeasuredSeries]] = {}
+    for one in series:
+        by_probe.setdefault(one.probe, []).append(one)
+    panels: list[Panel] = [
+        partial(_overlay, probes, name, entries, second) for name, entries in by_probe.items()
+    ]
+    return Curves(panels, start=start / second, end=end / second, unit=f"{prefix}s")
+
+
+def grouped(probes: Tables) -> dict[str, Tables]:
+    """Group probes into panels: those whose names differ in the last word share one.
+
+    "tip x [m]" and "tip y [m]" are the curves x and y of the panel "tip [m]".  A name without a
+    unit, or of one word, is a panel by itself, whose curve has an empty name.
+
+    Args:
+        probes: columns (n,) of a table of probes by name; "time" and "step" are left out.
+
+    Returns:
+        the curves (n,) of each panel by the last words of their names, by the title of the panel.
+    """
+    panels: dict[str, Tables] = {}
+    for name, values in probes.items():
+        if name in ("time", "step"):
+            continue
+        parts = _PROBE.fullmatch(name)
+        if parts is None:
+            panels.setdefault(name, {})[""] = values
+        else:
+            panels.setdefault(parts[1] + parts[3], {})[parts[2]] = values
+    return panels
+
+
+def _thinned(table: Tables) -> Tables:
+    """A table with at most so many rows as are seen in a curve; the first and the last row stay."""
+    if not table:
+        return table
+    rows = np.unique(np.linspace(0, len(table["time"]) - 1, _MAX_POINTS).astype(int))
+    return {name: values[rows] for name, values in table.items()}
+
+
+def _with_prefix(table: Tables, prefix: str) -> Tables:
+    """The columns whose names begin with a prefix, named by the remainder."""
+    return {
+        name.removeprefix(prefix): values
+        for name, values in table.items()
+        if name.startswith(prefix)
+    }
+
+
+def _area_shares(run: RunReader, states: Tables) -> Tables:
+    """Shares of the first film's area by state, from the bottom to the top of the panel."""
+    film = next((name for name in run.films if f"{name} taut" in states), None)
+    if film is None or f"{film} wrinkled" not in states:
+        return {}
+    taut = states[f"{film} taut"]
+    wrinkled = states[f"{film} wrinkled"]
+    return {"taut": taut, "wrinkled": wrinkled, "slack": 1 - taut - wrinkled}
+
+
+def _mean_tensions(tensions: Tables) -> Tables:
+    """The mean tensions of lines by name; of many lines those with the largest ones.
+
+    Args:
+        tensions: tensions.csv, whose columns are called "NAME mean [N]", and so on; may be empty.
+    """
+    suffix = " mean [N]"
+    means = {
+        name.removesuffix(suffix): values
+        for name, values in tensions.items()
+        if name.endswith(suffix) and values.any()
+    }
+    # As many as there are colours
+    largest_first = sorted(means, key=lambda name: -float(abs(means[name]).max()))
+    shown = set(largest_first[: len(LINES)])
+    return {name: values for name, values in means.items() if name in shown}
+
+
+def _line_colours(curves: Mapping[str, Array]) -> dict[str, str]:
+    return dict(zip(curves, cycle(LINES), strict=False))
+
+
+# ---- panels --------------------------------------------------------------------------------------
+
+
+def _lines(
+    t: Array,
+    curves: Tables,
+    colours: Mapping[str, str],
+    title: str,
+    unit: str,
+    axes: Axes,
+) -> None:
+    """Draw curves on one axis; if their sizes are far apart, their magnitudes on a logarithmic one.
+
+    There must be a curve; ValueError without one. The axes are changed in place: curves, limits,
+    title and labels at the ends.
+
+    Args:
+        t: times (n,), in the unit of the time axis.
+        curves: values (n,) by name, in `unit`; those below 1e-6 of the largest are left out.
+        colours: of matplotlib, by the names of the curves.
+        title: of the panel, without the unit.
+        unit: SI unit of the values, which gets a prefix.
+        axes: of matplotlib, on which the panel is drawn.
+    """
+    peaks = {name: float(abs(values).max()) for name, values in curves.items()}
+    largest = max(peaks.values())
+    peaks = {name: peak for name, peak in peaks.items() if peak > _NEGLIGIBLE * largest}
+    logarithmic = bool(peaks) and largest > _LOGARITHMIC * min(peaks.values())
+    factor, prefix = (1.0, "") if logarithmic else scaled(largest)
+    ends: dict[str, tuple[float, str]] = {}
+    for name in peaks:
+        values = curves[name] / factor
+        label = name
+        if logarithmic:
+            values = np.where(values == 0, np.nan, abs(values))
+            if curves[name][-1] < 0:
+                label = f"−{name}"
+        axes.plot(t, values, color=colours[name])
+        ends[label] = (_last_finite(values), colours[name])
+    if logarithmic:
+        axes.set_yscale("log")
+        low, high = axes.get_ylim()
+        axes.set_ylim(max(low, 0.01 * min(peaks.values()), _NEGLIGIBLE * largest), high)
+    elif all((curves[name] >= 0).all() for name in peaks):
+        axes.set_ylim(bottom=0)
+    axes.set_title(f"{title} [{prefix}{unit}]")
+    label_ends(axes, ends)
+
+
+def _states(t: Array, shares: Tables, axes: Axes) -> None:
+    """Draw the shares of a film's area by state, stacked to 100 %.
+
+    Args:
+        t: times (n,), in the unit of the time axis.
+        shares: of "taut", "wrinkled" and "slack", (n,) each, from 0 to 1.
+        axes: of matplotlib, on which the panel is drawn.
+    """
+    colours = [STATE_COLOURS[STATES[name]] for name in shares]
+    percent = [100 * values for values in shares.values()]
+    axes.stackplot(t, *percent, colors=colours, linewidth=0)
+    axes.set_ylim(0, 100)
+    ends: dict[str, tuple[float, str]] = {}
+    top = 0.0
+    for name, values in shares.items():
+        last = 100 * float(values[-1])
+        if values.max() > _SHOWN_SHARE:
+            ends[name] = (top + last / 2, INK)
+        top += last
+    axes.set_title("State of the film [% of area]")
+    label_ends(axes, ends)
+
+
+def _errors(t: Array, errors: Tables, axes: Axes) -> None:
+    """Draw the relative errors of the balances: magnitudes over time, and their running maxima.
+
+    Args:
+        t: times (n,), in the unit of the time axis.
+        errors: relative closing errors (n,) of energy and gas mass, by name.
+        axes: of matplotlib, on which the panel is drawn.
+    """
+    ends: dict[str, tuple[float, str]] = {}
+    axes.set_yscale("log")
+    for name, colour in zip(errors, LINES, strict=False):
+        values = np.where(errors[name] == 0, np.nan, abs(errors[name]))
+        largest_so_far = np.fmax.accumulate(values)
+        axes.plot(t, values, color=colour, linewidth=0.5, alpha=0.5)
+        axes.plot(t, largest_so_far, color=colour)
+        ends[name] = (_last_finite(largest_so_far), colour)
+    highest = max((3 * end for end, _ in ends.values() if np.isfinite(end)), default=0.0)
+    axes.set_ylim(_SMALLEST_ERROR, max(_USUAL_ERROR, highest))
+    axes.set_title("Closing error of the ledger, relative")
+    label_ends(axes, ends)
+
+
+def _iterations(t: Array, iterations: Array, axes: Axes) -> None:
+    axes.plot(t, iterations, color=LINES[0], linewidth=0.8)
+    axes.set_ylim(bottom=0)
+    axes.set_title("Newton iterations of a step")
+
+
+def _probes(
+    t: Array,
+    title: str,
+    curves: Tables,
+    axes: Axes,
+) -> None:
+    """Draw the curves of probes that share a title and a unit.
+
+    Args:
+        t: times (n,), in the unit of the time axis.
+        title: of the panel, with the unit.
+        curves: values (n,) by the words at their ends, e.g. "x"; an empty name is not written.
+        axes: of matplotlib, on which the panel is drawn.
+    """
+    ends: dict[str, tuple[float, str]] = {}
+    for (name, values), colour in zip(curves.items(), cycle(LINES), strict=False):
+        axes.plot(t, values, color=colour)
+        if name:
+            ends[name] = (float(values[-1]), colour)
+    axes.set_title(wrapped(plain_text(title), _TITLE_WIDTH, 2))
+    label_ends(axes, ends)
+
+
+def _overlay(
+    probes: Tables, name: str, series: Sequence[MeasuredSeries], second: float, axes: Axes
+) -> None:
+    """Draw a probe as a line and measured values as marks, with a legend.
+
+    KeyError if the table has no such column. The axes are changed in place.
+
+    Args:
+        probes: columns of the table of probes, with "time" [s].
+        name: of the column, with its unit.
+        series: measured, with times [s] and values in the unit of the probe.
+        second: seconds in a unit of the time axis.
+        axes: of matplotlib, on which the panel is drawn.
+    """
+    unit = _UNIT.search(name)
+    words = "" if unit is None else f" {unit[1]}"
+    axes.plot(probes["time"] / second, probes[name], color=LINES[0], label="computed")
+    for one, colour in zip(series, cycle(LINES[1:]), strict=False):
+        difference = rms_difference(one, probes)
+        label = one.label
+        if np.isfinite(difference):
+            label += f" (rms difference {difference:.3g}{words})"
+        many = len(one.t) > _MANY_MARKS
+        axes.plot(
+            one.t / second,
+            one.y,
+            linestyle="none",
+            marker="." if many else "o",
+            markersize=3 if many else 4.5,
+            markerfacecolor="none",
+            color=colour,
+            # Marks at the ends of the time axis are whole.
+            clip_on=False,
+            label=plain_text(label),
+        )
+    axes.set_title(plain_text(name))
+    # Room for the legend above the curves.
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + _LEGEND_LINE * (len(series) + 1) * (high - low))
+    axes.legend(frameon=False, fontsize=8, loc="upper left")
+
+
+def label_ends(axes: Axes, ends: Mapping[str, tuple[float, str]]) -> None:
+    """Name curves at their right ends, moved apart where the names would overlap.
+
+    Args:
+        axes: of matplotlib, on which the curves are drawn.
+        ends: the last value (in the unit of the axis) and the colour of each curve, by name; curves
+            whose value is not finite are not named.
+    """
+    axes.autoscale_view()
+    to_axes = axes.transData + axes.transAxes.inverted()
+    labels = sorted(
+        (float(to_axes.transform((0, value))[1]), name, colour)
+        for name, (value, colour) in ends.items()
+        if np.isfinite(value)
+    )
+    texts = [wrapped(plain_text(name), _LABEL_WIDTH, _LABEL_LINES) for _, name, _ in labels]
+    lines = np.array([len(text.splitlines()) for text in texts])
+    # A long name loses its middle if the axes are too low for two lines each.
+    if (_LABEL_PITCH * lines + _LABEL_GAP).sum() > 1:
+        texts = [wrapped(plain_text(name), _LABEL_WIDTH, 1) for _, name, _ in labels]
+        lines = np.ones(len(labels), dtype=int)
+    heights = np.array([height for height, _, _ in labels]).clip(0, 1)
+    distances = _LABEL_PITCH * (lines[1:] + lines[:-1]) / 2 + _LABEL_GAP
+    # Each pass moves neighbours that overlap half of the way apart; 100 passes separate seven
+    # labels.
+    for _ in range(100):
+        overlap = distances - np.diff(heights)
+        push = np.where(overlap > 1e-4, overlap / 2, 0.0)
+        heights[:-1] -= push
+        heights[1:] += push
+        heights = heights.clip(0, 1)
+    for height, text, (_, _, colour) in zip(heights, texts, labels, strict=True):
+        axes.annotate(
+            text,
+            xy=(1, height),
+            xytext=(5, 0),
+            xycoords="axes fraction",
+            textcoords="offset points",
+            color=colour,
+            va="center",
+            linespacing=1.0,
+        )
+
+
+def wrapped(name: str, width: int, most_lines: int) -> str:
+    """A name in one or two lines of at most `width` letters; one that is too long loses its middle.
+
+    The ends of names distinguish them, e.g. "damping of the film (mass)" and "(stiffness)".
+
+    Args:
+        name: to be written in a picture.
+        width: letters of a line.
+        most_lines: 1 or 2.
+    """
+    # `textwrap` would join all white space, also line ends, so that no text has more lines than it
+    # says.
+    found = textwrap.wrap(name, width)
+    if len(found) <= most_lines:
+        return "\n".join(found)
+    if most_lines == 1:
+        half = (width - 1) // 2
+        return f"{name[:half].rstrip()}…{name[-half:].lstrip()}"
+    return f"{name[: width - 1].rstrip()}…\n{name[-width:].lstrip()}"
+
+
+def _last_finite(values: Array) -> float:
+    """The last number of a curve; a curve on a logarithmic axis has none where it is zero."""
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return float("nan")
+    return float(finite[-1])

@@ -1,0 +1,187 @@
+"""Measured series from CSV files, converted to the units of a run's probes."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.records.plot.run_reader import RunReader, Tables
+from gossamer_fx.records.plot.units import unit_factor
+
+# "tip x [mm]": a name and a unit; the unit may be absent.
+_HEADING = re.compile(r"\s*(.*?)\s*(?:\[([^]]*)\])?\s*")
+# Probes that a message lists.
+_LISTED = 8
+# Rows of a file: the text is kept in memory while it is read.
+_MAX_ROWS = 2_000_000
+
+
+@dataclass(frozen=True)
+class MeasuredSeries:
+    """A measured quantity over the time.
+
+    Attributes:
+        label: of the legend, the name of the file without its ending.
+        probe: name of the column of probes.csv that it is compared with.
+        t: times (n,) [s].
+        y: values (n,), in the unit of the probe.
+    """
+
+    label: str
+    probe: str
+    t: Array
+    y: Array
+
+
+def read_measured(path: str | Path, run: RunReader) -> list[MeasuredSeries]:
+    """Series of a CSV file whose columns are named like probes of a run.
+
+    The first row is the heading: "time [s]" and names of probes with units, e.g. "tip x [mm]".
+    Columns are separated by commas or semicolons.  An empty cell is a value that was not measured.
+
+    Args:
+        path: of the file.
+        run: whose probes are meant.
+
+    Raises:
+        InputError: the file cannot be read, has no column of times or none of a probe, a unit of
+            another dimension, or a cell that is not a finite number.
+    """
+    path = Path(path)
+    headings, cells = _rows(path)
+    probes = run.table("probes.csv")
+    probe_units = {}
+    for column in probes:
+        name, unit = _parts(column)
+        if column not in ("time", "step"):
+            probe_units[name] = (column, unit)
+    check(
+        bool(probe_units),
+        f"The run in '{run.folder}' recorded no probes; give its Recording some, to compare "
+        f"'{path}' with.",
+    )
+    times: Array | None = None
+    columns = []
+    for k, heading in enumerate(headings):
+        name, unit = _parts(heading)
+        values = np.array([row[k] for row in cells])
+        if name in ("time", "t"):
+            check(times is None, f"'{path}' has two columns of times; leave one of them.")
+            times = values * unit_factor(unit or "s", "s", f"'{path}', column '{heading}'")
+            continue
+        known = ", ".join(f"'{column}'" for column, _ in list(probe_units.values())[:_LISTED])
+        check(
+            name in probe_units,
+            f"'{path}' has a column '{heading}', but the run has no such probe; name it like one "
+            f"of {known}.",
+        )
+        column, probe_unit = probe_units[name]
+        factor = 1.0
+        if unit is not None or probe_unit:
+            factor = unit_factor(unit or "1", probe_unit or "1", f"'{path}', column '{heading}'")
+        columns.append((column, values * factor))
+    if times is None:
+        raise InputError(f"'{path}' has no column 'time [s]'; add the times of its rows.")
+    check(bool(columns), f"'{path}' has no column besides the time; add one named like a probe.")
+    found = []
+    for column, values in columns:
+        given = np.isfinite(values) & np.isfinite(times)
+        check(
+            bool(given.any()),
+            f"'{path}' has no value in the column for '{column}'; fill or remove it.",
+        )
+        found.append(MeasuredSeries(path.stem, column, times[given], values[given]))
+    return found
+
+
+def rms_difference(series: MeasuredSeries, probes: Tables) -> float:
+    """Root mean square of probe minus measurement, over the measured times within the run; NaN if
+    there is none."""
+    is_within = (series.t >= probes["time"][0]) & (series.t <= probes["time"][-1])
+    if not is_within.any():
+        return math.nan
+    computed = np.interp(series.t[is_within], probes["time"], probes[series.probe])
+    return float(np.sqrt(np.mean((computed - series.y[is_within]) ** 2)))
+
+
+def _parts(heading: str) -> tuple[str, str | None]:
+    """Name and unit of a heading; None if it has no unit."""
+    match = _HEADING.fullmatch(heading)
+    if match is None:
+        return heading.strip(), None
+    return match[1], match[2]
+
+
+def _rows(path: Path) -> tuple[list[str], list[list[float]]]:
+    """Headings and numbers of a CSV file; empty cells are NaN.
+
+    Args:
+        path: of the file, separated by commas or semicolons.
+
+    Returns:
+        k headings, and rows of k numbers as they are in the file.
+
+    Raises:
+        InputError: the file cannot be read, has no rows or too many, a row has another number of
+            cells than the heading, or a cell is not a finite number.
+    """
+    try:
+        # Spreadsheets write a byte order mark.
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            first = file.readline()
+            separator = "," if "," in first else ";"
+            file.seek(0)
+            rows = [row for row in csv.reader(file, delimiter=separator) if any(row)]
+    except (OSError, UnicodeError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(
+            f"Cannot read '{path}' ({reason}); give a CSV file of measured values."
+        ) from error
+    check(
+        len(rows) > 1,
+        f"'{path}' has {len(rows)} rows; give a heading, such as 'time [s],tip x [m]', and values "
+        "below it.",
+    )
+    check(len(rows) <= _MAX_ROWS, f"'{path}' has more than {_MAX_ROWS} rows; give fewer.")
+    headings = rows[0]
+    numbers = []
+    for line, row in enumerate(rows[1:], start=2):
+        check(
+            len(row) == len(headings),
+            f"'{path}', row {line} has {len(row)} cells and the heading {len(headings)}; give as "
+            "many.",
+        )
+        numbers.append([_number(cell, path, line) for cell in row])
+    return headings, numbers
+
+
+def _number(cell: str, path: Path, line: int) -> float:
+    """A finite number, or NaN for an empty cell.
+
+    Args:
+        cell: text of a CSV file.
+        path: of the file, for the message.
+        line: number of the row in the file, for the message.
+
+    Raises:
+        InputError: the text is not a finite number.
+    """
+    if not cell.strip():
+        return math.nan
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    check(
+        math.isfinite(value),
+        f"'{path}', row {line}: '{cell.strip()[:40]}' is not a finite number; correct it, or leave "
+        "the cell empty.",
+    )
+    return value

@@ -1,0 +1,393 @@
+"""The page of a picture: a title, images of the scene with a key and a scale bar, and curves below.
+
+matplotlib lays the page out (its engine "constrained").  Images are drawn when their position is
+known, with as many pixels as that rectangle has, so that they are not resampled.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gossamer_fx.core.checks.errors import OutputFailure
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.records.plot.colours import Scale
+from gossamer_fx.records.plot.curve_panels import INK, Curves
+from gossamer_fx.records.plot.units import plain_text
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+DPI = 150  # pixels per inch
+
+# ---- lengths in inches
+WIDTH = 12.0
+_TITLE = 0.45
+_KEY = 0.45  # height of the line with key and scale bar
+_CAPTION = 0.35  # height of the line above an image
+_CAPTION_LINE = 0.16  # height of a further line of a caption
+_LETTER = 0.075  # width of a letter of a caption, of wide ones: a little more than the mean
+_MAX_IMAGES = 4.8  # height of all images together
+_PANEL = 2.9  # height of a panel with its title and axis
+_PAD = 0.1  # around everything
+_GAP = 3 * _PAD  # between images, about
+
+# Points of the letters of the title, on a wide and on a narrow page.
+_TITLE_SIZE = 13
+_SMALL_TITLE_SIZE = 10
+
+# Inches of a panel with its labels, at least.
+_PANEL_WIDTH = 3.8
+# Power of the number of rows by which the size of images counts less: full rows and few are
+# preferred.
+_FEW_ROWS = 0.35
+_STYLE = {
+    "font.size": 9,
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.xmargin": 0,
+    "lines.linewidth": 1.4,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 3,
+    "ytick.major.size": 3,
+    "ytick.minor.size": 0,
+    **dict.fromkeys(
+        ("axes.edgecolor", "axes.labelcolor", "text.color", "xtick.color", "ytick.color"), INK
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Views:
+    """Images of one size that a page shows.
+
+    Attributes:
+        captions: of each image.
+        size: width and height of what each image shows [m].
+        draw: makes the images (height, width, 3) in [0, 1] at a number of pixels per metre.
+        key: names and colours of what is shown, or a scale.
+    """
+
+    captions: Sequence[str]
+    size: tuple[float, float]
+    draw: Callable[[float], Iterable[Array]]
+    key: dict[str, Any] | Scale
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the first image of a page is: columns from the left, rows from the top, and pixels per
+    metre."""
+
+    left: int
+    top: int
+    scale: float
+
+
+def write_page(
+    path: Path | BytesIO,
+    title: str,
+    views: Views | None = None,
+    curves: Curves | None = None,
+    dpi: int = DPI,
+    width: float = WIDTH,
+) -> Place | None:
+    """Write a page of images and curves as PNG.
+
+    Args:
+        path: of the file.
+        title: on top; may be empty.
+        views: images of the scene with captions, if there are any.
+        curves: panels below, if there are any.
+        dpi: pixels per inch.
+        width: of the page [inches]; letters have the same size in pages of any width.
+
+    Returns:
+        Where the first image is [pixels], and its scale [pixels/m]; None without images.
+
+    Raises:
+        OutputFailure: the file cannot be written.
+    """
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    panels = [] if curves is None else curves.panels
+    panel_columns = max(int(width / _PANEL_WIDTH), 1)
+    panel_rows = math.ceil(len(panels) / panel_columns)
+    image_rows, image_columns = _arrange(views, width)
+    heights = []
+    if views is not None:
+        image_height = _image_height(views, image_rows, image_columns, width)
+        caption_height = _caption_height(views, image_columns, width)
+        heights += [_KEY, image_rows * (caption_height + image_height)]
+    if panels:
+        heights.append(panel_rows * _PANEL)
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(
+            figsize=(width, sum(heights) + (_TITLE if title else 0)),
+            dpi=dpi,
+            facecolor="white",
+            layout=ConstrainedLayoutEngine(w_pad=_PAD, h_pad=_PAD),
+        )
+        FigureCanvasAgg(figure)
+        if title:
+            size = _TITLE_SIZE
+            if width < WIDTH:
+                size = _SMALL_TITLE_SIZE
+            figure.suptitle(plain_text(title), x=_PAD / width, ha="left", size=size)
+        parts = iter(figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0])
+        place = None
+        if views is not None:
+            header = next(parts).subplots()
+            _draw_key(header, views.key)
+            frames = _frames(next(parts), views, image_rows, image_columns, width)
+        if curves is not None and panels:
+            _draw_panels(next(parts), curves, panel_rows)
+        if views is not None:
+            figure.draw_without_rendering()
+            figure.set_layout_engine("none")  # it is laid out
+            place = _draw_images(figure, frames, views)
+            _draw_scale_bar(header, place.scale, views.size[0])
+        try:
+            figure.savefig(path, format="png", dpi=dpi)
+        except OSError as error:
+            raise OutputFailure(
+                f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
+            ) from error
+    return place
+
+
+# ---- images --------------------------------------------------------------------------------------
+
+
+def _arrange(views: Views | None, page_width: float) -> tuple[int, int]:
+    """Rows and columns in which images become largest; full rows and few are preferred.
+
+    Args:
+        views: images of one size; None: there are no images.
+        page_width: [inches].
+
+    Returns:
+        numbers of rows and of columns; zero and zero without images.
+    """
+    if views is None:
+        return 0, 0
+    count = len(views.captions)
+    best = 1
+    best_score = 0.0
+    for columns in range(1, count + 1):
+        rows = math.ceil(count / columns)
+        width = _image_height(views, rows, columns, page_width) * views.size[0] / views.size[1]
+        # Width of an image, less for positions that stay empty and for more rows.
+        score = width * count / (columns * rows) / rows**_FEW_ROWS
+        if score > best_score:
+            best = columns
+            best_score = score
+    return math.ceil(count / best), best
+
+
+def _image_height(
+    views: Views,
+    rows: int,
+    columns: int,
+    page_width: float,
+) -> float:
+    """Height of an image [inches] that is as wide as its column, or as high as the rows allow.
+
+    Args:
+        views: images of one size; their ratio of width to height counts.
+        rows: of images on the page.
+        columns: of images on the page.
+        page_width: [inches].
+    """
+    width = page_width / columns - _GAP
+    # A narrow page is scrolled: its images may be higher together.
+    highest = _MAX_IMAGES * max(WIDTH / page_width, 1.0)
+    caption_height = _caption_height(views, columns, page_width)
+    return min(width * views.size[1] / views.size[0], highest / rows - caption_height)
+
+
+def _wrapped_captions(views: Views, columns: int, page_width: float) -> list[str]:
+    """The captions in lines that are no wider than a column of images.
+
+    Args:
+        views: images with captions.
+        columns: of images on the page.
+        page_width: [inches].
+    """
+    letters = max(int((page_width / columns - _GAP) / _LETTER), 1)
+    return [textwrap.fill(caption, letters) for caption in views.captions]
+
+
+def _caption_height(views: Views, columns: int, page_width: float) -> float:
+    """Height [inches] of the captions above a row of images.
+
+    Args:
+        views: images with captions.
+        columns: of images on the page.
+        page_width: [inches].
+    """
+    captions = _wrapped_captions(views, columns, page_width)
+    most_lines = max(caption.count("\n") + 1 for caption in captions)
+    return _CAPTION + (most_lines - 1) * _CAPTION_LINE
+
+
+def _frames(
+    part: SubFigure,
+    views: Views,
+    rows: int,
+    columns: int,
+    page_width: float,
+) -> list[Axes]:
+    """Empty axes with captions, for the images, from the upper left.
+
+    Args:
+        part: part of the figure of matplotlib that the images fill.
+        views: images of one size, with captions.
+        rows: of images.
+        columns: of images; rows × columns is at least the number of images.
+        page_width: [inches].
+    """
+    grid = part.subplots(rows, columns, squeeze=False).ravel()
+    for axes in grid:
+        axes.set_axis_off()
+        axes.set_box_aspect(views.size[1] / views.size[0])
+        axes.set_anchor("NW")
+    captions = _wrapped_captions(views, columns, page_width)
+    for axes, caption in zip(grid, captions, strict=False):
+        axes.set_title(caption)
+    return list(grid[: len(views.captions)])
+
+
+def _draw_images(figure: Figure, frames: Sequence[Axes], views: Views) -> Place:
+    """Draw images to whole pixels in the rectangles that the layout has found.
+
+    Args:
+        figure: of matplotlib, whose layout is made.
+        frames: axes, one for each image, whose rectangles count.
+        views: draws the images at a number of pixels per metre.
+
+    Returns:
+        where the first image is, and its scale [pixels/m].
+    """
+    boxes = [axes.get_window_extent() for axes in frames]
+    scale = boxes[0].width / views.size[0]
+    first: Place | None = None
+    for box, image in zip(boxes, views.draw(scale), strict=True):
+        height = image.shape[0]
+        left = round(box.x0)
+        bottom = round(box.y1) - height
+        figure.figimage(image, xo=left, yo=bottom, origin="upper")
+        if first is None:
+            top = round(figure.bbox.height) - bottom - height
+            first = Place(left=left, top=top, scale=scale)
+    assert first is not None
+    return first
+
+
+# ---- key and scale bar ---------------------------------------------------------------------------
+
+
+def _draw_key(header: Axes, key: dict[str, Any] | Scale) -> None:
+    """Draw names and colours at the left end of the line above the images, or a bar of a scale.
+
+    Args:
+        header: axes of that line.
+        key: colours of matplotlib by name, or a scale of colours for numbers.
+    """
+    from matplotlib.patches import Patch
+
+    header.set_axis_off()
+    if isinstance(key, Scale):
+        factor, label = key.label
+        bar = header.inset_axes((0.0, 0.35, 0.25, 0.4))
+        bar.imshow(
+            key.table[None], aspect="auto", extent=(key.low / factor, key.high / factor, 0, 1)
+        )
+        bar.set(yticks=[])
+        bar.locator_params(axis="x", nbins=4)
+        bar.tick_params(axis="x", labelsize=7.5, pad=1.5)
+        bar.spines[:].set_visible(False)
+        header.text(0.27, 0.55, plain_text(label), va="center", transform=header.transAxes)
+    elif key:
+        swatches = [Patch(facecolor=colour, edgecolor=INK, lw=0.6) for colour in key.values()]
+        header.legend(
+            swatches,
+            [f" {plain_text(name)}" for name in key],  # names that begin with "_" would be left out
+            loc="center left",
+            ncols=len(key),
+            frameon=False,
+            handlelength=1.0,
+            handleheight=1.0,
+            borderaxespad=0.0,
+            borderpad=0.0,
+        )
+
+
+def _draw_scale_bar(header: Axes, scale: float, width: float) -> None:
+    """A round length at the right end of the line above the images, about a quarter of an image
+    long.
+
+    Args:
+        header: the axes of that line.
+        scale: pixels per metre.
+        width: of an image [m].
+    """
+    from matplotlib.transforms import IdentityTransform
+    from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
+
+    target = 0.3 * width
+    power = 10.0 ** math.floor(math.log10(target))
+    length = max(factor * power for factor in (1.0, 2.0, 5.0) if factor * power <= target)
+    if length < 0.01:
+        name = f"{length * 1e3:g} mm"
+    elif length < 1:
+        name = f"{length * 1e2:g} cm"
+    else:
+        name = f"{length:g} m"
+    header.add_artist(
+        AnchoredSizeBar(
+            IdentityTransform(),  # a length in pixels
+            length * scale,
+            name,
+            loc="center right",
+            frameon=False,
+            color=INK,
+            sep=4,
+            borderpad=0.0,
+            pad=0.0,
+        )
+    )
+
+
+# ---- curves --------------------------------------------------------------------------------------
+
+
+def _draw_panels(part: SubFigure, curves: Curves, rows: int) -> None:
+    """Draw all panels of curves in a grid.
+
+    Args:
+        part: part of the figure of matplotlib that the panels fill.
+        curves: panels, at least one, and their time axis.
+        rows: of the grid.
+    """
+    columns = math.ceil(len(curves.panels) / rows)
+    grid = part.subplots(rows, columns, squeeze=False).ravel()
+    for axes in grid[len(curves.panels) :]:
+        axes.remove()
+    for axes, draw in zip(grid, curves.panels, strict=False):
+        draw(axes)
+        axes.minorticks_off()  # they would take half of the time of a page with logarithmic axes
+        axes.set(xlabel=f"t [{curves.unit}]", xlim=(curves.start, curves.end))

@@ -1,0 +1,270 @@
+"""Pictures that are drawn at the end of a run: its shapes, and curves over time.
+
+They are drawn from a recording, by the code that draws pictures of a run's folder.  The output
+records what it needs in a hidden folder next to the picture, and removes that folder when the
+program ends.
+"""
+
+from __future__ import annotations
+
+import shutil
+import weakref
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import OutputFailure, check, on_rank_zero
+from gossamer_fx.core.model.body import Vector
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.records.outputs.adios import adios2_for
+from gossamer_fx.records.outputs.output import make_parent
+from gossamer_fx.records.outputs.recording import Recording
+from gossamer_fx.records.outputs.schedule import Schedule
+from gossamer_fx.records.plot.colours import by_state, colouring
+from gossamer_fx.records.plot.curve_panels import run_curves
+from gossamer_fx.records.plot.page import Views, write_page
+from gossamer_fx.records.plot.plane_cut import PlaneCut, check_section
+from gossamer_fx.records.plot.plot import field_views
+from gossamer_fx.records.plot.run_reader import RunReader
+from gossamer_fx.records.plot.viewpoint import View
+from gossamer_fx.solve.view import Run
+
+# Shapes in one picture: more would be too small.
+MAX_SHAPES = 24
+
+# So many steps between records of the fields that only the first and the last state are recorded.
+NEVER = 10**9
+
+
+class DrawnRun:
+    """Base of outputs that record a run and draw a picture from the record when the run ends.
+
+    Args:
+        path: of the picture, ending in `.png`.
+
+    Raises:
+        InputError: the path has another ending.
+    """
+
+    times: Sequence[float] = ()
+
+    def __init__(self, path: str | Path) -> None:
+        """Check the ending of the path; the recording is made when a run begins."""
+        self.path = Path(path)
+        self._recording: Recording | None = None
+        check(
+            self.path.suffix == ".png",
+            f"{type(self).__name__} cannot write '{path}'; give a name that ends in .png.",
+        )
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the recording."""
+        return self.path.with_name(f".{self.path.name}.run")
+
+    @property
+    def writes(self) -> Sequence[Path]:
+        """Files and folders that no other run may write."""
+        return [self.path, self.folder]
+
+    def open(self, run: Run) -> None:
+        """Make the recording.  Collective.
+
+        Args:
+            run: that begins.
+
+        Raises:
+            InputError: the folder cannot be written, or this Python cannot read a recording.
+        """
+        make_parent(run.comm, self.path, file=True)
+
+        def prepare() -> None:
+            """Remove an old recording, and have the new one removed with this object."""
+            # Refuses, before anything is computed, a Python that could not read the recording.
+            adios2_for(self.folder)
+            # A run that was killed may have left its recording.
+            shutil.rmtree(self.folder, ignore_errors=True)
+            weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
+
+        on_rank_zero(run.comm, prepare)
+        self._recording = self.recording(run)
+        self._recording.open(run)
+
+    def record(self, run: Run, last: bool) -> None:
+        """Record the state where it is due; `last`: in any case."""
+        assert self._recording is not None
+        self._recording.record(run, last)
+
+    def close(self, run: Run) -> None:
+        """Close the recording, and draw the picture on rank 0.  Collective.
+
+        Nothing is drawn if no state was recorded.
+
+        Args:
+            run: that ends; one that was stopped before its end time gets its last state recorded.
+
+        Raises:
+            OutputFailure: a file cannot be written.
+            InputError: the recording cannot be read.
+        """
+        recording = self._recording
+        if recording is None or not recording.has_begun:
+            return
+        if run.time < run.until:
+            # The run was stopped; the picture ends with its last state.  If that cannot be written,
+            # there is a failure already, and the picture shows the states before.
+            with suppress(OutputFailure):
+                recording.record_fields(run)
+        recording.close(run)
+        on_rank_zero(run.comm, lambda: self.draw(RunReader(self.folder)))
+
+    def recording(self, run: Run) -> Recording:
+        """The recording that the picture needs."""
+        raise NotImplementedError
+
+    def draw(self, run: RunReader) -> None:
+        """Write the picture."""
+        raise NotImplementedError
+
+
+@check_arguments
+class Picture(DrawnRun):
+    """PNG of a run, drawn at its end or failure: deformed films, energies, gas, states, ledger
+    errors.
+
+    Args:
+        path: of the file, ending in `.png`.
+        times: at which the films are drawn [s]; default: the start and the end.  If the run stops
+            early, its last state is added.
+        title: a line on top.
+        view: camera and transparency; default as `View` chooses it.
+        section: a point [m] and a normal.  Instead of the films, the lines in which this plane cuts
+            them are drawn, in the colours of the films and their groups, or of the layers of a film
+            without groups.
+        colour: "state" of the film (taut, wrinkled, slack), or "group" (films, and groups of their
+            cells).
+
+    Raises:
+        InputError: too many times, a section without a normal, or another colour; when the run is
+            made: a folder that cannot be written.
+
+    Example:
+        >>> picture = gx.plot.Picture(
+        ...     folder / "tube.png", times=[0.0, 0.1], title="A tube is inflated"
+        ... )
+        >>> picture.writes[0].name
+        'tube.png'
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        times: Sequence[float] = (),
+        *,
+        title: str = "",
+        view: View | None = None,
+        section: tuple[Vector, Vector] | None = None,
+        colour: str = "state",
+    ) -> None:
+        """Check the arguments of a picture that is drawn at the end of a run.
+
+        Args:
+            path: of the file, ending in `.png`.
+            times: at which the films are drawn [s]; empty: the start and the end.
+            title: a line on top.
+            view: camera and transparency; None: chosen from the shapes.
+            section: point [m] and normal of a plane that cuts the films; None: their surfaces are
+                drawn.
+            colour: "state" or "group".
+
+        Raises:
+            InputError: the path does not end in `.png`, more than 24 times, a negative time, an
+                unknown `colour`, or a section that is not a point and a normal.
+        """
+        super().__init__(path)
+        self.title = title
+        self.view = view or View()
+        self.times = Schedule(times=tuple(times)).times
+        check(
+            len(self.times) <= MAX_SHAPES,
+            f"Picture '{path}' of {len(self.times)} times; give at most {MAX_SHAPES}, and use VTX "
+            "for more.",
+        )
+        check(
+            colour in ("state", "group"),
+            f'Picture \'{path}\': colour is {colour!r}; give "state" or "group".',
+        )
+        self.colour = colour
+        if section is not None:
+            check_section(f"Picture '{path}'", section)
+        self.section = section
+
+    def recording(self, run: Run) -> Recording:
+        """The recording that the picture needs: displacements, and the field that gives the
+        colours.
+
+        Args:
+            run: with the films of the scene.
+        """
+        field = "state"
+        if self.section is not None or self.colour == "group":
+            field = "group"
+        films = [body.name for body in run.system.bodies if isinstance(body, Membrane)]
+        return Recording(
+            self.folder,
+            fields=dict.fromkeys(films, ("displacement", field)),
+            every=NEVER,
+            times=self.times,
+            title=self.title,
+            states_every=1,
+        )
+
+    def draw(self, run: RunReader) -> None:
+        """Write the picture from its recording."""
+        curves = run_curves(run, solver=False)
+        write_page(self.path, self.title, self._views(run), curves)
+
+    def _views(self, run: RunReader) -> Views | None:
+        """The shapes or sections to draw; None for a run without recorded states.
+
+        Args:
+            run: reads the recording.
+
+        Raises:
+            InputError: the recording cannot be read.
+        """
+        frames = self._frames(run)
+        if not frames:
+            return None
+        if self.section is not None and run.films:
+            point, normal = self.section
+            return PlaneCut(run, point, normal).views(frames)
+        # Without films the shapes of cables and masses are drawn in one colour, and there is no
+        # section of them.
+        colours = by_state(False)
+        if run.films:
+            colours = colouring(run, self.colour)
+        return field_views(run, self.colour, colours, frames, self.view)
+
+    def _frames(self, run: RunReader) -> list[int]:
+        """Indices of the states to draw: those that were asked for, and the last one of a stopped
+        run.
+
+        Args:
+            run: reads the recording; the list is empty if it has no states.
+        """
+        count = len(run.times)
+        if count == 0:
+            return []
+        last = count - 1
+        schedule = Schedule(times=tuple(self.times))
+        chosen = {k for k, time in enumerate(run.times) if schedule.meets(float(time))}
+        if not self.times:
+            chosen = {0, last}
+        statistics = run.about["statistics"]
+        was_stopped = statistics["time"] < statistics["until"]
+        # A run that stopped before the first time that was asked for has a picture, too.
+        if not chosen or was_stopped:
+            chosen.add(last)
+        return sorted(chosen)

@@ -1,0 +1,628 @@
+"""Pictures of a run's folder: a field at one time or several, an animation, curves."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import InputError, OutputFailure, check
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.records.plot.camera import Camera, aim, render
+from gossamer_fx.records.plot.colours import Colouring, colouring, sampled
+from gossamer_fx.records.plot.curve_panels import overlay_curves, run_curves
+from gossamer_fx.records.plot.measured_series import read_measured
+from gossamer_fx.records.plot.page import WIDTH, Views, write_page
+from gossamer_fx.records.plot.run_reader import RunReader
+from gossamer_fx.records.plot.shapes import Integers, Shape
+from gossamer_fx.records.plot.units import NAMES, scaled
+from gossamer_fx.records.plot.viewpoint import View
+
+Image = np.ndarray  # (height, width, 3) of bytes
+
+# Pictures of a strip, if no number is given.
+STRIP_COUNT = 6
+
+# The field by which modes are coloured.
+MODE_FIELD = "mode_amplitude"
+
+# A picture that is enlarged by less than this factor counts as of the scale of the others.
+_SAME_SCALE = 1.05
+
+# ---- animations
+
+# Enough for a smooth motion; more frames make the file larger.
+_FRAMES_PER_SECOND = 20
+
+# Pixels of the width of an animation of a wide scene; of a tall one it is less.
+_ANIMATION_PIXELS = 960
+
+# Most pixels per inch of an animation: more make letters and files large.
+_MAX_ANIMATION_DPI = 120
+
+# Least width of the page of an animation, which its key needs, and the height of its picture
+# [inches].
+_MIN_ANIMATION_WIDTH = 5.0
+_ANIMATION_HEIGHT = 5.0
+
+# Least width of the page of a single picture [inches]: a page of full width would be half empty.
+_MIN_PICTURE_WIDTH = 7.0
+
+# Height of the letters of the time, and their distance above the image [inches].
+_TIME_SIZE = 0.13
+_TIME_ABOVE = 0.24
+
+# Colour of the time: that of the text on the page.
+_INK = (51, 56, 61)
+
+# Shortest pause between frames [ms]: browsers slow down animations with shorter ones.
+_MIN_PAUSE = 20
+
+# Pixels with a channel below this number are drawn on; all others are nearly white.
+_SHORT_OF_WHITE = 250
+
+# Bits of red, green and blue by which the colours of a GIF are told apart before its palette is
+# made.
+_COLOUR_BITS = 7
+
+# Smallest interval of recorded times whose digits are shown, in the unit of the times.
+_MIN_INTERVAL = 1e-6
+
+
+@check_arguments
+def field(
+    run: RunReader,
+    field: str,
+    *,
+    times: Sequence[float],
+    path: str | Path,
+    view: View | None = None,
+) -> None:
+    """Write a PNG of a field at some times, with the same colours and scale.
+
+    Args:
+        run: a recorded run.
+        field: name of a recorded field, e.g. "state".
+        times: [s].
+        path: of the file, ending in `.png`.
+        view: camera and transparency; default: chosen for all times.
+
+    Raises:
+        InputError: no times, an unknown field, a time outside the run, files of the run that cannot
+            be read, or a path that is a folder.
+        OutputFailure: the file cannot be written.
+
+    Example:
+        >>> picture = folder / "stress.png"
+        >>> gx.plot.field(recorded, "stress1", times=[0.0, 0.02], path=picture)
+        >>> picture.is_file()
+        True
+    """
+    check(
+        bool(len(times)),
+        "There are no times of which to draw a picture; give one or more in seconds.",
+    )
+    frames = [run.frame(time) for time in times]
+    views = field_views(run, field, colouring(run, field), frames, view or View())
+    width = WIDTH
+    if len(frames) == 1:
+        aspect = views.size[0] / views.size[1]
+        width = min(max(_ANIMATION_HEIGHT * aspect, _MIN_PICTURE_WIDTH), WIDTH)
+    write_page(file_to_write(path), _title(run, field), views, width=width)
+
+
+@check_arguments
+def strip(
+    run: RunReader,
+    field: str,
+    *,
+    path: str | Path,
+    count: int = STRIP_COUNT,
+    view: View | None = None,
+) -> None:
+    """Write a PNG of a field at times that are evenly spread over the run.
+
+    Args:
+        run: a recorded run.
+        field: name of a recorded field, e.g. "state".
+        path: of the file, ending in `.png`.
+        count: number of times.
+        view: camera and transparency; default: chosen for all times.
+
+    Raises:
+        InputError: an unknown field, a count below one, a run without fields, files of the run that
+            cannot be read, or a path that is a folder.
+        OutputFailure: the file cannot be written.
+
+    Example:
+        >>> picture = folder / "fall.png"
+        >>> gx.plot.strip(recorded, "displacement", path=picture, count=2)
+        >>> picture.is_file()
+        True
+    """
+    check(count >= 1, f"The number of pictures is {count!r}; give one or more.")
+    views = strip_views(run, field, count, view or View())
+    write_page(file_to_write(path), _title(run, field), views)
+
+
+def strip_views(run: RunReader, field: str, count: int, view: View) -> Views:
+    """Pictures of a field at times that are evenly spread over the run."""
+    run.require_fields()
+    evenly = np.rint(np.linspace(0, len(run.times) - 1, count))
+    # A run may have fewer records than pictures were asked for.
+    frames = np.unique(evenly.astype(int)).tolist()
+    return field_views(run, field, colouring(run, field), frames, view)
+
+
+def _title(run: RunReader, field: str) -> str:
+    """Title of a picture of a field."""
+    if field in NAMES:
+        return f"{run.title}: {NAMES[field].lower()}"
+    return run.title
+
+
+@check_arguments
+def curves(run: RunReader, path: str | Path) -> None:
+    """Write a PNG of energies, gas, states of films, iterations and probes over the time.
+
+    Args:
+        run: a recorded run.
+        path: of the file, ending in `.png`.
+
+    Raises:
+        InputError: the run has fewer than two steps, its tables cannot be read, or the path is a
+            folder.
+        OutputFailure: the file cannot be written.
+
+    Example:
+        >>> picture = folder / "curves.png"
+        >>> gx.plot.curves(recorded, picture)
+        >>> picture.is_file()
+        True
+    """
+    found = run_curves(run)
+    check(
+        bool(found.panels),
+        f"The run in '{run.folder}' has fewer than two steps; let it run before its curves are "
+        "drawn.",
+    )
+    write_page(file_to_write(path), run.title, None, found)
+
+
+@check_arguments
+def overlay(run: RunReader, measured: Sequence[str | Path], path: str | Path) -> None:
+    """Write a PNG of the probes of a run that were measured, with the measured values over them.
+
+    A panel for each quantity; its legend has the root mean square of computed minus measured
+    values, over the measured times within the run.
+
+    Args:
+        run: a recorded run with probes.
+        measured: CSV files with a column "time [s]" and columns named like probes, e.g. "tip x
+            [mm]"; the units may be others of the same dimension.
+        path: of the file, ending in `.png`.
+
+    Raises:
+        InputError: a file cannot be read, is not such a table, or names a probe that the run does
+            not have.
+        OutputFailure: the file cannot be written.
+
+    Example:
+        >>> scene = gx.Scene(gx.Gravity(mass, (0.0, 0.0, -9.81)))
+        >>> height = {"height [m]": gx.probes.Position(mass.port(), "z")}
+        >>> drop = folder / "drop"
+        >>> outputs = [gx.Recording(drop, every=1, probes=height)]
+        >>> gx.Simulation(scene, gx.Midpoint(dt=0.01), outputs=outputs).run(until=0.1)
+        >>> test = folder / "test.csv"
+        >>> characters = test.write_text("time [ms],height [mm]\\n0,0\\n100,-49\\n")
+        >>> picture = folder / "overlay.png"
+        >>> gx.plot.overlay(gx.plot.RunReader(drop), [test], picture)
+        >>> picture.is_file()
+        True
+    """
+    check(len(measured) > 0, "overlay: no file of measured values is given; give one or more.")
+    series = [one for name in measured for one in read_measured(name, run)]
+    write_page(file_to_write(path), run.title, None, overlay_curves(run, series))
+
+
+def field_views(
+    run: RunReader,
+    field: str,
+    colours: Colouring,
+    frames: Sequence[int],
+    view: View,
+) -> Views:
+    """Pictures of the scene in recorded states, coloured by a field.
+
+    Args:
+        run: reads a recorded run.
+        field: name of a recorded field.
+        colours: its colours, the same in all pictures.
+        frames: indices of the states in `run.times`.
+        view: camera and transparency.
+
+    Returns:
+        captions, size [m], key, and a function that draws the pictures at a number of pixels per
+        metre.
+
+    Raises:
+        InputError: the files of the run cannot be read.
+    """
+    shapes = [run.shape(frame, field, colours.kinds) for frame in frames]
+    camera = aim(shapes, view)
+    return Views(
+        captions=captions(run, frames, camera.zooms),
+        size=camera.size,
+        draw=lambda scale: render(camera, shapes, scale, colours.table),
+        key=colours.key,
+    )
+
+
+def captions(run: RunReader, frames: Sequence[int], zooms: Sequence[float]) -> list[str]:
+    """Captions: times of recorded states, and the enlargement of pictures relative to the scale
+    bar.
+
+    Args:
+        run: reads a recorded run.
+        frames: indices of the states in `run.times` [s].
+        zooms: enlargement of each picture, dimensionless; below 1.05 it is not written.
+    """
+    factor, prefix = scaled(float(run.times[-1]))
+    found = []
+    for frame, zoom in zip(frames, zooms, strict=True):
+        enlarged = ""
+        if zoom > _SAME_SCALE:
+            # Spaces at which a long caption is not broken into lines
+            enlarged = f", {zoom:.2g}\u00a0times\u00a0larger"
+        words = run.caption(frame, f"t = {run.times[frame] / factor:.4g} {prefix}s")
+        found.append(f"{words}{enlarged}")
+    return found
+
+
+@check_arguments
+def modes(
+    folders: Sequence[str | Path],
+    path: str | Path,
+    *,
+    view: View | None = None,
+) -> None:
+    """Write a PNG of vibration modes side by side, each at its largest displacement.
+
+    Args:
+        folders: of the modes, as `outputs.record_modes` returns them.
+        path: of the file, ending in `.png`.
+        view: camera and transparency; default: chosen for all modes.
+
+    Raises:
+        InputError: no folder, one that holds no record of a mode, or files that cannot be read.
+        OutputFailure: the file cannot be written.
+
+    Example:
+        >>> edges = [gx.Fixed(film, edge) for edge in ("left", "right", "bottom", "top")]
+        >>> equilibrium = gx.Equilibrium(gx.Scene(film, *edges))
+        >>> result = equilibrium.find()
+        >>> found = gx.analysis.modes(equilibrium, 2)
+        >>> folders = gx.outputs.record_modes(equilibrium, found, folder / "vibrations", frames=4)
+        >>> gx.plot.modes(folders, folder / "vibrations.png")
+        >>> (folder / "vibrations.png").is_file()
+        True
+    """
+    check(len(folders) > 0, "There are no modes to draw; give the folders of one or more.")
+    runs = [RunReader(one) for one in folders]
+    for run in runs:
+        check(
+            run.kind == "mode",
+            f"'{run.folder}' holds no record of a mode; give folders that outputs.record_modes "
+            "made.",
+        )
+    # All modes have the same largest displacement, and so the colours of the first one.
+    colours = colouring(runs[0], MODE_FIELD)
+    shapes = [run.shape(0, MODE_FIELD, colours.kinds) for run in runs]
+    camera = aim(shapes, replace(view or View(), zoom=False))
+    views = Views(
+        captions=[run.title for run in runs],
+        size=camera.size,
+        draw=lambda scale: render(camera, shapes, scale, colours.table),
+        key=colours.key,
+    )
+    write_page(file_to_write(path), "", views)
+
+
+# ---- animations ----------------------------------------------------------------------------------
+
+
+@check_arguments
+def animate(
+    run: RunReader,
+    field: str,
+    *,
+    path: str | Path,
+    seconds: float = 6.0,
+    view: View | None = None,
+) -> None:
+    """Write a GIF of a field over the run, or an MP4 if `ffmpeg` or `imageio-ffmpeg` is installed.
+
+    Args:
+        run: a recorded run.
+        field: name of a recorded field, e.g. "state".
+        path: of the file, ending in `.gif` or `.mp4`.
+        seconds: length of the animation [s].
+        view: camera and transparency; `follow` keeps the scene in the middle, `zoom` has no effect.
+            Default: a camera that stands still and sees the whole run.
+
+    Raises:
+        InputError: a path with another ending, no ffmpeg for an MP4, a length that is not positive,
+            an unknown field, or files of the run that cannot be read.
+        OutputFailure: the file cannot be written.
+
+    Example:
+        >>> animation = folder / "fall.gif"
+        >>> gx.plot.animate(recorded, "displacement", path=animation, seconds=0.2)
+        >>> animation.is_file()
+        True
+    """
+    path = file_to_write(path)
+    check(
+        path.suffix in (".gif", ".mp4"),
+        f"An animation cannot be written to '{path}'; end its name in .gif or .mp4.",
+    )
+    check(
+        path.suffix == ".gif" or find_ffmpeg() is not None,
+        f"'{path}' needs ffmpeg, which is not here; install it or the package imageio-ffmpeg, or "
+        "write a .gif.",
+    )
+    check(seconds > 0, f"An animation of {seconds!r} s cannot be made; give its length in seconds.")
+    run.require_fields()
+    # No more frames than there are records, but the first and the last one in any case.
+    count = min(len(run.times), max(round(seconds * _FRAMES_PER_SECOND), 2))
+    times = np.linspace(run.times[0], run.times[-1], count)
+    frames = np.unique([run.frame(time) for time in times])
+    colours = colouring(run, field)
+    view = replace(view or View(), zoom=False)
+    camera = _camera_for_all(run, field, colours, view)
+    images = _images(run, field, colours, camera, frames, follow=bool(view.follow))
+    if path.suffix == ".gif":
+        _write_gif(path, images, seconds / len(frames))
+    else:
+        _write_mp4(path, images, len(frames) / seconds)
+
+
+def _camera_for_all(
+    run: RunReader,
+    field: str,
+    colours: Colouring,
+    view: View,
+) -> Camera:
+    """A camera for one picture at a time, which sees the whole run, or follows each shape.
+
+    Args:
+        run: reads a recorded run.
+        field: name of a recorded field, which gives the colours of the shapes.
+        colours: of the field.
+        view: choices of the user; with `follow` the size is that of the largest shape.
+    """
+    shapes = [run.shape(frame, field, colours.kinds) for frame in sampled(run)]
+    if not view.follow:
+        # A camera that stands still sees all points of the run as those of one shape.
+        shapes = [Shape(time=0.0, dots=np.concatenate([shape.points for shape in shapes]))]
+    camera = aim(shapes, view)
+    return replace(camera, centres=camera.centres[:1], zooms=[1.0])
+
+
+def _images(
+    run: RunReader,
+    field: str,
+    colours: Colouring,
+    camera: Camera,
+    frames: Integers,
+    follow: bool,
+) -> Iterator[Image]:
+    """Yield the frames of an animation: the page is laid out once, then pictures and times are put
+    in.
+
+    Args:
+        run: reads a recorded run.
+        field: name of a recorded field.
+        colours: of the field.
+        camera: which sees all frames, or is moved with each shape.
+        frames: indices of the states in `run.times`.
+        follow: whether the camera is moved so that each shape is in the middle.
+
+    Yields:
+        bytes (height, width, 3), with even numbers of rows and columns.
+
+    Raises:
+        InputError: the files of the run cannot be read.
+    """
+    # Imported here, as most plots need no images in memory.
+    from matplotlib import get_data_path
+    from PIL import Image, ImageDraw, ImageFont
+
+    def blank(scale: float) -> list[Array]:
+        width, height = camera.size
+        return [np.ones((round(height * scale), round(width * scale), 3))]
+
+    file = BytesIO()
+    views = Views(captions=[" "], size=camera.size, draw=blank, key=colours.key)
+    # The page is as wide as its picture: a tall scene would leave most of a wide one empty.
+    width = min(max(_ANIMATION_HEIGHT * camera.aspect, _MIN_ANIMATION_WIDTH), WIDTH)
+    dpi = min(round(_ANIMATION_PIXELS / width), _MAX_ANIMATION_DPI)
+    place = write_page(file, run.title, views, dpi=dpi, width=width)
+    assert place is not None
+    written = Image.open(file).convert("RGB")
+    # MP4 needs even numbers of rows and columns.
+    even_height = 2 * ((written.height + 1) // 2)
+    even_width = 2 * ((written.width + 1) // 2)
+    page = Image.new("RGB", (even_width, even_height), "white")
+    page.paste(written, (0, 0))
+    letters = round(_TIME_SIZE * dpi)
+    font = ImageFont.truetype(f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf", letters)
+    caption = (place.left, place.top - _TIME_ABOVE * dpi)
+    factor, prefix = scaled(float(run.times[-1]))
+    # As many digits as tell two records from each other, the same in all frames.
+    shortest = max(np.diff(run.times).min(initial=1.0) / factor, _MIN_INTERVAL)
+    digits = max(0, 1 - int(np.floor(np.log10(shortest))))
+    for frame in frames:
+        shape = run.shape(int(frame), field, colours.kinds)
+        if follow:
+            seen = shape.points @ camera.axes[:2].T
+            middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
+            centre = (float(middle[0]), float(middle[1]))
+            camera = replace(camera, centres=[centre])
+        whole = page.copy()
+        for image in render(camera, [shape], place.scale, colours.table):
+            bytes_of_image = np.rint(255 * image).astype(np.uint8)
+            whole.paste(Image.fromarray(bytes_of_image), (place.left, place.top))
+        words = run.caption(int(frame), f"t = {shape.time / factor:.{digits}f} {prefix}s")
+        ImageDraw.Draw(whole).text(caption, words, fill=_INK, font=font)
+        yield np.asarray(whole)
+
+
+def _write_gif(path: Path, images: Iterable[Image], pause: float) -> None:
+    """Write a GIF.
+
+    Args:
+        path: of the file.
+        images: bytes (height, width, 3), all of one size, at least one.
+        pause: between two frames [s]; at least 0.02 s are written.
+
+    Raises:
+        OutputFailure: the file cannot be written.
+    """
+    from PIL import Image
+
+    frames = [Image.fromarray(image) for image in images]
+    # One palette for all frames, so that colours do not flicker.
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([255, 255, 255, *_palette_colours(frames)])
+    indexed = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    try:
+        indexed[0].save(
+            path,
+            save_all=True,
+            append_images=indexed[1:],
+            duration=max(round(1000 * pause), _MIN_PAUSE),
+            loop=0,
+            optimize=False,
+        )
+    except OSError as error:
+        raise OutputFailure(
+            f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
+        ) from error
+
+
+def _palette_colours(frames: Sequence[Any]) -> list[int]:
+    """Red, green and blue of at most 255 colours of all frames, as one list of numbers from 0 to
+    255.
+
+    Each colour counts once, however many pixels it has: a few slack cells in one frame of a hundred
+    stay blue.  White is left out, which is a colour of the palette by itself.
+
+    Args:
+        frames: images of Pillow.  The list is empty if nothing is drawn on them.
+    """
+    from PIL import Image
+
+    step = 8 - _COLOUR_BITS
+    found = set()
+    for frame in frames:
+        pixels = np.asarray(frame).reshape(-1, 3)
+        is_drawn = (pixels < _SHORT_OF_WHITE).any(axis=1)
+        coarse = (pixels[is_drawn] >> step).astype(np.int64)
+        numbers = (coarse[:, 0] << 2 * _COLOUR_BITS) | (coarse[:, 1] << _COLOUR_BITS) | coarse[:, 2]
+        found.update(np.unique(numbers).tolist())
+    numbers = np.array(sorted(found), dtype=np.int64)
+    mask = (1 << _COLOUR_BITS) - 1
+    channels = [numbers >> 2 * _COLOUR_BITS, numbers >> _COLOUR_BITS & mask, numbers & mask]
+    # The middle of the interval that the remaining bits leave.
+    colours = ((np.stack(channels, axis=1) << step) + (1 << step) // 2).astype(np.uint8)
+    if not len(colours):
+        return []
+    drawn = Image.fromarray(colours[None])
+    palette = drawn.quantize(255, method=Image.Quantize.MEDIANCUT).getpalette() or []
+    return list(palette[: 3 * 255])
+
+
+def find_ffmpeg() -> str | None:
+    """Path of the program ffmpeg, which writes MP4 files; None if there is none.
+
+    It is the program on PATH, else that of the package imageio-ffmpeg.
+    """
+    program = shutil.which("ffmpeg")
+    if program is not None:
+        return program
+    # A private Debian tree hides the programs of the machine; the wheel of this package contains
+    # one.
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe
+    except ImportError:
+        return None
+    try:
+        return str(get_ffmpeg_exe())
+    except RuntimeError:  # the package was built without the program
+        return None
+
+
+def _write_mp4(path: Path, images: Iterator[Image], rate: float) -> None:
+    """Write an MP4 by the program ffmpeg, which is installed.
+
+    Args:
+        path: of the file.
+        images: bytes (height, width, 3), all of one size with even numbers, at least one.
+        rate: frames a second.
+
+    Raises:
+        OutputFailure: ffmpeg failed; the text contains its last message.
+    """
+    first = next(images)
+    height, width = first.shape[:2]
+    program = find_ffmpeg()
+    assert program is not None
+    command = [program, "-y", "-loglevel", "error"]
+    command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"]
+    command += ["-r", f"{rate:.6g}", "-i", "-"]
+    # Colours that all players know, and the index in front, so that a browser plays while it loads.
+    command += ["-pix_fmt", "yuv420p", "-movflags", "+faststart", str(path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
+        assert encoder.stdin is not None
+        assert encoder.stderr is not None
+        try:
+            for image in (first, *images):
+                encoder.stdin.write(image.tobytes())
+            encoder.stdin.close()
+        except BrokenPipeError:
+            # ffmpeg has ended; the reason is in its messages.
+            pass
+        messages = encoder.stderr.read().decode(errors="replace").strip().splitlines()
+    if encoder.returncode:
+        reason = "no reason given"
+        if messages:
+            reason = messages[-1]
+        raise OutputFailure(f"ffmpeg could not write '{path}' ({reason}); try a .gif.")
+
+
+def file_to_write(path: str | Path) -> Path:
+    """The path of a file to be written, with its folder made.
+
+    Args:
+        path: of the file, which need not exist.
+
+    Raises:
+        InputError: the folder cannot be made, or the path is a folder.
+    """
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
+        ) from error
+    check(not path.is_dir(), f"Cannot write '{path}', which is a folder; give the name of a file.")
+    return path

@@ -1,0 +1,332 @@
+"""One HTML page about a run that needs no other file: a view to turn, pictures, curves, tables.
+
+The recording may come from a stranger.  All texts from it are escaped, in HTML and in the data for
+the view, and the page has a content security policy: a browser runs the one script that is ours,
+known by its hash, and loads nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from base64 import b64encode
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from hashlib import sha256
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import OutputFailure, check
+from gossamer_fx.records.fields.units import energy_words
+from gossamer_fx.records.outputs.description import lines, number_text
+from gossamer_fx.records.plot import plot as pictures
+from gossamer_fx.records.plot.colours import default_field
+from gossamer_fx.records.plot.curve_panels import run_curves
+from gossamer_fx.records.plot.page import WIDTH, write_page
+from gossamer_fx.records.plot.plot import file_to_write
+from gossamer_fx.records.plot.run_reader import RunReader
+from gossamer_fx.records.plot.viewer import view_data
+from gossamer_fx.records.plot.viewpoint import View
+
+_STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; color: #33383d; max-width: 1180px; margin: 2em auto; padding: 0 1em; }
+h1 { font-size: 1.6em; font-weight: 500; margin-bottom: 0.1em; }
+h2 { font-size: 1.15em; font-weight: 500; margin-top: 2em; }
+p.status { color: #66707a; margin-top: 0; } p.status.bad { color: #b3441e; }
+img { max-width: 100%; } table { border-collapse: collapse; } pre { font-size: 13px; overflow-x: auto; }
+td, th { padding: 0.15em 1.2em 0.15em 0; text-align: left; font-weight: 400; vertical-align: top; }
+th { color: #66707a; } td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
+#view { width: 100%; height: 460px; display: block; border: 1px solid #dde1e5; touch-action: none; outline: none; }
+#bar { display: flex; flex-wrap: wrap; gap: 0.5em 1em; align-items: center; margin: 0.5em 0; }
+#time { flex: 1; min-width: 8em; } #time-label { min-width: 8em; }
+#legend i { display: inline-block; width: 0.9em; height: 0.9em; border: 1px solid #66707a; vertical-align: -0.1em; }
+#legend b { display: inline-block; width: 12em; height: 0.7em; max-width: 40vw; }
+div.table { overflow-x: auto; }
+@media (max-width: 700px) {
+  body { margin: 0.8em auto; padding: 0 0.7em; } #view { height: 320px; }
+  td, th { padding-right: 0.8em; } div.table { font-size: 13px; }
+}
+""".strip()
+
+_VIEW = """
+<div id="viewer"><canvas id="view" tabindex="0"></canvas>
+<div id="bar"><button id="play">Play</button><input id="time" type="range" min="0"><span id="time-label"></span>
+<select id="field"></select><span id="legend"></span></div></div>
+<p class="status">Drag to turn, shift-drag to move, wheel to zoom, double click to go back.</p>
+""".strip()
+
+# Screens of at most this width [pixels] show pictures that are laid out for them.
+_NARROW_SCREEN = 700
+# Width of the page of such pictures [inches]: its letters of 9 points are 11 pixels high on a
+# screen of 400.
+_NARROW_WIDTH = 4.0
+
+# Characters with a meaning in HTML, and line ends that JSON allows and JavaScript does not; JSON
+# can write them so.
+_JSON_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
+
+
+_PRESTRESS_HEAD = ("", "asked for", "reached, mean", "least", "largest", "reached")
+_TENSIONS_HEAD = ("[N]", "mean", "least", "largest")
+
+
+@check_arguments
+def write_report(run: RunReader, path: str | Path) -> None:
+    """Write an HTML page about a run: a view to turn, pictures, curves and tables.
+
+    Args:
+        run: a recorded run; it may come from a stranger.
+        path: of the file, ending in `.html`.
+
+    Raises:
+        InputError: nothing was recorded yet, files of the run cannot be read, or the path is a
+            folder.
+        OutputFailure: the file cannot be written.
+
+    Example:
+        >>> page = folder / "report.html"
+        >>> gx.write_report(recorded, page)
+        >>> "A fall" in page.read_text()
+        True
+    """
+    _check_recorded(run)
+    path = file_to_write(path)
+    text = "\n".join(_page(run))
+    try:
+        # A file name or a title may hold half of a surrogate pair, which has no UTF-8.
+        path.write_text(text, encoding="utf-8", errors="replace")
+    except OSError as error:
+        raise OutputFailure(
+            f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
+        ) from error
+
+
+@check_arguments
+class InlineReport:
+    """The report of a run inside a notebook: as the last line of a cell it is shown below the cell.
+
+    Args:
+        run: a recorded run.
+        height: of the frame [pixels]; longer reports are scrolled.
+
+    Raises:
+        InputError: nothing was recorded yet, or a height that is not positive.
+
+    Example:
+        >>> report = gx.plot.InlineReport(recorded)
+        >>> report._repr_html_()[:7]
+        '<iframe'
+    """
+
+    def __init__(self, run: RunReader, *, height: int = 720) -> None:
+        check(height > 0, f"InlineReport: height is {height!r}; give a number of pixels.")
+        _check_recorded(run)
+        self._run = run
+        self._height = height
+
+    def _repr_html_(self) -> str:
+        """The page in a frame: neither its style nor its script meets those of the notebook."""
+        page = escape("\n".join(_page(self._run)))
+        return (
+            f'<iframe sandbox="allow-scripts" style="width: 100%; height: {self._height}px; '
+            f'border: 1px solid #dde1e5" srcdoc="{page}"></iframe>'
+        )
+
+
+def _check_recorded(run: RunReader) -> None:
+    """Refuse a run that has made no step.
+
+    Args:
+        run: reads a recorded run.
+
+    Raises:
+        InputError: the run has no ledger, the table of energies with a row for each step.
+    """
+    check(
+        bool(run.table("ledger.csv")),
+        f"The run in '{run.folder}' has no ledger yet; let it make a step.",
+    )
+
+
+def _page(run: RunReader) -> Iterable[str]:
+    """Yield the lines of the HTML page of a report.
+
+    Args:
+        run: reads a recorded run, which has a ledger; texts from it are escaped.
+
+    Raises:
+        InputError: the files of the run cannot be read.
+    """
+    script = Path(__file__).with_name("viewer.js").read_text(encoding="utf-8")
+    ledger = run.table("ledger.csv")
+    shows_scene = bool(run.bodies) and len(run.times) > 0
+    yield '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
+    yield f'<meta http-equiv="Content-Security-Policy" content="{_policy(script)}">'
+    yield f"<title>{escape(run.title)}</title>"
+    yield f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>'
+    yield f"<h1>{escape(run.title)}</h1>"
+    yield _status(run.about)
+    if shows_scene:
+        field = default_field(run)
+        yield _VIEW
+        if len(run.times) > 1:
+            yield "<h2>Over the time</h2>"
+        yield _image(partial(_draw_strip, run, field), f"{field} at six times")
+    if len(ledger["time"]) > 1:
+        yield _image(
+            partial(_draw_curves, run),
+            "energies, pressures, states, errors, iterations",
+        )
+    yield "<h2>Scene</h2><pre>" + escape("\n".join(lines(run.about["scene"]))) + "</pre>"
+    yield "<h2>Ledger</h2>" + _table(("", "start", "end", "largest magnitude"), _ledger(ledger))
+    prestress = run.about.get("prestress", {})
+    if prestress:
+        yield "<h2>Prestress</h2>" + _table(_PRESTRESS_HEAD, _prestress(prestress))
+    tensions = run.table("tensions.csv")
+    if tensions:
+        yield "<h2>Tensions at the end</h2>" + _table(_TENSIONS_HEAD, _tensions(tensions))
+    numbers = [*_pairs(run.about["stepper"]), *_pairs(run.about["statistics"])]
+    yield "<h2>Solver</h2>" + _table((), numbers)
+    yield "<h2>Versions</h2>" + _table((), _pairs(run.about["versions"]))
+    if shows_scene:
+        yield f'<script type="application/json" id="run-data">{_json(view_data(run))}</script>'
+        yield f"<script>{script}</script>"
+    yield "</body></html>"
+
+
+def _policy(script: str) -> str:
+    """The content security policy: images and styles in the page, and this one script."""
+    sources = [
+        f"'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'"
+        for text in (script, _STYLE)
+    ]
+    return f"default-src 'none'; img-src data:; script-src {sources[0]}; style-src {sources[1]}"
+
+
+def _json(data: Any) -> str:
+    """Data for a script element: no character in it can end the element or begin another one."""
+    return json.dumps(data, separators=(",", ":")).translate(_JSON_ESCAPES)
+
+
+def _status(about: Mapping[str, Any]) -> str:
+    """The HTML paragraph that states how the run ended.
+
+    Args:
+        about: contents of its run.json: times in s, energies in J, errors relative.
+    """
+    status = about["status"]
+    numbers = about["statistics"]
+    if "result" in about:
+        pairs = _pairs(about["result"])
+        words = ", ".join(f"{name} {value}" for name, value in pairs)
+        return f'<p class="status">{escape(words)}</p>'
+    kind = "status" if status in ("finished", "running") else "status bad"
+    closes = "at rest"
+    # Recordings of earlier versions do not say it.
+    if not numbers.get("at rest", False):
+        closes = f"energy closes to {abs(numbers['energy error']):.1e}"
+        if "energy defect" in numbers and "largest energy" in numbers:
+            largest = energy_words(numbers["largest energy"])
+            closes += f" of {largest}, {abs(numbers['energy defect']):.1e} J"
+    words = (
+        f"{status} at t = {numbers['time']:.6g} s of {numbers['until']:.6g} s, {numbers['steps']} "
+        f"steps, {closes}"
+    )
+    return f'<p class="{kind}">{escape(words)}</p>'
+
+
+def _draw_strip(run: RunReader, field: str, file: Path, width: float) -> None:
+    """Draw a field at six times on a page of a width [inches]."""
+    views = pictures.strip_views(run, field, pictures.STRIP_COUNT, View())
+    write_page(file, "", views, width=width)
+
+
+def _draw_curves(run: RunReader, file: Path, width: float) -> None:
+    """Draw all curves on a page of a width [inches]."""
+    write_page(file, "", None, run_curves(run), width=width)
+
+
+def _image(draw: Callable[[Path, float], None], words: str) -> str:
+    """A picture as part of the HTML page, in two layouts: for wide and for narrow screens.
+
+    Args:
+        draw: writes a PNG to a path, for a page of a width [inches].
+        words: alternative text.
+    """
+    sources = []
+    for width in (WIDTH, _NARROW_WIDTH):
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "picture.png"
+            draw(file, width)
+            data = b64encode(file.read_bytes()).decode()
+        sources.append(f"data:image/png;base64,{data}")
+    return (
+        f'<picture><source media="(max-width: {_NARROW_SCREEN}px)" srcset="{sources[1]}">'
+        f'<img alt="{escape(words)}" src="{sources[0]}"></picture>'
+    )
+
+
+def _ledger(ledger: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:
+    """Start, end and largest magnitude of each column."""
+    for name, values in ledger.items():
+        if name not in ("time", "step", "iterations", "substeps"):
+            largest = values[int(np.abs(values).argmax())]
+            numbers = (values[0], values[-1], largest)
+            yield name.replace("_", " "), *(f"{value:.6g}" for value in numbers)
+
+
+def _prestress(parts: Mapping[str, Mapping[str, Any]]) -> Iterable[tuple[str, ...]]:
+    """Rows of the prestress that was asked for and reached, with the unit of each part.
+
+    Args:
+        parts: "prestress" of run.json, by the names of films, cables and beams.
+    """
+    for name, part in parts.items():
+        share = "-"
+        # The file may come from a stranger.
+        if part["asked"]:
+            share = f"{100 * part['mean'] / part['asked']:.3g} %"
+        values = (part["asked"], part["mean"], part["least"], part["largest"])
+        yield f"{name} [{part['unit']}]", *(f"{value:.6g}" for value in values), share
+
+
+def _tensions(table: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:
+    """Mean, least and largest tension [N] of each line in the last recorded state.
+
+    Args:
+        table: tensions.csv, whose columns are called "NAME mean [N]", and so on.
+    """
+    for column, values in table.items():
+        name, is_mean, _ = column.rpartition(" mean [N]")
+        if not is_mean or not len(values):
+            continue
+        cells = [f"{values[-1]:.6g}"]
+        for which in ("least", "largest"):
+            of_line = table.get(f"{name} {which} [N]")
+            # A spring or rope has one tension only.
+            cells.append("" if of_line is None else f"{of_line[-1]:.6g}")
+        yield name, *cells
+
+
+def _pairs(numbers: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Names and values as rows of a table."""
+    return [(name, number_text(value)) for name, value in numbers.items()]
+
+
+def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    """A table whose first column has names, and the others numbers."""
+    found = []
+    if head:
+        found.append(_row("th", head))
+    found += [_row("td", row) for row in rows]
+    return f'<div class="table"><table>{"".join(found)}</table></div>'
+
+
+def _row(kind: str, words: tuple[str, ...]) -> str:
+    first, *rest = words
+    cells = "".join(f'<{kind} class="number">{escape(word)}</{kind}>' for word in rest)
+    return f"<tr><th>{escape(first)}</th>{cells}</tr>"

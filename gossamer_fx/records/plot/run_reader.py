@@ -1,0 +1,759 @@
+"""Reading a run's folder: tables of numbers, and the bodies at the times at which their fields were
+written.
+
+All pictures and reports of a run are drawn from what is read here, also those that are made in the
+course of the run.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.drawing.html import table
+from gossamer_fx.core.mesh.linear_pieces import from_vtk, linear_pieces, middles
+from gossamer_fx.core.mesh.quality import ALIKE
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.records.fields.units import LINE_FIELDS, without_unit
+from gossamer_fx.records.outputs.adios import adios2_for
+from gossamer_fx.records.outputs.field_files import noted_steps
+from gossamer_fx.records.outputs.file_names import file_name, segments
+from gossamer_fx.records.outputs.run_file import read_run_file
+from gossamer_fx.records.outputs.solid_frames import REST, placed
+from gossamer_fx.records.outputs.vtu_format import Grid, read_pvd, read_vtu
+from gossamer_fx.records.plot.shapes import INK, SOLID, Integers, Shape, smooth_normals
+
+Tables = dict[str, Array]
+
+# Columns that a table has in any case.
+_REQUIRED = {
+    "ledger.csv": ("step", "iterations", "kinetic", "supplied", "dissipated", "energy_error")
+}
+# Triangles of a film up to which values that vary in them are drawn on triangles of a quarter of
+# the size.
+_FINE = 12000
+_VTK_TRIANGLES = (5, 22, 69)  # VTK's numbers of triangles: linear, quadratic, Lagrange
+_TIME_SLACK = 1e-6  # of the run's length, by which a time may lie outside it
+_LINE_PARTS = 6  # numbers of a line in lines.csv: its two ends
+_VECTOR_PARTS = 12  # numbers of a frame in solids.csv: origin and three axes
+
+
+@check_arguments
+class RunReader:
+    """Reads the folder of a run that a `Recording` wrote, also of one that is going on or was
+    killed.
+
+    Args:
+        folder: of the run.
+
+    Attributes:
+        about: the contents of run.json.
+        fields: names of the recorded fields, by body.
+        bodies: the bodies on meshes, by name.
+        groups: names of the groups of the films' cells, see `fields.groups.groups_of`; empty if the
+            field "group" was not recorded.
+        times: at which pictures can be drawn [s]: those of the fields or, without bodies on meshes,
+            of all steps.
+
+    Raises:
+        InputError: it is not the folder of a run, or its files cannot be read.
+
+    Example:
+        >>> reader = gx.plot.RunReader(folder / "fall")
+        >>> reader.table("ledger.csv")["step"].tolist()
+        [0.0, 1.0, 2.0]
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        """Open all files of a run; its times are those at which every body was written.
+
+        Optional tables that the run did not write (points, solids, connector lines) count as empty;
+        a missing or damaged run.json or field file is an error.
+
+        Args:
+            folder: of the run, as `Recording` wrote it.
+
+        Raises:
+            InputError: it is not the folder of a run, or its files cannot be read.
+        """
+        self.folder = Path(folder)
+        self.about = read_run_file(self.folder)
+        self.fields: dict[str, list[str]] = self.about["fields"]
+        self.bodies = {name: RecordedBody(self.folder / "fields", name) for name in self.fields}
+        self.solids = [RecordedSolid(solid) for solid in self.about.get("solids", [])]
+        self._points = self._vectors("points.csv", 3)
+        self._frames = self._vectors("solids.csv", _VECTOR_PARTS)
+        self._connectors = self._vectors("lines.csv", _LINE_PARTS)
+        self._connector_names = _names_of_lines(self.table("lines.csv"))
+        self._tensions = self.table("tensions.csv")
+        self.times: Array = self._points[0]
+        if self.bodies:
+            # a run that was killed may have written fewer steps of one body
+            self.times = min((body.times for body in self.bodies.values()), key=len)
+        self.groups: list[str] = self.about.get("groups", [])
+        self._captions: list[str] = self.about.get("captions", [])
+
+    def __repr__(self) -> str:
+        """Title, how the run ended, and what there is to draw."""
+        names = ", ".join(f"'{name}'" for name in self.bodies) or "no bodies on a mesh"
+        return (
+            f"<RunReader of '{self.folder}', {self.title!r}: {self.about['status']}; "
+            f"{len(self.times)} states of {names}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """The bodies and their fields as a table, for notebooks; see `InlineReport` for
+        pictures."""
+        rows = [(name, ", ".join(fields)) for name, fields in self.fields.items()]
+        caption = escape(f"{self.title}: {self.about['status']}, {len(self.times)} states")
+        return f"<p>{caption}</p>{table(('body', 'fields'), rows)}"
+
+    @property
+    def films(self) -> list[str]:
+        """Names of the films."""
+        return [name for name, body in self.bodies.items() if body.is_film]
+
+    @property
+    def title(self) -> str:
+        """Title of the run, or the name of its folder."""
+        return self.about["title"] or self.folder.name
+
+    @property
+    def kind(self) -> str:
+        """What was recorded: "run", "equilibrium" or "mode"."""
+        return str(self.about.get("kind", "run"))
+
+    def caption(self, frame: int, of_time: str) -> str:
+        """Words below a recorded state: those of an equilibrium or a mode, or else the given ones
+        of its time."""
+        if len(self._captions) == len(self.times):
+            return self._captions[frame]
+        return of_time
+
+    # ---- numbers ---------------------------------------------------------------------------------
+
+    def table(self, name: str) -> Tables:
+        """Columns of a table of the run's folder by their names; empty if the run did not write it.
+
+        A last row that is not complete is left out.
+
+        Args:
+            name: of the file, e.g. "ledger.csv".
+
+        Returns:
+            arrays (n,) in SI units, as the names of the columns or the format of the file say.
+
+        Raises:
+            InputError: the file cannot be read, lacks a column, or holds something else than rows
+                of numbers.
+        """
+        path = self.folder / name
+        if not path.is_file():
+            return {}
+        try:
+            with path.open(newline="", encoding="utf-8") as file:
+                rows = list(csv.reader(file))
+            head = rows.pop(0) if rows else []
+            if rows and len(rows[-1]) != len(head):
+                rows.pop()
+            values = np.array([[float(word) for word in row] for row in rows])
+            values = values.reshape(len(rows), len(head))
+        except (OSError, ValueError, csv.Error) as error:
+            raise InputError(
+                f"'{path}' holds something else than numbers ({error}); write the run again."
+            ) from error
+        missing = [column for column in ("time", *_REQUIRED.get(name, ())) if column not in head]
+        check(
+            not missing or not head,
+            f"'{path}' has no column '{''.join(missing[:1])}'; write the run again.",
+        )
+        return dict(zip(head, values.T, strict=True))
+
+    def _vectors(self, name: str, size: int) -> tuple[Array, Array]:
+        """Times of a table, and its other columns as vectors.
+
+        Args:
+            name: of the file in the folder of the run, e.g. "points.csv".
+            size: numbers in a vector.
+
+        Returns:
+            times (t,) [s] and vectors (t, k, size), in metres for positions; without a table empty
+            arrays.
+
+        Raises:
+            InputError: the file cannot be read, or its columns are not groups of `size`.
+        """
+        table = self.table(name)
+        columns = [column for key, column in table.items() if key not in ("time", "step")]
+        check(
+            len(columns) % size == 0,
+            f"'{self.folder / name}' has {len(columns)} columns, which are not groups of {size}; "
+            "write the run again.",
+        )
+        times = table.get("time", np.zeros(0))
+        if not columns:
+            return times, np.zeros((len(times), 0, size))
+        return times, np.stack(columns, axis=1).reshape(len(times), -1, size)
+
+    # ---- shapes ----------------------------------------------------------------------------------
+
+    def frame(self, time: float) -> int:
+        """The number of the recorded state that is nearest to a time, in `times`.
+
+        Args:
+            time: [s].
+
+        Raises:
+            InputError: nothing to draw was written, or the time is outside the run.
+        """
+        check(
+            len(self.times) > 0,
+            f"The run in '{self.folder}' has no fields; let it run, or plot its curves.",
+        )
+        first = self.times[0]
+        last = self.times[-1]
+        slack = _TIME_SLACK * (last - first)
+        check(
+            first - slack <= time <= last + slack,
+            f"The run in '{self.folder}' goes from {first:.6g} s to {last:.6g} s; t = {time:.6g} s "
+            "is not in it.",
+        )
+        return int(abs(self.times - time).argmin())
+
+    def require_fields(self) -> None:
+        """Refuse a run without recorded states.
+
+        Raises:
+            InputError: there is nothing to draw.
+        """
+        first_time = 0.0
+        if len(self.times):
+            first_time = float(self.times[0])
+        self.frame(first_time)
+
+    def known_fields(self) -> list[str]:
+        """Names of the fields of films or, where there are only lines, of lines; without the
+        direction of tension.  Tensions of cables and beams come last."""
+        names = [name for body in self.films or self.fields for name in self.fields[body]]
+        for fields in self.fields.values():
+            names += [name for name in fields if name in LINE_FIELDS]
+        if self._tensions and self.bodies:
+            names.append("tension")
+        return list(dict.fromkeys(name for name in names if name != "direction"))
+
+    def check_field(self, field: str) -> None:
+        """Raise `InputError` for a field that the run does not have.
+
+        Args:
+            field: name of a field, e.g. "stress1".
+
+        Raises:
+            InputError: names the fields that were recorded.
+        """
+        known = self.known_fields()
+        names = list(self.films) or list(self.fields)
+        example = {name: ["displacement", field] for name in names[:1]}
+        check(
+            field in known,
+            f"The run in '{self.folder}' has no field {field!r}; its fields are: "
+            f"{', '.join(known)}. A run records "
+            f"others of `gx.fields` by gx.Recording(folder, fields={example}).",
+        )
+
+    def values(self, field: str, frame: int) -> list[Array]:
+        """Values (n, 3) at the corners of the triangles of each film that has the field; lengths of
+        vectors.  Of a tension they are the values (n, 2) at the ends of the pieces of each line.
+
+        Args:
+            frame: number of the recorded state, see `frame`.
+            field: name of a field; bodies that did not record it are left out.
+
+        Raises:
+            InputError: a file of fields is missing or damaged.
+        """
+        found = []
+        bodies = self.films
+        if field in LINE_FIELDS:
+            bodies = list(self.fields)
+        for name in bodies:
+            if field in self.fields[name]:
+                segment, step = self.bodies[name].at(frame)
+                found.append(segment.read(field, step)[segment.pieces])
+        if field == "tension":
+            for name in self._lines_with_means():
+                mean = self._mean_tension(name, float(self.times[frame]))
+                found.append(np.full((1, 2), mean))
+        return found
+
+    def _lines_with_means(self) -> list[str]:
+        """Names of connectors, and of cables and beams whose field "tension" was not recorded."""
+        names = list(dict.fromkeys(self._connector_names))
+        for name, body in self.bodies.items():
+            if not body.is_film and "tension" not in self.fields[name]:
+                names.append(name)
+        return names
+
+    def _mean_tension(self, name: str, time: float) -> float:
+        """Mean tension [N] of a line at a recorded time [s]; NaN if it was not recorded."""
+        values = self._tensions.get(f"{name} mean [N]", np.zeros(0))
+        if not len(values):
+            return float("nan")
+        return float(values[int(np.abs(self._tensions["time"] - time).argmin())])
+
+    def _line_kinds(
+        self, names: list[str], field: str, time: float, kinds: Callable[[Array], Integers]
+    ) -> Integers:
+        """Rows of the table of colours (n,) of lines by their mean tension, INK for other fields.
+
+        Args:
+            names: of the connectors, cables or beams to which the n lines belong.
+            field: by which the picture is coloured.
+            time: of a recorded state [s].
+            kinds: function that returns rows of the table for values (n,) of the field.
+        """
+        found = np.full(len(names), INK, dtype=np.int64)
+        if field == "tension":
+            of_name = {name: self._mean_tension(name, time) for name in set(names)}
+            values = np.array([of_name[name] for name in names])
+            is_known = np.isfinite(values)
+            found[is_known] = kinds(values[is_known])
+        return found
+
+    def film_corners(self, frame: int) -> list[Array]:
+        """Corners (n, 3, 3) of the triangles of each film [m]; those that triangles share are equal
+        to the last bit.
+
+        Raises:
+            InputError: a file of fields is missing or damaged.
+        """
+        found = []
+        for name in self.films:
+            segment, step = self.bodies[name].at(frame)
+            found.append(segment.joined_positions(step)[segment.vertices])
+        return found
+
+    def shape(self, frame: int, field: str, kinds: Callable[[Array], Integers]) -> Shape:
+        """The scene in a recorded state, as triangles, lines and dots [m] with colours.
+
+        Args:
+            frame: number of the state, see `frame`.
+            field: by which films are coloured; where a film does not have it, values are not
+                numbers.
+            kinds: function that returns rows of a table of colours for values (n,) of the field on
+                triangles.
+
+        Raises:
+            InputError: the files of the run cannot be read.
+        """
+        corners: list[Array] = [np.zeros((0, 3, 3))]
+        normals: list[Array] = [np.zeros((0, 3, 3))]
+        values: list[Array] = [np.zeros((0, 3))]
+        lines: list[Array] = [np.zeros((0, 2, 3))]
+        line_kinds: list[Integers] = [np.zeros(0, dtype=np.int64)]
+        for name, body in self.bodies.items():
+            segment, step = body.at(frame)
+            points = segment.positions(step)[segment.pieces]
+            if not body.is_film:
+                lines.append(points)
+                if field in LINE_FIELDS and field in self.fields[name]:
+                    at_ends = segment.read(field, step)[segment.pieces]
+                    line_kinds.append(kinds(at_ends.mean(axis=1)))
+                else:
+                    time = float(self.times[frame])
+                    line_kinds.append(self._line_kinds([name] * len(points), field, time, kinds))
+                continue
+            corners.append(points)
+            normals.append(smooth_normals(points, segment.vertices))
+            if field in self.fields[name]:
+                values.append(segment.read(field, step)[segment.pieces])
+            else:
+                values.append(np.full(points.shape[:2], np.nan))
+        fine = _refined(*(np.concatenate(parts) for parts in (corners, normals, values)))
+        of_films = kinds(fine[2].mean(axis=1))
+        if field in LINE_FIELDS:
+            # Films have no tension of this kind: they are drawn as solids are.
+            of_films = np.full(len(of_films), SOLID, dtype=np.int64)
+        of_triangles = [of_films]
+        corners = [fine[0]]
+        normals = [fine[1]]
+        time = float(self.times[frame])
+        for X, solid in zip(self.solid_points(time), self.solids, strict=True):
+            surface = X[solid.triangles]
+            corners.append(surface)
+            normals.append(smooth_normals(surface, solid.triangles))
+            of_triangles.append(np.full(len(surface), SOLID, dtype=np.int64))
+            if not len(solid.triangles):
+                lines.append(X[solid.lines])
+                line_kinds.append(np.full(len(solid.lines), INK))
+        lines.append(self.connector_lines(time))
+        line_kinds.append(self._line_kinds(self._connector_names, field, time, kinds))
+        return Shape(
+            time=time,
+            corners=np.concatenate(corners),
+            normals=np.concatenate(normals),
+            kinds=np.concatenate(of_triangles),
+            lines=np.concatenate(lines),
+            line_kinds=np.concatenate(line_kinds),
+            dots=self.dots(time),
+        )
+
+    def connector_lines(self, time: float) -> Array:
+        """Ends (n, 2, 3) of ropes, springs and bars of tapes at a time [m]."""
+        return _at_time(self._connectors, time).reshape(-1, 2, 3)
+
+    def dots(self, time: float) -> Array:
+        """Positions (n, 3) of the bodies without a mesh at a time [m]."""
+        return _at_time(self._points, time)
+
+    def solid_points(self, time: float) -> list[Array]:
+        """Points (n, 3) of each of the solids at a time [m]."""
+        frames = iter(_at_time(self._frames, time).reshape(-1, 4, 3))
+        return [
+            placed(solid.X, next(frames, REST) if solid.moves else REST) for solid in self.solids
+        ]
+
+
+def _names_of_lines(table: Tables) -> list[str]:
+    """Names (n,) of the connectors to which the lines of lines.csv belong.
+
+    Args:
+        table: lines.csv, whose columns are called "NUMBER NAME ax" and so on; may be empty.
+    """
+    firsts = [column for column in table if column not in ("time", "step")][::_LINE_PARTS]
+    return [column.partition(" ")[2].removesuffix(" ax") for column in firsts]
+
+
+def _at_time(table: tuple[Array, Array], time: float) -> Array:
+    """The vectors (k, size) of a table in the row whose time is nearest."""
+    times, vectors = table
+    if not len(times):
+        return np.zeros(vectors.shape[1:])
+    nearest: Array = vectors[int(abs(times - time).argmin())]
+    return nearest
+
+
+def _refined(corners: Array, normals: Array, values: Array) -> tuple[Array, Array, Array]:
+    """Triangles so small that a colour for each shows how values vary.
+
+    All triangles are cut in four until there are 12 000 or more, or values are constant in each; an
+    empty array stays empty.
+
+    Args:
+        corners: (n, 3, 3) [m].
+        normals: unit vectors (n, 3, 3) at the corners.
+        values: (n, 3) at the corners, in the unit of a field; NaN where a film does not have it.
+
+    Returns:
+        the same three arrays for n × 4^k triangles.
+    """
+    parts = [corners, normals, values]
+    while 0 < len(parts[0]) < _FINE and np.ptp(parts[2], axis=1).max() > 0:
+        for k, part in enumerate(parts):
+            # the pieces of a quadratic triangle whose middle nodes have mean values
+            nodes = middles(part)
+            pieces = linear_pieces(np.arange(6)[None], 2)
+            parts[k] = np.concatenate([nodes[:, piece] for piece in pieces])
+    return parts[0], parts[1], parts[2]
+
+
+class RecordedSolid:
+    """A solid from run.json: points X (n, 3) [m], triangles, lines, and whether it moves.
+
+    The frames of solids that move are in solids.csv, in the same order.
+    """
+
+    def __init__(self, about: dict[str, Any]) -> None:
+        """Read the arrays of an entry of "solids" in run.json."""
+        self.X: Array = np.array(about["X"], dtype=float).reshape(-1, 3)
+        self.triangles = np.array(about["triangles"], dtype=np.int64).reshape(-1, 3)
+        self.lines = np.array(about["lines"], dtype=np.int64).reshape(-1, 2)
+        self.moves = bool(about["moves"])
+
+
+class RecordedBody:
+    """One body on a mesh, in the files that a run and its restarts wrote one after the other.
+
+    Args:
+        folder: of the field files.
+        name: of the body.
+
+    Raises:
+        InputError: the file does not exist or cannot be read.
+    """
+
+    def __init__(self, folder: Path, name: str) -> None:
+        """Open the field files of a body, one for each part of a run that was restarted.
+
+        Args:
+            folder: of the field files, which are BP files of ADIOS2, or VTU files with their list.
+            name: of the body.
+
+        Raises:
+            InputError: there is no file, or one cannot be read.
+        """
+        path = folder / f"{file_name(name)}.bp"
+        self.segments: list[FieldFile] = [AdiosFile(one) for one in segments(path)]
+        listed = path.with_suffix(".pvd")
+        if not self.segments and listed.is_file():
+            self.segments = [VtuFiles(listed)]
+        check(bool(self.segments), f"'{path}' is missing; write the run again.")
+        self._frames = [
+            (segment, step) for segment in self.segments for step in range(len(segment.times))
+        ]
+        self.times: Array = np.concatenate([segment.times for segment in self.segments])
+        self.is_film: bool = self.segments[0].is_film
+
+    def at(self, frame: int) -> tuple[FieldFile, int]:
+        """The file that holds a recorded state, and its step there."""
+        return self._frames[frame]
+
+
+class FieldFile:
+    """A mesh as the ranks of a run divided it, and fields on its points at some times.
+
+    Attributes:
+        times: of the steps [s].
+        X: points (p, 3) of the stress-free mesh [m]; points that cells or ranks share come several
+            times.
+        pieces: points (n, 3) of straight triangles, or (n, 2) of straight lines.
+        vertices: numbers of the same shape, equal where pieces share a point.
+        is_film: whether the pieces are triangles.
+    """
+
+    times: Array
+    X: Array
+    pieces: Integers
+    vertices: Integers
+    is_film: bool
+
+    def read(self, field: str, step: int) -> Array:
+        """Values (p,) of a field at the points at a step; of vectors their lengths."""
+        values = self.components(field, step)
+        return np.linalg.norm(values, axis=1) if values.ndim == 2 else values
+
+    def components(self, field: str, step: int) -> Array:
+        """Values (p,) or (p, 3) of a field at the points at a step."""
+        raise NotImplementedError
+
+    def positions(self, step: int) -> Array:
+        """Positions (p, 3) of the points at a step [m]."""
+        moved: Array = self.X + self.components("displacement", step)
+        return moved
+
+    def joined_positions(self, step: int) -> Array:
+        """Positions of the vertices at a step [m], by their numbers."""
+        joined: Array = self.positions(step)[self._point_of_vertex]
+        return joined
+
+    def _join(self, pieces: Integers) -> None:
+        """Set pieces and vertices; pieces that two ranks wrote are kept once.
+
+        A vertex stands for all points that lie on each other in the mesh and in three states.
+
+        It sets `pieces`, `vertices` and `_point_of_vertex`, the number of a point for each vertex.
+        X (p, 3) [m] are the points in the mesh.
+
+        Args:
+            pieces: points of triangles (n, 3) or lines (n, 2), as they are in the file.
+
+        Raises:
+            InputError: the displacements of one of the three states cannot be read.
+        """
+        # Points that lie on each other in the mesh and at the start, in the middle and at the end
+        # of the run are one vertex.  Layers of a folded film may lie on each other for some time,
+        # but not in the mesh.
+        last = len(self.times) - 1
+        positions = [self.X] + [self.positions(step) for step in sorted({0, last // 2, last})]
+        pitch = ALIKE * float(np.ptp(self.X, axis=0).max(initial=0.0)) or 1.0
+        keys = np.rint(np.concatenate(positions, axis=1) / pitch).astype(np.int64)
+        _, self._point_of_vertex, vertex_of_point = np.unique(
+            keys, axis=0, return_index=True, return_inverse=True
+        )
+        vertices = vertex_of_point.ravel()[pieces]
+        first_of_each = np.unique(np.sort(vertices, axis=1), axis=0, return_index=True)[1]
+        kept = np.sort(first_of_each)
+        self.pieces = pieces[kept]
+        self.vertices = vertices[kept]
+
+
+class VtuFiles(FieldFile):
+    """The files of a PVD file that `outputs.VTU` wrote.
+
+    Args:
+        path: of the PVD file.
+
+    Raises:
+        InputError: a file is missing or damaged, or the numbers of points differ between times.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Read times [s] and mesh; fields are read when they are asked for.
+
+        Args:
+            path: of the PVD file, which lists the VTU files.
+
+        Raises:
+            InputError: a file is missing or damaged, or the list is empty.
+        """
+        self._path = path
+        entries = read_pvd(path)
+        times = sorted({entry.time for entry in entries})
+        check(bool(times), f"'{path}' lists no files; let the run make a record.")
+        self.times = np.array(times)
+        self._files = [
+            [path.parent / entry.file for entry in entries if entry.time == time] for time in times
+        ]
+        # The last step that was read: a picture asks for several of its fields.
+        self._step = -1
+        self._arrays: dict[str, Array] = {}
+        self._reference = self._grids(0)
+        cells = []
+        count = 0
+        for grid in self._reference:
+            cells.append(grid.cells + count)
+            count += len(grid.points)
+        self.is_film = max(grid.cells.shape[1] for grid in self._reference) == 3
+        # An empty part, of a rank without cells, has no cell whose number of nodes could be read.
+        pieces = [part for part in cells if len(part)]
+        self.X = self.positions(0) - self.components("displacement", 0)
+        self._join(np.concatenate(pieces))
+
+    def positions(self, step: int) -> Array:
+        """Positions (p, 3) of the points at a step [m]."""
+        return self._array("points", step)
+
+    def components(self, field: str, step: int) -> Array:
+        """Values (p,) or (p, 3) of a field at the points at a step."""
+        return self._array(field, step)
+
+    def _array(self, name: str, step: int) -> Array:
+        """An array of a step, with the values of all ranks: (p,) or (p, 3) for p points.
+
+        Args:
+            name: of a field, in its SI unit; "points" are the positions [m].
+            step: index of the time.
+
+        Raises:
+            InputError: a file lacks the array, or has another number of points than the first step.
+        """
+        if step != self._step:
+            grids = self._grids(step)
+            arrays = {"points": np.concatenate([grid.points for grid in grids])}
+            for key in grids[0].arrays:
+                values = [grid.arrays[key] for grid in grids if key in grid.arrays]
+                arrays[without_unit(key)] = np.concatenate(values)
+            self._arrays = arrays
+            self._step = step
+        found = self._arrays.get(name)
+        count = sum(len(grid.points) for grid in self._reference)
+        if found is None or len(found) != count:
+            raise InputError(
+                f"'{self._path}' is damaged: its field {name!r} at step {step} cannot be read; "
+                "write the run again."
+            )
+        return found
+
+    def _grids(self, step: int) -> list[Grid]:
+        """The parts of a step, one for each rank of the run."""
+        return [read_vtu(file) for file in self._files[step]]
+
+
+class AdiosFile(FieldFile):
+    """One ADIOS2 file that `outputs.VTX` wrote.
+
+    Args:
+        path: of the file.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Read times [s] and mesh of a file; fields are read when they are asked for.
+
+        Args:
+            path: of the BP file.
+
+        Raises:
+            InputError: the file cannot be read, is damaged or has fewer steps than were written, or
+                this Python has no ADIOS2.
+        """
+        self._path = path
+        adios2 = adios2_for(path)
+        noted = noted_steps(path)
+        try:
+            self._file = adios2.FileReader(str(path))
+            steps = self._file.num_steps()
+            if not steps:
+                raise ValueError("there are no steps")
+            self.times = np.ravel(self._file.read("step", step_selection=[0, steps]))
+            # ADIOS2 keeps the part of each rank as a block
+            self._blocks = len(self._file.all_blocks_info("geometry")[0])
+            self.is_film = int(np.ravel(self._file.read("types"))[0]) in _VTK_TRIANGLES
+            self.X, cells = self._read_mesh()
+        except Exception as error:  # ADIOS2 raises what its C++ side throws
+            raise InputError(
+                f"'{path}' cannot be read; it is damaged, or no fields were written."
+            ) from error
+        check(
+            steps >= noted,
+            f"'{path}' has {steps} steps, but {noted} were written; put back a copy of it.",
+        )
+        self._join(linear_pieces(from_vtk(cells), 2 if self.is_film else 1))
+
+    def components(self, field: str, step: int) -> Array:
+        """Values of a field at the p points at a step, from the blocks of all ranks.
+
+        Args:
+            field: name of a recorded field, in its SI unit.
+            step: index of the time.
+
+        Returns:
+            (p,) for a scalar, (p, 3) for a vector.
+
+        Raises:
+            InputError: the field is not in the file, or the file is damaged.
+        """
+        try:
+            blocks = [
+                np.ravel(self._file.read(field, block_id=block, step_selection=[step, 1]))
+                for block in range(self._blocks)
+            ]
+            values: Array = np.concatenate(blocks)
+            return values if len(values) == len(self.X) else values.reshape(len(self.X), -1)
+        except Exception as error:
+            raise InputError(
+                f"'{self._path}' is damaged: its field {field!r} at step {step} cannot be read; "
+                "write the run again."
+            ) from error
+
+    def _read_mesh(self) -> tuple[Array, Integers]:
+        """Points (p, 3) [m] and cells of the mesh, joined from the blocks of all ranks.
+
+        Returns:
+            points, and cells (m, k) as numbers of their k nodes in the order of VTK.
+
+        Raises:
+            Exception: ADIOS2 or NumPy cannot read the file; the caller turns it into an
+                `InputError`.
+        """
+        points = []
+        cells = []
+        count = 0
+        for block in range(self._blocks):
+            x = np.asarray(self._file.read("geometry", block_id=block)).reshape(-1, 3)
+            # each row is the number of nodes of a cell, and the nodes
+            rows = np.asarray(self._file.read("connectivity", block_id=block)).ravel()
+            points.append(x)
+            if rows.size:
+                own = rows.reshape(-1, int(rows[0]) + 1)[:, 1:]
+                cells.append(own.astype(np.int64) + count)
+            count += len(x)
+        return np.concatenate(points), np.concatenate(cells)

@@ -1,0 +1,168 @@
+"""Probes of contact: functions of a run that return one number, the same on every rank."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import InputError, check
+from gossamer_fx.core.model.body import MeshBody
+from gossamer_fx.mechanics.contact.compiled import CompiledContacts
+from gossamer_fx.mechanics.contact.contact import Contact
+from gossamer_fx.mechanics.contact.contact_set import ContactSet
+from gossamer_fx.mechanics.contact.narrow_phase.closest_points import PairDistances
+from gossamer_fx.mechanics.contact.narrow_phase.intersections import find_intersections
+from gossamer_fx.mechanics.contact.obstacles import Obstacle
+
+AXES = {"x": 0, "y": 1, "z": 2}
+
+
+# Two contacts of a scene are compiled together; a probe needs one of them.
+def contact_set_of(contact: Contact, run: Any) -> ContactSet:
+    """The compiled pairs of a contact in a run.
+
+    Args:
+        contact: an item of the scene.
+        run: of the scene; on every rank the object holds the pairs of this rank.
+
+    Raises:
+        InputError: the contact is not in the run's scene.
+    """
+    for compiled in run.system.compiled:
+        if isinstance(compiled, CompiledContacts) and contact in compiled.contact_sets:
+            return compiled.contact_sets[contact]
+    raise InputError(f"'{contact.name}' is not in the scene; add it, or remove its probe.")
+
+
+@check_arguments
+class ContactGap:
+    """Least gap [m] between parts of a contact that are not connected: distance less the radii.
+
+    Infinite if nothing was within reach of the last search.
+
+    Args:
+        contact: in the scene.
+
+    Example:
+        >>> import gossamer_fx as gx
+        >>> def probes(contact: gx.Contact) -> gx.Series:
+        ...     return gx.Series({"gap": gx.probes.ContactGap(contact)})
+    """
+
+    def __init__(self, contact: Contact) -> None:
+        self.contact = contact
+
+    def __call__(self, run: Any) -> float:
+        """The least gap [m] of all candidates in the state of a run.  Collective."""
+        contact_set = contact_set_of(self.contact, run)
+        x = contact_set.points.at(run.system.q0, run.system.time)
+        # At the accepted state: the pairs' distances of the last iterate may belong to another
+        # one.
+        gap = PairDistances.of(contact_set.candidates, x).gap
+        return float(run.comm.allreduce(float(gap.min(initial=np.inf)), op=MPI.MIN))
+
+
+@check_arguments
+class ContactForce:
+    """Component [N] of the force of a contact on one of its bodies or obstacles: mean of the last
+    step.
+
+    Args:
+        contact: in the scene.
+        body: a film, cable, beam or obstacle of this contact.
+        axis: "x", "y" or "z".
+
+    Raises:
+        InputError: another axis, or a body that is not in the contact.
+
+    Example:
+        >>> import gossamer_fx as gx
+        >>> def probes(contact: gx.Contact, floor: gx.contact.Plane) -> gx.Series:
+        ...     return gx.Series({"push": gx.probes.ContactForce(contact, floor, axis="z")})
+    """
+
+    def __init__(self, contact: Contact, body: MeshBody | Obstacle, *, axis: str) -> None:
+        """Check axis and body, and find the number of the body among those of the contact.
+
+        Args:
+            contact: of the scene.
+            body: a film, cable, beam or obstacle of this contact.
+            axis: "x", "y" or "z".
+
+        Raises:
+            InputError: another axis, or a body that is not in the contact.
+        """
+        check(
+            axis in AXES,
+            f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}.",
+        )
+        known: list[MeshBody | Obstacle] = [*contact.bodies, *contact.obstacles]
+        names = ", ".join(one.name for one in known)
+        numbers = [k for k, one in enumerate(known) if one is body]
+        check(
+            bool(numbers),
+            f"'{getattr(body, 'name', body)}' is not in '{contact.name}', which holds: {names}.",
+        )
+        self.contact = contact
+        self.axis = axis
+        self._number = numbers[0]
+
+    def __call__(self, run: Any) -> float:
+        """The component [N] of the mean force in the last step of a run."""
+        contact_set = contact_set_of(self.contact, run)
+        # Each rank holds the forces of its pairs on all points, so that the sum over ranks is
+        # complete.
+        of_body = (contact_set.mesh.body == self._number) & contact_set.points.is_position()
+        # The forces of the residual are internal ones, opposite to those on the body.
+        force = -float(contact_set.forces.point_forces[of_body, AXES[self.axis]].sum())
+        return float(run.comm.allreduce(force))
+
+
+@check_arguments
+class Penetrations:
+    """Number of pairs of an edge and a triangle that intersect: zero unless contact has failed.
+
+    All edges are compared with all triangles near them, whatever the contact itself knows.  In a
+    large scene that takes as long as a Newton iteration, so that it may be done less often.
+
+    Args:
+        contact: in the scene.
+        every: number of steps from one count to the next; steps between have the last number.
+
+    Raises:
+        InputError: `every` is below one.
+
+    Example:
+        >>> import gossamer_fx as gx
+        >>> def probes(contact: gx.Contact) -> gx.Series:
+        ...     return gx.Series({"penetrations": gx.probes.Penetrations(contact)})
+    """
+
+    def __init__(self, contact: Contact, *, every: int = 1) -> None:
+        check(every >= 1, f"Penetrations: every is {every!r}; count in every step or less often.")
+        self.contact = contact
+        self.every = every
+        self._last = 0.0
+        self._next_step = 0
+
+    def __call__(self, run: Any) -> float:
+        step = getattr(run, "step", None)
+        if step is None:
+            # An equilibrium has no steps.
+            return self._count(run)
+        # A restarted run begins at any step: the first call counts.
+        is_due = step >= self._next_step or step < self._next_step - self.every
+        if is_due:
+            self._last = self._count(run)
+            self._next_step = step + self.every
+        return self._last
+
+    def _count(self, run: Any) -> float:
+        """Number of intersecting pairs of all ranks in the present state of a run; collective."""
+        contact_set = contact_set_of(self.contact, run)
+        mesh = contact_set.mesh
+        x = contact_set.points.at(run.system.q0, run.system.time)
+        return float(run.comm.allreduce(len(find_intersections(mesh.surface, x, mesh.own_edges))))

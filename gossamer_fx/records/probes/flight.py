@@ -1,0 +1,285 @@
+"""Probes of scenes in orbit: orbital elements, sunlight, attitude, and resultants of loads."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.forms.spaces import cell_nodes
+from gossamer_fx.core.model.body import Array, Port
+from gossamer_fx.core.model.roles import Resultants, playing
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.orbit.elements import elements_of
+from gossamer_fx.mechanics.orbit.environment import local_axes
+from gossamer_fx.mechanics.orbit.orbit import Orbit
+from gossamer_fx.records.probes.points import AXES
+from gossamer_fx.solve.view import Run
+
+# Osculating elements: attributes of `orbit.elements.Elements`
+ELEMENTS = ("a", "e", "i", "node", "perigee", "anomaly")
+
+# Quantities of `OrbitState`
+ORBITAL = (*ELEMENTS, "altitude", "depth", "sunlit")
+
+# Quantities of `LoadResultant`
+ACTIONS = ("force", "torque")
+
+
+@check_arguments
+class OrbitState:
+    """Quantity of the orbit of the centre of mass.
+
+    Args:
+        orbit: the orbit of the scene.
+        quantity: one of
+
+            - the osculating elements "a" [m], "e", "i", "node", "perigee" and "anomaly" [rad];
+            - "altitude" [m] above the radius of the central body;
+            - "depth" [m] in the cylinder of the shadow, negative outside: an eclipse begins and
+              ends where it is zero;
+            - "sunlit", the share of the Sun's disc that is visible, 0 to 1.
+
+    Raises:
+        InputError: the quantity is unknown.
+
+    Example:
+        >>> altitude = gx.probes.OrbitState(orbit, "altitude")
+    """
+
+    def __init__(self, orbit: Orbit, quantity: str) -> None:
+        """Check the name of the quantity."""
+        check(
+            quantity in ORBITAL,
+            f"An orbit has no quantity {quantity!r}; its quantities are: {', '.join(ORBITAL)}.",
+        )
+        self.orbit = orbit
+        self.quantity = quantity
+
+    def __call__(self, run: Run) -> float:
+        """The quantity in the present state of a run: angles in rad, lengths in m.  Collective.
+
+        Args:
+            run: of a scene with the orbit.
+
+        Raises:
+            InputError: the orbit is not in the scene, the motion has no orbital elements (a fall
+                straight down or a parabola), or the direction to the Sun is not known.
+        """
+        position, velocity = self.orbit.flight(run.system).state()
+        if self.quantity in ELEMENTS:
+            elements = elements_of(position, velocity, self.orbit.mu)
+            return float(getattr(elements, self.quantity))
+        if self.quantity == "altitude":
+            return float(np.linalg.norm(position)) - self.orbit.radius
+        if self.quantity == "depth":
+            return self.orbit.depth(position, run.time)
+        return self.orbit.sunlit(position, self.orbit.sun(run.time))
+
+
+@check_arguments
+class SunAngle:
+    """Angle [rad] between the direction to the Sun and a film's mean normal, or a director of a
+    frame.
+
+    Args:
+        orbit: the orbit of the scene.
+        of: a film, or a director such as `body.frame().directors[2]`.
+
+    Raises:
+        InputError: `of` is neither a film nor a port.
+
+    Example:
+        >>> incidence = gx.probes.SunAngle(orbit, film)
+    """
+
+    def __init__(self, orbit: Orbit, of: Membrane | Port) -> None:
+        """Check that there is a direction: a film's normal or a port's vector."""
+        check(
+            isinstance(of, Membrane | Port),
+            f"SunAngle of {of!r}; give a film, or a director such as body.frame().directors[2].",
+        )
+        self.orbit = orbit
+        self.of = of
+
+    def __call__(self, run: Run) -> float:
+        """The angle [rad] in the state of a run, 0 to π."""
+        position, _ = self.orbit.flight(run.system).state()
+        to_sun = self.orbit.sun(run.time) - position
+        return _angle(to_sun, direction_of(run, self.of))
+
+
+@check_arguments
+class Attitude:
+    """Angle [rad] between an axis of the orbit and a film's mean normal, or a director of a frame.
+
+    Args:
+        orbit: the orbit of the scene.
+        of: a film, or a director such as `body.frame().directors[2]`.
+        axis: "outward" (away from the central body), "along" (the motion) or "across" (normal to
+            the orbit).
+
+    Raises:
+        InputError: `of` is neither a film nor a port, or the axis is unknown.
+
+    Example:
+        >>> tilt = gx.probes.Attitude(orbit, film, axis="outward")
+    """
+
+    # Columns of `orbit.environment.local_axes`
+    NAMES = ("outward", "along", "across")
+
+    def __init__(self, orbit: Orbit, of: Membrane | Port, *, axis: str) -> None:
+        """Check the arguments of the probe of an angle [rad] to an axis of the orbit.
+
+        Args:
+            orbit: the orbit of the scene.
+            of: a film, whose mean normal counts, or a director of a body.
+            axis: "outward", "along" or "across" the orbit.
+
+        Raises:
+            InputError: `of` is neither a film nor a port, or `axis` is another word.
+        """
+        check(
+            isinstance(of, Membrane | Port),
+            f"Attitude of {of!r}; give a film, or a director such as body.frame().directors[2].",
+        )
+        check(
+            axis in self.NAMES,
+            f"An orbit has no axis {axis!r}; its axes are: {', '.join(self.NAMES)}.",
+        )
+        self.orbit = orbit
+        self.of = of
+        self.axis = axis
+
+    def __call__(self, run: Run) -> float:
+        """The angle [rad] in the state of a run, 0 to π."""
+        position, velocity = self.orbit.flight(run.system).state()
+        axes = local_axes(position, velocity)
+        column = self.NAMES.index(self.axis)
+        return _angle(axes[:, column], direction_of(run, self.of))
+
+
+@check_arguments
+class LoadResultant:
+    """Component of the force [N] of a load, or of its torque [N m] about the centre of mass, last
+    step.
+
+    Args:
+        orbit: the orbit of the scene.
+        load: name of a load.  The load of the orbit itself is gravity less the acceleration of the
+            frame that flies with it.
+        action: "force" or "torque".
+        axis: "x", "y" or "z".
+
+    Raises:
+        InputError: the action or axis is unknown; when called, the scene has no such load.
+
+    Example:
+        >>> thrust = gx.probes.LoadResultant(orbit, "sunlight", action="force", axis="x")
+    """
+
+    def __init__(
+        self,
+        orbit: Orbit,
+        load: str,
+        *,
+        action: str,
+        axis: str,
+    ) -> None:
+        """Check the arguments of the probe of a load's force [N] or torque [N m].
+
+        Args:
+            orbit: the orbit of the scene.
+            load: name of a load; it is looked up when the probe is called.
+            action: "force" or "torque".
+            axis: "x", "y" or "z".
+
+        Raises:
+            InputError: `action` or `axis` is another word.
+        """
+        check(action in ACTIONS, f"A load has no {action!r}; it has: {', '.join(ACTIONS)}.")
+        check(
+            axis in AXES,
+            f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}.",
+        )
+        self.orbit = orbit
+        self.load = load
+        self.action = action
+        self.axis = axis
+
+    def __call__(self, run: Run) -> float:
+        """The component of the force [N] or torque [N m] in the last step of a run.  Collective.
+
+        Args:
+            run: of a scene with the load; before the first step the component is zero.
+
+        Raises:
+            InputError: the scene has no load of this name, or the orbit is not in it.
+        """
+        force, torque = resultant(run, self.load)
+        component = AXES[self.axis]
+        if self.action == "force":
+            return float(force[component])
+        # Resultants are about the origin of the frame, which only follows the centre of mass.
+        centre = self.orbit.flight(run.system).centre
+        about_centre = torque - np.cross(centre, force)
+        return float(about_centre[component])
+
+
+def resultant(run: Run, load: str) -> Array:
+    """Force [N] and torque about the origin [N m] of a load in the last step, (2, 3).  Collective.
+
+    Args:
+        run: of a scene with the load; before the first step both are zero.
+        load: name of the load.
+
+    Raises:
+        InputError: the scene has no load of this name, which is asked after the first step only.
+    """
+    total = np.zeros((2, 3))
+    found = 0
+    for kind in playing(Resultants, run.system.compiled):
+        resultants = kind.resultants()
+        if load in resultants:
+            total += resultants[load]
+            found += 1
+    known = run.comm.allreduce(found)
+    # Before the first step no load has acted, so none has a resultant yet.
+    check(known > 0 or run.step == 0, f"The scene has no load '{load}'.")
+    over_ranks: Array = run.comm.allreduce(total)
+    return over_ranks
+
+
+def direction_of(run: Run, of: Membrane | Port) -> Array:
+    """The mean normal of a film, or the vector of a port, (3,); not of unit length.  Collective.
+
+    The mean normal is the sum of the triangles' area vectors, here times two [m²].
+
+    Args:
+        run: in whose state it is evaluated.
+        of: the film, or a vector attached to a body, such as a director [-].
+
+    Raises:
+        InputError: the body is not in the scene of the run.
+    """
+    if isinstance(of, Port):
+        return run.system.state.vector(of)
+    positions = run.system.state[of].local_positions()
+    owned = of.mesh.domain.topology.index_map(2).size_local
+    # The first three nodes of a triangle are its corners, also of order 2.
+    corners = cell_nodes(of.space)[:owned, :3]
+    a = positions[corners[:, 0]]
+    b = positions[corners[:, 1]]
+    c = positions[corners[:, 2]]
+    own_sum = np.cross(b - a, c - a).sum(axis=0)
+    total: Array = run.comm.allreduce(own_sum, op=MPI.SUM)
+    return total
+
+
+def _angle(a: Array, b: Array) -> float:
+    """Angle [rad] between two vectors (3,); the arc tangent is accurate also near 0 and π."""
+    return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))

@@ -1,0 +1,198 @@
+"""Probes of cables, beams and connectors: tension, strain and length."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.forms.kinematics import Expr
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.bodies.between import DrawnAsLines
+from gossamer_fx.mechanics.bodies.curve import Curve
+from gossamer_fx.records.fields.axial_force import CurrentLength, GaussValues, axial_strain, tension
+from gossamer_fx.records.fields.body_shape import BodyShape
+from gossamer_fx.records.fields.line_forces import LineForces, line_forces
+from gossamer_fx.records.fields.values import HasSystem
+from gossamer_fx.solve.system.system import System
+
+# What is reported of the values along a line
+KINDS = ("mean", "least", "largest")
+
+
+class _ForSystem[T]:
+    """What a probe compiles for the system of its last call: it is called at each step of one run.
+
+    Args:
+        compiled: compiles it for a system.
+    """
+
+    def __init__(self, compiled: Callable[[System], T]) -> None:
+        self._compile = compiled
+        self._last: tuple[System, T] | None = None
+
+    def __call__(self, system: System) -> T:
+        if self._last is None or self._last[0] is not system:
+            self._last = (system, self._compile(system))
+        return self._last[1]
+
+
+class _AlongLine:
+    """A quantity along a line: its mean, its least or its largest value.
+
+    Args:
+        line: a cable, beam or connector.
+        which: one of `KINDS`.
+        of_body: the quantity of a cable or beam.
+        of_connector: the quantity (n,) of the lines of a connector.
+
+    Raises:
+        InputError: `which` is unknown.
+    """
+
+    def __init__(
+        self,
+        line: Curve | DrawnAsLines,
+        which: str,
+        *,
+        of_body: Callable[[BodyShape], Expr],
+        of_connector: Callable[[LineForces], Array],
+    ) -> None:
+        kind = type(self).__name__
+        check(which in KINDS, f"{kind}: which is {which!r}; choose among: {', '.join(KINDS)}.")
+        self.line = line
+        self.which = which
+        self._of_connector = of_connector
+        if isinstance(line, Curve):
+            self._values = _ForSystem(lambda system: GaussValues(system, line, of_body))
+
+    def __call__(self, run: HasSystem) -> float:
+        """The value in the state of a run or an equilibrium.  Collective, the same on every rank.
+
+        Args:
+            run: a `Simulation` or an `Equilibrium`.
+
+        Raises:
+            InputError: the line is not in the scene.
+        """
+        if isinstance(self.line, Curve):
+            return self._along_body(run.system)
+        lines = line_forces(run.system, self.line)
+        values = self._of_connector(lines)
+        if self.which == "least":
+            return float(values.min())
+        if self.which == "largest":
+            return float(values.max())
+        return float(values @ lines.weights)
+
+    def _along_body(self, system: System) -> float:
+        """The value of a cable or beam."""
+        values = self._values(system)
+        values.update()
+        if self.which == "mean":
+            return values.mean()
+        least, largest = values.extremes()
+        if self.which == "least":
+            return least
+        return largest
+
+
+@check_arguments
+class Tension(_AlongLine):
+    """Tension [N] of a cable, beam, tape, spring, rope or tether, negative for compression.
+
+    Of a beam it is the axial force.  The force of a damping is not included.  The mean is that
+    along the natural length; of a bundle that of its ropes.
+
+    Args:
+        line: a `Cable`, `Beam`, `Tape`, `Spring`, `Rope`, `RopeBundle` or `Tether` of the scene.
+        which: "mean", "least" or "largest" along the line, or of the ropes of a bundle.
+
+    Raises:
+        InputError: `which` is unknown, or the line is something else; when called, the line is not
+            in the scene.
+
+    Example:
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=0.9)
+        >>> tension = gx.probes.Tension(spring)
+        >>> run = gx.Simulation(gx.Scene(spring), gx.Midpoint(dt=0.1))
+        >>> round(tension(run), 9)
+        10.0
+    """
+
+    unit = "N"
+
+    def __init__(self, line: Curve | DrawnAsLines, which: str = "mean") -> None:
+        super().__init__(line, which, of_body=tension, of_connector=lambda lines: lines.tensions)
+
+
+@check_arguments
+class AxialStrain(_AlongLine):
+    """Strain of a cable, beam, tape, spring, rope or tether, of which its tension is a function.
+
+    It is the change of length over the natural length.  Of a cable or beam it contains the initial
+    strain, and not the thermal strain.
+
+    Args:
+        line: a `Cable`, `Beam`, `Tape`, `Spring`, `Rope`, `RopeBundle` or `Tether` of the scene.
+        which: "mean", "least" or "largest" along the line, or of the ropes of a bundle.
+
+    Raises:
+        InputError: `which` is unknown, or the line is something else; when called, the line is not
+            in the scene.
+
+    Example:
+        >>> cable = gx.Cable(curve, gx.CableLaw(1e4, 0.01), initial_tension=50.0)
+        >>> statics = gx.Equilibrium(gx.Scene(cable, gx.Fixed(cable, "line")))
+        >>> round(gx.probes.AxialStrain(cable)(statics), 6)
+        0.004988
+    """
+
+    unit = ""
+
+    def __init__(self, line: Curve | DrawnAsLines, which: str = "mean") -> None:
+        super().__init__(
+            line, which, of_body=axial_strain, of_connector=lambda lines: lines.strains
+        )
+
+
+@check_arguments
+class Length:
+    """Length [m] of a cable, beam, tape, spring, rope or tether in its present shape.
+
+    That of a bundle is the sum of the lengths of its ropes.
+
+    Args:
+        line: a `Cable`, `Beam`, `Tape`, `Spring`, `Rope`, `RopeBundle` or `Tether` of the scene.
+
+    Raises:
+        InputError: the line is something else; when called, the line is not in the scene.
+
+    Example:
+        >>> cable = gx.Cable(curve, gx.CableLaw(1e4, 0.01))
+        >>> run = gx.Simulation(gx.Scene(cable), gx.Midpoint(dt=0.1))
+        >>> round(gx.probes.Length(cable)(run), 9)
+        1.0
+    """
+
+    unit = "m"
+
+    def __init__(self, line: Curve | DrawnAsLines) -> None:
+        self.line = line
+        if isinstance(line, Curve):
+            self._length = _ForSystem(lambda system: CurrentLength(system, line))
+
+    def __call__(self, run: HasSystem) -> float:
+        """The length [m] in the state of a run or an equilibrium.  Collective.
+
+        Args:
+            run: a `Simulation` or an `Equilibrium`.
+
+        Raises:
+            InputError: the line is not in the scene.
+        """
+        system = run.system
+        if not isinstance(self.line, Curve):
+            return float(line_forces(system, self.line).lengths.sum())
+        return self._length(system)()

@@ -1,0 +1,328 @@
+"""Probes of points, frames, joints, chambers and films."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from gossamer_fx.core.algebra.point_measures import attach, is_evaluated_here
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.body import Array, Port
+from gossamer_fx.mechanics.bodies.frames import Frame
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.records.fields.film_states import STATES, AreaFractions
+from gossamer_fx.records.fields.reactions import Joint, joint_force
+from gossamer_fx.solve.system.system import System
+from gossamer_fx.solve.view import Run
+
+# The gas package is imported for its types only: most scenes with probes have no gas.
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.gas.contract import Volume
+    from gossamer_fx.mechanics.gas.ring import Ring
+
+# Components of a vector by name
+AXES = {"x": 0, "y": 1, "z": 2}
+
+# Quantities of `GasState`; attributes of `gas.state.ChamberState`
+GAS = ("pressure", "temperature", "volume", "mass")
+
+
+@check_arguments
+class Position:
+    """Coordinate [m] of a point of a body.
+
+    Args:
+        port: the point.
+        axis: "x", "y" or "z".
+
+    Raises:
+        InputError: the axis is unknown; when called, the body is not in the scene.
+
+    Example:
+        >>> height = gx.probes.Position(mass.port(), "z")
+        >>> height(run)
+        -1.0
+    """
+
+    def __init__(self, port: Port, axis: str) -> None:
+        check_axis(axis)
+        self.port = port
+        self.axis = axis
+
+    unit = "m"
+
+    def __call__(self, run: Run) -> float:
+        """The coordinate [m] in the state of a run."""
+        return float(run.system.state.vector(self.port)[AXES[self.axis]])
+
+    def add_derivative(
+        self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add the derivative by the coordinates to a vector of the system, for
+        `gx.analysis.gradient`."""
+        self._add_weights(system, by_position)
+
+    def _add_weights(self, system: System, vector: PETSc.Vec) -> None:
+        """Add the weights with which the port takes the coordinate from the unknowns of its
+        body."""
+        indices, weights, _ = attach(system.numbering, system.bodies, (self.port,))
+        if is_evaluated_here((self.port,)):
+            row = weights[AXES[self.axis]]
+            # One rank adds the weights, some of which may belong to unknowns of another.
+            vector.setValues(indices, row, addv=PETSc.InsertMode.ADD_VALUES)
+        vector.assemble()
+
+
+@check_arguments
+class Displacement(Position):
+    """Component [m] of the displacement of a point from its initial position.
+
+    Args:
+        port: the point.
+        axis: "x", "y" or "z".
+
+    Raises:
+        InputError: the axis is unknown; when called, the body is not in the scene.
+
+    Example:
+        >>> deflection = gx.probes.Displacement(mass.port(), "z")
+        >>> deflection(run)
+        0.0
+    """
+
+    def __call__(self, run: Run) -> float:
+        """The component [m] in the state of a run."""
+        start = run.system.initial.vector(self.port)
+        return super().__call__(run) - float(start[AXES[self.axis]])
+
+
+class Velocity(Position):
+    """Component [m/s] of the velocity of a point.
+
+    Args:
+        port: the point.
+        axis: "x", "y" or "z".
+
+    Raises:
+        InputError: the axis is unknown; when called, the body is not in the scene.
+
+    Example:
+        >>> speed = gx.probes.Velocity(mass.port(), "x")
+        >>> speed(run)
+        0.0
+    """
+
+    unit = "m/s"
+
+    def __call__(self, run: Run) -> float:
+        """The component [m/s] in the state of a run."""
+        return float(run.system.state.rate(self.port)[AXES[self.axis]])
+
+    def add_derivative(
+        self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add the derivative by the velocities to a vector of the system, for
+        `gx.analysis.gradient`."""
+        self._add_weights(system, by_velocity)
+
+
+@check_arguments
+class GasState:
+    """Quantity of the gas in a chamber: pressure [Pa], temperature [K], volume [m³] or mass [kg].
+
+    Args:
+        chamber: a chamber or tank.
+        quantity: "pressure", "temperature", "volume" or "mass".
+
+    Raises:
+        InputError: the quantity is unknown; when called, the chamber is not in the scene.
+
+    Example:
+        >>> pressure = gx.probes.GasState(tank, "pressure")
+        >>> pressure(run)
+        200000.0
+    """
+
+    def __init__(self, chamber: Volume, quantity: str) -> None:
+        """Check the name of the quantity."""
+        check(
+            quantity in GAS,
+            f"A chamber has no quantity {quantity!r}; its quantities are: {', '.join(GAS)}.",
+        )
+        self.chamber = chamber
+        self.quantity = quantity
+
+    def __call__(self, run: Run) -> float:
+        """The quantity in the state of a run: pressure [Pa], temperature [K], volume [m³] or mass
+        [kg].
+
+        Raises:
+            InputError: the chamber is not in the scene of the run.
+        """
+        state = run.chamber(self.chamber.name)
+        values = {
+            "pressure": state.pressure,
+            "temperature": state.temperature,
+            "volume": state.volume,
+            "mass": state.mass,
+        }
+        return float(values[self.quantity])
+
+
+@check_arguments
+class AreaFraction:
+    """Share of a film's reference area that is slack, wrinkled or taut.
+
+    Args:
+        body: the film.
+        state: "slack", "wrinkled" or "taut".
+
+    Raises:
+        InputError: the state is unknown.
+
+    Example:
+        >>> wrinkled = gx.probes.AreaFraction(film, "wrinkled")
+    """
+
+    def __init__(self, body: Membrane, state: str) -> None:
+        """Check the name of the state; forms are compiled when the probe is first called."""
+        check(
+            state in STATES, f"A film has no state {state!r}; its states are: {', '.join(STATES)}."
+        )
+        self.state = state
+        self._fractions = AreaFractions([body])
+
+    def __call__(self, run: Run) -> float:
+        """The share in the state of a run, 0 to 1."""
+        return float(self._fractions(run.system)[STATES[self.state]])
+
+
+@check_arguments
+class AngularVelocity:
+    """Component [rad/s] of the angular velocity of a frame.
+
+    With orthonormal directors d_i, ω = ½ Σ d_i × ḋ_i.
+
+    Args:
+        frame: of a body, not of the ground.
+        axis: "x", "y" or "z".
+
+    Raises:
+        InputError: the frame is that of the ground, or the axis is unknown.
+
+    Example:
+        >>> spin = gx.probes.AngularVelocity(hub.frame(), "z")
+        >>> spin(run)
+        0.0
+    """
+
+    def __init__(self, frame: Frame, axis: str) -> None:
+        """Check the axis, and take the directors of the frame."""
+        check_axis(axis)
+        self.axis = axis
+        self._directors = [port for port in frame.directors if isinstance(port, Port)]
+        check(
+            len(self._directors) == len(frame.directors),
+            "AngularVelocity: the ground does not turn; give the frame of a body.",
+        )
+
+    def __call__(self, run: Run) -> float:
+        """The component [rad/s] in the state of a run."""
+        directors = run.system.state.vectors(self._directors)
+        rates = run.system.state.rates(self._directors)
+        # A beam's section has two directors; the sum needs the normal too.
+        if len(directors) == 2:
+            directors, rates = _with_normal(directors, rates)
+        angular_velocity = np.cross(directors, rates).sum(axis=0) / 2
+        return float(angular_velocity[AXES[self.axis]])
+
+
+@check_arguments
+class JointForce:
+    """Component [N] of the force that a joint exerts on its second side `b`, in the last step.
+
+    Args:
+        joint: a joint of the scene.
+        axis: "x", "y" or "z".
+
+    Raises:
+        InputError: the axis is unknown; when called, the joint is not in the scene.
+
+    Example:
+        >>> hinge = gx.constraints.BallJoint(hub.port((0.0, 0.0, 0.0)), mass.port())
+        >>> tension = gx.probes.JointForce(hinge, "x")
+    """
+
+    def __init__(self, joint: Joint, axis: str) -> None:
+        check_axis(axis)
+        self.joint = joint
+        self.axis = axis
+
+    def __call__(self, run: Run) -> float:
+        """The component [N] in the last step of a run."""
+        force, _ = joint_force(run.system, self.joint)
+        return float(force[AXES[self.axis]])
+
+
+@check_arguments
+class RingArea:
+    """Deformed area [m²] of a ring of a film, through which gas may pass.
+
+    Args:
+        ring: the ring.
+
+    Raises:
+        InputError: when called, the film is not in the scene, or the edges form no closed line.
+
+    Example:
+        >>> area = gx.probes.RingArea(gx.gas.Ring(film, "ring 1"))
+    """
+
+    def __init__(self, ring: Ring) -> None:
+        self.ring = ring
+        self._loops: dict[int, Any] = {}
+
+    def __call__(self, run: Run) -> float:
+        """The area [m²] of the ring in the state of a run.  Collective.
+
+        Args:
+            run: of a scene with the film of the ring.
+
+        Raises:
+            InputError: the film is not in the scene, or the edges of the ring form no closed line.
+        """
+        from gossamer_fx.mechanics.gas.ring import Loop
+
+        check(
+            self.ring.body in run.system.bodies,
+            f"'{self.ring.body.name}' is not in the scene; add it, or remove the probe of its "
+            "ring.",
+        )
+        # A loop belongs to one compiled system; the probe may be used in one run after another.
+        key = id(run.system)
+        # The loop finds its edges once, and measures them at every call.
+        if key not in self._loops:
+            self._loops = {key: Loop(self.ring, run.system)}
+        # a step of no length: the area of the current state
+        return float(self._loops[key].aperture(0.0))
+
+
+def check_axis(axis: str) -> None:
+    """Check the name of a component of a vector.
+
+    Raises:
+        InputError: it is not "x", "y" or "z".
+    """
+    check(
+        axis in AXES, f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}."
+    )
+
+
+def _with_normal(directors: Array, rates: Array) -> tuple[Array, Array]:
+    """The normal d2 × d3 and its rate in front of two directors and their rates, (3, 3) each."""
+    normal = np.cross(directors[0], directors[1])
+    normal_rate = np.cross(rates[0], directors[1]) + np.cross(directors[0], rates[1])
+    return np.vstack([normal, directors]), np.vstack([normal_rate, rates])

@@ -1,0 +1,698 @@
+"""Checkpoints: all that a run needs to continue after its end, whatever ended it, on any number of
+ranks.
+
+A checkpoint is a folder such as `step-00000100` with the files
+
+    run.json        time, states of the gas, sums of the ledger, history variables, step control,
+                    description of the scene, positions of the outputs in their files
+    rank-0000.npz   the share of one rank: for each block of unknowns the names of its nodes, and
+                    their coordinates and velocities
+
+Algorithm.
+
+1. Write all files into the folder `.step-00000100`, and wait until they are on the disk.
+2. Rename the folder to `step-00000100`.  A checkpoint therefore exists completely or not at all.
+3. Remove the oldest checkpoints.
+
+`run.json` contains its own checksum and those of all other files: a damaged checkpoint is refused.
+
+A restart may have another number of ranks.  Its nodes are found by the names of `run.node_keys`,
+which do not depend on the partition of the mesh.
+
+Limits.  A checkpoint is read by the version of the package that wrote it, and by the scene that
+wrote it (see `run.same_scene`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import time
+import zipfile
+import zlib
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from gossamer_fx.core.algebra.rendezvous import fetch
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero, write_on_all
+from gossamer_fx.core.model.roles import HistoryVariables
+from gossamer_fx.records.outputs.output import Output, cursors_of, make_parent
+from gossamer_fx.records.run.node_keys import all_names, cell_names
+from gossamer_fx.records.run.same_scene import compare, compare_energies
+from gossamer_fx.solve.system.totals import Totals
+from gossamer_fx.solve.view import Run
+from gossamer_fx.version import VERSION
+
+# Number of the format; it changes with the contents of the files.
+FORMAT = 5
+
+# A file is summed in blocks of this many bytes, so that its size does not matter.
+CHECKSUM_BLOCK = 1 << 20
+
+MISSING_NODES = (
+    "The checkpoint lacks nodes of this scene; restart the scene by which it was written."
+)
+MISSING_CELLS = (
+    "The checkpoint lacks temperatures of this scene; restart the scene by which it was written."
+)
+EQUAL_NAMES = "Two nodes or cells of the checkpoint have the same name."
+
+# Beginnings of the keys of arrays with one row for each cell.
+CELL_NAMES = "names of cells"
+CELL_VALUES = "cells"
+
+# Kinds of outputs, and where they stand in their files.
+Cursors = list[tuple[str, dict[str, Any]]]
+
+
+class SavedRun(Run, HistoryVariables, Protocol):
+    """A run, with its outputs.
+
+    Attributes:
+        outputs: those of the run, whose positions in their files are saved with it.
+        recorded: whether the outputs have recorded the present state.
+        cursors: positions of the outputs before the present state, for the case that they have not.
+    """
+
+    outputs: list[Output]
+    recorded: bool
+    cursors: Cursors
+
+
+@check_arguments
+class Checkpoints:
+    """Writes checkpoints of a run: at its start, at its end, and at intervals.
+
+    Args:
+        folder: for the checkpoints only.
+        every: steps between two checkpoints; None: at intervals of time only.
+        minutes: wall time between two checkpoints [min]; None: at intervals of steps only.
+        keep: number of checkpoints that are kept.  Older ones are removed when a new one is
+            complete.
+        overwrite: whether a run that does not continue from the checkpoints in the folder may
+            remove them.
+
+    Attributes:
+        seconds: wall time of writing [s].
+
+    Raises:
+        InputError: a value is out of its range.
+
+    Example:
+        >>> checkpoints = gx.Checkpoints(folder / "checkpoints", every=50)
+        >>> free = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name="free body")
+        >>> swing = gx.Simulation(gx.Scene(free), gx.Midpoint(dt=0.1), checkpoints=checkpoints)
+        >>> swing.run(until=1.0)
+        >>> checkpoints.latest.name
+        'step-00000010'
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        every: int | None = 100,
+        *,
+        minutes: float | None = None,
+        keep: int = 2,
+        overwrite: bool = False,
+    ) -> None:
+        """Check the arguments of the writer of checkpoints; nothing is written before the run
+        begins.
+
+        Args:
+            folder: for the checkpoints.
+            every: number of steps between two checkpoints; None: `minutes` only.
+            minutes: wall time between two checkpoints [min]; None: `every` only.
+            keep: number of checkpoints that are kept.
+            overwrite: whether checkpoints of another run in the folder may be removed.
+
+        Raises:
+            InputError: `every` or `keep` is not an integer of at least 1, or `minutes` is not
+                positive.
+        """
+        self.folder = Path(folder)
+        self.every = every
+        self.minutes = minutes
+        self.keep = keep
+        self.overwrite = overwrite
+        check(
+            every is None or (isinstance(every, int) and every >= 1),
+            f"Checkpoints: every is {every!r}; give a number of steps, or None.",
+        )
+        check(
+            minutes is None or minutes > 0,
+            f"Checkpoints: minutes is {minutes!r}; give a positive number, or None.",
+        )
+        check(
+            isinstance(keep, int) and keep >= 1,
+            f"Checkpoints: keep is {keep!r}; keep at least one.",
+        )
+        self.seconds = 0.0
+        self._written: int | None = None  # step of the last checkpoint
+
+    def open(self, run: SavedRun, scene: dict[str, Any], restart: str | Path | None) -> None:
+        """Make the folder; before anything is computed.  Collective.
+
+        Args:
+            run: at its start, or as it was restarted.
+            scene: its description, see `run.same_scene.scene_of`.
+            restart: checkpoint or folder from which the run was restarted, if it was.
+
+        Raises:
+            InputError: the folder cannot be made or written, or contains checkpoints that would be
+                lost.
+        """
+        make_parent(run.comm, self.folder / "step")
+        on_rank_zero(run.comm, lambda: self._check_free(restart))
+        self._names = all_names(run.system)
+        self._scene = scene
+        self._clock = time.monotonic()
+        # A restarted run finds the checkpoint of its first state in the folder.  Rank 0 decides, as
+        # not every rank may see the folder.
+        exists = run.step > 0 and (self.folder / _name(run.step)).is_dir()
+        self._written = None
+        if run.comm.bcast(exists):
+            self._written = run.step
+
+    def _check_free(self, restart: str | Path | None) -> None:
+        """Check that no checkpoints would be lost from which the run does not continue; on rank 0.
+
+        Args:
+            restart: checkpoint, or folder of checkpoints, from which the run continues; None if it
+                starts from the beginning.
+
+        Raises:
+            InputError: the folder contains checkpoints of another run beyond its start.
+        """
+        newest = latest_checkpoint(self.folder)
+        # The checkpoint of a start has no results that could be lost.
+        if newest is None or _step(newest) == 0 or self.overwrite:
+            return
+        continues = False
+        if restart is not None:
+            source = Path(restart).resolve()
+            continues = self.folder.resolve() in (source, source.parent)
+        check(
+            continues,
+            f"'{self.folder}' holds checkpoints of a run up to step {_step(newest)}; go on from "
+            "them with restart "
+            "(--restart), replace them with overwrite=True (--overwrite), or give another folder.",
+        )
+
+    @property
+    def latest(self) -> Path | None:
+        """Folder of the last checkpoint of this run; None before the first."""
+        if self._written is None:
+            return None
+        return self.folder / _name(self._written)
+
+    def record(self, run: SavedRun, last: bool) -> None:
+        """Write a checkpoint if it is due; called after the outputs have recorded the step.
+        Collective.
+
+        Args:
+            run: after a step.
+            last: whether the run ends with this step.
+
+        Raises:
+            OutputFailure: the checkpoint could not be written; older ones are unchanged.
+        """
+        if self._written == run.step:
+            return
+        is_first = self._written is None
+        if not (last or is_first or self._is_due(run)):
+            return
+        started = time.perf_counter()
+        self._write(run)
+        self._written = run.step
+        self._clock = time.monotonic()
+        self.seconds += time.perf_counter() - started
+
+    def _is_due(self, run: SavedRun) -> bool:
+        """Whether the interval of steps or of time has passed; the same on every rank."""
+        if self.every is not None and run.step % self.every == 0:
+            return True
+        if self.minutes is None:
+            return False
+        elapsed = time.monotonic() - self._clock
+        # Clocks differ: rank 0 decides.
+        return bool(run.comm.bcast(elapsed >= 60 * self.minutes))
+
+    def _write(self, run: SavedRun) -> None:
+        """Write a checkpoint of the present state.  Collective.
+
+        Each rank writes its share into a hidden folder, which is renamed when all files are
+        complete and on the disk; then the oldest checkpoints are removed.
+
+        Folders of incomplete checkpoints (`.step-*`), a checkpoint of the same step, and those that
+        are too old or of later steps are removed.
+
+        Args:
+            run: with the state, the history variables and the positions of the outputs in their
+                files.
+
+        Raises:
+            OutputFailure: on all ranks; the incomplete folder is removed.
+        """
+        comm = run.comm
+        path = self.folder / _name(run.step)
+        new = self.folder / f".{path.name}"
+        state = self._state(run)
+        checksums: list[list[int]] = []
+
+        def prepare() -> None:
+            if comm.rank == 0:
+                # A run that was killed while it wrote may have left such a folder.
+                for incomplete in self.folder.glob(".step-*"):
+                    shutil.rmtree(incomplete, ignore_errors=True)
+                new.mkdir()
+
+        def write_share() -> None:
+            share = new / _rank_file(comm.rank)
+            with share.open("wb") as file:
+                np.savez(file, **self._arrays(run))
+                _to_disk(file)
+            checksums.append(_checksum(share))
+
+        def complete_folder() -> None:
+            """Write run.json with the checksums of all ranks, and rename the folder to its final
+            name.
+
+            Raises:
+                OSError: on rank 0, if the disk is full or the folder is gone.
+            """
+            gathered = comm.gather(checksums[0])
+            if comm.rank == 0:
+                state["parts"] = gathered
+                state["checksum"] = _checksum_of(state)
+                with (new / "run.json").open("wb") as file:
+                    file.write(_page(state))
+                    _to_disk(file)
+                # A folder is only renamed to a name that is free.
+                shutil.rmtree(path, ignore_errors=True)
+                new.rename(path)
+                self._remove_old(path)
+
+        try:
+            # All ranks learn of the failure of one, before the next task is begun.
+            write_on_all(comm, new, prepare)
+            write_on_all(comm, new, write_share)
+            write_on_all(comm, new, complete_folder)
+        except Exception:
+            if comm.rank == 0:
+                shutil.rmtree(new, ignore_errors=True)
+            raise
+
+    def _remove_old(self, newest: Path) -> None:
+        """Remove all checkpoints except the newest and those that are kept before it; on rank 0.
+
+        Args:
+            newest: folder of the checkpoint that was just written.  Checkpoints of later steps
+                belong to an earlier run and are removed.
+        """
+        others = [path for path in complete(self.folder) if path != newest]
+        # Later steps belong to a run that this one has replaced.
+        earlier = [path for path in others if _step(path) < _step(newest)]
+        # The newest one counts.  A negative start would count from the end of the list.
+        first_kept = max(len(earlier) - self.keep + 1, 0)
+        kept = earlier[first_kept:]
+        for path in others:
+            if path not in kept:
+                shutil.rmtree(path, ignore_errors=True)
+
+    def _arrays(self, run: SavedRun) -> dict[str, Any]:
+        """This rank's share of a checkpoint: arrays by name, for a file of NumPy.
+
+        Args:
+            run: with its vectors, e.g. coordinates [m] and velocities [m/s].
+
+        Returns:
+            for each block of unknowns the names (n,) of its n nodes on this rank and values (n,
+            size) of every vector; also names (m,) and values (m, 1) of cells with history
+            variables.
+        """
+        numbering = run.system.numbering
+        arrays: dict[str, Any] = {}
+        for k, names in enumerate(self._names):
+            arrays[f"names {k}"] = names
+        for name, vector in run.history.vectors.items():
+            for k, block in enumerate(numbering.blocks):
+                values = vector.array_r[numbering.owned(k)]
+                arrays[f"{name} {k}"] = values.reshape(-1, block.size)
+        for name, (body, cell_values) in run.history.cells.items():
+            arrays[f"{CELL_NAMES} {name}"] = cell_names(body)
+            arrays[f"{CELL_VALUES} {name}"] = cell_values[:, None]
+        return arrays
+
+    def _state(self, run: SavedRun) -> dict[str, Any]:
+        """The contents of run.json, except checksums; the same on every rank.  Collective.
+
+        Args:
+            run: with its time [s], energies [J], history variables, counters, and outputs.
+
+        Returns:
+            numbers, words, lists and dictionaries of them.
+        """
+        system = run.system
+        cursors = run.cursors
+        if run.recorded:
+            cursors = cursors_of(run.outputs)
+        return {
+            "format": FORMAT,
+            "version": VERSION,
+            "scene": self._scene,
+            "ranks": run.comm.size,
+            "vectors": list(run.history.vectors),
+            "cells": list(run.history.cells),
+            "time": system.time,
+            "supplied": run.comm.allreduce(system.supplied_energy),
+            "run": run.get_state(),
+            "history": run.history.get_state(),
+            "totals": _plain(run.totals),
+            "outputs": cursors,
+        }
+
+
+def complete(folder: Path) -> list[Path]:
+    """The checkpoints in a folder, oldest first."""
+    found = []
+    for path in folder.glob("step-*"):
+        has_name = re.fullmatch(r"step-\d{8,}", path.name)
+        if has_name and (path / "run.json").is_file():
+            found.append(path)
+    # By number, as more than eight digits would not be sorted by name.
+    return sorted(found, key=_step)
+
+
+@check_arguments
+def latest_checkpoint(folder: str | Path) -> Path | None:
+    """The newest complete checkpoint in a folder; None if there is none.
+
+    Args:
+        folder: of checkpoints; it need not exist.
+
+    Returns:
+        the folder of the checkpoint, such as `step-00000100`.
+
+    Example:
+        >>> print(gx.run.latest_checkpoint("no such folder"))
+        None
+    """
+    found = complete(Path(folder))
+    if not found:
+        return None
+    return found[-1]
+
+
+def read(
+    run: SavedRun,
+    restart: str | Path,
+    scene: dict[str, Any],
+    changes: Sequence[str],
+) -> tuple[Cursors, str]:
+    """Restore the state of a checkpoint.  Collective.
+
+    Args:
+        run: at its start.
+        restart: a checkpoint, or a folder, of which the newest one is taken.
+        scene: description of the run's scene, see `run.same_scene.scene_of`.
+        changes: names of items and events whose arguments are meant to be others.
+
+    Returns:
+        Positions of the outputs in their files, and in words what of the scene could not be
+        compared.
+
+    Raises:
+        InputError: the checkpoint does not exist, it is damaged, of another version, or of another
+            scene.
+    """
+    comm = run.comm
+    path, state = comm.bcast(on_rank_zero(comm, lambda: _open(Path(restart))))
+    not_compared = compare(path, state["scene"], scene, changes)
+    arrays = _load_on_all(run, path, state)
+    _restore_vectors(run, arrays)
+
+    system = run.system
+    system.time = state["time"]
+    # The checkpoint contains sums over its ranks.  Here, rank 0 adds them to its share.
+    share = float(comm.rank == 0)
+    losses = state["totals"]["losses"]
+    system.supplied_energy = share * state["supplied"]
+    # Causes of losses that the scene or the checkpoint does not have begin, or remain, as they are.
+    causes = {**losses, **system.losses}
+    system.losses = {name: share * losses.get(name, 0.0) for name in causes}
+    run.history.set_state(state["history"])
+    run.set_state(state["run"])
+    # Arguments that are meant to be others change the energies.
+    if not changes:
+        compare_energies(path, run.totals, state["totals"])
+    cursors = [(kind, cursor) for kind, cursor in state["outputs"]]
+    return cursors, not_compared
+
+
+def _load_on_all(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
+    """The arrays that this rank reads of a checkpoint, see `_load`.  Collective.
+
+    Args:
+        run: at its start, with the blocks of unknowns.
+        path: folder of the checkpoint.
+        state: contents of its run.json.
+
+    Raises:
+        InputError: a file is damaged; on all ranks, although one only has read it.
+    """
+    arrays: dict[str, Any] = {}
+    reason = ""
+    try:
+        arrays = _load(run, path, state)
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError, zlib.error) as error:
+        reason = f"{type(error).__name__}: {error}"
+    reasons = [text for text in run.comm.allgather(reason) if text]
+    if reasons:
+        # The message names another checkpoint, which only some ranks may see.
+        raise InputError(run.comm.bcast(_damaged(path, reasons[0])))
+    return arrays
+
+
+def _restore_vectors(run: SavedRun, arrays: dict[str, Any]) -> None:
+    """Set coordinates, velocities and other vectors from what all ranks have loaded.  Collective.
+
+    Args:
+        run: whose vectors are written to.
+        arrays: names of nodes and values of vectors (SI units) that this rank has read, for any
+            nodes.
+
+    Raises:
+        InputError: the checkpoint has no values for a node of this scene, or two nodes of it have
+            the same name.
+    """
+    numbering = run.system.numbering
+    names_here = all_names(run.system)
+    for name, vector in run.history.vectors.items():
+        with vector as values:
+            for k, block in enumerate(numbering.blocks):
+                rows = fetch(
+                    run.comm,
+                    names=arrays[f"names {k}"],
+                    values=arrays[f"{name} {k}"],
+                    wanted=names_here[k],
+                    lacks=MISSING_NODES,
+                    twice=EQUAL_NAMES,
+                )
+                values[numbering.owned(k)] = rows.reshape(-1, block.size).ravel()
+    _restore_cells(run, arrays)
+
+
+def _restore_cells(run: SavedRun, arrays: dict[str, Any]) -> None:
+    """Set the history variables in cells from what all ranks have loaded.  Collective.
+
+    Args:
+        run: whose arrays are written to.
+        arrays: names of cells and their values that this rank has read, e.g. temperatures [K], for
+            any cells.
+
+    Raises:
+        InputError: the checkpoint has no values for a cell of this scene.
+    """
+    for name, (body, values) in run.history.cells.items():
+        nothing = np.zeros(0, dtype=np.uint64)
+        rows = fetch(
+            run.comm,
+            names=arrays.get(f"{CELL_NAMES} {name}", nothing),
+            values=arrays.get(f"{CELL_VALUES} {name}", np.zeros((0, 1))),
+            wanted=cell_names(body),
+            lacks=MISSING_CELLS,
+            twice=EQUAL_NAMES,
+        )
+        values[:] = rows[:, 0]
+
+
+def _open(path: Path) -> tuple[Path, dict[str, Any]]:
+    """The folder of a checkpoint, and the contents of its run.json; on one rank.
+
+    Args:
+        path: a checkpoint, or a folder of checkpoints, of which the newest is taken.
+
+    Raises:
+        InputError: the checkpoint does not exist, it is damaged, or of another version.
+    """
+    folder: Path | None = path
+    if not (path / "run.json").is_file():
+        folder = latest_checkpoint(path)
+    if folder is None:
+        raise InputError(
+            f"There is no checkpoint in '{path}'; give a folder of checkpoints, or start without "
+            "restart."
+        )
+    try:
+        page = (folder / "run.json").read_bytes()
+        state = json.loads(page)
+        written_format = state["format"]
+        written_version = state["version"]
+        checksum = state.pop("checksum", None)
+        is_sound = checksum == _checksum_of(state)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(_damaged(folder, f"run.json: {error}")) from error
+    # Earlier formats had no checksum.  A wrong one means damage, also if the version differs.
+    is_other_version = (written_format, written_version) != (FORMAT, VERSION)
+    if is_other_version and (is_sound or checksum is None):
+        raise InputError(
+            f"The checkpoint '{folder}' was written by version {written_version} (format "
+            f"{written_format}), this is "
+            f"{VERSION} (format {FORMAT}); restart with the version that wrote it."
+        )
+    # The checksum is one of values; the text is compared too, so that any changed byte is noticed.
+    if not is_sound or page != _page(state | {"checksum": checksum}):
+        raise InputError(_damaged(folder, "run.json was changed"))
+    return folder, state
+
+
+def _damaged(path: Path, reason: str) -> str:
+    """A sentence about a damaged checkpoint, with the remedy."""
+    others = [other for other in complete(path.parent) if other.resolve() != path.resolve()]
+    remedy = "start again"
+    if others:
+        remedy = f"restart from another one, e.g. '{others[-1]}'"
+    return f"The checkpoint '{path}' is damaged ({reason}); {remedy}."
+
+
+def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
+    """The shares of a checkpoint that this rank reads; no rank reads all.
+
+    Args:
+        run: at its start, with the blocks of unknowns.
+        path: folder of the checkpoint, which may have been written by more or fewer ranks.
+        state: contents of its run.json, with the checksums of the files.
+
+    Returns:
+        Names (n,) and vectors (n, size) of the n nodes in these shares, by the keys of `_arrays`;
+        empty arrays on a rank without a file.
+
+    Raises:
+        ValueError: a file was changed.
+        OSError: a file is missing.
+    """
+    blocks = run.system.numbering.blocks
+    shares = []
+    # The checkpoint may have more or fewer files than there are ranks now.
+    for rank in range(run.comm.rank, state["ranks"], run.comm.size):
+        share = path / _rank_file(rank)
+        if _checksum(share) != state["parts"][rank]:
+            raise ValueError(f"{share.name} was changed")
+        # Pickled objects could run code of whoever wrote the file.
+        with np.load(share, allow_pickle=False) as file:
+            shares.append(dict(file))
+    arrays: dict[str, Any] = {}
+    for k, block in enumerate(blocks):
+        # Ranks without a file take part in the exchange with empty arrays.
+        empty: dict[str, Any] = {f"names {k}": np.zeros(0, dtype=np.uint64)}
+        for name in state["vectors"]:
+            empty[f"{name} {k}"] = np.zeros((0, block.size))
+        _join(shares, empty, arrays)
+    # Checkpoints of earlier versions have no cells.
+    for name in state.get("cells", ()):
+        no_cells: dict[str, Any] = {
+            f"{CELL_NAMES} {name}": np.zeros(0, dtype=np.uint64),
+            f"{CELL_VALUES} {name}": np.zeros((0, 1)),
+        }
+        _join(shares, no_cells, arrays)
+    return arrays
+
+
+def _join(shares: list[dict[str, Any]], empty: dict[str, Any], arrays: dict[str, Any]) -> None:
+    """Concatenate the arrays of all shares by key; a key without a share has its value in
+    `empty`."""
+    for key, no_rows in empty.items():
+        arrays[key] = no_rows
+        if shares:
+            arrays[key] = np.concatenate([share[key] for share in shares])
+
+
+def _plain(totals: Totals) -> dict[str, Any]:
+    """Totals as numbers, lists and dictionaries, for JSON."""
+    plain = {}
+    for name, value in asdict(totals).items():
+        if isinstance(value, np.ndarray):
+            value = value.tolist()
+        plain[name] = value
+    return plain
+
+
+def _name(step: int) -> str:
+    """Name of the folder of a checkpoint."""
+    return f"step-{step:08d}"
+
+
+def _step(path: Path) -> int:
+    """Step of a checkpoint, from the name of its folder."""
+    return int(path.name.removeprefix("step-"))
+
+
+def _rank_file(rank: int) -> str:
+    """Name of the file with the share of a rank."""
+    return f"rank-{rank:04d}.npz"
+
+
+def _page(state: dict[str, Any]) -> bytes:
+    """The text of run.json, to the last byte."""
+    return json.dumps(state, indent=1).encode()
+
+
+def _checksum_of(state: dict[str, Any]) -> str:
+    """SHA-256 of the contents of run.json, except the checksum itself."""
+    # Written and read once, so that keys and numbers are those that a reader of the file has.
+    as_read = json.loads(json.dumps(state))
+    text = json.dumps(as_read, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _checksum(path: Path) -> list[int]:
+    """Length in bytes and CRC-32 of a file, which find damage and are faster than SHA-256.
+
+    Args:
+        path: of the file.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    crc = 0
+    size = 0
+    with path.open("rb") as file:
+        while block := file.read(CHECKSUM_BLOCK):
+            crc = zlib.crc32(block, crc)
+            size += len(block)
+    return [size, crc]
+
+
+def _to_disk(file: Any) -> None:
+    """Wait until a file is on the disk: a rename must not come before its contents."""
+    file.flush()
+    os.fsync(file.fileno())

@@ -1,0 +1,416 @@
+"""Comparison of a scene with that of the checkpoint from which it is to be restarted.
+
+Problem.  A restart with another mesh, law or load would give wrong results without an error.
+
+Compared are
+
+1. the kinds and names of the scene's items, and the meshes,
+2. the numbers of unknowns, the kind of stepper, and its vectors,
+3. the arguments of every item, see `outputs.arguments`, and the events,
+4. after the state was restored, the energies.
+
+Initial conditions such as `StartFrom` are not compared: the state of the checkpoint replaces them.
+
+Limits.  Values that functions of the user read from elsewhere may be unknown; they are reported
+instead.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.body import is_on_mesh
+from gossamer_fx.records.outputs.arguments import (
+    MEASURED,
+    TOLERANCE,
+    UNKNOWN,
+    Known,
+    arguments_of,
+    unknown,
+)
+from gossamer_fx.records.run.node_keys import mesh_name
+from gossamer_fx.solve.system.totals import Totals
+from gossamer_fx.solve.view import Run
+
+# Relative difference of arguments that counts as round-off: a script that is run again computes the
+# same numbers, on another machine up to the last digits.
+SAME_ARGUMENT = 1e-9
+
+# The same for a component of a vector, over the vector's largest one: a cosine of π/2 is 6e-17, or
+# zero.
+SAME_COMPONENT = 1e-15
+
+# The same for an energy that is computed again from the coordinates: sums over other ranks are in
+# another order, and the strains of a stiff film are small differences.
+SAME_ENERGY = 1e-6
+
+# An energy may differ by this fraction of the largest energy: a small one may be all round-off.
+NEGLIGIBLE_ENERGY = 1e-9
+
+# Characters of a value in a message: an array would fill the screen.
+MAX_SHOWN = 80
+
+# Keys of the description of a function, see `outputs.arguments`.
+FUNCTION_PARTS = ("function", "constants", "names", "defaults", "outside", "with")
+
+Description = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A difference of two descriptions.
+
+    Attributes:
+        words: keys that lead to it.
+        there: value in the checkpoint; None if it is only here.
+        here: value in this scene; None if it is only there.
+    """
+
+    words: tuple[str, ...]
+    there: Known
+    here: Known
+
+
+def scene_of(run: Run, events: list[Description]) -> Description:
+    """Describe a scene for the comparison; the same on any number of ranks.  Collective.
+
+    Args:
+        run: at its start.
+        events: descriptions of the events, see `EventMonitor.describe`.
+
+    Returns:
+        Numbers, words, and lists and dictionaries of them, for JSON.
+    """
+    meshes: dict[str, int] = {}
+    extents: dict[str, list[float]] = {}
+    for body in run.system.bodies:
+        if is_on_mesh(body):
+            geometry = body.space.mesh.geometry
+            own_count = geometry.index_map().size_local
+            x = geometry.x[:own_count]
+            # The name covers the cells; the moments of the points notice a mesh of another size.
+            moments = np.concatenate([x.sum(axis=0), (x**2).sum(axis=0)])
+            meshes[body.name] = mesh_name(body)
+            extents[body.name] = run.comm.allreduce(moments).tolist()
+    items = run.scene.items
+    # Sorted, as the order of items does not matter.
+    parts = sorted(f"{type(item).__name__} '{item.name}'" for item in items)
+    unknowns = []
+    for block in run.system.numbering.blocks:
+        unknowns.append(block.index_map.size_global * block.size)
+    return {
+        "parts": parts,
+        "unknowns": unknowns,
+        "meshes": meshes,
+        "extents": extents,
+        "arguments": arguments_of(items),
+        "events": events,
+        "stepper": type(run.stepper).__name__,
+        "vectors": sorted(run.history.vectors),
+    }
+
+
+def compare(
+    path: Path,
+    there: Description,
+    here: Description,
+    changes: Sequence[str],
+) -> str:
+    """Compare the description of this scene with that of a checkpoint.
+
+    Args:
+        path: of the checkpoint.
+        there: description of the scene that wrote the checkpoint, see `scene_of`.
+        here: description of this scene.
+        changes: names of items and events whose arguments are meant to be others.
+
+    Returns:
+        In words, what could not be compared; empty if all was.
+
+    Raises:
+        InputError: the first difference, with both values; or `changes` names something that the
+            scene does not have.
+    """
+    refusal = f"The checkpoint '{path}' is of another scene: "
+    # The order of the checks is that of their causes: another item also changes the unknowns.
+    unmatched = sorted(set(there["parts"]) ^ set(here["parts"]))
+    check(
+        not unmatched,
+        f"{refusal}{''.join(unmatched[:1])} is only in one of them; restart the scene that wrote "
+        "it.",
+    )
+    _compare_meshes(refusal, there, here)
+    check(
+        there["unknowns"] == here["unknowns"],
+        f"{refusal}it has {sum(there['unknowns'])} unknowns, this one {sum(here['unknowns'])}; use "
+        "its order.",
+    )
+    check(
+        there["stepper"] == here["stepper"] and there["vectors"] == here["vectors"],
+        f"{refusal}it was stepped by {there['stepper']}, with another control; take the same "
+        "stepper.",
+    )
+    event_names = [event["name"] for event in here["events"]]
+    known = [*here["arguments"], *event_names]
+    # A misspelt name would let a difference pass as an error of the scene.
+    for name in changes:
+        check(
+            name in known,
+            f"changes holds '{name}', but the scene has no such part; it has: {', '.join(known)}.",
+        )
+    for name, arguments in here["arguments"].items():
+        if name not in changes:
+            _refuse_difference(refusal, f"'{name}'", there["arguments"][name], arguments)
+    _compare_events(refusal, there["events"], here["events"], changes)
+    return _not_compared(here, changes)
+
+
+def _compare_meshes(refusal: str, there: Description, here: Description) -> None:
+    """Check that all meshes have the same cells, and points at the same positions.
+
+    Args:
+        refusal: beginning of the message.
+        there: description of the scene in the checkpoint.
+        here: description of this scene, with hashes of the cells and moments of the points [m, m²].
+
+    Raises:
+        InputError: names the body; the text begins with `refusal`.
+    """
+    for body, name in here["meshes"].items():
+        ours = here["extents"][body]
+        theirs = there["extents"][body]
+        tolerance = SAME_ARGUMENT * max(map(abs, ours))
+        same_place = np.allclose(theirs, ours, rtol=SAME_ARGUMENT, atol=tolerance)
+        check(
+            there["meshes"].get(body) == name and same_place,
+            f"{refusal}the mesh of '{body}' is not the same; read the mesh with which it was "
+            "written.",
+        )
+
+
+def _compare_events(
+    refusal: str,
+    there: Iterable[Description],
+    here: Iterable[Description],
+    changes: Sequence[str],
+) -> None:
+    """Check that the events are the same, which may come in another order.
+
+    Args:
+        refusal: beginning of the message.
+        there: descriptions of the events in the checkpoint.
+        here: descriptions of the events of this run.
+        changes: names of events that are meant to be others, or additional, or missing.
+
+    Raises:
+        InputError: names the event; the text begins with `refusal`.
+    """
+    remaining = list(there)
+    for event in here:
+        # Several events may have the same key: each is compared with another one.
+        equal = [other for other in remaining if other["key"] == event["key"]]
+        may_change = event["name"] in changes
+        check(
+            bool(equal) or may_change,
+            f"{refusal}the event {event['key']} is not in it; restart with the same, or name it in "
+            "changes.",
+        )
+        if equal:
+            remaining.remove(equal[0])
+            if not may_change:
+                _refuse_difference(refusal, f"the event '{event['name']}'", equal[0], event)
+    for event in remaining:
+        check(
+            event["name"] in changes,
+            f"{refusal}the event {event['key']} is missing here; restart with the same events.",
+        )
+
+
+def _refuse_difference(
+    refusal: str,
+    owner: str,
+    there: Known,
+    here: Known,
+) -> None:
+    """Raise `InputError` for the first difference between the arguments of an item or event.
+
+    Args:
+        refusal: beginning of the message.
+        owner: the item or event, in words.
+        there: its description in the checkpoint.
+        here: its description in this scene.
+
+    Raises:
+        InputError: names the argument and both values; nothing is raised if there is no difference.
+    """
+    found = next(differences(there, here), None)
+    if found is None:
+        return
+    values = f"{_shown(found.there)} there and {_shown(found.here)} here"
+    what = f"{' '.join(found.words)} of {owner} is {values}"
+    # Within a function, the words are parts of its code: the user knows the function by the
+    # argument.
+    function_parts = [k for k, word in enumerate(found.words) if word in FUNCTION_PARTS]
+    if function_parts and function_parts[0] > 0:
+        first = function_parts[0]
+        name = " ".join(found.words[:first])
+        part = " ".join(found.words[first:])
+        what = f"the function {name} of {owner} is another one ({part}: {values})"
+    check(False, f"{refusal}{what}; restart with the same, or name it in changes.")
+
+
+def differences(there: Known, here: Known, words: tuple[str, ...] = ()) -> Iterator[Difference]:
+    """Yield all differences of two descriptions, except values that are unknown in both.
+
+    Numbers count as equal if they differ by less than 1e-9 of their size.
+
+    Args:
+        there: description in the checkpoint: numbers, words, lists and dictionaries of them.
+        here: description of this scene.
+        words: keys that lead to both.
+    """
+    if isinstance(there, dict) and isinstance(here, dict):
+        yield from _differences_of_dicts(there, here, words)
+    elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
+        yield from _differences_of_lists(there, here, words)
+    elif _is_number(there) and _is_number(here):
+        if not _same_numbers([there], [here]):
+            yield Difference(words, there, here)
+    elif there != here:
+        yield Difference(words, there, here)
+
+
+def _differences_of_lists(
+    there: Sequence[Known],
+    here: Sequence[Known],
+    words: tuple[str, ...],
+) -> Iterator[Difference]:
+    """Yield all differences of two lists; a list of numbers is compared as a vector.
+
+    Args:
+        there: list in the checkpoint.
+        here: list of this scene, of the same length.
+        words: keys that lead to both.
+    """
+    if all(map(_is_number, [*there, *here])):
+        if not _same_numbers(there, here):
+            yield Difference(words, list(there), list(here))
+        return
+    for k, (one, other) in enumerate(zip(there, here, strict=True)):
+        inside = words
+        # Only of several objects does the message need the number, from one.
+        if isinstance(one, dict) and len(there) > 1:
+            inside = (*words, str(k + 1))
+        yield from differences(one, other, inside)
+
+
+def _differences_of_dicts(
+    there: Description,
+    here: Description,
+    words: tuple[str, ...],
+) -> Iterator[Difference]:
+    """Yield all differences of two dictionaries: of arguments, a measured position, or an unknown.
+
+    Args:
+        there: dictionary in the checkpoint.
+        here: dictionary of this scene.
+        words: keys that lead to both.
+    """
+    if UNKNOWN in there and UNKNOWN in here:
+        return
+    # A position that was computed has a known error, which its description states.
+    if MEASURED in there and MEASURED in here:
+        near = np.allclose(there[MEASURED], here[MEASURED], rtol=0.0, atol=here[TOLERANCE])
+        if not near:
+            yield Difference(words, there[MEASURED], here[MEASURED])
+        return
+    # The class comes first: of objects of two classes, all arguments differ.
+    for key in sorted(there.keys() | here.keys(), key=lambda key: (key != "class", key)):
+        inside = (*words, key)
+        if key in there and key in here:
+            yield from differences(there[key], here[key], inside)
+        else:
+            yield Difference(inside, there.get(key), here.get(key))
+
+
+def _is_number(value: Known) -> bool:
+    """Whether a value is a number; Python counts True and False as integers."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _same_numbers(there: Sequence[float], here: Sequence[float]) -> bool:
+    """Whether numbers are equal up to round-off; two NaN are equal."""
+    # The tolerance is relative only, since an area may be as small as 1e-13 m².
+    largest = max((abs(x) for x in (*there, *here) if math.isfinite(x)), default=0.0)
+    for one, other in zip(there, here, strict=True):
+        near = math.isclose(one, other, rel_tol=SAME_ARGUMENT, abs_tol=SAME_COMPONENT * largest)
+        if not near and not (math.isnan(one) and math.isnan(other)):
+            return False
+    return True
+
+
+def _shown(value: Known) -> str:
+    """A value for a message, of `MAX_SHOWN` characters at most."""
+    text = repr(value)
+    if isinstance(value, float):
+        # As many digits as are compared.
+        text = f"{value:.9g}"
+    if len(text) > MAX_SHOWN:
+        return f"{text[:MAX_SHOWN]}..."
+    return text
+
+
+def _not_compared(here: Description, changes: Sequence[str]) -> str:
+    """In words: what could not be compared with a checkpoint, and what is meant to change.
+
+    Args:
+        here: description of this scene; its unknown values are listed, e.g. those that functions of
+            the user read from outside.
+        changes: names of items and events that are meant to be others.
+
+    Returns:
+        a list in one line; empty if all was compared.
+    """
+    found: list[str] = []
+    for name, arguments in here["arguments"].items():
+        if name not in changes:
+            found += [f"{argument} of '{name}'" for argument in unknown(arguments)]
+    for event in here["events"]:
+        found += [f"{argument} of '{event['name']}'" for argument in unknown(event)]
+    # A dictionary removes repetitions and keeps the order.
+    without_repetitions = dict.fromkeys(words.strip() for words in found)
+    changed = [f"'{name}', which is meant to change" for name in changes]
+    return ", ".join([*without_repetitions, *changed])
+
+
+def compare_energies(path: Path, here: Totals, there: Mapping[str, Any]) -> None:
+    """Check that this scene has the energies of the checkpoint in the same state.
+
+    This finds differences that a comparison of arguments cannot see, e.g. inside a law of the user.
+
+    Args:
+        path: of the checkpoint.
+        here: energies of this scene in the state of the checkpoint [J].
+        there: energies in the checkpoint [J].
+
+    Raises:
+        InputError: names the first energy that differs, with both values.
+    """
+    ours = {"kinetic": here.kinetic, **here.stored}
+    theirs = {"kinetic": there["kinetic"], **there["stored"]}
+    largest = max(abs(energy) for energy in theirs.values())
+    for name, energy in ours.items():
+        tolerance = SAME_ENERGY * abs(energy) + NEGLIGIBLE_ENERGY * largest
+        check(
+            abs(energy - theirs.get(name, np.inf)) <= tolerance,
+            f"The checkpoint '{path}' is of another scene: the energy '{name}' is "
+            f"{theirs.get(name, 0.0):.6g} J there "
+            f"and {energy:.6g} J here; restart with the same materials and gas.",
+        )

@@ -1,0 +1,1 @@
+"""A compiled scene, and the solvers and time steppers that move it."""

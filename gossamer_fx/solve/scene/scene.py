@@ -1,0 +1,196 @@
+"""A scene: what there is.  `compile` turns it into a `System`."""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import InputError, check, check_on_all
+from gossamer_fx.core.drawing.html import table
+from gossamer_fx.core.model.body import Body, BringsCoordinates, is_body
+from gossamer_fx.core.model.state import InitialState
+from gossamer_fx.core.model.terms import BringsTerms, RefersToItems, terms_of
+from gossamer_fx.mechanics.terms.assembly import Part
+from gossamer_fx.mechanics.terms.discrete_gradient import PathAverage, StressRule
+from gossamer_fx.mechanics.terms.scalar_unknowns import (
+    BringsScalarUnknowns,
+    InitialCondition,
+    ScalarUnknownsMaker,
+)
+from gossamer_fx.solve.scene.validation import validate
+from gossamer_fx.solve.system.system import System
+
+# What an item may bring; one that brings nothing would do nothing in a scene.
+BRINGS = {
+    "terms()": BringsTerms,
+    "coordinates (a body)": BringsCoordinates,
+    "initialise()": InitialCondition,
+    "scalar_unknowns": BringsScalarUnknowns,
+}
+
+
+@runtime_checkable
+class Item(Protocol):
+    """Anything that a scene may be made of.
+
+    It has a name, and plays one or more of these parts:
+
+    `BringsTerms`           adds to the equations
+    `Body`                  brings coordinates
+    `InitialCondition`      changes the initial state of the whole scene
+    `BringsScalarUnknowns`  brings scalar unknowns, such as gas pressures
+    `RefersToItems`         needs other items, which join the scene by themselves
+    """
+
+    name: str
+
+
+@check_arguments
+class Scene:
+    """The items of a scene and, through them, all that they refer to.
+
+    Args:
+        items: bodies, gas parts, loads, constraints, connectors, contacts, initial conditions.
+
+    Raises:
+        InputError: no items, something that is not an item, two items of one name.
+
+    Example:
+        >>> scene = gx.Scene(film, gx.Gravity(film))
+        >>> [item.name for item in scene.items]
+        ['film', 'gravity of film']
+    """
+
+    def __init__(self, *items: Item) -> None:
+        """Collect the items and all that they refer to, and check their names.
+
+        Args:
+            items: bodies, gas parts, loads, constraints, connectors, contacts, initial conditions.
+
+        Raises:
+            InputError: no items, something that is not an item, or two items of one name.
+        """
+        self.items: list[Item] = []
+        for item in items:
+            self._add(item)
+        check(bool(self.items), "The scene is empty; give it a body or a chamber.")
+        # Outputs, checkpoints and the ledger find parts by their names.
+        names = [item.name for item in self.items]
+        twice = sorted({n for n in names if names.count(n) > 1})
+        check(
+            not twice,
+            f"Two parts of the scene are called '{twice[0] if twice else ''}'; give each its own "
+            "by name=....",
+        )
+
+    def _add(self, item: object) -> None:
+        """Add an item and all that it refers to, each once.
+
+        Args:
+            item: body, load, constraint, ...; what it refers to comes before it.
+
+        Raises:
+            InputError: it has no name, or brings nothing that a scene uses.
+        """
+        if not isinstance(item, Item):
+            raise InputError(
+                f"{item!r} is not an item of a scene; give bodies, gas parts, loads, constraints "
+                "or connectors."
+            )
+        check(
+            any(isinstance(item, part) for part in BRINGS.values()),
+            f"'{item.name}' ({type(item).__name__}) is not a scene item: it defines none of "
+            f"{', '.join(BRINGS)}; give it one of them, or leave it out.",
+        )
+        if any(item is known for known in self.items):
+            return
+        if isinstance(item, RefersToItems):
+            for other in item.requires():
+                self._add(other)
+        # After what it refers to: terms may need a part that is compiled before.
+        self.items.append(item)
+
+    def __repr__(self) -> str:
+        """Kinds and names of the items."""
+        names = [f"{type(item).__name__} '{item.name}'" for item in self.items]
+        return f"<Scene of {', '.join(names)}>"
+
+    def _repr_html_(self) -> str:
+        """The items as an HTML table, for notebooks: kind, name, and size of the mesh where there
+        is one."""
+        rows = []
+        for item in self.items:
+            size = ""
+            mesh = getattr(item, "mesh", None)
+            if mesh is not None:
+                size = repr(mesh).strip("<>")
+            rows.append((type(item).__name__, item.name, size))
+        return table(("kind", "name", "mesh"), rows)
+
+    @property
+    def bodies(self) -> list[Body]:
+        """Bodies of the scene, those that parts ask for included."""
+        return [item for item in self.items if is_body(item)]
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """That of the bodies; a scene without bodies is computed on every rank alike."""
+        return self.bodies[0].comm if self.bodies else MPI.COMM_WORLD
+
+    def _refuse_other_ranks(self) -> None:
+        """Raise `InputError` if the bodies are not all on the same ranks.
+
+        The bodies have no communicator in common, so that ranks do not exchange what they find.
+        """
+        for body in self.bodies:
+            same = MPI.Comm.Compare(body.comm, self.comm) in (MPI.IDENT, MPI.CONGRUENT)
+            check(
+                same,
+                f"'{body.name}' is on {body.comm.size} ranks and '{self.bodies[0].name}' on "
+                f"{self.comm.size}; make all bodies of a scene with the same comm.",
+            )
+
+    def compile(self, rule: StressRule | None = None) -> System:
+        """Number the unknowns, compile the forms, take the initial state.  Collective.
+
+        Args:
+            rule: which stress acts in a time step; None: the path average, which conserves energy.
+
+        Returns:
+            the system of equations with the initial state.
+
+        Raises:
+            InputError: bodies on different ranks, cells without size, initial data that are not
+                finite, or what a part finds wrong with its surroundings.
+        """
+        # Before anything is compiled, which takes seconds for new forms.
+        self._refuse_other_ranks()
+        validate(self.items, self.comm)
+        for body in self.bodies:
+            for what, values in zip(
+                ("displacement", "velocity"), body.initial_state(), strict=True
+            ):
+                check_on_all(
+                    self.comm,
+                    bool(np.isfinite(values).all()),
+                    f"The initial {what} of '{body.name}' is not finite everywhere; check the "
+                    "function that gives it.",
+                )
+        start = InitialState(self.bodies, self.comm)
+        for item in self.items:
+            if isinstance(item, InitialCondition):
+                item.initialise(start)
+        parts = [Part(item, list(terms_of(item, start))) for item in self.items]
+        system = System(start, parts, rule or PathAverage())
+        makers: dict[ScalarUnknownsMaker, list[object]] = {}
+        for item in self.items:
+            if isinstance(item, BringsScalarUnknowns):
+                makers.setdefault(item.scalar_unknowns, []).append(item)
+        for maker, alike in makers.items():
+            system.scalar_unknowns.append(maker(alike, system))
+        # Last: masses, constraints and gas start from the complete initial state.
+        system.initialise()
+        return system

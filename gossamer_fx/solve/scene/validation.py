@@ -1,0 +1,266 @@
+"""Validation of a scene before it is computed: errors and warnings about meshes and numbers.
+
+Errors are raised as `InputError`.  Warnings are printed once each, by the logger `gossamer_fx` on
+rank 0.  Ranks exchange only sums, and all checks together take less time than the compilation of
+one form.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.forms.spaces import cell_nodes
+from gossamer_fx.core.mesh.edges import edges_of
+from gossamer_fx.core.mesh.quality import (
+    aspects,
+    corner_points,
+    crossings,
+    extent,
+    folded,
+    folded_in_plane,
+    open_seams,
+    shape_quality,
+    sizes,
+    turned_inside,
+)
+from gossamer_fx.core.model.body import Array, Body, MeshBody, is_body, is_on_mesh
+from gossamer_fx.mechanics.bodies.meshed import Meshed
+
+LOG = logging.getLogger("gossamer_fx")
+
+# Quality of a triangle below which it has no area, and below which it is a sliver: an aspect ratio
+# of about 3000.
+_FLAT = 1e-9
+_SLIVER = 5e-4
+
+# A film thicker than this part of its extent probably has its thickness in millimetres.
+_THICK = 0.1
+
+# Cells of a plate that is thinner than this part of its smallest cell bend no earlier than a
+# membrane wrinkles.
+_THIN = 1e-4
+
+# Thickness of a plate over its size and over the largest aspect ratio of its cells, below which its
+# bending forces are less than the round-off of its membrane forces.  Measured with cantilevers of 8
+# cells in equilibrium, t over length: aspect 1 is right down to 1e-7 and wrong at 3e-8; aspect 30
+# is right down to 3e-7 with a deflection of 1e-3 of the length, and down to 3e-6 with one of 0.1;
+# aspect 1000 is 1.5e6 times too stiff at 1e-4.
+_ROUND_OFF_THIN = 2e-7
+
+# Smallest and largest values of structures that are built or flown, and their unit.  Values outside
+# are probably in another unit.
+_USUAL = {
+    "E": (1e4, 2e12, "Pa"),
+    "thickness": (1e-8, 1e-2, "m"),
+    "density": (0.1, 3e4, "kg/m³"),
+    "line_density": (1e-9, 1e4, "kg/m"),
+    "temperature": (1.0, 1e4, "K"),
+    "pressure": (0.0, 1e9, "Pa"),
+    "outer_radius": (1e-6, 1e2, "m"),
+}
+
+# Smallest and largest extent [m] of a mesh that is probably in metres.
+_EXTENT = (1e-4, 1e5)
+
+# Warnings that were printed.
+_printed: set[str] = set()
+
+
+def validate(items: Iterable[Any], comm: MPI.Intracomm) -> None:
+    """Check the meshes of bodies and the magnitude of numbers; print warnings.  Collective.
+
+    Args:
+        items: all items of the scene.
+        comm: the ranks.
+
+    Raises:
+        InputError: a mesh has cells without area or length, or curved cells whose normal reverses.
+    """
+    for words in warnings(list(items)):
+        if words not in _printed and comm.rank == 0:
+            LOG.warning(words)
+        _printed.add(words)
+
+
+def warnings(items: list[Any]) -> Iterator[str]:
+    """Yield warnings about input that is possible but probably wrong, the same on all ranks.
+
+    Collective: all ranks take all of them.
+
+    Args:
+        items: of the scene: meshes of bodies, and numbers of items and their laws, are looked at.
+
+    Raises:
+        InputError: a mesh has cells without area or length, or curved cells whose normal reverses.
+    """
+    for item in items:
+        if is_body(item) and is_on_mesh(item):
+            yield from _of_mesh(item)
+        for holder in (item, getattr(item, "law", None)):
+            yield from _of_numbers(item.name, holder)
+
+
+def _of_mesh(body: MeshBody) -> Iterator[str]:
+    """Yield warnings about the mesh of one body; the same on all ranks.  Collective.
+
+    They concern its size [m], open seams, slivers, normals that change sides, triangles upside
+    down, and the thickness of plates.
+
+    Args:
+        body: on a mesh of triangles or lines.
+
+    Raises:
+        InputError: a mesh has cells without area or length, or curved cells whose normal reverses.
+    """
+    domain = body.space.mesh
+    comm = body.comm
+    corners = corner_points(domain)
+    size = extent(domain)
+    if corners.shape[1] == 3:
+        kind = "triangle"
+        quality = shape_quality(corners)
+    else:
+        kind = "line element"
+        quality = sizes(corners) / (size or 1.0)
+    counts = np.array([(quality < _FLAT).sum(), (quality < _SLIVER).sum()])
+    flat, slivers = comm.allreduce(counts).tolist()
+    check(
+        flat == 0,
+        f"'{body.name}' has {flat} {kind}{'s' * (flat > 1)} of no size, the nodes of which are at "
+        "one point or on a "
+        "line; mesh it again, or remove duplicate nodes.",
+    )
+    if not _EXTENT[0] <= size <= _EXTENT[1]:
+        yield f"The mesh of '{body.name}' is {size:.3g} m large; lengths are in metres."
+    groups = {}
+    if isinstance(body, Meshed):
+        groups = body.mesh.groups
+    seams = open_seams(domain, groups)
+    if seams:
+        yield (
+            f"{seams} boundary edges of '{body.name}' coincide without being joined; if this is a "
+            "seam, glue it by "
+            "removing duplicate nodes (gmsh: model.mesh.removeDuplicateNodes), and if it is a "
+            "slit, name its two sides."
+        )
+    if corners.shape[1] == 3:
+        turned = turned_inside(domain)
+        check(
+            turned == 0,
+            f"'{body.name}' has {turned} curved triangles that turn inside out near a corner; mesh "
+            "it finer there, or "
+            "with plane triangles.",
+        )
+        if slivers:
+            worst = comm.allreduce(float(quality.min(initial=1.0)), op=MPI.MIN)
+            yield (
+                f"'{body.name}' has {slivers} slivers among its triangles (worst quality "
+                f"{worst:.1e}, one is "
+                "equilateral); they cost accuracy and iterations."
+            )
+        table = edges_of(domain)
+        count, directions = table.tally(np.arange(len(corners), dtype=np.int32))
+        opposite = comm.allreduce(int(((count == 2) & (directions != 0)).sum()))
+        if opposite:
+            yield (
+                f"Normals of '{body.name}' change sides at {opposite} edges: pressure would push "
+                "to both sides; make "
+                "or read the mesh with orient=True, or turn surfaces (gmsh: model.mesh.reverse)."
+            )
+        upside_down = folded(table)
+        in_plane, share = folded_in_plane(table)
+        if in_plane:
+            yield (
+                f"'{body.name}' has {in_plane} triangles upside down in its plane, {share:.2g} of "
+                "its area, so that it "
+                "covers a part of the plane more than once and has a wrong stiffness; mesh it "
+                "again, or move back the "
+                "nodes that crossed an edge."
+            )
+        elif upside_down:
+            yield (
+                f"'{body.name}' has {upside_down} triangles upside down on their neighbours; look "
+                "at its mesh."
+            )
+        thickness = getattr(getattr(body, "law", None), "thickness", 0.0)
+        smallest = comm.allreduce(float(np.sqrt(sizes(corners)).min(initial=np.inf)), op=MPI.MIN)
+        bends = getattr(body, "bends", False) and thickness > 0
+        aspect = comm.allreduce(float(aspects(corners).max(initial=1.0)), op=MPI.MAX)
+        if bends and thickness < _ROUND_OFF_THIN * aspect * size:
+            yield (
+                f"The plate '{body.name}' is {thickness / size:.1g} of its size thick, and its "
+                "cells have aspect "
+                f"ratios of up to {aspect:.3g}: below a thickness of "
+                f"{_ROUND_OFF_THIN * aspect:.1g} its bending forces "
+                "are less than the round-off of its membrane forces, and it may be too stiff by "
+                "any factor; give cells "
+                "of aspect near one, or a Membrane."
+            )
+        elif bends and thickness < _THIN * smallest:
+            yield (
+                f"The plate '{body.name}' is {thickness / smallest:.1g} of its smallest cells "
+                "thick: they carry a "
+                f"compressive strain of {(math.pi * thickness / smallest) ** 2 / 48:.0e} before "
+                "they bend; a Membrane "
+                "does as well and costs less."
+            )
+        if thickness > _THICK * size:
+            yield (
+                f"The film '{body.name}' is {thickness:.3g} m thick and {size:.3g} m large; "
+                "thickness is in metres."
+            )
+
+
+def _of_numbers(name: str, holder: Any) -> Iterator[str]:
+    """Warnings about numbers of an item or its law that are probably in another unit."""
+    for attribute, (least, most, unit) in (_USUAL | getattr(holder, "USUAL", {})).items():
+        value = getattr(holder, attribute, None)
+        if isinstance(value, int | float) and not least <= value <= most:
+            yield f"'{name}': {attribute} = {value:g} {unit} is unusual; numbers are in SI units."
+
+
+def self_intersections(bodies: list[Body]) -> Iterator[str]:
+    """Yield warnings about films that intersect themselves at the start.  Collective.
+
+    This check takes more time than all others, so it is made on request only.
+
+    Args:
+        bodies: of the scene; those that are not on a mesh of triangles are left out.
+    """
+    for body in bodies:
+        if not is_on_mesh(body) or body.space.mesh.topology.dim != 2:
+            continue
+        n = body.space.mesh.topology.index_map(2).size_local
+        dofs = cell_nodes(body.space)[:n, :3].astype(np.int64)
+        local_nodes = dofs.ravel().astype(np.int32)
+        nodes = body.space.dofmap.index_map.local_to_global(local_nodes).reshape(-1, 3)
+        corners = _positions(body)[dofs]
+        pierced = crossings(body.comm, corners, nodes.astype(np.int64))
+        if pierced:
+            yield (
+                f"'{body.name}' penetrates itself at the start in {pierced} triangles; nothing "
+                "keeps them apart."
+            )
+
+
+def _positions(body: MeshBody) -> Array:
+    """Initial positions (n, 3) [m] of all nodes of a body on this rank, ghosts included.
+
+    Args:
+        body: on a mesh, with three unknowns a node.  Collective: all ranks call it.
+    """
+    from dolfinx import fem
+
+    x = fem.Function(body.space)
+    owned, _ = body.initial_state()
+    x.x.array[: len(owned)] = owned
+    x.x.scatter_forward()
+    positions: Array = x.x.array.reshape(-1, 3)
+    return positions

@@ -1,0 +1,293 @@
+"""Coarse space for large meshes: affine functions on patches of nodes.
+
+Problem.  An incomplete factorisation couples unknowns a few cells apart.  A stiff film, in a step
+that is many times longer than a wave takes to cross a cell, couples unknowns as far apart as its
+edges.
+
+Idea.  What the factorisation does not resolve varies slowly in space.  The nodes are divided into
+connected patches, and in a patch each component of the unknowns may vary affinely with the
+undeformed position X of the node.  This contains translations, rotations and uniform strains of the
+patch.
+
+Algorithm.
+
+1. Divide the nodes of each body and rank into patches of at most `NODES_PER_PATCH` (`patches`).
+2. On each patch, and for each of the s components of a node, take the four functions
+
+       f = (1, (X - mean X)/radius),    set to zero at fixed coordinates                      (1)
+
+3. Orthonormalise them by the eigenvectors V and eigenvalues λ of their Gram matrix,
+
+       f V λ^(-1/2)                                                                           (2)
+
+   without those of negligible λ: a flat patch has three functions, a straight one two.
+4. They are the columns of the prolongation P (unknowns, coarse unknowns), made once for a run.
+5. A coarse solution is
+
+       z = P (Pᵀ A P)⁻¹ Pᵀ r,                                                                 (3)
+
+   with Pᵀ A P factorised by MUMPS.
+
+Source: aggregation of Vaněk, Mandel & Brezina (Computing 56 (1996) 179, doi:10.1007/BF02238511)
+without smoothing; large patches with affine functions replace the hierarchy of levels.
+
+Cost.  A flat film has nine coarse unknowns a patch and three unknowns a node, so that the coarse
+matrix has about 30 times fewer rows than A.
+
+Limits.  Patches do not cross the boundaries of ranks, so that the coarse space depends on their
+number.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from gossamer_fx.core.forms.spaces import cell_nodes
+from gossamer_fx.core.model.body import Array, MeshBody, has_nodal_unknowns
+from gossamer_fx.solve.solvers import factorisation
+from gossamer_fx.solve.system.system import System
+
+Indices = npt.NDArray[np.integer]
+
+# Largest number of nodes in a patch.  Of 30 to 400, this one has the shortest time of a linear
+# solve.
+NODES_PER_PATCH = 100
+
+# Eigenvalues of a Gram matrix below this fraction of the largest one are dropped: the patch is flat
+# or straight in their direction, up to a thirtieth of its extent.
+FLATNESS = 1e-3
+
+# Smaller than the largest eigenvalue of a Gram matrix with one free node, which is 1 or more:
+# components that are fixed in the whole patch have no functions.
+LESS_THAN_ONE_NODE = 0.5
+
+TINY = float(np.finfo(float).tiny)  # against division by zero
+
+
+class CoarseSpace:
+    """Solves (3) for a matrix of the system.
+
+    Args:
+        system: compiled scene with bodies on meshes.
+    """
+
+    def __init__(self, system: System) -> None:
+        """Build P of equation (2), and a solver for the coarse matrix.  Collective."""
+        self._P = prolongation(system)
+        self._scalar_matrix: PETSc.Mat | None = None
+        self._coarse_matrix: PETSc.Mat | None = None
+        self._solver = PETSc.PC().create(system.comm)
+        factorisation.choose(self._solver)
+        self._r = self._P.createVecRight()
+        self._z = self._P.createVecRight()
+
+    def set_up(self, A: PETSc.Mat) -> None:
+        """Compute and factorise Pᵀ A P; A has the same pattern at every call."""
+        # PETSc has no product of a matrix stored by blocks with P.
+        self._scalar_matrix = A.convert("aij", out=self._scalar_matrix or PETSc.Mat())
+        self._coarse_matrix = self._scalar_matrix.PtAP(self._P, self._coarse_matrix)
+        self._solver.setOperators(self._coarse_matrix)
+        factorisation.set_up(self._solver)
+
+    def solve(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
+        """Set z to (3)."""
+        self._P.multTranspose(r, self._r)
+        self._solver.apply(self._r, self._z)
+        self._P.mult(self._z, z)
+
+
+def prolongation(system: System) -> PETSc.Mat:
+    """The prolongation P (unknowns, coarse unknowns) with orthonormal columns.  Collective.
+
+    Its columns are affine functions on patches of nodes.  Rows of fixed coordinates, and of bodies
+    without nodes such as rigid bodies, are zero.  Rows are distributed as the unknowns are.
+
+    Args:
+        system: compiled scene with bodies on meshes.
+    """
+    numbering = system.numbering
+    is_free = np.ones(numbering.size_local)
+    is_free[system.supports.held] = 0
+
+    # Empty arrays first, as a rank may have no nodes.
+    all_rows: list[Indices] = [np.zeros(0, dtype=np.int64)]
+    all_columns: list[Indices] = [np.zeros(0, dtype=np.int64)]
+    all_values: list[Array] = [np.zeros(0)]
+    count = 0
+    for body in system.bodies:
+        owned = system.block(body).owned
+        has_nodes_here = owned.stop > owned.start
+        if has_nodal_unknowns(body) and has_nodes_here:
+            rows, columns, values, functions = basis(body, is_free[owned])
+            all_rows.append(rows + owned.start)
+            all_columns.append(columns + count)
+            all_values.append(values)
+            count += functions
+
+    rows = np.concatenate(all_rows)
+    columns = np.concatenate(all_columns)
+    values = np.concatenate(all_values)
+    shape = (numbering.size_local, count)
+    P = csr_matrix((values, (rows, columns)), shape=shape)
+    # Columns are numbered through the ranks.
+    first_column = numbering.comm.exscan(count) or 0
+    indices = P.indices + first_column
+    row_sizes = (numbering.size_local, numbering.size)
+    column_sizes = (count, None)
+    return PETSc.Mat().createAIJ(
+        (row_sizes, column_sizes),
+        csr=(
+            P.indptr.astype(PETSc.IntType),
+            indices.astype(PETSc.IntType),
+            P.data,
+        ),
+        comm=numbering.comm,
+    )
+
+
+def basis(body: MeshBody, is_free: Array) -> tuple[Indices, Indices, Array, int]:
+    """The part of one body in the prolongation: orthonormal affine functions on patches of its
+    nodes.
+
+    P is the prolongation, the matrix whose columns are the coarse functions. In the code X are the
+    coordinates (n, 3) [m] of the nodes, f the affine functions at them, and g these functions with
+    zeros at fixed coordinates.
+
+    Args:
+        body: with n nodes of this rank and s unknowns a node.
+        is_free: 1 at free coordinates and 0 at fixed ones, (n s,).
+
+    Returns:
+        Rows, columns and values (k,) of the body's part of P, and the number of its columns; rows
+        and columns are counted from the start of the body.  All is dimensionless.
+    """
+    n = body.block.index_map.size_local
+    s = body.block.size
+    X = body.space.tabulate_dof_coordinates()[:n]
+    patch = patches(body, X)
+    f = affine_functions(X, patch)
+    g = f[:, None, :] * is_free.reshape(n, s, 1)
+    coefficients, is_kept = orthonormalise(f, g, patch)
+    values = np.einsum("nci,ncij->ncj", g, coefficients[patch])
+
+    # Functions are numbered by patch, component and eigenvalue.
+    column = np.cumsum(is_kept) - 1
+    column = column.reshape(is_kept.shape)
+    column_at_node = column[patch]
+    is_kept_at_node = is_kept[patch]
+    node, component, _ = np.nonzero(is_kept_at_node)
+    return (
+        node * s + component,
+        column_at_node[is_kept_at_node],
+        values[is_kept_at_node],
+        int(is_kept.sum()),
+    )
+
+
+def affine_functions(X: Array, patch: Indices) -> Array:
+    """The functions f = (1, (X - mean X)/radius) at all nodes, (n, 4), dimensionless.
+
+    Mean and radius (root mean square distance) are those of the patch of a node.
+
+    Args:
+        X: undeformed positions (n, 3) [m].
+        patch: number of the patch of each node (n,), from 0 without gaps.
+    """
+    nodes_in_patch = np.bincount(patch)
+    f = np.ones((len(X), 4))
+    for i in range(3):
+        mean = np.bincount(patch, X[:, i]) / nodes_in_patch
+        f[:, i + 1] = X[:, i] - mean[patch]
+    squared_distance = (f[:, 1:] ** 2).sum(axis=1)
+    squared_radius = np.bincount(patch, squared_distance) / nodes_in_patch
+    # A patch of a single node has the radius zero.
+    radius = np.maximum(np.sqrt(squared_radius), TINY)
+    f[:, 1:] /= radius[patch, None]
+    return f
+
+
+def orthonormalise(f: Array, g: Array, patch: Indices) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Coefficients by which affine functions on patches of nodes become orthonormal.
+
+    With the eigenvectors V and eigenvalues λ of the Gram matrix of each patch and component, the
+    functions are f V λ^(-1/2); those of negligible λ are dropped.  All is dimensionless.
+
+    Args:
+        f: four affine functions at each of n nodes, without regard to fixed coordinates, (n, 4).
+        g: the same for s components of a node, zero at fixed coordinates, (n, s, 4).
+        patch: number of the patch of each node, (n,).
+
+    Returns:
+        V λ^(-1/2) (patches, s, 4, 4), zero where a function is dropped, and whether the functions
+        are kept (patches, s, 4).
+    """
+    # Gram matrices (patches, s, 4, 4): as g is f or zero, g f is g g.
+    by_patch = np.argsort(patch, kind="stable")
+    g_sorted = g[by_patch]
+    f_sorted = f[by_patch]
+    products = g_sorted[:, :, :, None] * f_sorted[:, None, None, :]
+    nodes_in_patch = np.bincount(patch)
+    first_of_patch = np.cumsum(nodes_in_patch) - nodes_in_patch
+    gram = np.add.reduceat(products, first_of_patch)
+
+    λ, V = np.linalg.eigh(gram)
+    largest = λ.max(axis=-1, keepdims=True)
+    is_kept = λ > FLATNESS * np.maximum(largest, LESS_THAN_ONE_NODE)
+    root = np.sqrt(np.maximum(λ, TINY))
+    scale = np.where(is_kept, 1 / root, 0.0)
+    return V * scale[..., None, :], is_kept
+
+
+def patches(body: MeshBody, X: Array) -> Indices:
+    """Divide the nodes of this rank into connected patches of at most 100 nodes.
+
+    Nodes are halved across their longest extent until a box has few enough.  Nodes of a box that
+    are not connected by cells within it are then separated, such as the two films of a flat pillow.
+
+    Args:
+        body: on a mesh.
+        X: undeformed positions [m] of the n nodes of this rank, (n, 3).
+
+    Returns:
+        Numbers of patches (n,), from 0 without gaps.
+    """
+    n = len(X)
+    boxes: list[Indices] = [np.arange(n)]
+    while len(boxes) * NODES_PER_PATCH < n:
+        halves: list[Indices] = []
+        for box in boxes:
+            halves += _halves(box, X)
+        boxes = halves
+    box_of_node = np.empty(n, dtype=np.int64)
+    for k, nodes in enumerate(boxes):
+        box_of_node[nodes] = k
+
+    # Two nodes are neighbours if a cell has both; ghosts beyond the first n nodes do not count.
+    nodes_of_cell = cell_nodes(body.space)
+    cell_count, nodes_per_cell = nodes_of_cell.shape
+    cells = np.repeat(np.arange(cell_count), nodes_per_cell)
+    ones = np.ones(nodes_of_cell.size, dtype=np.int32)
+    incidence = csr_matrix((ones, (cells, nodes_of_cell.ravel())))[:, :n]
+    neighbours = (incidence.T @ incidence).tocoo()
+
+    box_of_first = box_of_node[neighbours.row]
+    box_of_second = box_of_node[neighbours.col]
+    in_one_box = box_of_first == box_of_second
+    first = neighbours.row[in_one_box]
+    second = neighbours.col[in_one_box]
+    graph = csr_matrix((np.ones(len(first)), (first, second)), shape=(n, n))
+    _, patch = connected_components(graph, directed=False)
+    return patch
+
+
+def _halves(nodes: Indices, X: Array) -> list[Indices]:
+    """The nodes in two sets of equal size, divided across their longest extent."""
+    extents = np.ptp(X[nodes], axis=0)
+    longest = extents.argmax()
+    order = np.argsort(X[nodes, longest], kind="stable")
+    middle = len(nodes) // 2
+    return [nodes[order[:middle]], nodes[order[middle:]]]

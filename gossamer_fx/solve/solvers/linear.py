@@ -1,0 +1,463 @@
+"""The linear system of a Newton iteration: sparse coordinates and a few scalar unknowns.
+
+Problem.  With the tangent A (n, n) of the coordinates z [m], sparse, and m scalar unknowns y (gas
+pressures and the like), m being of the order of ten,
+
+    [ A  G ] [δz]   [ r ]
+    [ Hᵀ C ] [δy] = [ s ]                                                                     (1)
+
+A pressure acts on all nodes of a film, so that a column of G is dense and must not enter the
+pattern of A.
+
+Idea.  Block elimination (Govaerts & Pryce, IMA J. Numer. Anal. 13 (1993) 161) with any
+preconditioner P ≈ A.  With Z = P⁻¹ G and the dense Schur complement Σ = C - Hᵀ Z (m, m),
+
+    δy = Σ⁻¹ (s - Hᵀ P⁻¹ r)                                                                   (2)
+    δz = P⁻¹ r - Z δy                                                                         (3)
+
+This is exact if P = A; otherwise it preconditions GMRES on (1).
+
+Algorithm, in a Newton iteration.
+
+1. Set up P: a factorisation, the two-level preconditioner (`solvers.two_level`), or the one that
+   eliminates a few joints (`solvers.eliminated_joints`).
+2. Compute Z by one application of P⁻¹ for each column of G.  If P is not a factorisation, Z of an
+   earlier iteration of the step is used, as long as the Krylov iterations do not rise.
+3. Compute Σ from this Z.
+4. Apply (2) and (3) in each Krylov iteration.
+
+Cost.  A scalar unknown costs one application of P⁻¹ in a Newton iteration, however dense its
+column.
+
+Limits.  (2) needs a regular Σ.  If Σ is singular, the result is not a number, and the step is
+repeated with a shorter length.
+
+All options can be overridden by those of PETSc with the prefix `gx_` (e.g. `-gx_pc_type lu`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import gossamer_fx.solve.solvers.factorisation as factorisation
+from gossamer_fx.core.model.body import Array, Indices
+from gossamer_fx.solve.system.system import System
+from gossamer_fx.solve.system.tangent import Tangent
+
+# Unknowns up to which a factorisation costs less than preconditioned GMRES.
+MAX_UNKNOWNS_DIRECT = 3000
+
+# The same with contact: the pattern of the matrix changes from step to step, so that each
+# factorisation has to order the unknowns again, and couplings of contact increase the fill.
+MAX_UNKNOWNS_DIRECT_WITH_CONTACT = 900
+
+# Applications in a solve above which the preconditioner includes the strong couplings of contact
+# for the rest of the step.  Up to this number the matrix of fixed pattern, which is ordered once,
+# costs less.
+MAX_APPLICATIONS_WITHOUT_COUPLINGS = 10
+
+# Z is computed again when a solve needs more applications than the first one with that Z, plus
+# this.
+ALLOWED_EXTRA_APPLICATIONS = 1
+
+# Krylov iterations of a solve, all in one cycle of GMRES.  A solution that is not finished then
+# still serves as an inexact Newton step.
+MAX_KSP_ITERATIONS = 60
+
+# Relative tolerance of a linear solve, except for the last of a step (`newton.FINAL_LINEAR_RATIO`):
+# Newton's iteration does not gain from more digits.
+LINEAR_RTOL = 1e-3
+
+# PETSc's names of failures, in words for messages.
+KSP_REASON = PETSc.KSP.ConvergedReason
+REASONS = {
+    int(KSP_REASON.DIVERGED_NANORINF): "numbers that are not finite",
+    int(KSP_REASON.DIVERGED_PCSETUP_FAILED): "its preconditioner could not be set up",
+    int(KSP_REASON.DIVERGED_MAX_IT): "too many iterations",
+    int(KSP_REASON.DIVERGED_BREAKDOWN): "breakdown",
+}
+
+
+class Composite:
+    """Vectors x = (z, y): coordinates distributed as A is, scalars y at the end of the part of rank
+    0.
+
+    Args:
+        comm: communicator of the vectors.
+        fields: a vector of the coordinates, whose layout is used.
+        scalars: number m of scalar unknowns.
+
+    Attributes:
+        n: number of coordinates of this rank.
+    """
+
+    def __init__(self, comm: MPI.Intracomm, fields: PETSc.Vec, scalars: int) -> None:
+        self.comm = comm
+        self.fields = fields.duplicate()
+        self.scalars = scalars
+        self.n = fields.getLocalSize()
+
+    def vector(self) -> PETSc.Vec:
+        """A new vector (z, y)."""
+        size = self.n
+        if self.comm.rank == 0:
+            size += self.scalars
+        return PETSc.Vec().createMPI((size, None), comm=self.comm)
+
+    def join(self, z: PETSc.Vec | None, y: Array, x: PETSc.Vec) -> None:
+        """Set x = (z, y) from coordinates and scalar unknowns.
+
+        Args:
+            z: coordinates [m], distributed; None: the coordinates of x stay.
+            y: scalar unknowns (m,), e.g. pressures [Pa], the same on every rank; those of rank 0
+                count.
+            x: vector of both.
+        """
+        if not self.scalars:
+            if z is not None:
+                z.copy(x)
+            return
+        with x as values:
+            if z is not None:
+                values[: self.n] = z.array_r
+            if self.comm.rank == 0:
+                values[self.n :] = y
+
+    def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
+        """Coordinates z [m] and scalar unknowns y (m,), e.g. pressures [Pa], of x.  Collective.
+
+        Args:
+            x: vector of both.
+
+        Returns:
+            z, in a vector that the next call overwrites, and y on all ranks.
+        """
+        if not self.scalars:
+            x.copy(self.fields)
+            return self.fields, np.zeros(0)
+        with self.fields as values:
+            values[:] = x.array_r[: self.n]
+        scalars = None
+        if self.comm.rank == 0:
+            scalars = x.array_r[self.n :].copy()
+        y: Array = self.comm.bcast(scalars)
+        return self.fields, y
+
+
+class Columns:
+    """The columns of a matrix (n, m) of which some are zero; n counts the unknowns of this rank.
+
+    Args:
+        columns: m arrays (n,); None stands for a column of zeros.
+
+    Attributes:
+        count: m.
+        nonzero: indices of the columns that are not zero, k of them.
+        values: these columns as rows (k, n).
+    """
+
+    def __init__(self, columns: list[Array | None]) -> None:
+        self.count = len(columns)
+        self.nonzero = [k for k, column in enumerate(columns) if column is not None]
+        self.values: Array = np.array([column for column in columns if column is not None])
+
+    def products(self, z: Array) -> Array:
+        """Product (m,) of each column with z (n,), or products (m, k) with k vectors z (k, n)."""
+        shape = (self.count, *z.shape[:-1])
+        result = np.zeros(shape)
+        if self.nonzero:
+            result[self.nonzero] = self.values @ z.T
+        return result
+
+    def add(self, z: PETSc.Vec, weights: Array) -> None:
+        """Add the sum of weights[k] columns[k] to z."""
+        if self.nonzero:
+            with z as values:
+                values += weights[self.nonzero] @ self.values
+
+
+class Bordered:
+    """The operator of (1), as PETSc's Python matrix."""
+
+    def __init__(self, composite: Composite, A: Tangent) -> None:
+        """Begin without rows and columns of the scalar unknowns, which `set` gives.
+
+        Args:
+            composite: vectors of coordinates and scalars.
+            A: block of the coordinates: the stored tangent and couplings of contact.
+        """
+        self.composite = composite
+        self.A = A
+        self._out = composite.fields.duplicate()
+
+    def set(self, G: list[Array | None], H: list[Array | None], C: Array) -> None:
+        """Set G and H, by this rank's parts (n,) of their columns (None: zero), and C (m, m)."""
+        self.G = Columns(G)
+        self.H = Columns(H)
+        self.C = C
+
+    def rows(self, z: Array) -> Array:
+        """Hᵀ z, summed over the ranks: (m,) for z (n,), or (m, k) for k vectors z (k, n)."""
+        total: Array = np.zeros((self.H.count, *z.shape[:-1]))
+        self.composite.comm.Allreduce(self.H.products(z), total)
+        return total
+
+    def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, out: PETSc.Vec) -> None:
+        """Set out = the matrix of (1) times x; called by PETSc."""
+        z, y = self.composite.split(x)
+        self.A.mult(z, self._out)
+        self.G.add(self._out, y)
+        self.composite.join(self._out, self.rows(z.array_r) + self.C @ y, out)
+
+
+class BorderedPreconditioner:
+    """Block elimination (2), (3), as PETSc's Python preconditioner.
+
+    Args:
+        operator: of (1).
+        sparse: the preconditioner P of the sparse part.
+        system: compiled scene, whose time and step length tell when a new step begins.
+    """
+
+    def __init__(self, operator: Bordered, sparse: PETSc.PC, system: System) -> None:
+        """Take operator and sparse preconditioner; `setUp` computes the remainder.
+
+        The operator is the matrix [[A, G], [Hᵀ, C]] of coordinates and a few scalar unknowns, such
+        as gas pressures.
+
+        Args:
+            operator: this matrix.
+            sparse: preconditioner P ≈ A of the coordinates.
+            system: compiled scene, whose time and step length [s] show when a new step begins.
+        """
+        self._operator = operator
+        self._sparse = sparse
+        self._system = system
+        self._out = operator.composite.fields.duplicate()
+        self._Z = Columns([])
+        self._step: tuple[float, float] | None = None  # time and length of the step of Z
+        self._applications = 0  # since the last set-up
+        self._fresh_applications: int | None = None  # of the first solve with the present Z
+        self._needs_couplings = False  # whether P includes strong couplings in this step
+
+    def setUp(self, pc: PETSc.PC) -> None:
+        """Prepare the preconditioner for the present tangent [[A, G], [Hᵀ, C]]; called by PETSc.
+
+        A belongs to the coordinates, the m rows and columns of C to scalar unknowns such as gas
+        pressures.  The preconditioner P ≈ A is set up, Z = P⁻¹ G is solved for, and the Schur
+        complement Σ = C - Hᵀ Z is computed.  With the two-level preconditioner Z of an earlier
+        iteration of the same step is used until solves take more applications.
+
+        Args:
+            pc: PETSc's preconditioner; not used, since the operator was given at the start.
+        """
+        operator = self._operator
+        step = self._system.time, self._system.h
+        is_new_step = step != self._step
+        self._set_up_sparse(is_new_step)
+        # Only the two-level preconditioner costs so much that it pays to use an earlier Z.
+        may_reuse = not factorisation.is_exact(self._sparse)
+        if not may_reuse or is_new_step or self._has_aged():
+            self._solve_columns()
+            self._step = step
+            self._fresh_applications = None
+        elif self._fresh_applications is None:
+            self._fresh_applications = self._applications
+        self._applications = 0
+        self._schur = operator.C.copy()
+        columns = self._Z.nonzero
+        if columns:
+            self._schur[:, columns] -= operator.rows(self._Z.values)
+
+    def _set_up_sparse(self, is_new_step: bool) -> None:
+        """Set up the preconditioner of the coordinates' tangent, with or without the couplings of
+        contact.
+
+        Args:
+            is_new_step: whether this is the first tangent of a time step, for which couplings are
+                left out again; they return after a solve with many iterations.
+        """
+        tangent = self._operator.A
+        was_slow = self._applications > MAX_APPLICATIONS_WITHOUT_COUPLINGS
+        self._needs_couplings = not is_new_step and (self._needs_couplings or was_slow)
+        if _keep_factors(self._sparse):
+            return
+        if factorisation.is_exact(self._sparse) or _needs_all_couplings(self._sparse):
+            factorisation.replace(self._sparse, tangent.whole())
+        elif self._needs_couplings:
+            self._sparse.setOperators(tangent.for_preconditioner())
+        else:
+            self._sparse.setOperators(tangent.A)
+        self._sparse.setUp()
+
+    def _has_aged(self) -> bool:
+        """Whether the last solve took more applications than the first one with the present Z."""
+        if self._fresh_applications is None:
+            return False
+        return self._applications > self._fresh_applications + ALLOWED_EXTRA_APPLICATIONS
+
+    def _solve_columns(self) -> None:
+        """Compute Z = P⁻¹ G for the dense columns G (n, m) of the scalar unknowns, such as gas
+        pressures.
+
+        P is the preconditioner of the coordinates; columns that are zero are left out.  Collective.
+
+        n counts the coordinates of this rank, m the scalar unknowns. Sets `_Z`; the preconditioner
+        has to be set up before.
+        """
+        operator = self._operator
+        column = operator.composite.fields
+        solved: list[Array | None] = [None] * operator.G.count
+        for k, values_of_column in zip(operator.G.nonzero, operator.G.values, strict=True):
+            with column as values:
+                values[:] = values_of_column
+            self._sparse.apply(column, self._out)
+            solved[k] = self._out.array_r.copy()
+        self._Z = Columns(solved)
+
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, out: PETSc.Vec) -> None:
+        """Set out = (δz, δy) for residuals x = (r, s) by block elimination; called by PETSc.
+
+            δy = Σ⁻¹ (s - Hᵀ P⁻¹ r),    δz = P⁻¹ r - Z δy
+
+        for the matrix [[A, G], [Hᵀ, C]] of coordinates z and m scalar unknowns y, with P ≈ A, Z =
+        P⁻¹ G and the Schur complement Σ = C - Hᵀ Z (m, m).
+
+        Args:
+            pc: PETSc's preconditioner; not used.
+            x: residuals r [N] of the coordinates and s of the scalar unknowns.
+            out: updates δz [m] and δy, e.g. [Pa]; NaN if Σ is singular, so that the step is
+                repeated.
+        """
+        operator = self._operator
+        self._applications += 1
+        r, s = operator.composite.split(x)
+        self._sparse.apply(r, self._out)
+        right = s - operator.rows(self._out.array_r)
+        try:
+            δy: Array = np.linalg.solve(self._schur, right)
+        except np.linalg.LinAlgError:
+            # The iteration has diverged.  PETSc detects NaN on all ranks, and the step is repeated.
+            δy = np.full_like(right, np.nan)
+        self._Z.add(self._out, -δy)
+        operator.composite.join(self._out, δy, out)
+
+
+def configure(
+    ksp: PETSc.KSP,
+    pc: PETSc.PC,
+    system: System,
+    direct: bool,
+) -> None:
+    """Choose the Krylov method and the preconditioner of the coordinates; PETSc's options may
+    override.
+
+    A matrix is factorised if `direct` or if it is small.  Lagrange multipliers have zeros on the
+    diagonal, for which an incomplete factorisation fails: with a few of them films are solved
+    iteratively and the rest is eliminated (`solvers.eliminated_joints`), with many the matrix is
+    factorised, too.
+
+    Two alternatives were measured and rejected:
+    - Constraints satisfied exactly by the coarse space instead: for an antenna with up to half a
+      million unknowns, on one and two ranks, it took no less time than the factorisation.
+    - A factorisation kept for the next Newton iteration, even for the last ones of a step: where
+      films switch, the additional Krylov iterations take longer than another factorisation.
+
+    Args:
+        ksp: linear solver of Newton's method, which is set up.
+        pc: preconditioner of the coordinates, without scalar unknowns such as gas pressures.
+        system: compiled scene, whose size, contact and constraints decide.
+        direct: factorise whatever the size.
+    """
+    largest_direct = MAX_UNKNOWNS_DIRECT
+    if system.active_sets:
+        largest_direct = MAX_UNKNOWNS_DIRECT_WITH_CONTACT
+    is_small = system.numbering.size <= largest_direct
+    is_free = PETSc.Options(pc.getOptionsPrefix()).getString("pc_type", "python") == "python"
+    eliminated: Indices | None = None
+    if system.constraints is not None and is_free and not (direct or is_small):
+        # Imported here, as scenes without joints must not pay for it.
+        from gossamer_fx.solve.solvers.eliminated_joints import (
+            EliminatedJoints,
+            eliminated_unknowns,
+        )
+
+        eliminated = eliminated_unknowns(system)
+    if eliminated is not None:
+        _choose_gmres(ksp)
+        pc.setType("python")
+        joints = EliminatedJoints(system, eliminated, max_iterations=MAX_KSP_ITERATIONS)
+        pc.setPythonContext(joints)
+        return
+    if direct or system.constraints is not None or is_small:
+        ksp.setType("preonly")
+        # Multipliers have zeros on the diagonal, and statics singular matrices, which need pivots.
+        if direct or system.constraints is not None:
+            factorisation.choose(pc, system.A)
+        else:
+            factorisation.choose_for_steps(pc, system.A)
+        return
+    _choose_gmres(ksp)
+    if is_free:
+        # Imported here, as small scenes must not pay for it.
+        from gossamer_fx.solve.solvers.two_level import TwoLevel
+
+        pc.setType("python")
+        pc.setPythonContext(TwoLevel(system))
+
+
+def _choose_gmres(ksp: PETSc.KSP) -> None:
+    """Solve by GMRES, to the tolerance of Newton's iterations."""
+    ksp.setType("gmres")
+    ksp.setGMRESRestart(MAX_KSP_ITERATIONS)
+    # On the right, so that the tolerance refers to the true residual.
+    ksp.setPCSide(PETSc.PC.Side.RIGHT)
+    ksp.setTolerances(rtol=LINEAR_RTOL, max_it=MAX_KSP_ITERATIONS)
+
+
+def _needs_all_couplings(pc: PETSc.PC) -> bool:
+    """Whether a preconditioner takes the tangent with all couplings of contact."""
+    return pc.getType() == "python" and getattr(pc.getPythonContext(), "needs_couplings", False)
+
+
+def _keep_factors(pc: PETSc.PC) -> bool:
+    """Let a preconditioner use the factors of an earlier matrix for the next one, if it can.
+
+    Args:
+        pc: PETSc's preconditioner; only those of this package in Python may do so.
+
+    Returns:
+        Whether it does, so that the next matrix need not be summed.
+    """
+    if pc.getType() != "python":
+        return False
+    keep_factors = getattr(pc.getPythonContext(), "keep_factors", None)
+    return keep_factors is not None and keep_factors()
+
+
+def recover(pc: PETSc.PC) -> None:
+    """Make a preconditioner usable again after a matrix that could not be factorised."""
+    if pc.getType() == "python":
+        pc.getPythonContext().recover()
+    elif factorisation.failure(pc) < 0:
+        factorisation.renew(pc)
+
+
+def reason(ksp: PETSc.KSP, pc: PETSc.PC) -> str:
+    """Why the last linear system was not solved, in words."""
+    code = int(ksp.getConvergedReason())
+    unknown = f"PETSc's reason {code}"
+    # PETSc may count a system as solved whose solution is infinite.
+    if code > 0:
+        unknown = REASONS[int(KSP_REASON.DIVERGED_NANORINF)]
+    return factorisation.reason(pc) or REASONS.get(code, unknown)
+
+
+def name(pc: PETSc.PC) -> str:
+    """What a preconditioner is, in words."""
+    kind = pc.getType()
+    if kind == "python":
+        return str(pc.getPythonContext())
+    return str(kind)

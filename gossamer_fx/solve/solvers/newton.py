@@ -1,0 +1,756 @@
+"""Newton's method for the equations of one step, with the mixed iteration for strains.
+
+Problem.  A step from q0 to q1 = q0 + p + w has the equations
+
+    r(w, y) = 0    balance of forces [N], and constraints in the rows of multipliers          (1)
+    s(w, y) = 0    equations of the scalar unknowns y, such as gas pressures                  (2)
+
+The predicted increment p comes from the stepper.  A film switches between taut, wrinkled and slack,
+so that a plain Newton iteration cycles or diverges at steps of practical length.
+
+Idea.  The strains ε at the quadrature points are unknowns in addition to w, and are eliminated
+point by point (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237).  An iterate k has the strain
+that is linear in the last update, not the true strain e(q1):
+
+    ε_k = e(q_{k-1}) + De(q_{k-1}) (w_k - w_{k-1})                                            (3)
+
+`terms.element_energies` evaluates (3) and the stress.  Therefore the residual depends on the
+sequence of iterates, and a line search, which evaluates it elsewhere, must not be used.
+
+Algorithm.
+
+1. Start at w = 0 and at the first guess of y.  Fixed coordinates have their values of the end of
+   the step.
+2. Compute ε from (3), then r and s.
+3. If r and s pass the test of convergence (below), replace ε by the true strain e(q1) and evaluate
+   r and s again.  If they pass again, go to step 6; otherwise continue with these strains.
+4. Assemble the tangent.  The first `geometric_stiffness_delay` tangents of a step have no geometric
+   stiffness, as long as the residual is above `COMPLETE_TANGENT_RATIO` of the first one.
+5. Solve the linear system (`solvers.linear`), shorten the update where contact requires it, go to
+   2.
+6. If contact pairs were missing, add them and continue from 2, at most `MAX_ACTIVE_SET_UPDATES`
+   times.
+7. Refuse an inadmissible solution, e.g. one with interpenetration.
+
+Convergence.  With R the reference force, the norm of the first residual, |r| must not exceed
+
+    max(relative R, absolute, floor ε_machine F, 1e-12 F_stop)                                (4)
+
+F is the scale of the forces that cancel in r (`System.force_scale`), so that the third number is
+the round-off floor: no iteration can reduce r below it.  In scenes with contact, F_stop is the
+force that stops all motion within the step; R is at most the larger one of F_stop and of the force
+of loads and supports, which contact carries when nothing moves.  A residual that no longer falls,
+by a factor of `STAGNATION_RATIO` from one iterate to the next, counts as solved up to
+`STAGNATION_FACTOR` times the round-off floor, or, with contact and (5), `CONTACT_STAGNATION_FACTOR`
+times.  While it falls, the work of the residual in the step, which is the error of the total
+energy, must also be small:
+
+    |r·(q1 - q0)| <= energy tolerance × largest energy so far                                 (5)
+
+Cost.  An iteration is one evaluation of the stress, one residual, one tangent and one linear
+system. A fluttering sheet takes 4 to 9 iterations a step, see the tables of `docs/theory/step.md`.
+
+Limits.  The iteration is local: a step that is too long fails (`NotConverged`) and the caller
+shortens it.  It fails at its last iterate, at residuals that grow beyond measure, and, in time
+steps with contact and without friction, when they no longer fall (`STALLED_SHARE`).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+import weakref
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from petsc4py import PETSc
+
+import gossamer_fx.solve.solvers.factorisation as factorisation
+import gossamer_fx.solve.solvers.linear as linear
+from gossamer_fx.core.algebra.numbering import PREFIX
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.failures import Inadmissible, NotConverged
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.solve.solvers.tolerances import Tolerances
+from gossamer_fx.solve.system.system import System
+
+# Contact pairs may be found missing only once a step is solved.  A step that still misses some
+# after this number of extensions is judged as it is, and usually refused as inadmissible.
+MAX_ACTIVE_SET_UPDATES = 5
+
+# The last linear solve of a step reduces the residual to this fraction of the tolerance (4): what a
+# loose linear solve leaves of the residual would appear as an error of the energy.
+FINAL_LINEAR_RATIO = 0.01
+
+# No relative tolerance of a linear solve is smaller: round-off of the Krylov method.
+MIN_LINEAR_RTOL = 1e-12
+
+# Residual over the larger of the first two at which the iteration is declared divergent.  The
+# second one counts too, as the first may be round-off when the predictor is nearly exact.
+DIVERGENCE_RATIO = 1e12
+
+# The factors of a full matrix are reused once the residual is below this multiple of the tolerance
+# (4) and below this fraction of the first residual.  The last iterations of a step then cost no
+# factorisation.
+REUSE_FACTORS_BELOW_TOLERANCE = 1e3
+REUSE_FACTORS_RATIO = 1e-6
+
+# Residual over the first one below which tangents have their geometric stiffness, whatever the
+# delay: without it the iteration converges only linearly.
+COMPLETE_TANGENT_RATIO = 0.01
+
+# With contact, a residual below this fraction of the force that stops all motion counts as zero.
+# Film in free flight between two contacts has almost no forces, and its state follows round-off of
+# strains.
+CONTACT_FLOOR_RATIO = 1e-12
+
+# A residual above this fraction of the one before no longer falls: it is round-off, provided that
+# it is below STAGNATION_FACTOR times the round-off floor.  The floor is an estimate, hence a margin
+# of four.
+STAGNATION_RATIO = 0.5
+STAGNATION_FACTOR = 4.0
+
+# An iteration has stalled if the least residual of its last iterates is above STALLED_RATIO of the
+# least one before them.  Slack film that switches its state from iterate to iterate leaves such
+# residuals, 1e-3 of the first one: a shorter step converges, this one does not. The last iterates
+# are STALLED_SHARE of those that the tolerances allow: a folded tube rejects 14 of 359 steps after
+# a fifth of them, and 2 of 329 after two fifths, in the same time.
+# docs/performance.md counts the iterations that the rule saves.
+STALLED_SHARE = 0.4
+STALLED_RATIO = 0.7
+
+# At least one of the last updates must have kept this share of its length: as long as contact
+# shortens all of them much, the iteration is on its way.  Measured: 0.65 to 1 where it has stalled,
+# 0.1 to 0.3 where a film turns by two radians in a step and converges.
+STALLED_KEPT_SHARE = 0.5
+
+# A residual below this fraction of that of three iterates before falls again, e.g. after new
+# contacts had raised it.
+FALLING_RATIO = 0.5
+FALLING_ITERATES = 3
+
+# With contact the margin is wider, provided that the residual passes (5): a gap is the difference
+# of two squared distances, so that friction and steep barriers have ten times the round-off of
+# their stiffness.
+CONTACT_STAGNATION_FACTOR = 32.0
+
+
+def _weak_method[**P, T](method: Callable[P, T]) -> Callable[P, T]:
+    """A bound method with only a weak reference to its object.
+
+    The garbage collector does not see references held by a solver of PETSc, so an ordinary bound
+    method would make a reference cycle that is never freed.
+
+    P and T are the types of its arguments and of its result.
+
+    Args:
+        method: bound method of an object that must outlive the calls.
+
+    Returns:
+        a function with the same arguments and result.
+
+    Raises:
+        AssertionError: on a call after the object is gone.
+    """
+    reference = weakref.WeakMethod(method)
+
+    def call(*args: P.args, **keywords: P.kwargs) -> T:
+        bound = reference()
+        assert bound is not None
+        result: T = bound(*args, **keywords)
+        return result
+
+    return call
+
+
+class Newton:
+    """Solves r(w, y) = 0, s(w, y) = 0 for a compiled system, see the module for the algorithm.
+
+    PETSc options with prefix `gx_` apply (e.g. `-gx_snes_monitor`), except a line search, see the
+    module.
+
+    Without geometric stiffness the tangent is positive semi-definite in addition to the inertia, so
+    that the iteration is slow but safe.  With it, film under large compressive stress or a stiff
+    fold has an indefinite tangent far from the solution, and the iteration may diverge.  At rest
+    (statics) the geometric stiffness of film in tension is never left out.
+
+    Args:
+        system: compiled scene.
+        tolerances: when a step counts as solved.
+        direct: factorise the matrix whatever its size.  Statics need this: with little inertia,
+            film with slack parts is too ill-conditioned for an iterative solver.
+
+    Attributes:
+        geometric_stiffness_delay: number of tangents at the start of a step without geometric
+            stiffness; a stepper sets it.
+        energy: largest energy so far [J], the reference of (5); zero: (5) is not asked.
+        round_off_energy: energy [J] that round-off gives to a scene at rest, the largest of all
+            steps.
+        iterations: of the last solve, also if it failed.
+        all_iterations: of all solves.
+        linear_iterations: Krylov iterations of all solves.
+        seconds: wall time [s] of all solves by part of the iteration.
+
+    Raises:
+        InputError: PETSc's options ask for a line search.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        tolerances: Tolerances,
+        direct: bool = False,
+    ) -> None:
+        """Make vectors and PETSc's solvers for the system; no equation is solved yet.  Collective.
+
+        It allocates vectors of the unknowns `_x` and of the residual `_F`, both of coordinates and
+        scalar unknowns, and `_r` of coordinates alone.
+
+        Args:
+            system: compiled scene.
+            tolerances: when a step counts as solved.
+            direct: whether matrices of any size are factorised.
+
+        Raises:
+            InputError: PETSc's options ask for a line search.
+        """
+        self.system = system
+        self.tolerances = tolerances
+        self.geometric_stiffness_delay = 0
+        self.energy = 0.0
+        self.round_off_energy = 0.0
+        self.iterations = 0
+        self.all_iterations = 0
+        self.linear_iterations = 0
+        self.seconds = dict.fromkeys(("law", "residual", "tangent", "linear solver"), 0.0)
+
+        self._scalar_count = sum(scalars.size for scalars in system.scalar_unknowns)
+        self._composite = linear.Composite(system.comm, system.q1, self._scalar_count)
+        self._x = self._composite.vector()
+        self._F = self._composite.vector()
+        self._start = self._composite.vector()
+        # Whether the linear system of this iterate has a solution that is finite.
+        self._has_update = True
+        self._r = system.numbering.vector()
+        self._linearisation_point = system.numbering.vector()
+        self._diagonal = system.numbering.vector()
+        self._default_linear_rtol: float | None = None
+        self._direct = direct
+        self._set_up()
+
+    # ---- PETSc's solvers -------------------------------------------------------------------------
+
+    def _set_up(self) -> None:
+        """Make PETSc's solvers for the matrices of the system.  Collective.
+
+        J is the matrix of the linear systems: the stored tangent, or one that also contains scalar
+        unknowns and couplings of contact. `_F` is the vector of the residual.
+
+        Raises:
+            InputError: PETSc's options ask for a line search.
+        """
+        system = self.system
+        self._snes = PETSc.SNES().create(system.comm)
+        self._snes.setOptionsPrefix(PREFIX)
+        self._snes.setType("newtonls")
+        self._refuse_line_search()
+        self._snes.setFunction(_weak_method(self._function), self._F)
+        # A linear solve that ends at its limit of iterations still gives an inexact Newton step.
+        self._snes.setMaxLinearSolveFailures(self.tolerances.max_iterations)
+        self._tangent: Callable[[], PETSc.Mat] = lambda: system.assemble_tangent().A
+        self._bordered: linear.Bordered | None = None
+        if self._scalar_count or system.active_sets:
+            J = self._set_up_bordered()
+        else:
+            J = system.A
+            self._preconditioner = self.ksp.getPC()
+            linear.configure(self.ksp, self._preconditioner, system, self._direct)
+        self._snes.setJacobian(_weak_method(self._jacobian), J)
+        self._snes.setFromOptions()
+        self._snes.setConvergenceTest(_weak_method(self._test))
+        self._snes.setLineSearchPreCheck(_weak_method(self._limit_update))
+
+    def _refuse_line_search(self) -> None:
+        """Check that PETSc's options ask for full Newton steps.
+
+        Raises:
+            InputError: the option `-gx_snes_linesearch_type` is not "basic".
+        """
+        options = PETSc.Options(PREFIX)
+        kind = options.getString("snes_linesearch_type", "basic")
+        check(
+            kind == "basic",
+            f"-gx_snes_linesearch_type {kind}: the strains of the iteration follow each step of "
+            "Newton's, so that a "
+            "line search would lead it astray; leave the option out.",
+        )
+        options["snes_linesearch_type"] = "basic"
+
+    def _set_up_bordered(self) -> PETSc.Mat:
+        """Set up linear solvers with scalar unknowns (gas pressures) or couplings of contact.
+
+        J is that matrix; its preconditioner acts on the stored tangent of the coordinates and
+        eliminates the scalar unknowns.
+
+        Returns:
+            the matrix of coordinates and scalar unknowns, whose product is computed without storing
+            it. Collective.
+        """
+        system = self.system
+        self._bordered = linear.Bordered(self._composite, system.coupled_tangent)
+        sizes = self._x.getSizes()
+        J = PETSc.Mat().createPython((sizes, sizes), self._bordered, system.comm)
+        J.setUp()
+        sparse = PETSc.PC().create(system.comm)
+        sparse.setOptionsPrefix(PREFIX)
+        sparse.setOperators(system.A)
+        linear.configure(self.ksp, sparse, system, self._direct)
+        sparse.setFromOptions()
+        self._preconditioner = sparse
+        outer = self.ksp.getPC()
+        outer.setOptionsPrefix(PREFIX + "border_")
+        outer.setType("python")
+        outer.setPythonContext(linear.BorderedPreconditioner(self._bordered, sparse, system))
+        return J
+
+    @property
+    def ksp(self) -> PETSc.KSP:
+        """PETSc's solver of the linear systems."""
+        return self._snes.getKSP()
+
+    # ---- a solve ---------------------------------------------------------------------------------
+
+    def solve(self, increment: PETSc.Vec, y: Array) -> tuple[PETSc.Vec, Array, int]:
+        """Solve the equations of a step; q1 is then in the system.  Collective.
+
+        `_r` is a work vector of all coordinates; here it has the first guess of w.
+
+        Args:
+            increment: predicted p = q1 - q0 [m], one entry for each unknown.
+            y: first guess of the scalar unknowns, (number of scalar unknowns,).
+
+        Returns:
+            w = q1 - q0 - p, in a vector that the next call overwrites; y; and the number of Newton
+            iterations.
+
+        Raises:
+            NotConverged: with PETSc's reason and where the residual is largest.
+            Inadmissible: with what is wrong with the solution, e.g. that films intersect.
+        """
+        self._reset_convergence()
+        # With w = 0 at the predictor, w = -p is the start of the step: strains are linear from
+        # there.
+        increment.copy(self._linearisation_point)
+        self._linearisation_point.scale(-1.0)
+        self._fixed_values = self.system.predict(increment)
+        self._r.zeroEntries()
+        with self._r as w:
+            w[self.system.supports.held] = self._fixed_values
+        self._composite.join(self._r, y, self._x)
+        self.iterations = 0
+        self._iterate()
+        for _ in range(MAX_ACTIVE_SET_UPDATES):
+            if not self.system.extend_active_set():
+                break
+            self._iterate()
+        problem = self.system.inadmissible()
+        if problem:
+            raise Inadmissible(problem)
+        w, y = self._split(self._x)
+        return w, y, self.iterations
+
+    def _reset_convergence(self) -> None:
+        """Forget the norms of the residuals of the last step, before a new one is solved."""
+        self._reference = 0.0  # R in (4) [N]
+        self._round_off_floor = 0.0  # third number of (4) [N]; zero: not known yet
+        self._contact_floor = 0.0  # fourth number of (4) [N]
+        self._previous_norm = math.inf  # of the residual of the iterate before [N]
+        self._norm = math.inf  # of the residual of this iterate, with the strains (3) [N]
+        self._norms: list[float] = []  # of all iterates of the present iteration [N]
+        self._kept_shares: list[float] = []  # of the lengths of its updates, see `_limit_update`
+        self._force_imbalance = math.inf  # of the residual evaluated last [N]
+        self._violation = 0.0  # of constraints, at the residual evaluated last [m or 1]
+
+    def _iterate(self) -> None:
+        """Newton's iteration from the present x = (w, y), which is changed in place.  Collective.
+
+        Raises:
+            NotConverged: too many iterations, divergence, or a linear system that was not solved.
+        """
+        # stol = 0: PETSc must not take a small update for a solution.
+        self._snes.setTolerances(stol=0.0, max_it=self.tolerances.max_iterations)
+        seconds_before = sum(self.seconds.values())
+        started = time.perf_counter()
+        self._x.copy(self._start)
+        self._has_update = True
+        self._snes.solve(None, self._x)
+        # A factorisation that lacks workspace is repeated with more; the step is not rejected for
+        # it.
+        while self._snes.getConvergedReason() < 0 and factorisation.enlarge(self._preconditioner):
+            self._start.copy(self._x)
+            self._has_update = True
+            self._snes.solve(None, self._x)
+        # What the callbacks did not take was spent in the linear solver.
+        in_callbacks = sum(self.seconds.values()) - seconds_before
+        self.seconds["linear solver"] += time.perf_counter() - started - in_callbacks
+        reason = self._snes.getConvergedReason()
+        iterations = int(self._snes.getIterationNumber())
+        self.iterations += iterations
+        self.all_iterations += iterations
+        self.linear_iterations += self._snes.getLinearSolveIterations()
+        if reason <= 0:
+            message = self._failure_message(reason, iterations)
+            linear.recover(self._preconditioner)
+            raise NotConverged(message)
+
+    # ---- callbacks of PETSc: residual and tangent ------------------------------------------------
+
+    def _function(self, snes: PETSc.SNES, x: PETSc.Vec, F: PETSc.Vec) -> None:
+        """Residual F of (1) and (2) at x, with the strains (3)."""
+        if not self._has_update:
+            # Laws and contacts have nothing to compute at infinite positions; NaN ends the
+            # iteration.
+            F.set(math.nan)
+            return
+        w, y = self._split(x)
+        with self._clock("law"):
+            self.system.set_increment(w, self._linearisation_point)
+        self._evaluate(y, F)
+
+    def _evaluate(self, y: Array, F: PETSc.Vec) -> None:
+        """Residual with the strains that the system has, and its norms."""
+        with self._clock("residual"):
+            self._s = self.system.residual(y, self._r)
+            self._force_imbalance, self._violation = self.system.imbalance(self._r)
+        self._composite.join(self._r, self._s, F)
+
+    def _split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
+        """w and y of x; fixed coordinates get their values, which not every linear solver keeps
+        exactly."""
+        w, y = self._composite.split(x)
+        with w as values:
+            values[self.system.supports.held] = self._fixed_values
+        return w, y
+
+    def _limit_update(self, x: PETSc.Vec, update: PETSc.Vec) -> bool:
+        """Shorten an update where contact requires it; called by PETSc.  Collective.
+
+        Args:
+            x: iterate; not used.
+            update: solution of the linear system, changed in place.  PETSc makes it infinite if the
+                tangent could not be factorised, e.g. for lack of workspace.
+
+        Returns:
+            whether it may have changed.
+        """
+        self._has_update = math.isfinite(update.norm())
+        if not (self._has_update and self.system.active_sets):
+            return False
+        length = float(update.norm())
+        with update as values:
+            self.system.limit_update(values[: self._composite.n])
+        self._kept_shares.append(float(update.norm()) / max(length, factorisation.TINY))
+        return True
+
+    def _jacobian(
+        self,
+        snes: PETSc.SNES,
+        x: PETSc.Vec,
+        J: PETSc.Mat,
+        P: PETSc.Mat,
+    ) -> None:
+        """Assemble the tangent at the iterate; called by PETSc.  Collective.
+
+        Near the solution the last factors of a dense matrix are used again.  In the first
+        iterations of a step, far from the solution, the tangent may be without geometric stiffness,
+        which would make it indefinite.
+
+        A is the stored tangent [N/m] of the coordinates.
+
+        Args:
+            snes: PETSc's nonlinear solver, which has the number of the iteration.
+            x: iterate; not used, since the system has the state that the residual has set.
+            J: matrix of the linear system, which is the tangent itself or contains it.
+            P: not used.
+        """
+        iteration = snes.getIterationNumber()
+        is_near = self._norm < min(
+            REUSE_FACTORS_BELOW_TOLERANCE * self._tolerance,
+            REUSE_FACTORS_RATIO * self._reference,
+        )
+        if is_near and self.system.numbering.full and iteration:
+            self._note_linearisation_point()
+            return
+        with self._clock("tangent"):
+            is_far = self._norm > COMPLETE_TANGENT_RATIO * self._reference
+            is_delayed = is_far and iteration < self.geometric_stiffness_delay
+            self._set_geometric_stiffness(0.0 if is_delayed else 1.0)
+            A = self._tangent()
+            # Complete again at once, so that no other user of the system gets a tangent without it.
+            self._set_geometric_stiffness(1.0)
+        if self._bordered is not None:
+            self._bordered.set(*self.system.coupling())
+            J.assemble()
+        self._update_round_off_floor(A)
+        self._note_linearisation_point()
+        self._choose_linear_tolerance()
+
+    def _note_linearisation_point(self) -> None:
+        """Let the strains of the next iterate be linear from this one."""
+        w, _ = self._composite.split(self._snes.getSolution())
+        w.copy(self._linearisation_point)
+
+    def _set_geometric_stiffness(self, share: float) -> None:
+        """Choose the share of the geometric stiffness in tangents, 0 or 1."""
+        if share == self.system.geometric:
+            return
+        self.system.geometric = share
+        for field in self.system.fields.values():
+            field.γ.value = share
+
+    def _update_round_off_floor(self, A: PETSc.Mat) -> None:
+        """Estimate the round-off of the residual [N] from the diagonal of the tangent.  Collective.
+
+        Once a step, but at each tangent with contact: bodies that penetrate each other in the
+        predictor have stiffnesses there that are far too large, so the smallest estimate counts.
+
+        Args:
+            A: tangent [N/m] of the coordinates.
+        """
+        is_first = self._round_off_floor == 0
+        if not is_first and not self.system.active_sets:
+            return
+        A.getDiagonal(self._diagonal)
+        units = self.tolerances.floor * np.finfo(float).eps
+        floor = units * self.system.force_scale(self._diagonal)
+        self._round_off_floor = min(floor, self._round_off_floor or math.inf)
+        if is_first:
+            energy = self.system.round_off_energy(self._diagonal)
+            self.round_off_energy = max(self.round_off_energy, energy)
+
+    def _choose_linear_tolerance(self) -> None:
+        """Set the relative tolerance of the next linear solve: tight if it is likely the last of
+        the step."""
+        if self._default_linear_rtol is None:
+            self._default_linear_rtol = self.ksp.getTolerances()[0]
+        rtol = self._default_linear_rtol
+        # The ordinary tolerance would end within a factor of ten of convergence, or below.
+        if 0 < self._force_imbalance * rtol < 10 * self._tolerance:
+            last = FINAL_LINEAR_RATIO * self._tolerance / self._force_imbalance
+            rtol = min(rtol, max(last, MIN_LINEAR_RTOL))
+        self.ksp.setTolerances(rtol=rtol)
+
+    # ---- the test of convergence -----------------------------------------------------------------
+
+    @property
+    def round_off(self) -> float:
+        """Residual [N] that round-off alone explains in the last solve."""
+        return STAGNATION_FACTOR * self._round_off_floor
+
+    @property
+    def _tolerance(self) -> float:
+        """Right-hand side of (4) [N]."""
+        return max(
+            self.tolerances.relative * self._reference,
+            self.tolerances.absolute,
+            self._round_off_floor,
+            self._contact_floor,
+        )
+
+    def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
+        """The test of convergence; called by PETSc after each iteration.  Collective.
+
+        w is the correction of the coordinates, y are the scalar unknowns of the iterate. It updates
+        the norms of the last two iterates, and evaluates the residual again where the first test
+        passes.
+
+        Args:
+            snes: PETSc's nonlinear solver.
+            iteration: number of the iterate, 0 for the first guess.
+            norms: of x, the update and the residual; only whether the last is finite counts.
+
+        Returns:
+            0 to go on, or PETSc's code of convergence (> 0) or divergence (< 0).
+        """
+        reasons = PETSc.SNES.ConvergedReason
+        if not np.isfinite(norms[2]):
+            return int(reasons.DIVERGED_FNORM_NAN)
+        self._previous_norm = self._norm
+        self._norm = self._force_imbalance
+        if iteration == 0:
+            self._set_reference()
+            self._norms = []
+            self._kept_shares = []
+        self._norms.append(self._norm)
+        if self._is_solved():
+            # Convergence is judged at the true strain.  If that does not pass, the iteration goes
+            # on from it.
+            w, y = self._split(snes.getSolution())
+            with self._clock("law"):
+                self.system.set_increment(w, None)
+            self._evaluate(y, snes.getFunction()[0])
+            if self._is_solved():
+                return int(reasons.CONVERGED_FNORM_ABS)
+        largest_early = max(self._norms[:2])
+        if self._norm > DIVERGENCE_RATIO * max(largest_early, self._tolerance):
+            return int(reasons.DIVERGED_DTOL)
+        if iteration >= self.tolerances.max_iterations:
+            return int(reasons.DIVERGED_MAX_IT)
+        if self._has_stalled():
+            return int(reasons.DIVERGED_LOCAL_MIN)
+        return 0
+
+    def _has_stalled(self) -> bool:
+        """Whether the last residuals of a time step with contact are hardly smaller than before.
+
+        The first residual does not count, as it may be round-off when the predictor is nearly
+        exact. A residual that passes the test of the forces waits for the other parts of the test.
+        With friction an iteration may come from a plateau to a solution, and an equilibrium has no
+        time step that could be divided: these go on.
+        """
+        system = self.system
+        is_static = system.rule.alpha == 1
+        has_plateaus = any(kind.has_plateaus for kind in system.active_sets)
+        if is_static or has_plateaus or not system.active_sets:
+            return False
+        last = math.ceil(STALLED_SHARE * self.tolerances.max_iterations)
+        before = self._norms[1:-last]
+        if not before or self._norm <= max(self._tolerance, self.round_off):
+            return False
+        # Bodies that turn far in a step need many shortened updates before the residual falls.
+        if max(self._kept_shares[-last:], default=1.0) < STALLED_KEPT_SHARE:
+            return False
+        is_falling = self._norm < FALLING_RATIO * self._norms[-1 - FALLING_ITERATES]
+        return not is_falling and min(self._norms[-last:]) > STALLED_RATIO * min(before)
+
+    def _set_reference(self) -> None:
+        """Choose the reference force [N] of the relative tolerance from the first residual of a
+        step.
+
+        With contact the predictor may have passed through an obstacle.  Its forces are then
+        thousands of times larger than those of the solution, and are not a scale for the residual;
+        the force that stops all motion within the step, or that of all loads, is taken instead.
+        Collective.
+        """
+        self._reference = self._norm
+        self._contact_floor = 0.0
+        if not self.system.active_sets:
+            return
+        stopping = self._stopping_force()
+        self._contact_floor = CONTACT_FLOOR_RATIO * stopping
+        if stopping < self._norm:
+            largest = max(stopping, self._external_force())
+            self._reference = min(self._norm, largest or math.inf)
+
+    def _stopping_force(self) -> float:
+        """Force [N] that stops and returns all that moves within the step."""
+        self.system.M.mult(self.system.v0, self._diagonal)
+        return self.system.c * self.system.h * float(self._diagonal.norm())
+
+    def _external_force(self) -> float:
+        """Norm [N] of the forces of loads, gas and supports at the last residual.
+
+        What rests on something has no motion to stop: then these are the scale of the contact
+        forces.
+        """
+        external, _ = self.system.imbalance(self.system.external_forces())
+        return external
+
+    def _is_solved(self) -> bool:
+        """Whether the residual evaluated last passes the test of convergence.  Collective.
+
+        The norm of the forces [N] must be below the tolerance, or no longer fall and be round-off;
+        while it falls, the work of the residual must be small compared with the largest energy.
+        Violations of constraints [m or 1] and relative residuals of scalar unknowns must be below
+        their tolerances, too.
+
+        `_s` are the relative residuals of the scalar unknowns, `_norm` [N] and `_previous_norm` [N]
+        the norms of the forces now and one iteration before.
+        """
+        residual = self._force_imbalance
+        stagnates = self._norm > STAGNATION_RATIO * self._previous_norm
+        is_small = residual <= self._tolerance and (
+            stagnates or residual <= self._round_off_floor or self._energy_error_is_small()
+        )
+        is_balanced = is_small or (stagnates and residual <= self.round_off)
+        if self.system.active_sets and stagnates and not is_balanced:
+            contact_round_off = CONTACT_STAGNATION_FACTOR * self._round_off_floor
+            is_balanced = residual <= contact_round_off and self._energy_error_is_small()
+        satisfies_constraints = self._violation <= self.tolerances.constraint
+        satisfies_scalars = bool((abs(self._s) <= self.tolerances.scalars).all())
+        return is_balanced and satisfies_constraints and satisfies_scalars
+
+    def _energy_error_is_small(self) -> bool:
+        """Whether the work of the residual in the step, |r·(q1 - q0)| [J], is small.
+
+        It is the error of the total energy.  The limit is the energy tolerance times the largest
+        energy so far; True if no energy is known.  Collective.
+
+        r [N] is the residual evaluated last, on the forces only; q0 and q1 [m] are the coordinates
+        at the start and at the end of the step.
+        """
+        if not self.energy:
+            return True
+        system = self.system
+        forces = self._r.array_r
+        if system.constraints:
+            # Rows of multipliers hold violations of constraints, which are not forces.
+            forces = forces[: system.constraints.owned.start]
+        n = forces.size
+        moved = system.q1.array_r[:n] - system.q0.array_r[:n]
+        work = system.comm.allreduce(float(forces @ moved))
+        return abs(work) <= self.tolerances.energy * self.energy
+
+    # ---- reports ---------------------------------------------------------------------------------
+
+    def summary(self) -> str:
+        """The linear solver, its iterations, and the shares of the wall time of all solves, in one
+        line."""
+        ksp = self.ksp.getType()
+        preconditioner = linear.name(self._preconditioner)
+        total = sum(self.seconds.values()) or 1.0
+        shares = ", ".join(
+            f"{part} {seconds / total:.0%}" for part, seconds in self.seconds.items()
+        )
+        krylov = self.linear_iterations / max(self.all_iterations, 1)
+        return f"{ksp} with {preconditioner}, {krylov:.1f} iterations for one of Newton's; {shares}"
+
+    @contextmanager
+    def _clock(self, part: str) -> Iterator[None]:
+        """Add the wall time of a block to a part of `seconds`."""
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[part] += time.perf_counter() - started
+
+    def _failure_message(self, reason: int, iterations: int) -> str:
+        """Why the iteration failed, how far it came, and where the residual is largest, in words.
+
+        `_r` is the residual of the coordinates [N] that was evaluated last; k and v are names and
+        values of PETSc's codes.
+
+        Args:
+            reason: PETSc's negative code.
+            iterations: number of iterations that were made.
+
+        Collective: all ranks call it.
+        """
+        names = {v: k for k, v in vars(PETSc.SNES.ConvergedReason).items() if isinstance(v, int)}
+        why = names.get(reason, str(reason)).lower().replace("_", " ")
+        if reason == PETSc.SNES.ConvergedReason.DIVERGED_LOCAL_MIN:
+            # PETSc has no code for an iteration that stalls.
+            why = "the residual no longer falls"
+        if self.ksp.getConvergedReason() < 0 or not self._has_update:
+            why += f", linear solver: {linear.reason(self.ksp, self._preconditioner)}"
+        if self._violation > self.tolerances.constraint:
+            why += f", constraints off by {self._violation:.1e}"
+        unsolved = [scalars.unsolved() for scalars in self.system.scalar_unknowns]
+        first_unsolved = next(filter(None, unsolved), "")
+        if first_unsolved:
+            why += f", {first_unsolved},"
+        return (
+            f"{why} after {iterations} iterations, residual {self._force_imbalance:.1e} N of "
+            f"{self._reference:.1e} N at first, largest in {self.system.locate(self._r)}"
+        )

@@ -1,0 +1,5 @@
+"""Time steppers, and the choice of their steps."""
+
+from gossamer_fx.core.checks.lazy_names import lazy_names
+
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

@@ -1,0 +1,297 @@
+"""The generalised-α method: a second stepper on the same system, for comparison; it conserves
+nothing."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import KW_ONLY, dataclass, field
+from typing import Any
+
+from petsc4py import PETSc
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.failures import NotConverged
+from gossamer_fx.mechanics.terms.discrete_gradient import EndPoint
+from gossamer_fx.solve.solvers import factorisation
+from gossamer_fx.solve.solvers.newton import Newton
+from gossamer_fx.solve.solvers.tolerances import Tolerances
+from gossamer_fx.solve.steppers.midpoint import SMALLEST_STEP
+from gossamer_fx.solve.system.system import System
+
+# Length over the first step of the trial step in which the first acceleration is computed: forces
+# that depend on rates are differences over it, well above round-off, while positions hardly change.
+TRIAL_STEP_RATIO = 1e-3
+
+
+@check_arguments
+@dataclass(frozen=True)
+class GeneralizedAlpha:
+    """Generalised-α method (Chung & Hulbert, J. Appl. Mech. 60 (1993) 371, doi:10.1115/1.2900803).
+
+    Second order in `dt`.  Equilibrium and constraints hold at the end of the step, and positions
+    follow from an acceleration-like variable a, which differs from the acceleration dv/dt (Arnold &
+    Brüls, Multibody Syst. Dyn. 18 (2007) 185, doi:10.1007/s11044-007-9084-0):
+
+        M (dv/dt)_1 + f(q1) + De(q1)ᵀ λ1 = F1,   e(q1) = 0                                    (1)
+        (1-α_m) a1 + α_m a0 = (1-α_f) (dv/dt)_1 + α_f (dv/dt)_0                               (2)
+        q1 = q0 + h v0 + h² ((½-β) a0 + β a1)                                                 (3)
+        v1 = v0 + h ((1-γ) a0 + γ a1)                                                         (4)
+
+        α_m = (2ρ-1)/(ρ+1),  α_f = ρ/(ρ+1),  γ = ½ - α_m + α_f,  β = ¼ (1 - α_m + α_f)²       (5)
+
+    The method loses or gains energy.  Damping and feedback are of first order only, as their rates
+    are those of the step before its end.  The energy balance counts loads that vary within a step
+    with their values at its end.
+
+    Args:
+        dt: step [s].
+        spectral_radius: ρ in [0, 1] of high frequencies; 1 does not damp them, 0 annihilates them
+            within a step.
+        tolerances: when a step counts as solved.
+
+    Raises:
+        InputError: dt is not a positive number, or the spectral radius is not between 0 and 1; at
+            the start of a run: the scene has contact.
+
+    Example:
+        >>> run = gx.Simulation(gx.Scene(hub), gx.GeneralizedAlpha(dt=0.1, spectral_radius=0.9))
+        >>> run.run(until=1.0)
+        >>> run.step
+        10
+    """
+
+    dt: float
+    spectral_radius: float = 0.8
+    _: KW_ONLY
+    tolerances: Tolerances = field(default_factory=Tolerances)
+
+    def __post_init__(self) -> None:
+        """Refuse a step that is not positive, and a spectral radius outside 0 to 1.
+
+        Raises:
+            InputError: dt is not a positive, finite number [s], or the spectral radius is not in 0
+                to 1.
+        """
+        check(
+            math.isfinite(self.dt) and self.dt > SMALLEST_STEP,
+            f"GeneralizedAlpha: dt is {self.dt!r}; give a positive step in seconds.",
+        )
+        check(
+            0 <= self.spectral_radius <= 1,
+            f"GeneralizedAlpha: spectral_radius is {self.spectral_radius!r}; it lies between 0 and "
+            "1.",
+        )
+
+    @property
+    def rule(self) -> EndPoint:
+        """Which stress acts in a step: that of its end."""
+        return EndPoint()
+
+    def start(self, system: System) -> GeneralizedAlphaSolver:
+        """The method at work on a compiled system, whose state is the initial one.  Collective.
+
+        Args:
+            system: compiled scene.
+
+        Raises:
+            InputError: the scene has contact.
+        """
+        # The force at the end of a step does no work along the step that an energy knows: a film
+        # that falls on a floor came back at three times its true height, and the energy balance was
+        # open.
+        check(
+            not system.active_sets,
+            "GeneralizedAlpha: the scene has contact, in which this method neither conserves "
+            "energy nor reports what it loses; use Midpoint, or leave the contact out.",
+        )
+        return GeneralizedAlphaSolver(system, self.spectral_radius, self.tolerances)
+
+
+class GeneralizedAlphaSolver:
+    """Makes steps of the generalised-α method on a compiled system, one at a time.
+
+    Attributes:
+        newton: solver of a step.
+        vectors: history variables of the method that are vectors: a0 and (dv/dt)_0 of (2).
+    """
+
+    def __init__(self, system: System, ρ: float, tolerances: Tolerances) -> None:
+        """Compute the coefficients of the method, and make its vectors.  Collective.
+
+        Args:
+            system: compiled scene.
+            ρ: spectral radius of high frequencies, 0 to 1, as `GeneralizedAlpha` has checked.
+            tolerances: when a step counts as solved.
+        """
+        self._system = system
+        # Weights of the method, all dimensionless, see (5) of `GeneralizedAlpha`: α_m and α_f of
+        # accelerations in (2), γ and β of the acceleration at the end in (4) and (3).
+        self._α_m = (2 * ρ - 1) / (ρ + 1)
+        self._α_f = ρ / (ρ + 1)
+        self._γ = 0.5 - self._α_m + self._α_f
+        self._β = (1 - self._α_m + self._α_f) ** 2 / 4
+        self.newton = Newton(system, tolerances)
+        # Distributed vectors of all unknowns.  a0 and a1 [m/s²] are the acceleration-like variable
+        # at the start and the end of a step, v1 [m/s] the velocity at its end.
+        self._a0 = system.numbering.vector()
+        self._a1 = system.numbering.vector()
+        self._acceleration = system.numbering.vector()  # dv/dt
+        self._v1 = system.numbering.vector()
+        # Predicted increment of the coordinates [m], and the offset [m] of the inertia force.
+        self._increment = system.numbering.vector()
+        self._offset = system.numbering.vector()
+        # The names are part of the format of checkpoint files.
+        self.vectors = {"acceleration": self._a0, "rate": self._acceleration}
+        self._has_acceleration = False
+
+    def get_state(self) -> dict[str, Any]:
+        """History variables for a checkpoint; the keys belong to its file format."""
+        return {"started": self._has_acceleration}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Restore what `get_state` returned."""
+        self._has_acceleration = state["started"]
+
+    def step(self, h: float) -> int:
+        """Advance the system by one step of the generalised-α method.  Collective.
+
+        It solves for w [m], the correction of the predicted increment of the coordinates.  From w
+        follow the accelerations and the velocity v1 [m/s] at the end of the step, with the
+        acceleration-like variable a0, a1 [m/s²] and the weights β, γ [-] of the method.  The new
+        state is committed to the system, and the accelerations are kept for the next step.  The
+        first call computes the initial acceleration, from the state that the system has then.
+
+        Args:
+            h: length of the step [s], positive.
+
+        Returns:
+            The number of Newton iterations.
+
+        Raises:
+            NotConverged: the iteration failed, or there is no initial acceleration; coordinates,
+                velocities and accelerations are unchanged, and a shorter step may be tried.
+            Inadmissible: the solution cannot be accepted; they are unchanged, too.
+        """
+        if not self._has_acceleration:
+            self._compute_first_acceleration(h)
+        system = self._system
+        # The vector of unknowns in which the iteration starts.
+        y = system.begin_step(h)
+        self._predict(h)
+        w, _, iterations = self.newton.solve(self._increment, y)
+        self._acceleration.waxpy(1.0, w, self._offset)
+        self._acceleration.scale(self._inertia(h))
+        self._a1.waxpy(1 / (self._β * h**2), w, self._a0)
+        self._clear_multipliers(self._acceleration)
+        self._clear_multipliers(self._a1)
+        # v1 of (4)
+        self._v1.waxpy(h * (1 - self._γ), self._a0, system.v0)
+        self._v1.axpy(h * self._γ, self._a1)
+        system.commit(self._v1)
+        # Only now: a step that fails must leave the history unchanged.
+        self._a1.copy(self._a0)
+        return iterations
+
+    def _inertia(self, h: float) -> float:
+        """c [1/s²], the derivative of (dv/dt)_1 with respect to q1 by (2) and (3)."""
+        return (1 - self._α_m) / ((1 - self._α_f) * self._β * h**2)
+
+    def _predict(self, h: float) -> None:
+        """Express the update of the generalised-α method in w, the correction of the predicted
+        increment.
+
+            q1 - q0 = h v0 + h² a0/2 + w,    a1 = a0 + w/(β h²),    (dv/dt)_1 = c (w + offset)
+
+        q0 and q1 [m] are the coordinates at the start and the end of the step, v0 [m/s] the
+        velocity and a0 [m/s²] the acceleration-like variable at its start, β [-] and c [1/s²]
+        coefficients, α_m and α_f [-] weights of the method.  It overwrites the vectors of the
+        increment h v0 + h² a0/2 [m] and of the offset [m], and gives the system the inertia force
+        c M (w + offset) [N] with the mass matrix M.
+
+        Args:
+            h: length of the step [s].
+        """
+        system = self._system
+        c = self._inertia(h)
+        α_m = self._α_m
+        α_f = self._α_f
+        self._a0.copy(self._increment)
+        self._increment.scale(h**2 / 2)
+        self._increment.axpy(h, system.v0)
+        self._a0.copy(self._offset)
+        self._offset.scale(self._β * h**2 + α_m / (1 - α_f) / c)
+        self._offset.axpy(-α_f / (1 - α_f) / c, self._acceleration)
+        system.set_inertia(c, self._offset)
+
+    # ---- the first acceleration ------------------------------------------------------------------
+
+    def _compute_first_acceleration(self, h: float) -> None:
+        """Solve for the acceleration dv/dt [m/s²] of the initial state, and set a0 to it.
+        Collective.
+
+            M dv/dt + De(q0)ᵀ λ = F - f(q0, v0)
+            De(q0) dv/dt = -D²e[v0, v0]      (constraints differentiated twice)
+
+        with the mass matrix M [kg], constraints e = 0 and their multipliers λ, loads F [N] and
+        internal forces f [N].  Forces that depend on rates are evaluated in a trial step with the
+        initial velocity v0 [m/s] from the initial coordinates q0 [m].  The increment vector is
+        overwritten, as space for the right side.
+
+        Args:
+            h: length of the first step [s]; the trial step has a thousandth of it.
+
+        Raises:
+            NotConverged: the matrix of these equations is singular; the next call tries again.
+        """
+        system = self._system
+        # r [N] is the residual, then the right side; A the matrix of both equations.
+        r = self._increment
+        A = system.M.copy()
+        self._evaluate_trial_step(TRIAL_STEP_RATIO * h, r)
+        if system.constraints:
+            with r as values:
+                values[system.constraints.owned] = 0
+            system.constraints.add_curvature(system.v0, r)
+            system.constraints.add_tangents(A)
+            A.assemble()
+        # Unit rows give fixed coordinates the acceleration zero.
+        system.supports.clear(A, 1.0)
+        r.scale(-1.0)
+        problem = factorisation.solve(A, r, self._acceleration)
+        if problem:
+            raise NotConverged(f"no acceleration to start with, {problem}")
+        self._clear_multipliers(self._acceleration)
+        self._acceleration.copy(self._a0)
+        self._has_acceleration = True
+
+    def _evaluate_trial_step(self, h: float, r: PETSc.Vec) -> None:
+        """Set r to the residual without inertia [N] of a trial step.  Collective.
+
+        The coordinates at the end of the step are q0 + h v0 [m], with those of the last committed
+        state, q0, and its velocity v0 [m/s].  Fixed and prescribed coordinates have their values at
+        that time instead.  The step is not committed; the system retains the iterate and an inertia
+        of zero until the next step begins.
+
+        Args:
+            h: length of the trial step [s].
+            r: distributed vector of all unknowns, which is overwritten.
+        """
+        system = self._system
+        system.set_inertia(0.0)
+        y = system.begin_step(h)
+        system.v0.copy(r)
+        r.scale(h)
+        fixed_values = system.predict(r)
+        r.zeroEntries()
+        # w [m], the correction of the predicted increment: zero where coordinates are free.
+        with r as w:
+            w[system.supports.held] = fixed_values
+        system.set_increment(r, None)
+        system.residual(y, r)
+
+    def _clear_multipliers(self, rate: PETSc.Vec) -> None:
+        """Set the entries of Lagrange multipliers to zero: they have no rate."""
+        if self._system.constraints:
+            with rate as values:
+                values[self._system.constraints.owned] = 0

@@ -1,0 +1,147 @@
+"""The complete state of a run between two steps, for checkpoints and for rejected steps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Protocol, runtime_checkable
+
+from petsc4py import PETSc
+
+from gossamer_fx.core.model.body import Array, MeshBody
+from gossamer_fx.core.model.roles import CellHistory, HistoryVariables, playing
+from gossamer_fx.solve.system.system import System
+
+
+@runtime_checkable
+class Carrier(HistoryVariables, Protocol):
+    """A stepper or step control with history variables, some of them vectors of the system.
+
+    Attributes:
+        vectors: those vectors by name; they are copied, not replaced, when a state is restored.
+    """
+
+    vectors: Mapping[str, PETSc.Vec]
+
+
+class History:
+    """Saves and restores the state of a run: coordinates, velocities and all history variables.
+
+    A step may be undone by `rollback` to the last `commit`; a checkpoint writes `vectors` and
+    `get_state()`.
+
+    Args:
+        system: compiled scene.
+        carriers: stepper and step control; those without history variables are ignored.
+
+    Attributes:
+        vectors: all vectors of the state by name, not copies; coordinates include the Lagrange
+            multipliers.
+        cells: bodies with values (n,) in this rank's own cells by name, not copies.
+    """
+
+    def __init__(self, system: System, carriers: Iterable[object]) -> None:
+        """Collect the vectors and history variables of system, terms and carriers by name.
+
+        History variables are the state that does not follow from coordinates, e.g. rest angles of
+        creases.  Nothing is copied before the first `commit`, and `rollback` needs one.
+
+        Args:
+            system: compiled scene.
+            carriers: stepper and step control; those without history variables are left out.
+        """
+        self._system = system
+        # The names are part of the format of checkpoint files.
+        self.vectors = {
+            "coordinates": system.q0,
+            "remainders of coordinates": system.increment.remainder,
+            "velocities": system.v0,
+            "coordinates before": system.previous,
+        }
+        self.cells: dict[str, tuple[MeshBody, Array]] = {}
+        for kind in playing(CellHistory, system.compiled):
+            self.cells |= kind.cell_history()
+        self._variables: dict[str, HistoryVariables] = {}
+        self._find_carriers(carriers)
+        self._find_terms()
+        self._committed: dict[str, PETSc.Vec] = {}
+        self._committed_cells: dict[str, Array] = {}
+
+    def _find_carriers(self, carriers: Iterable[object]) -> None:
+        """Add the history variables of the stepper and of the step control."""
+        for carrier in carriers:
+            if isinstance(carrier, Carrier):
+                name = type(carrier).__name__
+                self._variables[name] = carrier
+                for what, vector in carrier.vectors.items():
+                    self.vectors[f"{name} {what}"] = vector
+
+    def _find_terms(self) -> None:
+        """Collect the objects with history variables: scalar unknowns, kinds of terms, and fields
+        of terms.
+
+        They are stored by names that are the same in each run of a scene.
+        """
+        system = self._system
+        for k, scalars in enumerate(system.scalar_unknowns):
+            self._variables[f"scalar unknowns {k}"] = scalars
+        for compiled in system.compiled:
+            if isinstance(compiled, HistoryVariables):
+                self._variables[type(compiled).__name__] = compiled
+        # Terms have no unique names, so their positions in the scene are part of the names.
+        for k, term in enumerate(system.terms):
+            for what, field in vars(term).items():
+                if isinstance(field, HistoryVariables):
+                    self._variables[f"part {k} {what}"] = field
+
+    def get_state(self) -> dict[str, Any]:
+        """The history variables other than vectors, by name; the same on every rank."""
+        return {name: variables.get_state() for name, variables in self._variables.items()}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Restore what `get_state` returned; the caller has restored `vectors` and `cells`
+        before."""
+        # Quantities derived from the coordinates first: history variables may depend on them.
+        self._system.restart()
+        for name, variables in self._variables.items():
+            variables.set_state(state[name])
+
+    def commit(self) -> None:
+        """Save the present state, which replaces the one saved before.
+
+        Saved are vectors, cell values, time [s], supplied and dissipated energies [J], and all
+        history variables: of vectors and cell values those of this rank.  All ranks call it.
+        """
+        system = self._system
+        # Made at the first call only: a run without rejected steps needs no copies.
+        if not self._committed:
+            for name, vector in self.vectors.items():
+                self._committed[name] = vector.duplicate()
+        for name, vector in self.vectors.items():
+            vector.copy(self._committed[name])
+        for name, (_, values) in self.cells.items():
+            self._committed_cells[name] = values.copy()
+        self._time = system.time
+        self._supplied_energy = system.supplied_energy
+        # A copy, as the system changes its dictionary in place.
+        self._losses = dict(system.losses)
+        self._state = self.get_state()
+
+    def rollback(self) -> None:
+        """Restore the state of the last `commit`, which may be restored more than once.
+        Collective.
+
+        Vectors and cell values are overwritten in place; what the system derives from coordinates
+        is computed again.
+
+        Raises:
+            KeyError: there was no `commit`.
+        """
+        system = self._system
+        for name, vector in self.vectors.items():
+            self._committed[name].copy(vector)
+        for name, (_, values) in self.cells.items():
+            values[:] = self._committed_cells[name]
+        system.time = self._time
+        system.supplied_energy = self._supplied_energy
+        system.losses = dict(self._losses)
+        self.set_state(self._state)

@@ -1,0 +1,354 @@
+"""Steps as long as Newton's iteration and the accuracy allow.
+
+Problem.  A structure that deploys is quiet at one time and hits itself at another; a constant step
+is either too long for the one or too short for the other.
+
+Idea.  The midpoint rule conserves energy, momenta and masses for every sequence of steps, so that
+the length may be chosen by cost and accuracy alone.
+
+Algorithm, for a step of length h that took i Newton iterations.
+
+1. Estimate the local error of the midpoint rule,
+
+       e = h³ q'''/12,    q''' ≈ 2 (a - a_)/(h + h_)                                          (1)
+
+   from the mean accelerations a = (v1 - v0)/h of this step and a_ of the one before, whose length
+   is h_.  It is measured as root mean square over the mass,
+
+       ε = √(eᵀ M e/m),    m the total mass                                                   (2)
+
+2. If ε exceeds the tolerance, undo the step and repeat it with h times
+
+       max(0.9 (tolerance/ε)^(1/3), min_factor)                                                  (3)
+
+3. If Newton's iteration fails, repeat the step with h times `min_factor`.
+4. Otherwise the next step is h times
+
+       max(min(target iterations/i, 0.9 (tolerance/ε)^(1/3), max_factor), min_factor)            (4)
+
+   A step that was repeated does not let the next one grow.
+
+Source: Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I (1993), section II.4,
+for the choice (3), (4); the error constant 1/12 is that of the trapezoidal rule.
+
+Cost.  The estimate (1) costs one product with M and no further solve.
+
+Limits.  The estimate exists from the second step on, and is that of smooth motion: impacts within a
+step show only as a large difference of the accelerations.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.checks.failures import NotConverged
+from gossamer_fx.solve.steppers.history import History
+from gossamer_fx.solve.steppers.stepping import StepSolver, step_failure
+from gossamer_fx.solve.system.system import System
+
+# Factor in (3) and (4), so that the next step does not fail by a small growth of the error.
+SAFETY_FACTOR = 0.9
+
+# Smallest step over the first, unless given: a run whose steps are a million times shorter will not
+# end.
+SMALLEST_STEP_RATIO = 1e-6
+
+
+@check_arguments
+@dataclass(frozen=True)
+class StepControl:
+    """Lets steps grow and shrink; the stepper's `dt` is the first step.
+
+    See the module for the rule.  Energy, momenta and masses are conserved for every sequence of
+    steps.
+
+    Args:
+        target_iterations: target of Newton iterations a step.
+        error: largest local error of a step [m], as root mean square over the mass; None: errors
+            are not estimated.
+        max_factor: largest ratio of a step to the one before.  For film that hits itself or snaps
+            straight, 1.1 leads to fewer rejected steps.
+        min_factor: smallest ratio of a step to the one before, and the ratio after a failure.
+        min_step: shortest step [s], below which the run fails; default 1e-6 dt.
+        max_step: longest step [s]; default without limit.
+
+    Raises:
+        InputError: a value is out of its range.
+
+    Example:
+        >>> control = gx.StepControl(max_factor=2.0)
+        >>> run = gx.Simulation(gx.Scene(hub), gx.Midpoint(dt=0.1), control=control)
+        >>> run.run(until=1.5)
+        >>> run.step
+        4
+    """
+
+    _: KW_ONLY
+    target_iterations: int = 15
+    error: float | None = None
+    max_factor: float = 1.5
+    min_factor: float = 0.5
+    min_step: float | None = None
+    max_step: float = math.inf
+
+    def __post_init__(self) -> None:
+        """Refuse values out of their range, each in one sentence.
+
+        Raises:
+            InputError: `target_iterations` < 1, `error` [m], `min_step` or `max_step` [s] is not
+                positive, `max_factor` < 1, or `min_factor` is not between 0 and 1.
+        """
+        check(
+            self.target_iterations >= 1,
+            f"StepControl: target_iterations is {self.target_iterations!r}; aim at one or more.",
+        )
+        for name in ("error", "min_step", "max_step"):
+            value = getattr(self, name)
+            check(
+                value is None or value > 0,
+                f"StepControl: {name} is {value!r}; give a positive number.",
+            )
+        check(
+            self.max_factor >= 1, f"StepControl: max_factor is {self.max_factor!r}; give 1 or more."
+        )
+        check(
+            0 < self.min_factor < 1,
+            f"StepControl: min_factor is {self.min_factor!r}; give a number between 0 and 1.",
+        )
+
+    def start(self, system: System, solver: StepSolver, dt: float) -> ControlledSteps:
+        """The steps of a run, whose lengths this control chooses.  Collective.
+
+        Args:
+            system: compiled scene.
+            solver: stepper at work on it.
+            dt: length of the first step [s].
+
+        Raises:
+            InputError: dt is longer than the longest step, or errors cannot be measured for lack of
+                mass.
+        """
+        check(
+            dt <= self.max_step,
+            f"StepControl: max_step is {self.max_step!r} s, but the first step is {dt!r} s.",
+        )
+        return ControlledSteps(self, system, solver, dt)
+
+
+class ControlledSteps:
+    """The steps of a run whose lengths a `StepControl` chooses; see `Stepping` for the
+    attributes."""
+
+    def __init__(
+        self,
+        control: StepControl,
+        system: System,
+        solver: StepSolver,
+        dt: float,
+    ) -> None:
+        """Start with the step dt; local errors are measured only if a tolerance is given.
+
+        Args:
+            control: choices of the user.
+            system: compiled scene.
+            solver: stepper at work on it.
+            dt: length of the first step [s].
+
+        Raises:
+            InputError: local errors are to be measured, but nothing in the scene has mass.
+        """
+        self._control = control
+        self._system = system
+        self._solver = solver
+        self._smallest = control.min_step or SMALLEST_STEP_RATIO * dt
+        self.wanted = dt
+        self.iterations = 0
+        self.substeps = 0
+        self.vectors: dict[str, PETSc.Vec] = {}
+        self._local_error: LocalError | None = None
+        self._tolerance = math.inf  # of the local error [m]
+        if control.error is not None:
+            self._tolerance = control.error
+            self._local_error = LocalError(system)
+            self._history = History(system, [solver])
+            self.vectors = {"acceleration": self._local_error.acceleration}
+
+    def advance(self, h: float) -> None:
+        """Advance the run by one step, or by a shorter one if that is rejected.  Collective.
+
+        A step is rejected if Newton's iteration fails or the local error is above its tolerance.
+        The attributes `wanted` [s], `iterations` and `substeps` are updated.
+
+        Args:
+            h: length of the step [s].
+
+        Raises:
+            StepFailure: the next attempt would be shorter than the shortest step; the state is that
+                before the call.
+        """
+        self._begin_step()
+        growth = self._control.max_factor
+        while True:
+            try:
+                iterations = self._solver.step(h)
+            except NotConverged as failure:
+                factor = self._control.min_factor
+                reason = str(failure)
+            else:
+                self.iterations += iterations
+                error = self._measure_error(h)
+                if not error > self._tolerance:
+                    factor = self._next_factor(iterations, error)
+                    break
+                self._history.rollback()
+                factor = max(self._factor_by_error(error), self._control.min_factor)
+                reason = f"its local error is above {self._tolerance:.3g} m"
+            self.substeps += 1
+            # The step after a rejected one does not grow: it would probably be rejected, too.
+            growth = 1.0
+            h = factor * h
+            self.wanted = h
+            if h < self._smallest:
+                raise step_failure(self._system, h, reason)
+        if self._local_error:
+            self._local_error.commit()
+        proposed = h * min(factor, growth)
+        # h may be shorter than wanted to meet a time.  That alone must not shorten the next step.
+        if factor < 1 or proposed > self.wanted:
+            self.wanted = min(proposed, self._control.max_step)
+
+    def _begin_step(self) -> None:
+        """Save what a step needs whose local error is measured, and which may be undone."""
+        if self._local_error:
+            self._history.commit()
+            self._local_error.begin_step()
+
+    def _measure_error(self, h: float) -> float:
+        """Local error [m] of the step of length h [s] just made; zero if errors are not
+        measured."""
+        if self._local_error is None:
+            return 0.0
+        return self._local_error.measure(h)
+
+    def _factor_by_error(self, error: float) -> float:
+        """Ratio of step lengths that brings a local error [m] below the tolerance, with safety."""
+        if error > 0:
+            return float(SAFETY_FACTOR * (self._tolerance / error) ** (1 / 3))
+        return math.inf
+
+    def _next_factor(self, iterations: int, error: float) -> float:
+        """Ratio (4) of the next step to an accepted one, before `max_factor` limits it."""
+        by_iterations = self._control.target_iterations / max(iterations, 1)
+        factor = min(by_iterations, self._factor_by_error(error))
+        return max(factor, self._control.min_factor)
+
+    def get_state(self) -> dict[str, Any]:
+        """History variables for a checkpoint; the keys belong to its file format."""
+        length_before = 0.0
+        if self._local_error:
+            length_before = self._local_error.length_before
+        return {"wanted": self.wanted, "before": length_before}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Restore what `get_state` returned."""
+        self.wanted = state["wanted"]
+        if self._local_error:
+            self._local_error.length_before = state["before"]
+
+
+class LocalError:
+    """Estimates the local error (1), (2) of the midpoint rule.
+
+    Around each step, call `begin_step`, make the step, call `measure`, and, if the step is
+    accepted, `commit`.
+
+    Args:
+        system: compiled scene.
+
+    Attributes:
+        acceleration: a_, the mean acceleration of the last accepted step [m/s²].
+        length_before: h_, its length [s]; zero before the first step.
+
+    Raises:
+        InputError: nothing in the scene has mass.
+    """
+
+    def __init__(self, system: System) -> None:
+        """Make the vectors for the estimate of the local error, and compute the mass of the scene.
+
+        Args:
+            system: compiled scene.
+
+        Raises:
+            InputError: nothing in the scene has mass.
+        """
+        self._system = system
+        self.acceleration = system.numbering.vector()
+        self.length_before = 0.0
+        self._start_velocity = system.numbering.vector()
+        self._mean_acceleration = system.numbering.vector()
+        self._change = system.numbering.vector()
+        self._scratch = system.numbering.vector()
+        self._mass = self._total_mass()
+        check(
+            self._mass > 0,
+            "StepControl: nothing in the scene has mass, whose error could be measured; leave "
+            "error out.",
+        )
+
+    def _total_mass(self) -> float:
+        """Mass [kg] that moves in the x direction: e·M e, with e the unit translation of all
+        bodies.
+
+        Directors and multipliers do not move in e.  Collective.
+        """
+        system = self._system
+        along_x = self._mean_acceleration
+        with along_x as values:
+            for body in system.bodies:
+                nodes = values[system.block(body).owned].reshape(-1, body.block.size)
+                nodes[:, 0] = 1.0
+        system.M.mult(along_x, self._scratch)
+        return float(along_x.dot(self._scratch))
+
+    def begin_step(self) -> None:
+        """Note the velocity at the start of a step."""
+        self._system.v0.copy(self._start_velocity)
+
+    def measure(self, h: float) -> float:
+        """Local error ε [m] of the last step of the midpoint rule, as root mean square over the
+        mass.
+
+            ε = √(eᵀ M e/m),    e = h³ q'''/12,    q''' ≈ 2 (a - a_)/(h + h_)
+
+        from the mean accelerations a of this step and a_ of the one before, of the length h_; m is
+        the total mass [kg].  It is zero for the first step of a run.  `begin_step` must have been
+        called before the step; M is the mass matrix, q the coordinates.  Collective.
+
+        Args:
+            h: length of the step [s].
+        """
+        mean = self._mean_acceleration
+        mean.waxpy(-1.0, self._start_velocity, self._system.v0)
+        mean.scale(1 / h)
+        self._length = h
+        if not self.length_before:
+            return 0.0
+        self._change.waxpy(-1.0, self.acceleration, mean)
+        self._system.M.mult(self._change, self._scratch)
+        # Round-off may make the square of a vanishing change negative.
+        square = max(self._change.dot(self._scratch), 0.0)
+        rms = float(np.sqrt(square / self._mass))
+        return h**3 / 6 / (h + self.length_before) * rms
+
+    def commit(self) -> None:
+        """Accept the step that `measure` was called for."""
+        self._mean_acceleration.copy(self.acceleration)
+        self.length_before = self._length

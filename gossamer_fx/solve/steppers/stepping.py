@@ -1,0 +1,197 @@
+"""How a run makes its steps: the contracts of steppers and step controls, and steps of equal
+length."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol, runtime_checkable
+
+from gossamer_fx.core.checks.errors import StepFailure, check
+from gossamer_fx.core.checks.failures import NotConverged
+from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
+from gossamer_fx.solve.solvers.newton import Newton
+from gossamer_fx.solve.system.system import System
+
+# Relative difference of a step from the wanted one that the summation of times explains.
+ROUND_OFF = 1e-10
+
+# A last step may exceed the wanted length by this fraction instead of being divided into two.
+ALLOWED_EXCESS = 1e-6
+
+
+class StepSolver(Protocol):
+    """A time stepper at work on a system."""
+
+    newton: Newton
+
+    def step(self, h: float) -> int:
+        """Advance the system by h [s]; returns the number of Newton iterations.
+
+        Raises:
+            NotConverged: the step failed; the state of the system is unchanged.
+        """
+        ...
+
+
+@runtime_checkable
+class Stepper(Protocol):
+    """A time stepper, such as `Midpoint`: its first step length, and its stress rule."""
+
+    @property
+    def dt(self) -> float:
+        """Step [s]."""
+        ...
+
+    @property
+    def rule(self) -> StressRule:
+        """Which stress acts in a step."""
+        ...
+
+    def start(self, system: System) -> StepSolver:
+        """The stepper at work on a compiled system."""
+        ...
+
+
+class Stepping(Protocol):
+    """A sequence of steps of a run.
+
+    Attributes:
+        wanted: length of the next step [s], unless the run must meet an earlier time.
+        iterations: Newton iterations of all converged steps so far.
+        substeps: rejected steps so far.
+    """
+
+    wanted: float
+    iterations: int
+    substeps: int
+
+    def advance(self, h: float) -> None:
+        """Advance the run by h [s], or by less.
+
+        Raises:
+            StepFailure: the step failed, also in the smallest sub-steps; sub-steps that converged
+                remain.
+        """
+        ...
+
+
+@runtime_checkable
+class Control(Protocol):
+    """A choice of step lengths, such as `StepControl`."""
+
+    def start(self, system: System, solver: StepSolver, dt: float) -> Stepping:
+        """The steps of a run, the first of which has the length dt [s]."""
+        ...
+
+
+class EqualSteps:
+    """Steps of equal length; a step that fails is divided into halves, and these again.
+
+    Args:
+        system: compiled scene.
+        solver: stepper at work on it.
+        dt: step [s].
+        halvings: how often a step may be halved, so that the shortest sub-step is dt/2^halvings.
+
+    Raises:
+        InputError: halvings is negative.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        solver: StepSolver,
+        dt: float,
+        halvings: int,
+    ) -> None:
+        """Take the step and how often it may be halved.
+
+        Args:
+            system: compiled scene.
+            solver: stepper at work on it.
+            dt: length of a step [s].
+            halvings: number of times that a step which fails may be halved.
+
+        Raises:
+            InputError: `halvings` is negative.
+        """
+        check(
+            halvings >= 0,
+            f"halvings is {halvings!r}; give the number of times that a step may be halved, or "
+            "zero.",
+        )
+        self._system = system
+        self._solver = solver
+        self._halvings = halvings
+        self.wanted = dt
+        self.iterations = 0
+        self.substeps = 0
+
+    def advance(self, h: float) -> None:
+        """Advance the run by h [s].
+
+        Raises:
+            StepFailure: a shortest sub-step failed; sub-steps that converged before it remain.
+        """
+        self._attempt(h, self._halvings)
+
+    def _attempt(self, h: float, halvings: int) -> None:
+        """Make a step, or its halves if it fails, which may be halved again.  Collective.
+
+        Adds to `iterations` those of each converged step, and one to `substeps` for each that
+        failed and was halved.
+
+        Args:
+            h: length of the step [s].
+            halvings: how often it may be halved.
+
+        Raises:
+            StepFailure: a shortest sub-step failed; sub-steps that converged before it remain.
+        """
+        failure = None
+        try:
+            self.iterations += self._solver.step(h)
+        except NotConverged as error:
+            failure = str(error)
+        # Outside the except clause: the traceback of a failed half would otherwise show the errors
+        # of all longer steps, too.
+        if failure is not None:
+            if halvings == 0:
+                raise step_failure(self._system, h, failure)
+            self.substeps += 1
+            self._attempt(h / 2, halvings - 1)
+            self._attempt(h / 2, halvings - 1)
+
+
+def even_step(remaining: float, wanted: float) -> float:
+    """Length [s] of equal steps that end in `remaining` seconds, each at most `wanted`.
+
+    A step may exceed `wanted` by the fraction `ALLOWED_EXCESS`, so that round-off in the remaining
+    time does not cost another step.
+
+    It is exactly `wanted` if it differs from that by round-off, so that the steps of a run do not
+    depend on the times at which it is stopped and restarted.
+
+    Args:
+        remaining: time to the next instant that must be met [s], positive.
+        wanted: length of a step [s], positive.
+
+    Raises:
+        ZeroDivisionError: `wanted` is zero.
+
+    Example:
+        even_step(1.0, 0.3) == 0.25
+    """
+    # A rest shorter than the allowed excess is one short step.
+    count = max(1, math.ceil(remaining / wanted - ALLOWED_EXCESS))
+    even = remaining / count
+    if abs(even - wanted) <= ROUND_OFF * wanted:
+        return wanted
+    return even
+
+
+def step_failure(system: System, h: float, reason: object) -> StepFailure:
+    """The error for a step whose smallest sub-step, of length h [s], failed."""
+    return StepFailure(
+        f"The step at t = {system.time:.9g} s failed, also in sub-steps of {h:.3g} s: {reason}."
+    )

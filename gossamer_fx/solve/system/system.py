@@ -1,0 +1,817 @@
+"""A compiled scene: its unknowns, residual and tangent.
+
+The system knows the roles that terms play (`model.roles`), but no kind of term by name.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Never, cast
+
+import numpy as np
+from dolfinx import fem
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.linalg import block_diag
+
+from gossamer_fx.core.algebra.numbering import NumberedBlock, Numbering
+from gossamer_fx.core.model import roles
+from gossamer_fx.core.model.body import Array, Body, is_on_mesh
+from gossamer_fx.core.model.state import InitialState, State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.terms.assembly import CompiledConstraints, Compiler, Part
+from gossamer_fx.mechanics.terms.coordinates import Coordinates
+from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
+from gossamer_fx.mechanics.terms.scalar_unknowns import ScalarUnknowns
+from gossamer_fx.mechanics.terms.supports import Support, Supports
+from gossamer_fx.solve.system.increment import Increment
+from gossamer_fx.solve.system.tangent import Tangent
+from gossamer_fx.solve.system.totals import Totals
+
+SAME_PATTERN = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+
+# Components of a cross product: (a × b)[i] = a[NEXT[i]] b[LAST[i]] - a[LAST[i]] b[NEXT[i]].
+NEXT = [1, 2, 0]
+LAST = [2, 0, 1]
+
+
+class System:
+    """Unknowns and equations of a scene for one stress rule.
+
+    The unknowns of a step are the end coordinates q1 of all bodies, in one vector, and the scalar
+    unknowns y, such as gas pressures.  The residual is
+
+        r = c M (w + o) + Σ stored and dissipated forces - Σ loads + forces of scalar unknowns
+        q1 = q0 + p + w
+
+    The stepper predicts the increment p (`predict`) and chooses c and o (`set_inertia`): the
+    midpoint rule has p = h v0, c = 2/h², o = 0.  The solver finds w, see `Increment`.  Lagrange
+    multipliers stand behind the coordinates in the same vector; they have no mass and no rate, and
+    their rows of r are the constraints.
+
+    Args:
+        start: the initial state, with initial conditions applied.
+        parts: the items of the scene with their terms.
+        rule: the stress rule.
+
+    Attributes:
+        bodies: the bodies of the scene, in the order of their unknowns.
+        terms: all terms of the scene.
+        compiled: the compiled kinds of terms.
+        scalar_unknowns: gas networks and the like; the scene adds them before `initialise`.
+        state: the accepted state.
+        end: coordinates at the end of the step, as iterated; its velocities are those of the start.
+        fields: coordinates of bodies on meshes, as functions for forms.
+        q0, v0: coordinates and velocities of the accepted state.
+        q1: coordinates at the end of the step, as iterated.
+        previous: coordinates at the start of the last accepted step.
+        time: of the accepted state [s].
+        h: length of the step [s].
+        geometric: share of the geometric stiffness in tangents, 0 or 1.
+        supplied_energy: since the start [J], this rank's share.
+        recorders: called after each accepted step.
+        losses: dissipated energies since the start [J] by name, this rank's share.
+    """
+
+    def __init__(self, start: InitialState, parts: Sequence[Part], rule: StressRule) -> None:
+        """Number the unknowns and compile the terms; `initialise` then sets the state.  Collective.
+
+        Args:
+            start: the initial state of all bodies, with initial conditions applied.
+            parts: the items of the scene with their terms (masses, energies, loads, constraints).
+            rule: how the stress of a step follows from the strains at its ends.
+
+        Raises:
+            InputError: terms that contradict each other, e.g. two supports that move one
+                coordinate.
+        """
+        self.comm = start.comm
+        self._initial = start
+        self.rule = rule
+        self.bodies: list[Body] = [one.body for one in start]
+        self._parts = parts
+        self.terms: list[Term] = [term for part in parts for term in part.terms]
+        self.scalar_unknowns: list[ScalarUnknowns] = []
+        self.recorders: list[Callable[[], None]] = []
+        self.time = 0.0
+        self.h = 1.0
+        self.geometric = 1.0
+        self.supplied_energy = 0.0
+
+        # All terms of a kind are compiled together, so that their arrays and forms are shared.
+        kinds: dict[Compiler, list[Term]] = {}
+        for term in self.terms:
+            kinds.setdefault(term.compiler, []).append(term)
+        # Before any kind is compiled, since a kind needs the numbering.  A block is the unknowns of
+        # one body, or the Lagrange multipliers of one constraint.
+        multipliers = [
+            block
+            for kind, alike in kinds.items()
+            if issubclass(kind, roles.Multipliers)
+            for block in kind.multipliers(alike, self.comm)
+        ]
+        blocks = [body.block for body in self.bodies] + multipliers
+        self.numbering = numbering = Numbering(self.comm, blocks)
+        self._block_of = {body: NumberedBlock(numbering, k) for k, body in enumerate(self.bodies)}
+        # Distributed vectors of all unknowns, without ghosts: coordinates [m] at the start (q0) and
+        # the end (q1) of the step, velocities [m/s] at its start, and q0 of the step before.
+        self.q0 = numbering.vector()
+        self.q1 = numbering.vector()
+        self.v0 = numbering.vector()
+        self.previous = numbering.vector()
+        self._scratch = numbering.vector()
+        self._momenta = numbering.vector()
+        self.state = State(self.bodies, self.comm, self.q0, self.v0)
+        self.end = State(self.bodies, self.comm, self.q1, self.v0)
+        self.fields: dict[Body, Coordinates] = {
+            body: body.coordinates(rule.alpha) for body in self.bodies if is_on_mesh(body)
+        }
+        self._is_position = self._mark_positions()
+
+        supports = [term for term in kinds.pop(Supports, []) if isinstance(term, Support)]
+        self.supports = Supports(supports, self)
+        self.increment = Increment(numbering, self.supports)
+        # The terms of a kind are those that name it as their compiler, which the type of `kinds`
+        # cannot say.
+        self.compiled = [kind(cast("list[Never]", alike), self) for kind, alike in kinds.items()]
+        self._sort_by_role()
+        self.losses = {name: 0.0 for kind in self._dissipating for name in kind.losses}
+
+    def _mark_positions(self) -> Array:
+        """1 for each position and 0 for each director among the vectors of this rank's nodes."""
+        marks = []
+        for body in self.bodies:
+            of_node = np.zeros(body.block.size // 3)
+            of_node[0] = 1.0
+            marks.append(np.tile(of_node, body.block.index_map.size_local))
+        return np.concatenate([np.zeros(0), *marks])
+
+    def _sort_by_role(self) -> None:
+        """Sort the compiled kinds of terms by the roles that they play, into lists of this object.
+
+        A kind holds all terms of one class, e.g. all springs; a role is a part in the equations,
+        e.g. to add forces or to store energy.  A kind is asked only for its roles; it may be in
+        several lists.
+        """
+        compiled = self.compiled
+        # The constraints with Lagrange multipliers are of one kind; None without any.
+        self.constraints = next((c for c in compiled if isinstance(c, CompiledConstraints)), None)
+        self.active_sets = roles.playing(roles.ActiveSet, compiled)
+        self._masses = roles.playing(roles.Mass, compiled)
+        self._stiffnesses = roles.playing(roles.ConstantStiffness, compiled)
+        self._forces = roles.playing(roles.Forces, compiled)
+        self._loads = [kind for kind in self._forces if isinstance(kind, roles.ExternalLoads)]
+        self._tangents = roles.playing(roles.Tangents, compiled)
+        self._tangent_forms = roles.playing(roles.TangentForms, compiled)
+        self._step_observers = roles.playing(roles.StepObserver, compiled)
+        self._time_dependent = roles.playing(roles.TimeDependence, compiled)
+        self._iterate_observers = roles.playing(roles.IterateObserver, compiled)
+        self._state_observers = roles.playing(roles.StateObserver, compiled)
+        self._checks = roles.playing(roles.StepCheck, compiled)
+        self._storing = roles.playing(roles.StoredEnergies, compiled)
+        self._dissipating = roles.playing(roles.Dissipation, compiled)
+        self._supplying = roles.playing(roles.Supply, compiled)
+        self._frames = roles.playing(roles.FrameMomenta, compiled)
+
+    @property
+    def position_marks(self) -> Array:
+        """1 for each position and 0 for each director among the vectors of this rank's nodes,
+        (n,)."""
+        return self._is_position
+
+    @property
+    def initial(self) -> State:
+        """The state in which the scene starts."""
+        return self._initial
+
+    # ---- look-ups --------------------------------------------------------------------------------
+
+    @property
+    def items(self) -> list[object]:
+        """The items of the scene that bring terms."""
+        return [part.item for part in self._parts]
+
+    def block(self, body: Body) -> NumberedBlock:
+        """The unknowns of a body in the numbering of the system."""
+        return self._block_of[body]
+
+    def terms_of(self, item: object) -> Sequence[Term]:
+        """The terms that an item of the scene has brought; none if it is not in the scene."""
+        return next((part.terms for part in self._parts if part.item is item), ())
+
+    # ---- the initial state -----------------------------------------------------------------------
+
+    def initialise(self) -> None:
+        """Set the initial state and set up the matrices, once scalar unknowns are attached.
+        Collective.
+
+        The coordinates q0 [m] and velocities v0 [m/s] are overwritten, velocities of fixed
+        coordinates are set to zero, and the mass matrix, constant stiffness and tangent are made.
+        Scalar unknowns, e.g. gas pressures, begin with the volumes of this state; they must be in
+        `scalar_unknowns` before the call.
+
+        Raises:
+            InputError: a constraint does not hold in the initial state, or follows from others.
+        """
+        self._initial.copy_to(self.q0, self.v0)
+        self.v0.array[self.supports.at_rest] = 0
+        if self.constraints:
+            free = self.numbering.vector()
+            free.set(1.0)
+            free.array[self.supports.held] = 0
+            # Constraints have to hold at the start: a step would close a gap with a jump.
+            self.constraints.validate(self.q0, self.v0, free)
+            # Multipliers of constraints between fixed points have no equation; they are held at
+            # zero.
+            self.supports.hold(self.constraints.idle(free, self.q0))
+        self.q0.copy(self.previous)
+        self.restart()
+        # Gas starts from the volumes of the initial state, which are known now.
+        for scalars in self.scalar_unknowns:
+            scalars.start()
+        self._build_matrices()
+
+    def restart(self) -> None:
+        """Update all derived quantities from `previous` and q0, which the caller has set.
+        Collective.
+
+        They are the coordinates [m] at the start and the end of the last accepted step.  Both are
+        needed: histories and extrapolations follow from the last step.  q1 becomes equal to q0.
+        """
+        self._take_time()
+        for q in (self.previous, self.q0):
+            self.set_end(q)
+            self._commit()
+
+    def parameters_changed(self) -> None:
+        """Assemble again what depends on coefficients of forms: masses [kg], constant stiffness
+        [N/m] and loads.
+
+        The caller has changed their values.  The mass matrix M and the constant stiffness matrix K
+        (None without one) are overwritten in place.  Coordinates and velocities stay; quantities
+        derived from them, as strains, are updated.  Collective.
+        """
+        for kind in self.compiled:
+            if isinstance(kind, roles.ResidualForms):
+                kind.parameters_changed()
+        self.M.zeroEntries()
+        for mass in self._masses:
+            mass.add_mass(self.M)
+        self.M.assemble()
+        self.increment.mass_changed()
+        for of_mass in roles.playing(roles.MassDependence, self.compiled):
+            of_mass.masses_changed()
+        if self.K is not None:
+            self.K.zeroEntries()
+            for stiffness in self._stiffnesses:
+                stiffness.add_stiffness(self.K)
+            self.K.assemble()
+            # No step has an infinite c, so that the base is built at the next tangent.
+            self._base_inertia = math.inf
+        self.restart()
+
+    def reverse_step(self, start: Array, rates: Array, t: float, end: Array) -> None:
+        """Set the system to the present step run backwards in time, for gradients of a run.
+
+        A step of length h from t - h to t becomes one of length -h from t to t - h.  Terms with
+        active sets (contact) retain their pairs (`roles.ExchangesEnds`); all others start as from
+        an accepted state.  Collective.
+
+        The present step length h changes its sign; the coordinates q0 and q1 [m], the velocities v0
+        [m/s] and the time are overwritten.  Totals of energies stay.
+
+        Args:
+            start: coordinates (n,) [m] that this rank owns at time t, where the reversed step
+                begins, multipliers included.
+            rates: velocities (n,) [m/s] there.
+            t: time [s] of the start.
+            end: coordinates (n,) [m] that this rank owns where the reversed step ends, multipliers
+                included.  The lengths of the arrays are those of the vectors; they are not checked.
+        """
+        self.time = t
+        self.v0.array[:] = rates
+        self.q0.array[:] = start
+        self.h = -self.h
+        self._take_time()
+        self.set_end(self.q0)
+        for field in self.fields.values():
+            field.q0.x.array[:] = field.q1.x.array
+        for state_observer in self._state_observers:
+            if not isinstance(state_observer, roles.ExchangesEnds):
+                state_observer.commit()
+        for kind in roles.playing(roles.ExchangesEnds, self.compiled):
+            kind.exchange_ends()
+        for one in self._step_observers:
+            one.begin_step(t + self.rule.alpha * self.h)
+        end_vector = self._scratch
+        end_vector.array[:] = end
+        self.set_end(end_vector)
+
+    def _build_matrices(self) -> None:
+        """Make the mass matrix M, the constant stiffness K if there is one, and the tangent A.
+        Collective.
+
+        All have one pattern and are duplicates of one matrix: PETSc 3.22 multiplies those by BLAS,
+        in half of the time of its kernel for blocks of three.  M [kg] and K [N/m] are assembled, A
+        [N/m] is not.  The pattern of A is fixed: an entry outside it raises an error of PETSc.
+        """
+        pattern = self.numbering.matrix()
+        for mass in self._masses:
+            mass.add_mass(pattern)
+        for stiffness in self._stiffnesses:
+            stiffness.add_stiffness(pattern)
+        self._add_tangents(pattern)
+        # All that rows of fixed coordinates keep is the diagonal.
+        pattern.setDiagonal(self.numbering.vector(), addv=PETSc.InsertMode.ADD_VALUES)
+        pattern.assemble()
+        self.M = pattern.duplicate()
+        self.A = pattern.duplicate()
+        has_stiffness = bool(self._stiffnesses)
+        self.K = pattern.duplicate() if has_stiffness else None
+        # c M + α K, with the factor c [1/s²] of the inertia and the weight α [-] of the end of a
+        # step in the point at which forces act: it is the same for all tangents of steps of one
+        # length.
+        self._base = pattern.duplicate() if has_stiffness else None
+        self._base_inertia = 0.0
+        self.A.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        self.A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
+        for mass in self._masses:
+            mass.add_mass(self.M)
+        self.M.assemble()
+        if self.K is not None:
+            for stiffness in self._stiffnesses:
+                stiffness.add_stiffness(self.K)
+            self.K.assemble()
+        self.coupled_tangent = Tangent(self.A, self.active_sets)
+
+    # ---- a step ----------------------------------------------------------------------------------
+
+    def begin_step(self, h: float) -> Array:
+        """Start a step of length h [s] from the accepted state (q0, v0).  Collective.
+
+        Active sets (contact pairs) are searched again.
+
+        Returns:
+            First guess of the scalar unknowns, e.g. gas pressures [Pa], the same on all ranks.
+        """
+        self.h = h
+        for active_set in self.active_sets:
+            active_set.update_active_set()
+        return self._begin_without_search(h)
+
+    def begin_recorded_step(self, h: float, active_sets: Sequence[Any]) -> Array:
+        """Start a step of length h [s] with recorded contact pairs instead of a search.
+
+        Collective.
+
+        Args:
+            h: length of the step [s].
+            active_sets: this rank's active sets of that step, one for each kind of contact, as the
+                record of a run for its gradient stores them.
+
+        Returns:
+            First guess of the scalar unknowns, e.g. gas pressures [Pa], the same on all ranks.
+        """
+        self.h = h
+        recorded = roles.playing(roles.ExchangesEnds, self.compiled)
+        for kind, saved in zip(recorded, active_sets, strict=True):
+            kind.load_active_set(saved)
+        return self._begin_without_search(h)
+
+    def _begin_without_search(self, h: float) -> Array:
+        """Start a step of length h [s] once the active sets are known."""
+        t = self.time + self.rule.alpha * h
+        for observer in self._step_observers:
+            observer.begin_step(t)
+        guesses = [scalars.begin_step(h, t) for scalars in self.scalar_unknowns]
+        return np.concatenate([np.zeros(0), *guesses])
+
+    def extend_active_set(self) -> bool:
+        """Add contact pairs that a solved step needs and that its active sets lack.  Collective.
+
+        Returns:
+            Whether there were any, the same on all ranks; the step is then to be solved again.
+        """
+        if not self.active_sets:
+            return False
+        missed = [active_set.extend_active_set() for active_set in self.active_sets]
+        # Ranks decide together, as all of them solve the step again.
+        missed_anywhere: bool = self.comm.allreduce(any(missed))
+        return missed_anywhere
+
+    def inadmissible(self) -> str:
+        """What is wrong with the solution of a step, in words; empty if nothing is."""
+        found = [scalars.inadmissible() for scalars in self.scalar_unknowns]
+        found += [check.inadmissible() for check in self._checks]
+        # All checks are made before the first message is chosen: they are collective.
+        return next(filter(None, found), "")
+
+    def limit_update(self, update: Array) -> None:
+        """Shorten a Newton update (n,) of the owned coordinates, in place, where contact needs
+        it."""
+        for active_set in self.active_sets:
+            active_set.limit_update(update)
+
+    def set_inertia(self, c: float, offset: PETSc.Vec | None = None) -> None:
+        """Choose c [1/s²] and o [m] (none: zero) of the inertia c M (w + o)."""
+        self.c = c
+        self.increment.set_inertia(c, offset)
+
+    def predict(self, increment: PETSc.Vec) -> Array:
+        """Choose p, from which w counts; returns the w of the fixed coordinates."""
+        return self.increment.predict(increment, self.q0, self.time + self.h)
+
+    def set_increment(self, w: PETSc.Vec, base: PETSc.Vec | None) -> None:
+        """Set the coordinates at the end of the step, q1 = q0 + p + w, and the strains there.
+        Collective.
+
+        q0 are the coordinates at its start, p is the increment that the stepper predicts, w the
+        unknown.
+
+        Args:
+            w: unknown part of the increment [m].
+            base: w of the last iterate [m]: strains follow linearly from those there; None: they
+                are the true ones.
+        """
+        self.increment.end(w, self.q0, self.q1)
+        self._spread(self.q1, "q1")
+        if base is not None:
+            self._scratch.waxpy(-1.0, base, w)
+            self._spread(self._scratch, "δ")
+        for observer in self._iterate_observers:
+            observer.update(base is not None)
+
+    def set_end(self, q: PETSc.Vec) -> None:
+        """Set q1 = q, with its true strains."""
+        q.copy(self.q1)
+        self._spread(self.q1, "q1")
+        for observer in self._iterate_observers:
+            observer.update(False)
+
+    def residual(self, y: Array, r: PETSc.Vec) -> Array:
+        """Evaluate the residual of the step at the present iterate.  Collective.
+
+        It is the sum of inertia, internal forces and forces of scalar unknowns, less the loads.
+
+        Args:
+            y: scalar unknowns, such as gas pressures [Pa], the same on every rank.
+            r: distributed vector of all unknowns, overwritten with the residual of the coordinates
+                [N]; in rows of Lagrange multipliers the violation of their constraint, in rows of
+                fixed coordinates zero.  The forces on these are stored as reactions of supports.
+
+        Returns:
+            The residual of the scalar unknowns, as long as y, relative to what they balance; the
+            same on every rank.
+
+        The iterate q1 [m] must have been set by `set_increment`, the inertia by `set_inertia`.
+        """
+        # First the gas: its pressure enters the forces on films.  s: residuals of scalar unknowns.
+        s = [scalars.residual(part) for scalars, part in self._split(y)]
+        self.increment.add_inertia(self.M, r)
+        if self.K is not None:
+            α = self.rule.alpha
+            # K q_mid with q_mid = (1 - α) q0 + α q1, where α is the weight of the end of the step.
+            self._scratch.waxpy((1 - α) / α, self.q0, self.q1)
+            self._scratch.scale(α)
+            self.K.multAdd(self._scratch, r, r)
+        for kind in self._forces:
+            kind.add_forces(r)
+        with r as values:
+            for scalars in self.scalar_unknowns:
+                scalars.add_force(values)
+        # Last: the sum of all forces on fixed coordinates is the reaction of their supports.
+        self.supports.take(r)
+        return np.concatenate([np.zeros(0), *s])
+
+    def stored_forces(self) -> PETSc.Vec:
+        """Derivatives ψ'(q0) [N] of all stored energies of bodies in the accepted state, as a new
+        vector.
+
+        They are the forces of a step that goes nowhere.  Contact is included, gas pressures and
+        loads are not.  ψ is the sum of the stored energies [J], K [N/m] the constant stiffness of
+        those that are quadratic.  Collective.
+
+        Two things are changed and stay so: q1, the end of the present step, becomes q0, the
+        accepted coordinates; and the active pairs of contact become those with energy at q0.
+
+        Returns:
+            a distributed vector of all unknowns: [N] for positions [m], [J] for dimensionless
+            directors; zero for multipliers.
+        """
+        out = self.numbering.vector()
+        self.set_end(self.q0)
+        # The active pairs are those of the last step: replace them by those of the present state.
+        for active_set in roles.playing(roles.ExchangesEnds, self.compiled):
+            active_set.activate_present()
+        if self.K is not None:
+            self.K.mult(self.q0, out)
+        for kind in self._forces:
+            if isinstance(kind, roles.StoredEnergies) and not isinstance(kind, roles.ExternalLoads):
+                kind.add_forces(out)
+        return out
+
+    def load_forces(self) -> PETSc.Vec:
+        """Forces [N] of loads at the last residual, with the opposite sign; zero at fixed
+        coordinates."""
+        out = self.numbering.vector()
+        for load in self._loads:
+            load.add_forces(out)
+        with out as values:
+            values[self.supports.held] = 0.0
+        return out
+
+    def external_forces(self) -> PETSc.Vec:
+        """Forces [N] of loads, scalar unknowns and supports at the last residual, as a new vector.
+
+        Scalar unknowns are gas pressures and the like; the force of a support is its reaction.
+        Collective.
+        """
+        out = self.load_forces()
+        with out as values:
+            for scalars in self.scalar_unknowns:
+                scalars.add_force(values)
+            # Internal forces have the opposite sign of those from outside.
+            values *= -1
+            values[self.supports.held] = self.supports.reactions
+        return out
+
+    def gyroscopic(self, spin: tuple[float, float, float]) -> PETSc.Mat:
+        """The matrix [kg/s] of the Coriolis force in a frame that turns with `spin` [rad/s]."""
+        G = self.A.duplicate()
+        # The Coriolis force couples components that the tangent may not couple.
+        G.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
+        for mass in self._masses:
+            mass.add_gyroscopic(G, spin)
+        G.assemble()
+        return G
+
+    def tangent(self) -> PETSc.Mat:
+        """Derivative of the residual of the coordinates with respect to q1, as one matrix."""
+        return self.assemble_tangent().whole()
+
+    def assemble_tangent(self) -> Tangent:
+        """Derivative [N/m] of the residual of the coordinates by q1, at the last residual.
+        Collective.
+
+        Returns:
+            The sum of a matrix of fixed pattern and coupling matrices, those of contact pairs.
+            Rows and columns of fixed coordinates are those of the unit matrix.  The object is the
+            same in every call, and is overwritten by the next one.
+
+        The matrix A is c M + α K and the tangents of all terms, with the mass matrix M [kg], the
+        factor c [1/s²] of the inertia, the constant stiffness K [N/m] and the weight α [-] of the
+        end of the step in the point at which forces act.
+        """
+        if self._base is None:
+            # Without constant stiffness the base would be a copy of c M.
+            self.M.copy(self.A, SAME_PATTERN)
+            self.A.scale(self.c)
+        else:
+            # c changes with the length of the step only.
+            if self._base_inertia != self.c:
+                self.M.copy(self._base, SAME_PATTERN)
+                self._base.scale(self.c)
+                self._base.axpy(self.rule.alpha, self.K, SAME_PATTERN)
+                self._base_inertia = self.c
+            self._base.copy(self.A, SAME_PATTERN)
+        self._add_tangents(self.A)
+        self.A.assemble()
+        # Rows and columns of fixed coordinates are those of the unit matrix.
+        self.supports.clear(self.A, 1.0)
+        self.coupled_tangent.fetch_couplings()
+        return self.coupled_tangent
+
+    def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
+        """Coupling of all m scalar unknowns, such as gas pressures, with the coordinates in the
+        tangent.
+
+        Returns:
+            m columns (derivatives of forces by the scalars) and m rows (derivatives of their
+            residuals by the coordinates), this rank's part (n,) of each or None where it is zero;
+            and the corner (m, m).  They are zero at fixed coordinates.
+        """
+        columns: list[Array | None] = []
+        rows: list[Array | None] = []
+        corner = np.zeros((0, 0))
+        for scalars in self.scalar_unknowns:
+            own_columns, own_rows, own_corner = scalars.coupling()
+            columns += own_columns
+            rows += own_rows
+            corner = block_diag(corner, own_corner)
+        for vector in columns + rows:
+            if vector is not None:
+                vector[self.supports.held] = 0
+        return columns, rows, corner
+
+    def commit(self, v1: PETSc.Vec) -> None:
+        """Accept the step: its end is the state now, and its works and losses [J] are added to the
+        totals.
+
+        Collective.  The coordinates q1 at the end of the step become q0, and q0 becomes `previous`
+        [m].  The step must have been solved: nothing is checked here.
+
+        Args:
+            v1: velocities [m/s] at the end of the step, a distributed vector; it is copied.
+        """
+        change = self.q1.array_r - self.q0.array_r
+        self.supplied_energy += self.supports.work(change)
+        self.supplied_energy += sum(kind.supplied() for kind in self._supplying)
+        for kind in self._dissipating:
+            for name, loss in zip(kind.losses, kind.dissipated(), strict=True):
+                self.losses[name] += float(loss)
+        for scalars in self.scalar_unknowns:
+            scalars.commit()
+        # Before q0 changes: the remainder of the sum q0 + p + w is needed.
+        self.increment.commit(self.q0, self.q1)
+        self.q0.copy(self.previous)
+        self.q1.copy(self.q0)
+        v1.copy(self.v0)
+        if self.constraints:
+            # Multipliers have no rate.
+            self.v0.array[self.constraints.owned] = 0
+        self._commit()
+        self.time += self.h
+        for recorder in self.recorders:
+            recorder()
+
+    def restore(self, q: Array, v: Array, t: float) -> None:
+        """Set an earlier accepted state; totals of energies do not change.  Collective.
+
+        History variables, such as the rest angles of creases that yield, are set by the caller
+        (`roles.StepHistory`).  The present state is lost: q0, q1 and `previous` all become q.
+
+        Args:
+            q: coordinates (n,) [m] that this rank owns, multipliers included.
+            v: velocities (n,) [m/s] that this rank owns.
+            t: time [s].
+        """
+        self.time = t
+        self.v0.array[:] = v
+        self.q0.array[:] = q
+        self.q0.copy(self.previous)
+        self._take_time()
+        self.set_end(self.q0)
+        self._commit()
+
+    def _take_time(self) -> None:
+        """Terms that depend on time take that of the accepted state."""
+        for kind in self._time_dependent:
+            kind.take_time(self.time)
+
+    def _commit(self) -> None:
+        """q1 and its strains are the start of the next step."""
+        for field in self.fields.values():
+            field.q0.x.array[:] = field.q1.x.array
+        for observer in self._state_observers:
+            observer.commit()
+
+    # ---- the energy balance ----------------------------------------------------------------------
+
+    def totals(self) -> Totals:
+        """Energies and momenta of the accepted state, and what was supplied and lost since the
+        start.
+
+        Collective.
+
+        Returns:
+            The same on every rank: time [s], energies [J] (stored and lost ones by name), momentum
+            (3,) [kg m/s], angular momentum (3,) [kg m²/s] about the origin, and masses of gas [kg].
+        """
+        self.M.mult(self.v0, self._momenta)
+        # Momenta p and coordinates q of this rank's vectors, (n, 3); qp is the matrix Σ q_i p_j.
+        size = 3 * len(self._is_position)  # without multipliers
+        p = self._momenta.array_r[:size].reshape(-1, 3)
+        q = self.q0.array_r[:size].reshape(-1, 3)
+        qp = q.T @ p
+        # Sums over positions; the moment is summed over directors, too.
+        momenta = np.stack([self._is_position @ p, qp[NEXT, LAST] - qp[LAST, NEXT]])
+        for frame in self._frames:
+            momenta += frame.momenta()
+        stored: dict[str, float] = {}
+        for kind in self._storing:
+            for name, energy in kind.energies().items():
+                stored[name] = stored.get(name, 0.0) + energy
+        kinetic = self.v0.array_r @ self._momenta.array_r / 2
+
+        # One message for all sums over the ranks.
+        local = [kinetic, self.supplied_energy, *momenta.ravel(), *stored.values()]
+        sums = self.comm.allreduce(np.array([*local, *self.losses.values()])).tolist()
+        kinetic, supplied = sums[:2]
+        linear, angular = np.array(sums[2:8]).reshape(2, 3)
+        first_loss = 8 + len(stored)
+        stored = dict(zip(stored, sums[8:first_loss], strict=True))
+        losses = dict(zip(self.losses, sums[first_loss:], strict=True))
+
+        mass = 0.0
+        mass_supplied = 0.0
+        for scalars in self.scalar_unknowns:
+            share = scalars.totals()
+            stored |= share.stored
+            supplied += share.supplied
+            mass += share.mass
+            mass_supplied += share.mass_supplied
+        return Totals(
+            time=self.time,
+            kinetic=kinetic,
+            stored=stored,
+            supplied=supplied,
+            losses=losses,
+            momentum=linear,
+            angular_momentum=angular,
+            mass=mass,
+            mass_supplied=mass_supplied,
+        )
+
+    # ---- the residual, for solvers ---------------------------------------------------------------
+
+    def force_scale(self, diagonal: PETSc.Vec) -> float:
+        """Norm [N] of the forces that cancel in the last residual: the scale of its round-off.
+
+        The diagonal is that of the tangent.
+        """
+        return self.increment.force_scale(self.M, diagonal, self.q1)
+
+    def round_off_energy(self, diagonal: PETSc.Vec) -> float:
+        """Energy [J] that round-off gives to a scene at rest; the diagonal is that of the
+        tangent."""
+        return self.increment.round_off_energy(self.M, diagonal, self.q1)
+
+    def imbalance(self, r: PETSc.Vec) -> tuple[float, float]:
+        """Norm of the forces in a residual [N], and the largest violation of a constraint.
+        Collective.
+
+        Args:
+            r: residual of all unknowns, as `residual` returns it: rows of forces [N], then those of
+                multipliers, with the violations of their constraints.
+
+        Returns:
+            Both numbers, the same on every rank; a violation is in the unit of its constraint, [m]
+            for points that coincide.
+        """
+        if self.constraints is None:
+            return float(r.norm()), 0.0
+        values = r.array_r
+        multipliers = self.constraints.owned
+        forces = values[: multipliers.start]
+        squares = float(forces @ forces)
+        worst = float(np.abs(values[multipliers]).max(initial=0.0))
+        if self.comm.size > 1:
+            squares = self.comm.allreduce(squares)
+            worst = self.comm.allreduce(worst, op=MPI.MAX)
+        return squares**0.5, worst
+
+    def locate(self, r: PETSc.Vec) -> str:
+        """Where a residual is largest, in words, e.g. "'film' at the node (0, 0, 1) m of the mesh".
+
+        Collective; the same on every rank.
+
+        Args:
+            r: residual of all unknowns [N].
+
+        Returns:
+            Empty if the largest entry does not belong to a body but to a constraint.
+        """
+        values = abs(r.array_r)
+        i = int(values.argmax()) if values.size else -1
+        largest = float(values[i]) if i >= 0 else -1.0
+        words = ""
+        for body in self.bodies:
+            owned = self.block(body).owned
+            if owned.start <= i < owned.stop:
+                words = f"'{body.name}' {body.describe((i - owned.start) // body.block.size)}"
+        # The rank with the largest entry names it, the others receive the words.
+        _, rank = max(self.comm.allgather((largest, self.comm.rank)))
+        return str(self.comm.bcast(words, root=rank))
+
+    # ---- forms -----------------------------------------------------------------------------------
+
+    def tangent_forms(self, body: Body) -> list[fem.Form]:
+        """The bilinear forms of the tangent of a body on a mesh."""
+        forms = [form for kind in self._tangent_forms for form in kind.tangent_forms(body)]
+        return forms + [form for s in self.scalar_unknowns for form in s.tangents(body)]
+
+    def _add_tangents(self, A: PETSc.Mat) -> None:
+        """Add to A the tangents of forms on meshes, of terms with arrays, and of scalar
+        unknowns."""
+        for body, field in self.fields.items():
+            field.assemble(A, self.tangent_forms(body), self.block(body))
+        for kind in self._tangents:
+            kind.add_tangents(A)
+        for scalars in self.scalar_unknowns:
+            scalars.add_tangents(A)
+
+    def _spread(self, z: PETSc.Vec, name: str) -> None:
+        """Copy a vector to the functions of bodies on meshes with this name, ghosts included."""
+        values = z.array_r
+        for body, field in self.fields.items():
+            field.take(getattr(field, name), values[self.block(body).owned])
+
+    def _split(self, y: Array) -> list[tuple[ScalarUnknowns, Array]]:
+        """The scalar unknowns with their part of y."""
+        found = []
+        start = 0
+        for scalars in self.scalar_unknowns:
+            found.append((scalars, y[start : start + scalars.size]))
+            start += scalars.size
+        return found

@@ -1,0 +1,51 @@
+"""What the ledger sees of a state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gossamer_fx.core.model.body import Array
+
+
+@dataclass(frozen=True)
+class Totals:
+    """Energies [J], momenta [kg m/s, kg m²/s], gas masses [kg]; supplied and lost since the start.
+
+    `stored` and `losses` are by the name of the part that stores or dissipates.
+    """
+
+    time: float
+    kinetic: float
+    stored: dict[str, float]
+    supplied: float
+    losses: dict[str, float]
+    momentum: Array
+    angular_momentum: Array
+    mass: float
+    mass_supplied: float
+
+    @property
+    def energy(self) -> float:
+        """Kinetic and stored."""
+        return self.kinetic + sum(self.stored.values())
+
+    @property
+    def dissipated(self) -> float:
+        """All losses."""
+        return sum(self.losses.values(), 0.0)
+
+    @property
+    def size(self) -> float:
+        """What an error of the energy is compared with: energies and flows without their signs."""
+        # Signs do not cancel: an error of 1 J in 100 J in and 99 J out is one percent.
+        flows = abs(self.supplied) + abs(self.dissipated)
+        return max(self.kinetic + sum(map(abs, self.stored.values())), flows)
+
+
+def relative_drift(now: Array, first: Array, scale: float = 0.0) -> float:
+    """Largest change of a vector over its size (or a given scale)."""
+    # A vector that starts at zero needs a given scale.
+    size = max(float(np.abs(first).max()), scale)
+    return float(np.abs(now - first).max()) / size if size else 0.0
