@@ -1,0 +1,1 @@
+"""Starting shapes and ready parts: folds, cut patterns, presets, assemblies, meshes."""
