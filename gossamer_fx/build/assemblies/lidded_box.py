@@ -92,28 +92,7 @@ class LiddedBox:
         """Check the arguments, and make lid, hinge, spring, latch and stop.
 
         The box is open at the top, +z, with a lid on a hinge, which a latch holds shut until it is
-        released.
-
-        Args:
-            sizes: inner lengths (3,) [m] along x, y, z.
-            centre: of the inner space (3,) [m].
-            wall_thickness: of walls and lid [m].
-            mass: of the lid [kg].
-            stiffness: of the spring about the hinge [N m/rad].
-            rest_angle: of the lid at which the spring is relaxed [rad], between 0 and π.
-            release_time: of the latch [s].
-            damping: of the hinge [N m s/rad].
-            max_angle: at the stop [rad], between 0 and π; None: no stop.
-            stop_stiffness: of the rope that stops the lid [N/m].
-            body: rigid body that carries the box; None: the box is fixed in space.
-            turn: rotation vector (3,) [rad] of the box about its centre.
-            name: for messages and outputs.
-
-        Raises:
-            InputError: a size, mass or stiffness is not positive, an angle is not between 0 and π,
-                a vector has not three finite numbers, or the release time or the damping is
-                negative.
-        """
+        released."""
         self.name = name
         self._wall = wall_thickness
         self._half: Array = np.asarray(sizes, dtype=float) / 2

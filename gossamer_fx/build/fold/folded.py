@@ -52,11 +52,9 @@ class Folded:
             )
 
     def requires(self) -> Iterable[Any]:
-        """The film, which joins the scene."""
         yield self.film
 
     def initialise(self, start: InitialState) -> None:
-        """Set the film's positions in the initial state."""
         start.place(self.film, self.positions())
 
     def positions(self) -> Array:

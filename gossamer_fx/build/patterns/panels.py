@@ -160,13 +160,7 @@ class Gores:
         return found
 
     def _build(self, model: Any, along: int, across: int) -> None:
-        """Put the panels into a gmsh model as triangles with named groups; on one rank.
-
-        Args:
-            model: of gmsh, empty.
-            along: cells from end to end.
-            across: cells from edge to edge.
-        """
+        """Put the panels into a gmsh model as triangles with named groups; on one rank."""
         s = np.linspace(0.0, self.length, along + 1)
         half_width = self.width(s) / 2
         largest = float(half_width.max())
@@ -272,9 +266,6 @@ def _first(found: Any) -> int:
 
 def _triangles(rows: Sequence[Any]) -> list[tuple[int, int, int]]:
     """Triangles between rows of nodes, with normals along z; a row of one node is a tip.
-
-    Args:
-        rows: numbers of the nodes of each row, from one edge to the other.
 
     Returns:
         three numbers of nodes for each triangle.

@@ -68,10 +68,8 @@ def _fibre(
     """A fibre whose modulus is given in the makers' unit cN/dtex; the result is in SI units.
 
     Args:
-        name: as it is sold.
         cn_per_dtex: tensile modulus [cN/dtex].
         grams_per_cm3: density [g/cm³].
-        source: where the figures are from.
     """
     return Fibre(
         name,
