@@ -8,29 +8,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.mesh.mesh import Mesh
+from gossamer_fx.core.model.body import Vector
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.bodies.meshed import Property
 from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check
 from gossamer_fx.mechanics.constraints.fixed import Fixed
 from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
 from gossamer_fx.mechanics.gas.orifice import Orifice
 from gossamer_fx.mechanics.gas.ring import Ring
 from gossamer_fx.mechanics.gas.volumes import Ambient, Chamber, Reservoir, Tank
 from gossamer_fx.mechanics.materials.film import FilmLaw
-from gossamer_fx.core.mesh.mesh import Mesh
-from gossamer_fx.core.model.body import Vector
-from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
 
 if TYPE_CHECKING:
+    from gossamer_fx.build.fold.fold_map import FoldMap
+    from gossamer_fx.build.fold.folded import Folded
     from gossamer_fx.mechanics.connectors.crease import Crease
     from gossamer_fx.mechanics.constraints.rigid_region import RigidRegion
     from gossamer_fx.mechanics.contact.contact import Contact
     from gossamer_fx.mechanics.contact.obstacles import Obstacle
-    from gossamer_fx.build.fold.fold_map import FoldMap
-    from gossamer_fx.build.fold.folded import Folded
 
 
 @check_arguments

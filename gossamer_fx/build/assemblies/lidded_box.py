@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gossamer_fx.mechanics.bodies.frames import Frame, ground_frame
-from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.core.model.body import Array, Attached, Ground, Vector
+from gossamer_fx.core.model.state import State
+from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.bodies.frames import Frame, ground_frame
+from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.mechanics.connectors.spring import Rope
 from gossamer_fx.mechanics.connectors.torsion import TorsionDamper, TorsionSpring
 from gossamer_fx.mechanics.constraints.joint import RevoluteJoint
 from gossamer_fx.mechanics.loads.force import Torque
-from gossamer_fx.core.model.body import Array, Attached, Ground, Vector
-from gossamer_fx.core.model.state import State
-from gossamer_fx.core.model.terms import Term
 
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.contact.obstacles import Box

@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
-from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, require_positive
-from gossamer_fx.mechanics.connectors.torsion import TorsionDamper
-from gossamer_fx.mechanics.constraints.joint import CylindricalJoint, RevoluteJoint
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
+from gossamer_fx.mechanics.bodies.rigid_body import RigidBody
+from gossamer_fx.mechanics.connectors.torsion import TorsionDamper
+from gossamer_fx.mechanics.constraints.joint import CylindricalJoint, RevoluteJoint
 
 if TYPE_CHECKING:
     from gossamer_fx.mechanics.bodies.between import FrameJoint

@@ -28,12 +28,12 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.mechanics.constraints.seam import Seam
 from gossamer_fx.core.mesh.mesh import Mesh, gmsh_mesh
 from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.bodies.membrane import Membrane
+from gossamer_fx.mechanics.constraints.seam import Seam
 
 # Radius at an end, over the largest one, below which the gore ends in a point.
 POINT = 1e-9

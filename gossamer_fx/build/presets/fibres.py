@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from gossamer_fx.mechanics.bodies.cable import CableLaw
 from gossamer_fx.core.checks.errors import check
+from gossamer_fx.mechanics.bodies.cable import CableLaw
 
 # Of a makers' unit of the modulus: cN/dtex times g/cm³ is this many Pa.
 _PA_PER_CN_DTEX = 1e8
