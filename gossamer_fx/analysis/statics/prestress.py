@@ -215,7 +215,8 @@ def lost_prestress_words(found: dict[str, ReachedPrestress]) -> str:
 
 
 def _asked(body: Any) -> Any:
-    """The initial stress [Pa] of a film (3,) or tension [N] of a line (1,); None without prestress."""
+    """The initial stress [Pa] of a film (3,) or tension [N] of a line (1,); None without
+    prestress."""
     if isinstance(body, Membrane):
         if body.initial_strain is None:
             return None

@@ -535,7 +535,8 @@ def _is_infinite(value: Any) -> bool:
 
 
 def _range(value: Any) -> str:
-    """Clause of a message about the size that numbers may have; empty if size is not what is wrong."""
+    """Clause of a message about the size that numbers may have; empty if size is not what is
+    wrong."""
     numbers = real_numbers(value)
     if isinstance(value, bool) or numbers is None or not np.isfinite(numbers).all():
         # A whole number beyond all floats cannot be an array.

@@ -111,7 +111,8 @@ class ContactSet:
         system: ContactAssembly,
         friction: Friction | None = None,
     ) -> None:
-        """Make the stages of contact; the first `commit` finds the initial candidates.  Collective."""
+        """Make the stages of contact; the first `commit` finds the initial candidates.
+        Collective."""
         library(system.comm)
         # History variables of points are kept by their owners: which points a rank knows changes.
         self._own, own_numbers = mesh.own_points()

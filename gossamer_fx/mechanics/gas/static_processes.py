@@ -24,7 +24,8 @@ class IsothermalBalance(Balance):
     depends_on_swept_volume = False
 
     def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
-        """Residual (2n,): p V/(γ - 1) - m c_v T0 [J] of each chamber, then the mass balance [kg]."""
+        """Residual (2n,): p V/(γ - 1) - m c_v T0 [J] of each chamber, then the mass balance
+        [kg]."""
         n = self._n
         pressures = y[:n]
         masses = y[n:]

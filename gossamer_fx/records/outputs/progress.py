@@ -103,7 +103,8 @@ class Progress:
         self._bar.refresh()
 
     def close(self, run: Run) -> None:
-        """End the bar, and print a summary: steps, iterations, wall times [s], and closing errors."""
+        """End the bar, and print a summary: steps, iterations, wall times [s], and closing
+        errors."""
         if self._bar is not None:
             self._bar.stop()
             self._bar = None

@@ -299,7 +299,8 @@ def _differences_of_dicts(
     here: Description,
     words: tuple[str, ...],
 ) -> Iterator[Difference]:
-    """Yield all differences of two dictionaries: of arguments, a measured position, or an unknown."""
+    """Yield all differences of two dictionaries: of arguments, a measured position, or an
+    unknown."""
     if UNKNOWN in there and UNKNOWN in here:
         return
     # A position that was computed has a known error, which its description states.

@@ -113,7 +113,8 @@ class Simulation:
         restart: str | Path | None = None,
         changes: Sequence[str] = (),
     ) -> None:
-        """Compile the scene and open the outputs; with `restart`, read the checkpoint.  Collective."""
+        """Compile the scene and open the outputs; with `restart`, read the checkpoint.
+        Collective."""
         self.outputs = _list_of("outputs", outputs, Output)
         events = _list_of("events", events, object)
         self.scene = scene
