@@ -192,7 +192,7 @@ def _check_made_of_forms(system: System) -> None:
     """Raise `InputError` if forces act on or between points."""
     for kind in system.compiled:
         check(
-            isinstance(kind, Differentiable) and kind.on_meshes,
+            isinstance(kind, Differentiable) and kind.forces_are_forms,
             f"Frequency: the scene has {type(kind).__name__}, whose second derivatives are not "
             "known; leave out what "
             "acts on points.",

@@ -26,7 +26,7 @@ class AttachedLoads(Differentiable, CompiledTerms["AttachedLoad"]):
     masses M."""
 
     is_external_load = True
-    on_meshes = True
+    forces_are_forms = True
     has_shape_derivative = True
 
     def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:

@@ -33,7 +33,7 @@ class PresentStiffnesses(Differentiable, CompiledTerms["PresentStiffness"]):
     """All `PresentStiffness` terms of a scene: evaluated whenever a state is accepted."""
 
     reversible = False
-    on_meshes = True
+    forces_are_forms = True
 
     def __init__(self, terms: Sequence[PresentStiffness], system: Assembly) -> None:
         """Compile the stiffness C = ∂S/∂e [N/m] at the present strain, for each term.  Collective.

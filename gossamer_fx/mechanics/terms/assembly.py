@@ -340,14 +340,14 @@ class Differentiable:
     Attributes:
         reversible: whether all its forces are those of the reversed step; if not,
             `add_start_derivatives` is asked.
-        on_meshes: whether all its forces, if any, come from forms on meshes: nothing acts on or
-            between points.  Frequencies have gradients in such scenes.
+        forces_are_forms: whether nothing acts on or between points: all forces, if there are any,
+            are assembled from forms.  Frequencies have gradients in such scenes.
         has_shape_derivative: whether the derivative with respect to the stress-free shape of a mesh
             is known, from forms, or zero.  Not, if the shape is measured when the scene is made.
     """
 
     reversible: ClassVar[bool] = True
-    on_meshes: ClassVar[bool] = False
+    forces_are_forms: ClassVar[bool] = False
     has_shape_derivative: ClassVar[bool] = False
 
     def without_gradient(self) -> str:

@@ -105,7 +105,7 @@ MIDPOINT = 0.5
 class ElementEnergies(Differentiable, CompiledTerms["StoredEnergy | ViscousDissipation"]):
     """All `StoredEnergy` and `ViscousDissipation` terms of a scene."""
 
-    on_meshes = True
+    forces_are_forms = True
     has_shape_derivative = True
 
     def __init__(

@@ -28,7 +28,7 @@ class Loads(Differentiable, CompiledTerms["Load"]):
     """All `Load` terms of a scene."""
 
     is_external_load = True
-    on_meshes = True
+    forces_are_forms = True
     has_shape_derivative = True
 
     def __init__(self, terms: Sequence[Load], system: Assembly) -> None:

@@ -27,7 +27,7 @@ from gossamer_fx.mechanics.terms.assembly import (
 class Masses(Differentiable, CompiledTerms["KineticEnergy"]):
     """All `KineticEnergy` terms of a scene."""
 
-    on_meshes = True
+    forces_are_forms = True
     has_shape_derivative = True
 
     def __init__(self, terms: Sequence[KineticEnergy], system: Assembly) -> None:
@@ -84,7 +84,7 @@ class KineticEnergy:
 class NodeMasses(Differentiable, CompiledTerms["NodeKineticEnergy"]):
     """All `NodeKineticEnergy` terms of a scene."""
 
-    on_meshes = True
+    forces_are_forms = True
     has_shape_derivative = True
 
     def __init__(self, terms: Sequence[NodeKineticEnergy], system: Assembly) -> None:

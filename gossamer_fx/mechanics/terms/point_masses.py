@@ -22,7 +22,7 @@ from gossamer_fx.mechanics.terms.assembly import (
 class AttachedMasses(Differentiable, CompiledTerms["AttachedKineticEnergy"]):
     """All `AttachedKineticEnergy` terms of a scene."""
 
-    on_meshes = True
+    forces_are_forms = True
     has_shape_derivative = True
 
     def __init__(self, terms: Sequence[AttachedKineticEnergy], system: Assembly) -> None:

@@ -26,7 +26,7 @@ class QuadraticEnergies(Differentiable, CompiledTerms["QuadraticEnergy"]):
     """All `QuadraticEnergy` terms of a scene: a constant matrix, and nothing in an iteration."""
 
     has_constant_stiffness = True
-    on_meshes = True
+    forces_are_forms = True
     has_shape_derivative = True
 
     def __init__(self, terms: Sequence[QuadraticEnergy], system: Assembly) -> None:
