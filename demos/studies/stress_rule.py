@@ -32,6 +32,7 @@ class Gonzalez(StressRule):
     """Stress at the mean strain, corrected along Δe."""
 
     alpha = 0.5
+    conserves = True
 
     def stress(self, part: StoredEnergy, e0: Expr, e1: Expr) -> Expr:
         # The correction makes S·Δe the change of the energy.
@@ -45,6 +46,7 @@ class GaussPoints(StressRule):
 
     points: int
     alpha = 0.5
+    conserves = True
 
     def stress(self, part: StoredEnergy, e0: Expr, e1: Expr) -> Expr:
         # Without pieces the law is integrated by points on the whole path.

@@ -121,7 +121,7 @@ class CompiledContacts(
         }
         self.losses = list(self._with_friction)
         self.has_plateaus = bool(self._with_friction)
-        self._is_static = system.rule.alpha == 1
+        self._is_static = system.rule.is_static
 
     def update_active_set(self) -> None:
         for contact_set in self.contact_sets.values():
@@ -416,8 +416,8 @@ def _contact_set(term: ContactEnergy, system: ContactAssembly) -> ContactSet:
         has_friction=[coefficient > 0 for coefficient in of_obstacles],
     )
     friction = None
-    # An equilibrium (alpha = 1) has no sliding, and no friction.
-    if (term.friction > 0 or any(of_obstacles)) and system.rule.alpha < 1:
+    # An equilibrium has no sliding, and no friction.
+    if (term.friction > 0 or any(of_obstacles)) and not system.rule.is_static:
         from gossamer_fx.mechanics.contact.friction.friction import Friction
 
         friction = Friction(

@@ -581,7 +581,7 @@ class Newton:
         time step that could be divided: these go on.
         """
         system = self.system
-        is_static = system.rule.alpha == 1
+        is_static = system.rule.is_static
         has_plateaus = any(kind.has_plateaus for kind in system.active_sets)
         if is_static or has_plateaus or not system.active_sets:
             return False
