@@ -63,7 +63,7 @@ class Residual:
 
 
 class ConvergenceTest:
-    """Judges the residuals of the iterates of a step, see the module.
+    """Judges the residuals of the iterates of one step, see the module.
 
     For each iterate call `record`, then `is_solved`, with the same residual or with that of the
     true strain.
@@ -82,10 +82,6 @@ class ConvergenceTest:
     def __init__(self, tolerances: Tolerances, has_contact: bool) -> None:
         self._tolerances = tolerances
         self._has_contact = has_contact
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the residuals of the last step."""
         self.norm = math.inf
         self.norms: list[float] = []
         self.reference = 0.0

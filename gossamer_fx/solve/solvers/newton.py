@@ -134,6 +134,8 @@ class Newton:
             asked.
         round_off_energy: energy [J] that round-off gives to a scene at rest, the largest of all
             steps.
+        convergence: test of convergence of the last solve.
+        stall_rule: when an iteration is given up; None: not before its last iterate.
         iterations: of the last solve, also if it failed.
         all_iterations: of all solves.
         linear_iterations: Krylov iterations of all solves.
@@ -177,8 +179,7 @@ class Newton:
         self._r = system.numbering.vector()
         self._linearisation_point = system.numbering.vector()
         self._diagonal = system.numbering.vector()
-        self._convergence = ConvergenceTest(tolerances, bool(system.active_sets))
-        # None: no iteration of this system is given up before its last iterate.
+        self.convergence = ConvergenceTest(tolerances, bool(system.active_sets))
         self.stall_rule: StallRule | None = None
         has_plateaus = any(kind.has_plateaus for kind in system.active_sets)
         if system.active_sets and not has_plateaus and not system.rule.is_static:
@@ -286,7 +287,7 @@ class Newton:
             NotConverged: with PETSc's reason and where the residual is largest.
             Inadmissible: with what is wrong with the solution, e.g. that films intersect.
         """
-        self._convergence.reset()
+        self.convergence = ConvergenceTest(self.tolerances, bool(self.system.active_sets))
         # With w = 0 at the predictor, w = -p is the start of the step: strains are linear from
         # there.
         increment.copy(self._linearisation_point)
@@ -400,7 +401,7 @@ class Newton:
 
         A is the stored tangent [N/m] of the coordinates."""
         iteration = snes.getIterationNumber()
-        test = self._convergence
+        test = self.convergence
         is_near = test.norm < min(
             REUSE_FACTORS_BELOW_TOLERANCE * test.tolerance,
             REUSE_FACTORS_RATIO * test.reference,
@@ -444,11 +445,11 @@ class Newton:
         Args:
             A: tangent [N/m] of the coordinates.
         """
-        is_first = self._convergence.round_off_floor == 0
+        is_first = self.convergence.round_off_floor == 0
         if not is_first and not self.system.active_sets:
             return
         A.getDiagonal(self._diagonal)
-        self._convergence.lower_floor(self.system.force_scale(self._diagonal))
+        self.convergence.lower_floor(self.system.force_scale(self._diagonal))
         if is_first:
             energy = self.system.round_off_energy(self._diagonal)
             self.round_off_energy = max(self.round_off_energy, energy)
@@ -460,7 +461,7 @@ class Newton:
             self._default_linear_rtol = self.ksp.getTolerances()[0]
         rtol = self._default_linear_rtol
         # The ordinary tolerance would end within a factor of ten of convergence, or below.
-        tolerance = self._convergence.tolerance
+        tolerance = self.convergence.tolerance
         imbalance = self._residual.imbalance
         if 0 < imbalance * rtol < 10 * tolerance:
             last = FINAL_LINEAR_RATIO * tolerance / imbalance
@@ -472,7 +473,7 @@ class Newton:
     @property
     def round_off(self) -> float:
         """Residual [N] that round-off alone explains in the last solve."""
-        return self._convergence.round_off
+        return self.convergence.round_off
 
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         """The test of convergence; called by PETSc after each iteration.  Collective.
@@ -487,7 +488,7 @@ class Newton:
         reasons = PETSc.SNES.ConvergedReason
         if not np.isfinite(norms[2]):
             return int(reasons.DIVERGED_FNORM_NAN)
-        test = self._convergence
+        test = self.convergence
         test.record(self._residual.imbalance, is_first=iteration == 0)
         if iteration == 0:
             self._kept_shares = []
@@ -512,14 +513,14 @@ class Newton:
 
     def _is_solved(self) -> bool:
         """Whether the residual evaluated last passes the test of convergence.  Collective."""
-        return self._convergence.is_solved(self._residual, self._energy_error_is_small)
+        return self.convergence.is_solved(self._residual, self._energy_error_is_small)
 
     def _has_stalled(self) -> bool:
         """Whether the iteration is given up."""
         if self.stall_rule is None:
             return False
-        small = max(self._convergence.tolerance, self.round_off)
-        return self.stall_rule.has_stalled(self._convergence.norms, self._kept_shares, small)
+        small = max(self.convergence.tolerance, self.round_off)
+        return self.stall_rule.has_stalled(self.convergence.norms, self._kept_shares, small)
 
     def _stopping_force(self) -> float:
         """Force [N] that stops and returns all that moves within the step."""
@@ -600,6 +601,6 @@ class Newton:
             why += f", {first_unsolved},"
         return (
             f"{why} after {iterations} iterations, residual {residual.imbalance:.1e} N of "
-            f"{self._convergence.reference:.1e} N at first, largest in "
+            f"{self.convergence.reference:.1e} N at first, largest in "
             f"{self.system.locate(self._r)}"
         )
