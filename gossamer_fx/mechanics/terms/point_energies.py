@@ -183,7 +183,7 @@ class Stencil:
         slope_mid = self.at.slope(self._middle(Y, on), on)
         # The slope of the strain of S by the vectors at the end.  Not that of De in S·De(q_mid), so
         # that the tangent is not symmetric, unless the rule takes the strain in the middle.
-        slope = self._rule.alpha * slope_mid
+        slope: Array = self._rule.alpha * slope_mid
         if not self._takes_mid_strain:
             slope = self.at.slope(Y[on], on)
         material = slope_mid.transpose(0, 2, 1) @ (dS[on] @ slope)
