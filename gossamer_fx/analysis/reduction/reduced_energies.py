@@ -116,7 +116,7 @@ class ReducedEnergies(
 
 def coordinates_of(system: Assembly, term: ReducedEnergy) -> ReducedCoordinates:
     """The coordinates of a reduced film in a system."""
-    coordinates = system.fields[term.body]
+    coordinates = system.coordinates[term.body]
     # Its body is a reduced film, which makes such coordinates.
     assert isinstance(coordinates, ReducedCoordinates)
     return coordinates

@@ -103,7 +103,7 @@ class TripleProductEnergies(
         self._system = system
         self._compiled: list[_Compiled] = []
         for term in terms:
-            at = system.fields[term.body]
+            at = system.coordinates[term.body]
             residual = ufl.Form([])
             tangent = ufl.Form([])
             energy = term.constant

@@ -84,7 +84,7 @@ class FilmSurface:
         self.pressures: Array = np.zeros(0)
         self._comm = film.comm
         self._sides: list[Side] = []
-        self._fields = system.fields[film]
+        self._coordinates = system.coordinates[film]
         # The owned unknowns of the film in this rank's part of a system vector
         self._owned = system.block(film).owned
         self._local_size = system.numbering.size_local
@@ -132,8 +132,8 @@ class FilmSurface:
             return ufl.dot(area_vector(film.deformation(x)), w)
 
         self._form = compile_form(flux(self._x, ufl.TestFunction(broken)) * dx)
-        load = -self._pressure * flux(self._fields.mid, self._fields.w) * dx
-        tangent = ufl.derivative(load, self._fields.q1, self._fields.dq)
+        load = -self._pressure * flux(self._coordinates.mid, self._coordinates.w) * dx
+        tangent = ufl.derivative(load, self._coordinates.q1, self._coordinates.dq)
         self._tangent = compile_form(tangent)
         index_map = broken.dofmap.index_map
         self._parts = np.zeros(3 * (index_map.size_local + index_map.num_ghosts))
@@ -201,8 +201,8 @@ class FilmSurface:
         """
         if self._form is None:
             self._compile()
-        q0 = self._at_nodes(self._fields.q0)
-        q1 = self._at_nodes(self._fields.q1)
+        q0 = self._at_nodes(self._coordinates.q0)
+        q1 = self._at_nodes(self._coordinates.q1)
         self._at_end = self._gradient(1.0)
         if self._alpha == END_OF_STEP:
             self._at_mid = self._at_end
@@ -259,8 +259,8 @@ class FilmSurface:
         Returns:
             (rows, 3) [m²], one row for each node of each chamber; sums over ranks are not taken.
         """
-        q0 = self._fields.q0.x.array
-        q1 = self._fields.q1.x.array
+        q0 = self._coordinates.q0.x.array
+        q1 = self._coordinates.q1.x.array
         if share == END_OF_STEP:
             # without the round-off and the cost of the sum below
             self._x.x.array[:] = q1

@@ -33,7 +33,7 @@ class FlyingLoads(Loads):
     def __init__(self, terms: Sequence[FlyingLoad], system: Assembly) -> None:
         """Compile the terms as loads that depend on the mean velocity of the step."""
         self._flying = terms
-        super().__init__([at_rate(term, system.fields[term.body]) for term in terms], system)
+        super().__init__([at_rate(term, system.coordinates[term.body]) for term in terms], system)
 
     def begin_step(self, t: float) -> None:
         """Set the constants of all loads for the step that is evaluated at time t [s].  Collective.
@@ -50,7 +50,7 @@ class FlyingLoads(Loads):
             flight = term.orbit.flight(system)
             flight.prepare(system)
             # The forms take velocities as differences over the step.
-            system.fields[term.body].h.value = system.h
+            system.coordinates[term.body].h.value = system.h
             term.prepare(flight, system)
         super().begin_step(t)
 

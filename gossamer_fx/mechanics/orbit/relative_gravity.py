@@ -263,7 +263,7 @@ class CompiledOrbit(
         points = [
             t for t in system.terms if isinstance(t, NodeKineticEnergy | AttachedKineticEnergy)
         ]
-        self._meshes = [MeshGravity(t, system.fields[t.body]) for t in kinetic]
+        self._meshes = [MeshGravity(t, system.coordinates[t.body]) for t in kinetic]
         self._points = MassPoints(points, system) if points else None
         self._size = sum(b.block.index_map.size_local * b.block.size for b in system.bodies)
         self._weights = self._weigh()

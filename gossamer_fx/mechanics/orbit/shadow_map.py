@@ -73,7 +73,7 @@ class ShadowMap:
             system: the compiled scene; the shape is that at the start of the present step.
             u: direction (3,) in which the light travels, of length 1.
         """
-        x = system.fields[self._film].q0.x.array.reshape(-1, 3)
+        x = system.coordinates[self._film].q0.x.array.reshape(-1, 3)
         triangles = x[self._corners]
         lit = lit_parts(self._film.comm, triangles, u, self._pixels)
         self.lit.x.array[: self._owned] = lit

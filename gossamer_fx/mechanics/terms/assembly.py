@@ -37,7 +37,7 @@ class Assembly(Protocol):
     q_mid = (1-α) q0 + α q1, α = `rule.alpha`.
 
     Attributes:
-        fields: coordinates of bodies on meshes, as functions for forms.
+        coordinates: of bodies on meshes, as functions for forms.
         state: the accepted state, at `time`.
         end: positions at the end of the step, as iterated.
         previous: coordinates at the start of the last accepted step.
@@ -49,7 +49,7 @@ class Assembly(Protocol):
     bodies: list[Body]
     terms: list[Term]
     numbering: Numbering
-    fields: dict[Body, Coordinates]
+    coordinates: dict[Body, Coordinates]
     rule: StressRule
     state: State
     end: State

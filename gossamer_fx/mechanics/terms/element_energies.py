@@ -147,7 +147,7 @@ class ElementEnergies(
         self._stored: list[StoredForces] = []
         self._viscous: list[ViscousForces] = []
         for term in terms:
-            at = system.fields[term.body]
+            at = system.coordinates[term.body]
             if isinstance(term, StoredEnergy):
                 self._stored.append(StoredForces(term, at, system.rule))
             else:
@@ -156,15 +156,15 @@ class ElementEnergies(
         self._forms: list[ElementForms] = []
         for alike in _with_one_measure(self.elements):
             _share_strains(alike)
-            at = system.fields[alike[0].term.body]
+            at = system.coordinates[alike[0].term.body]
             self._forms.append(ElementForms(alike, at, system.rule))
         self.losses = [force.term.name for force in self._viscous]
         # One vector for each body, to which all of its terms are assembled.
-        self._forces = {term.body: _vector_of(system.fields[term.body]) for term in terms}
+        self._forces = {term.body: _vector_of(system.coordinates[term.body]) for term in terms}
 
     def begin_step(self, t: float) -> None:
         for body in self._forces:
-            self._system.fields[body].h.value = self._system.h
+            self._system.coordinates[body].h.value = self._system.h
         for force in self._stored:
             force.begin_step(self._system.time + self._system.h)
 
@@ -194,7 +194,7 @@ class ElementEnergies(
             for body, b in self._forces.items():
                 b.scatter_reverse(la.InsertMode.add)
                 owned = self._system.block(body).owned
-                self._system.fields[body].add_forces(b.array, values[owned])
+                self._system.coordinates[body].add_forces(b.array, values[owned])
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
         for force in self._stored:

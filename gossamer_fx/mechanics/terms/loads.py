@@ -46,7 +46,7 @@ class Loads(
 
     def __init__(self, terms: Sequence[Load], system: Assembly) -> None:
         self._system = system
-        self._loads = [LoadForces(term, system.fields[term.body]) for term in terms]
+        self._loads = [LoadForces(term, system.coordinates[term.body]) for term in terms]
 
     def begin_step(self, t: float) -> None:
         for load in self._loads:
@@ -60,7 +60,7 @@ class Loads(
                 load.assemble()
                 body = load.term.body
                 owned = self._system.block(body).owned
-                self._system.fields[body].add_forces(-load.force.array, values[owned])
+                self._system.coordinates[body].add_forces(-load.force.array, values[owned])
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
         return [load.tangent for load in self._loads if load.term.body is body and load.tangent]
@@ -69,7 +69,7 @@ class Loads(
         found = []
         for load in self._loads:
             if load.term.body is body:
-                at = self._system.fields[load.term.body]
+                at = self._system.coordinates[load.term.body]
                 found.append(-load.term.work(at.mid, w))
         return found
 
@@ -94,7 +94,7 @@ class Loads(
             body = load.term.body
             owned = self._system.block(body).owned
             forces = np.zeros(owned.stop - owned.start)
-            self._system.fields[body].add_forces(load.path_average(), forces)
+            self._system.coordinates[body].add_forces(load.path_average(), forces)
             work += float(Δq[owned] @ forces)
         return work
 

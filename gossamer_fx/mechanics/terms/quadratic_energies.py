@@ -41,7 +41,7 @@ class QuadraticEnergies(
         self._stiffness = []
         self._energies = []
         for term in terms:
-            at = system.fields[term.body]
+            at = system.coordinates[term.body]
             self._stiffness.append((term.body, compile_form(term.form(at.dq, at.w))))
             self._energies.append((term.name, compile_form(term.form(at.q0, at.q0))))
 
@@ -54,7 +54,7 @@ class QuadraticEnergies(
         found = []
         for term in self._terms:
             if term.body is body:
-                found.append(term.form(self._system.fields[term.body].mid, w))
+                found.append(term.form(self._system.coordinates[term.body].mid, w))
         return found
 
     def energy_forms(self, body: Body) -> list[ufl.Form]:
@@ -62,7 +62,7 @@ class QuadraticEnergies(
         found = []
         for term in self._terms:
             if term.body is body:
-                at = self._system.fields[term.body]
+                at = self._system.coordinates[term.body]
                 found.append(0.5 * term.form(at.q1, at.q1))
         return found
 

@@ -482,8 +482,8 @@ class Newton:
         if share == self.system.geometric:
             return
         self.system.geometric = share
-        for field in self.system.fields.values():
-            field.γ.value = share
+        for at in self.system.coordinates.values():
+            at.γ.value = share
 
     def _update_round_off_floor(self, A: PETSc.Mat) -> None:
         """Estimate the round-off of the residual [N] from the diagonal of the tangent.  Collective.
