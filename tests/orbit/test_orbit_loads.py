@@ -13,12 +13,18 @@ from gossamer_fx.core.model.roles import playing
 from gossamer_fx.extend import InitialState, Resultants
 from gossamer_fx.mechanics.orbit.drag import Drag, ExponentialAtmosphere
 from gossamer_fx.mechanics.orbit.flying_loads import _ByComplexSteps, axes_of
-from gossamer_fx.mechanics.orbit.free_molecular import Accommodation, Air
 from gossamer_fx.mechanics.orbit.magnetic_dipole import MagneticDipole
 from gossamer_fx.mechanics.orbit.optics import JPL_SAIL, MIRROR, PRESSURE, Optics
 from gossamer_fx.mechanics.orbit.shadow_map import lit_parts
 from gossamer_fx.mechanics.orbit.solar_pressure import SolarPressure
-from gossamer_fx.mechanics.orbit.surface_forces import Rows, Surface, flow_force, light_force
+from gossamer_fx.mechanics.orbit.surface_forces import (
+    Accommodation,
+    Air,
+    Rows,
+    Surface,
+    flow_force,
+    light_force,
+)
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.sphere import sphere
 from tests.orbit.test_flight import drift

@@ -125,7 +125,9 @@ def test_shared_forms_are_the_sum_of_separate_ones(
     energies = energies_of(system)
     shared = energies.tangent_forms(body)
     assert len(shared) == form_count
-    separate = [ElementForms([element], system.coordinates[body], rule) for element in energies.elements]
+    separate = [
+        ElementForms([element], system.coordinates[body], rule) for element in energies.elements
+    ]
     assert len(separate) > form_count
 
     # A beam has multipliers behind its coordinates.

@@ -15,7 +15,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.mesh.quality import folded_in_plane
-from gossamer_fx.mechanics.gas.parts import label_parts
+from gossamer_fx.mechanics.gas.enclosure import label_parts
 from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.core.algebra.rendezvous import Names, fetch, hash_rows
+from gossamer_fx.core.algebra.rank_exchange import Names, fetch, hash_rows
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check, check_on_all, on_rank_zero
 from gossamer_fx.core.model.body import Array

@@ -41,7 +41,7 @@ from gossamer_fx.core.model.roles import (
 from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 from gossamer_fx.mechanics.terms.element_energies import MIDPOINT, StoredEnergy, quadrature_element
-from gossamer_fx.mechanics.terms.law_kernel.functions import LawFunctions, law_functions
+from gossamer_fx.mechanics.terms.law_kernel import LawFunctions, law_functions
 
 
 class ReducedEnergies(

@@ -17,8 +17,8 @@ from gossamer_fx.analysis.reduction.reduced_energies import ReducedEnergy
 from gossamer_fx.analysis.reduction.sampling import Sample
 from gossamer_fx.core.checks.errors import InputError, check
 from gossamer_fx.core.forms import backend
+from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.forms.spaces import cell_nodes
 from gossamer_fx.core.mesh.mesh import Mesh
 from gossamer_fx.core.model.body import Array, Block, Port
 from gossamer_fx.core.model.state import InitialState, State

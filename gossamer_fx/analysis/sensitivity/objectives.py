@@ -26,7 +26,7 @@ from gossamer_fx.solve.system.system import System
 
 if TYPE_CHECKING:
     # A scene without gas does not load it.
-    from gossamer_fx.mechanics.gas.state import ChamberState
+    from gossamer_fx.mechanics.gas.contract import ChamberState
 
 
 class HasScene(Protocol):

@@ -25,8 +25,7 @@ from gossamer_fx.mechanics.gas.volumes import Ambient, Chamber, Reservoir, Tank
 from gossamer_fx.mechanics.materials.film import FilmLaw
 
 if TYPE_CHECKING:
-    from gossamer_fx.build.fold.fold_map import FoldMap
-    from gossamer_fx.build.fold.folded import Folded
+    from gossamer_fx.build.fold.fold_map import Folded, FoldMap
     from gossamer_fx.mechanics.connectors.crease import Crease
     from gossamer_fx.mechanics.constraints.rigid_region import RigidRegion
     from gossamer_fx.mechanics.contact.contact import Contact

@@ -33,11 +33,11 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.core.checks.errors import InputError
-from gossamer_fx.core.checks.real_numbers import (
+from gossamer_fx.core.checks.errors import (
     LARGEST,
     LARGEST_COUNT,
     SMALLEST,
+    InputError,
     are_usual_sizes,
     real_numbers,
 )

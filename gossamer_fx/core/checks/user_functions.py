@@ -16,8 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.errors import InputError, wait_for_others
-from gossamer_fx.core.checks.real_numbers import LARGEST, real_numbers
+from gossamer_fx.core.checks.errors import LARGEST, InputError, real_numbers, wait_for_others
 
 # Seconds for which a rank with an error waits for the others.
 PATIENCE = 10.0

@@ -50,6 +50,7 @@ __all__ = [
     "VERSION",
     "Topology",
     "add_to_matrix",
+    "cell_nodes",
     "distribute",
     "evaluate",
     "gmsh_order",
@@ -221,3 +222,13 @@ def add_to_matrix(matrix: PETSc.Mat, form: fem.Form, unrolled: bool) -> None:
     constants = library.pack_constants(compiled)
     coefficients = library.pack_coefficients(compiled)
     library.petsc.assemble_matrix(matrix, compiled, constants, coefficients, [], unrolled)
+
+
+def cell_nodes(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+    """Local node numbers (cells, k) of all cells of a space: owned cells first, then ghost cells.
+
+    In each row the corners of the cell come first; nodes on edges follow in the order of the
+    element.
+    """
+    nodes: npt.NDArray[np.int32] = space.dofmap.list
+    return nodes

@@ -6,6 +6,9 @@ import fcntl
 import hashlib
 import os
 import platform
+import shlex
+import shutil
+import sysconfig
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache
@@ -24,8 +27,23 @@ from ufl.algorithms.map_integrands import map_integrand_dags
 from ufl.corealg.multifunction import MultiFunction
 from ufl.variable import Label
 
-from gossamer_fx.core.checks.errors import on_rank_zero
-from gossamer_fx.core.forms.compiler import require_compiler
+from gossamer_fx.core.checks.errors import check, on_rank_zero
+
+
+def require_compiler() -> None:
+    """Raise `InputError` if the C compiler cannot be found.
+
+    It is the one that the variable CC names, or else the one that Python was built with, or else
+    `cc`.
+    """
+    command = os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc"
+    program = shlex.split(command)[0]
+    check(
+        shutil.which(program) is not None,
+        f"The C compiler '{program}' is not there; install one (apt-get install gcc, or conda "
+        "install c-compiler), "
+        "or set the variable CC to the name of yours.",
+    )
 
 
 @cache

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from dolfinx import fem, la
 from dolfinx import mesh as dmesh
 
-from gossamer_fx.core.forms.spaces import cell_nodes
+from gossamer_fx.core.forms.backend import cell_nodes
 
 Indices = npt.NDArray[np.int32]
 Integers = npt.NDArray[np.int64]

@@ -235,7 +235,7 @@ def _oriented_if(orient: bool, raw: RawMesh) -> RawMesh:
     if not orient:
         return raw
     # Imported here: most meshes have consistent normals, and do not pay for scipy's graphs.
-    from gossamer_fx.core.mesh.orientation import oriented
+    from gossamer_fx.core.mesh.enclosed_volume import oriented
 
     return oriented(raw)
 

@@ -25,7 +25,7 @@ from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.core.drawing.solids import Solid
+from gossamer_fx.core.drawing import Solid
 from gossamer_fx.core.model.body import Array, Block, Body, Indices, MeshBody
 
 # ---- equations -----------------------------------------------------------------------------------

@@ -49,11 +49,10 @@ import numpy as np
 from gossamer_fx.core.algebra.dual_numbers import Number, jacobian, variables
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.gas.balance import Balance, Passage
-from gossamer_fx.mechanics.gas.contract import Discharge, Holder, Volume, Wall
-from gossamer_fx.mechanics.gas.geometry import Geometry
+from gossamer_fx.mechanics.gas.contract import ChamberState, Discharge, Holder, Volume, Wall
 from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
 from gossamer_fx.mechanics.gas.ring import Loop, Ring
-from gossamer_fx.mechanics.gas.state import ChamberState
+from gossamer_fx.mechanics.gas.surface import Geometry
 
 # Name of the number by which the area of a valve, a function of time, is multiplied.
 AREA_FACTOR = "area_factor"

@@ -23,6 +23,17 @@ Algorithm.  In each Newton iteration of the bodies:
 
 G = -α ∂V/∂q are the forces of a unit pressure, Hᵀ = ∂s/∂z follows by the chain rule through V and
 W, and C = ∂s/∂y.  After the step the state is summed from the flows, see `commit`.
+
+Gas at rest: what stays constant in a chamber while an equilibrium is looked for.
+
+An adiabatic chamber cools while its film unfolds: a bag that takes ten times its first volume ends
+at 0.4 of its first temperature.  At rest a film has the temperature of its surroundings, or its
+pressure is held by a blower.  Here the energy balance of `balance` is replaced by one of
+
+    isothermal       p1 V = m1 R T0                                                           (1)
+    held pressure    p1 = p0,   m1 = p0 V/(R T0)                                              (2)
+
+with pressure p0 and temperature T0 of the start.  Heat of (1) and gas of (2) count as supplied.
 """
 
 from __future__ import annotations
@@ -36,13 +47,100 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Body
-from gossamer_fx.mechanics.gas.balance import ACCEPTABLE_RESIDUAL, Balance, End, Passage
-from gossamer_fx.mechanics.gas.contract import Holder, Opening, Volume, Wall
+from gossamer_fx.mechanics.gas.balance import ACCEPTABLE_RESIDUAL, Balance, End, Passage, Rates
+from gossamer_fx.mechanics.gas.contract import ChamberState, Holder, Opening, Volume, Wall
 from gossamer_fx.mechanics.gas.enclosure import CompiledEnclosure
-from gossamer_fx.mechanics.gas.geometry import Geometry
-from gossamer_fx.mechanics.gas.state import ChamberState
+from gossamer_fx.mechanics.gas.surface import Geometry
 from gossamer_fx.mechanics.terms.assembly import Assembly
 from gossamer_fx.mechanics.terms.scalar_unknowns import ScalarsAdjoint, ScalarTotals
+
+
+class IsothermalBalance(Balance):
+    """The mass balance of `Balance` with (1) in place of the energy balance."""
+
+    depends_on_swept_volume = False
+
+    def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
+        """Residual (2n,): p V/(γ - 1) - m c_v T0 [J] of each chamber, then the mass balance
+        [kg]."""
+        n = self._n
+        pressures = y[:n]
+        masses = y[n:]
+        # (1) as energies, U = pV/(γ - 1) = m c_v T0, the unit of the balance that it replaces.
+        pressure_energy = pressures * V / (self._gas.gamma - 1)
+        thermal_energy = masses * self._gas.cv * self.temperatures
+        both_balances = super().residual(y, V, W, known)
+        mass_balance = both_balances[n:]
+        return np.concatenate([pressure_energy - thermal_energy, mass_balance])
+
+    def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
+        """Derivatives of the residual [J, kg], by pressures and masses, and by volumes.
+
+        Args:
+            y: pressures [Pa], then masses [kg] of the n chambers.
+            V: volumes (n,) [m³].
+            W: volumes that the enclosures sweep in the step (n,) [m³]; not used in the energy rows.
+
+        Returns:
+            (2n, 2n) by y and (2n, n) by V.
+        """
+        n = self._n
+        by_y, by_V = super().derivatives(y, V, W)
+        heat_factor = self._gas.gamma - 1
+        by_pressure = np.diag(V / heat_factor)
+        by_mass = -np.diag(self._gas.cv * self.temperatures)
+        # The rows of the energy balance; those of the mass balance stay.
+        by_y[:n] = np.hstack([by_pressure, by_mass])
+        by_V[:n] = np.diag(y[:n] / heat_factor)
+        return by_y, by_V
+
+
+class HeldPressureBalance(Balance):
+    """The equations (2) in place of both balances."""
+
+    depends_on_swept_volume = False
+
+    def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
+        """Residual (2n,): excess of the pressure as energy (p1 - p0) V/(γ - 1) [J], then of the
+        mass [kg].
+
+        p1 and p0 (n,) [Pa] are the pressures at the end of the step and the held ones, those at its
+        start; γ is the ratio of specific heats."""
+        n = self._n
+        pressures = y[:n]
+        masses = y[n:]
+        excess_pressure = pressures - self._p0
+        excess_mass = masses - self._mass(V)
+        # The first rows in the unit of the energy balance that they replace.
+        excess_energy = excess_pressure * V / (self._gas.gamma - 1)
+        return np.concatenate([excess_energy, excess_mass])
+
+    def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
+        """Derivatives of the residual [J, kg], by pressures and masses, and by volumes.
+
+        Args:
+            y: pressures [Pa], then masses [kg] of the n chambers.
+            V: volumes (n,) [m³].
+            W: swept volumes; not used.
+
+        Returns:
+            (2n, 2n) by y and (2n, n) by V.
+        """
+        n = self._n
+        heat_factor = self._gas.gamma - 1
+        # `_p0` (n,) [Pa] are the pressures at the start of the step, which are held.
+        excess_pressure = y[:n] - self._p0
+        # Each chamber's equations contain its own pressure, mass and volume only.
+        by_y = np.diag(np.concatenate([V / heat_factor, np.ones(n)]))
+        energy_by_V = np.diag(excess_pressure / heat_factor)
+        mass_by_V = -np.diag(self._mass(np.ones(n)))
+        return by_y, np.vstack([energy_by_V, mass_by_V])
+
+    def _mass(self, V: Array) -> Array:
+        """Masses [kg] of the gas in volumes V (n,) at the held pressures."""
+        masses: Array = self._p0 * V / (self._gas.R * self.temperatures)
+        return masses
+
 
 # What stays constant in the chambers of an equilibrium; see `static_processes`.
 ADIABATIC = "adiabatic"
@@ -129,7 +227,7 @@ class GasNetwork:
             KeyError: another process.
         """
         # Imported here, as runs do not need it.
-        from gossamer_fx.mechanics.gas.static_processes import (
+        from gossamer_fx.mechanics.gas.network import (
             HeldPressureBalance,
             IsothermalBalance,
         )

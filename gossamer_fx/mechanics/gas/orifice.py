@@ -13,10 +13,10 @@ from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.checks.user_functions import ask_numbers
 from gossamer_fx.mechanics.gas.contract import Aperture, Holder, Volume
-from gossamer_fx.mechanics.gas.geometry import Geometry
 from gossamer_fx.mechanics.gas.ideal_gas import IdealGas
 from gossamer_fx.mechanics.gas.network import GasNetwork
 from gossamer_fx.mechanics.gas.ring import Ring
+from gossamer_fx.mechanics.gas.surface import Geometry
 from gossamer_fx.mechanics.gas.volumes import Chamber
 
 # Largest laminar range of an orifice: above a tenth of the upstream pressure the regularised law

@@ -31,6 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import basix
@@ -41,13 +42,15 @@ from petsc4py import PETSc
 from gossamer_fx.core.algebra.point_measures import Gather, add_blocks
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.forms.c_source import CStruct, check_indices
+from gossamer_fx.core.forms.c_source import CStruct, c_library, check_indices
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.membrane import Membrane
-from gossamer_fx.mechanics.gas.kernels.library import library
 from gossamer_fx.mechanics.terms.assembly import Assembly
 
 Indices = npt.NDArray[np.int64]
+
+# The C functions of rings.
+HEADER = Path(__file__).parent / "ring.h"
 
 # Coordinates that differ by less than this share of the ring's extent count as equal when the first
 # vertex of a walk is chosen: far above round-off, far below the length of an edge.
@@ -231,7 +234,7 @@ class Loop:
             nodes = np.concatenate([walk[:, 2], walk[:, 4]])
         self._strips = _strips(len(walk), order)
         self._tabulate(order)
-        self._c = library(system.comm)
+        self._c = c_library(HEADER, system.comm)
         self._c_strips = self._strips_for_kernel(len(nodes))
 
         self.indices = system.block(ring.body).to_global(nodes)

@@ -41,8 +41,7 @@ from gossamer_fx.core.model.body import Array
 from gossamer_fx.mechanics.bodies.edge_lines import EdgeLine, SewnEdges, shape_functions
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.gas.enclosure import ROUND_OFF, CompiledEnclosure, all_triangles
-from gossamer_fx.mechanics.gas.geometry import Geometry
-from gossamer_fx.mechanics.gas.surface import FilmSurface, Side
+from gossamer_fx.mechanics.gas.surface import FilmSurface, Geometry, Side
 from gossamer_fx.mechanics.terms.assembly import Assembly
 
 # Parts of an edge that are shorter than this fraction of the seam are left out: the strip has no

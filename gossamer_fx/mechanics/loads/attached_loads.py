@@ -25,7 +25,7 @@ from gossamer_fx.core.model.roles import (
     WithoutParameters,
 )
 from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compiler
-from gossamer_fx.mechanics.terms.point_masses import AttachedKineticEnergy
+from gossamer_fx.mechanics.terms.point_energies import AttachedKineticEnergy
 
 
 class AttachedLoads(

@@ -33,10 +33,16 @@ from gossamer_fx.mechanics.orbit.flying_loads import (
     FlyingPointLoad,
     axes_of,
 )
-from gossamer_fx.mechanics.orbit.free_molecular import Accommodation, Air
 from gossamer_fx.mechanics.orbit.orbit import Orbit
 from gossamer_fx.mechanics.orbit.solar_pressure import check_surfaces, geometry, surface_measure
-from gossamer_fx.mechanics.orbit.surface_forces import Rows, Surface, Symbolic, flow_force
+from gossamer_fx.mechanics.orbit.surface_forces import (
+    Accommodation,
+    Air,
+    Rows,
+    Surface,
+    Symbolic,
+    flow_force,
+)
 
 Atmosphere = Callable[[float], Air]  # of the altitude [m]
 

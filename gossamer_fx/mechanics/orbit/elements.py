@@ -8,7 +8,7 @@ from dataclasses import KW_ONLY, dataclass, replace
 import numpy as np
 
 from gossamer_fx.extend import Array, check, check_arguments
-from gossamer_fx.mechanics.orbit.gravity_field import MU
+from gossamer_fx.mechanics.orbit.harmonics import MU
 
 # Eccentricity, and sine of the inclination, below which the direction to perigee, or to the node,
 # is round-off.

@@ -10,16 +10,25 @@ from typing import Literal
 import numpy as np
 
 from gossamer_fx.extend import Array, Vector, check, is_vector
-from gossamer_fx.mechanics.orbit.eclipse import AU, shadow_depth, sunlit_in_cone, sunlit_in_cylinder
 from gossamer_fx.mechanics.orbit.elements import Elements
-from gossamer_fx.mechanics.orbit.gravity_field import EGM_MU, MU, RADIUS, egm2008, oblateness
-from gossamer_fx.mechanics.orbit.harmonics import SolidHarmonics
+from gossamer_fx.mechanics.orbit.harmonics import (
+    EGM_MU,
+    MU,
+    RADIUS,
+    SolidHarmonics,
+    egm2008,
+    oblateness,
+)
 from gossamer_fx.mechanics.orbit.optics import PRESSURE
 from gossamer_fx.mechanics.orbit.sky import (
+    AU,
     MU_MOON,
     MU_SUN,
     Sky,
     point_gradient,
+    shadow_depth,
+    sunlit_in_cone,
+    sunlit_in_cylinder,
     third_body,
     third_body_gradient,
 )

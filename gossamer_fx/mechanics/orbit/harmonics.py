@@ -1,4 +1,5 @@
-"""Potentials in solid spherical harmonics, for gravity and the magnetic field.
+"""Potentials in solid spherical harmonics: gravity (J2, or EGM2008 to degree 20) and magnetic field
+(IGRF-14) of the Earth.
 
 With the reference radius a, latitude φ and longitude λ, the solid harmonics and a potential are
 
@@ -15,12 +16,13 @@ Source: L. E. Cunningham, Celest. Mech. 2 (1970) 207, doi:10.1007/BF01229495.
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cache, cached_property
+from importlib.resources import files
 
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.extend import Array
+from gossamer_fx.extend import Array, check
 
 # c_nm at [n, m] for m ≤ n, and zero for m > n.
 Coefficients = npt.NDArray[np.complex128]
@@ -209,3 +211,147 @@ def unnormalise(c: Coefficients, geodetic: bool) -> Coefficients:
             product *= (n + m) * (n - m + 1)
             factor[n, m] = np.sqrt(2 / product) * factor[n, 0]
     return c * factor
+
+
+# ---- gravity of the Earth ------------------------------------------------------------------------
+
+# Gravitational parameter [m³/s²] and equatorial radius [m] of the Earth in WGS 84, and J2 of EGM96.
+MU = 3.986004418e14
+RADIUS = 6378137.0
+J2 = 1.08262668e-3
+
+# Gravitational parameter [m³/s²] and reference radius [m] to which the coefficients of EGM2008
+# refer, and the highest degree in the file.
+EGM_MU = 3.986004415e14
+EGM_RADIUS = 6378136.3
+EGM_DEGREE = 20
+
+
+def oblateness(J2: float = J2, mu: float = MU, radius: float = RADIUS) -> SolidHarmonics:
+    """Potential -(μ/r) J2 (a/r)² P_2(sin φ) [m²/s²] of an oblate body around the z axis.
+
+    φ is the latitude and r the distance from the centre.  The sign is that of geodesy: the
+    acceleration is the gradient.  The potential μ/r of the point mass is not included.
+
+    Args:
+        J2: oblateness, dimensionless.
+        mu: gravitational parameter μ [m³/s²].
+        radius: equatorial radius a [m].
+    """
+    c = np.zeros((3, 3), dtype=complex)
+    c[2, 0] = -J2
+    return SolidHarmonics(c, radius, mu / radius)
+
+
+def egm2008(degree: int = EGM_DEGREE, *, central: bool = False) -> SolidHarmonics:
+    """Gravity potential EGM2008 [m²/s²] of the Earth, in Earth-fixed axes.
+
+    Args:
+        degree: highest degree and order, 2 to 20.
+        central: whether the term μ/r is included.
+
+    Raises:
+        InputError: the degree is not in the file `egm2008.txt` of this package.
+
+    Source: N. K. Pavlis et al., J. Geophys. Res. 117 (2012) B04406, doi:10.1029/2011JB008916.
+
+    >>> import numpy as np
+    >>> g = egm2008(2, central=True).gradient(np.array([EGM_RADIUS, 0.0, 0.0]))
+    >>> round(float(g[0]), 2)
+    -9.81
+    """
+    check(
+        degree in range(2, EGM_DEGREE + 1),
+        f"The gravity field is known to degree {EGM_DEGREE}, and begins with degree 2; degree is "
+        f"{degree!r}.",
+    )
+    c = np.zeros((degree + 1, degree + 1), dtype=complex)
+    c += _egm2008()[: degree + 1, : degree + 1]
+    if central:
+        c[0, 0] = 1.0
+    return SolidHarmonics(c, EGM_RADIUS, EGM_MU / EGM_RADIUS)
+
+
+@cache
+def _egm2008() -> Coefficients:
+    """Coefficients c_nm of EGM2008 without normalisation, read once."""
+    c = np.zeros((EGM_DEGREE + 1, EGM_DEGREE + 1), dtype=complex)
+    for line in (files("gossamer_fx.mechanics.orbit") / "egm2008.txt").read_text().splitlines():
+        if not line.startswith("#"):
+            n, m, C, S = line.split()
+            c[int(n), int(m)] = float(C) - 1j * float(S)
+    return unnormalise(c, geodetic=True)
+
+
+# ---- magnetic field of the Earth -----------------------------------------------------------------
+
+# Reference radius [m] of the coefficients of IGRF.
+REFERENCE_RADIUS = 6371.2e3
+
+
+class Igrf:
+    """Main magnetic field of the Earth at one time.
+
+        B = -∇V [T],    V = a Σ (a/r)^(n+1) P_n^m(sin φ) (g cos mλ + h sin mλ),    n ≤ 13
+
+    Coefficients are linear between epochs; those of the last five years are a forecast.
+
+    Args:
+        year: year with fraction, from 1900 to 2030.
+
+    Raises:
+        InputError: the year is outside this range.
+
+    Source: IAGA, International Geomagnetic Reference Field, 14th generation,
+    doi:10.5281/zenodo.14012302; its file `igrf14.shc` is in this package.
+
+    >>> import numpy as np
+    >>> B = Igrf(2025.0).field(np.array([0.0, 0.0, REFERENCE_RADIUS]))  # at the north pole
+    >>> bool(5.5e-5 < np.linalg.norm(B) < 6.0e-5)
+    True
+    """
+
+    def __init__(self, year: float) -> None:
+        # c: coefficients [T] of each epoch; s, below: share of the interval that has passed at the
+        # year, 0 to 1.
+        epochs, c = _igrf14()
+        check(
+            bool(epochs[0] <= year <= epochs[-1]),
+            f"The magnetic field is known from {epochs[0]:.0f} to {epochs[-1]:.0f}, not in "
+            f"{year!r}; give a year between them.",
+        )
+        # The interval of epochs; the last year belongs to the last interval.
+        following = np.searchsorted(epochs, year, side="right")
+        k = int(np.clip(following - 1, 0, len(epochs) - 2))
+        s = (year - epochs[k]) / (epochs[k + 1] - epochs[k])
+        self.harmonics = SolidHarmonics(
+            coefficients=(1 - s) * c[k] + s * c[k + 1],
+            radius=REFERENCE_RADIUS,
+            scale=REFERENCE_RADIUS,
+        )
+
+    def field(self, r: Array) -> Array:
+        """B (..., 3) [T] at Earth-fixed positions r (..., 3) [m]."""
+        return -self.harmonics.gradient(r)
+
+
+@cache
+def _igrf14() -> tuple[Array, list[Coefficients]]:
+    """Epochs (k,) [years], and for each of them coefficients c_nm (14, 14) [T] without
+    normalisation.
+
+    They are read once, from the file `igrf14.shc` of the package.
+    """
+    text = (files("gossamer_fx.mechanics.orbit") / "igrf14.shc").read_text()
+    lines = [line.split() for line in text.splitlines() if not line.startswith("#")]
+    degree = int(lines[0][1])
+    epochs = np.array([float(year) for year in lines[1]])
+    c = np.zeros((len(epochs), degree + 1, degree + 1), dtype=complex)
+    for n, m, *values in lines[2:]:
+        nanotesla = np.array([float(value) for value in values])
+        # Lines with negative m have the sine coefficients h, the others the cosine coefficients g.
+        if int(m) >= 0:
+            c[:, int(n), int(m)] += 1e-9 * nanotesla
+        else:
+            c[:, int(n), -int(m)] += 1e-9 * (-1j * nanotesla)
+    return epochs, [unnormalise(each, geodetic=False) for each in c]

@@ -11,7 +11,7 @@ from gossamer_fx.extend import Array, Port, State, Term, Vector, check, check_ar
 from gossamer_fx.mechanics.bodies import Frame
 from gossamer_fx.mechanics.orbit.flight import Flight
 from gossamer_fx.mechanics.orbit.flying_loads import FlyingPointLoad
-from gossamer_fx.mechanics.orbit.magnetic_field import Igrf
+from gossamer_fx.mechanics.orbit.harmonics import Igrf
 from gossamer_fx.mechanics.orbit.orbit import Orbit
 
 MomentHistory = Callable[[float], Sequence[float]]

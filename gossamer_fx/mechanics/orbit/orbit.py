@@ -9,7 +9,7 @@ from gossamer_fx.extend import Assembly, State, Term, Vector, check, check_argum
 from gossamer_fx.mechanics.orbit.elements import Elements
 from gossamer_fx.mechanics.orbit.environment import Environment, Shadow, SunHistory
 from gossamer_fx.mechanics.orbit.flight import Flight
-from gossamer_fx.mechanics.orbit.gravity_field import RADIUS
+from gossamer_fx.mechanics.orbit.harmonics import RADIUS
 from gossamer_fx.mechanics.orbit.optics import PRESSURE
 from gossamer_fx.mechanics.orbit.relative_gravity import RelativeGravity
 
@@ -26,7 +26,7 @@ class Orbit(Environment):
 
     a contains oblateness or harmonics, Sun and Moon, to first order in |x|/|R|.  Under 1/r gravity,
     energy and angular momentum of orbit and deformation together are conserved to the tolerance of
-    the solver, for every step; `orbit.origin` describes how.  Rigid bodies have mass, centre and
+    the solver, for every step; `orbit.flight` describes how.  Rigid bodies have mass, centre and
     inertia, so that the forces on them lack terms of order (size/|X|)³.  Initial positions and
     velocities are relative to the origin.
 

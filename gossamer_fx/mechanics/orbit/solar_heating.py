@@ -55,11 +55,11 @@ from gossamer_fx.extend import (
     thermal_strain_of,
 )
 from gossamer_fx.mechanics.bodies import Membrane
-from gossamer_fx.mechanics.orbit.eclipse import AU
 from gossamer_fx.mechanics.orbit.flight import Flight
 from gossamer_fx.mechanics.orbit.orbit import Orbit
 from gossamer_fx.mechanics.orbit.radiation import STEFAN_BOLTZMANN, advance, substeps, view_factor
 from gossamer_fx.mechanics.orbit.shadow_map import ShadowMap
+from gossamer_fx.mechanics.orbit.sky import AU
 from gossamer_fx.mechanics.orbit.solar_pressure import MAX_SHADOW_PIXELS
 
 # Speed of light [m/s], exact: the flux of sunlight over its pressure.

@@ -77,10 +77,10 @@ from petsc4py import PETSc
 from ufl.algorithms.renumbering import renumber_indices
 
 from gossamer_fx.core.checks.errors import InputError
-from gossamer_fx.core.forms.backend import interpolation_points, tabulate
+from gossamer_fx.core.forms.backend import cell_nodes, interpolation_points, tabulate
+from gossamer_fx.core.forms.c_source import c_library
 from gossamer_fx.core.forms.compilation import compile_expression, compile_form
 from gossamer_fx.core.forms.kinematics import Expr
-from gossamer_fx.core.forms.spaces import cell_nodes
 from gossamer_fx.core.forms.strain_path import Piece, gradient, with_derivative
 from gossamer_fx.core.model.body import Array, Body, MeshBody
 from gossamer_fx.core.model.parameters import Parameter
@@ -105,7 +105,7 @@ from gossamer_fx.mechanics.terms.coordinates import Coordinates
 from gossamer_fx.mechanics.terms.discrete_gradient import StressRule
 
 if TYPE_CHECKING:
-    from gossamer_fx.mechanics.terms.law_kernel.point_law import PointLaw
+    from gossamer_fx.mechanics.terms.law_kernel import PointLaw
     from gossamer_fx.mechanics.terms.thermal_strain import ThermalStrain
 
 # Weight α of the midpoint rules, the only ones for which strains are chosen.
@@ -462,12 +462,15 @@ class StoredForces(ElementForces):
                 there is no C compiler.
             RuntimeError: dolfinx numbers quadrature points differently than the kernel expects.
         """
-        from gossamer_fx.mechanics.terms.law_kernel.functions import law_functions
-        from gossamer_fx.mechanics.terms.law_kernel.library import library
-        from gossamer_fx.mechanics.terms.law_kernel.point_law import PointLaw, PointValues
+        from gossamer_fx.mechanics.terms.law_kernel import (
+            HEADER,
+            PointLaw,
+            PointValues,
+            law_functions,
+        )
 
         # Before the law, so that a missing compiler is not blamed on this body.
-        library(mesh.comm)
+        c_library(HEADER, mesh.comm)
         m = self._size
         rows = cell_nodes(self.strain_variable.function_space)
         # The kernel uses the same rows for all of its arrays.  The strain at the start of the step

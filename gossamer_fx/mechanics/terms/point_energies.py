@@ -20,16 +20,19 @@ from gossamer_fx.core.algebra.point_measures import (
     PointMeasure,
     PointMeasures,
     add_blocks,
+    attach_all,
+    evaluated_here,
     nodes_of,
     refuse_ports_outside,
 )
-from gossamer_fx.core.model.body import Array
+from gossamer_fx.core.model.body import Array, Port
 from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.roles import (
     Dissipation,
     Forces,
     IndependentOfShape,
     IterateObserver,
+    Mass,
     PointParameters,
     Reversible,
     StateObserver,
@@ -532,3 +535,97 @@ def _stacked(densities: Sequence[Any], of: Array) -> Any:
         numbers = np.array([getattr(density, name) for density in densities])
         stacked[name] = numbers[of]
     return replace(first, **stacked)
+
+
+def one_sided_energy(y: Array) -> Array:
+    """ψ(y) = ½ max(y, 0)², of any shape."""
+    return np.maximum(y, 0.0) ** 2 / 2
+
+
+def one_sided_average(y0: Array, y1: Array) -> tuple[Array, Array]:
+    """Average of T(y) = max(y, 0) along the straight path from y0 to y1, and its derivative by y1.
+
+    The average is exact, also where the path passes zero: T_mean (y1 - y0) = ψ(y1) - ψ(y0) with ψ =
+    ½ max(y, 0)², so a step with it conserves energy.  It does not divide by a small change: that is
+    done only where the path passes zero, and there |y1 - y0| >= |y1|.
+
+    Args:
+        y0, y1: arrays of one shape, in any unit, e.g. stretches [m] of ropes.
+
+    Returns:
+        T_mean, in that unit, and dT_mean/dy1, dimensionless, of that shape; ½ (T(y0) + T(y1)) and ½
+        where the law acts all the way.
+    """
+    pull0 = np.maximum(y0, 0.0)
+    pull1 = np.maximum(y1, 0.0)
+    passes_zero = (y0 > 0) != (y1 > 0)
+    # Elsewhere the divisor is 1: its quotient is not read, and must not divide by zero.
+    change = np.where(passes_zero, y1 - y0, 1.0)
+    quotient = (pull1**2 - pull0**2) / (2 * change)
+    slope_of_quotient = (pull1 - quotient) / change
+    # Where T is linear all the way, the trapezoidal rule is exact.
+    trapezoidal_mean = (pull0 + pull1) / 2
+    trapezoidal_slope = np.where(y1 > 0, 0.5, 0.0)
+    mean = np.where(passes_zero, quotient, trapezoidal_mean)
+    slope = np.where(passes_zero, slope_of_quotient, trapezoidal_slope)
+    return mean, slope
+
+
+# ---- kinetic energy of attached vectors ----------------------------------------------------------
+
+
+class AttachedMasses(Mass, CompiledTerms["AttachedKineticEnergy"]):
+    """All `AttachedKineticEnergy` terms of a scene."""
+
+    def __init__(self, terms: Sequence[AttachedKineticEnergy], system: Assembly) -> None:
+        self._terms = terms
+        self._system = system
+
+    def add_mass(self, M: PETSc.Mat) -> None:
+        self._add(M, np.eye(3))
+
+    def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
+        """Add the matrix 2 w·M (spin × v) of a frame that turns with `spin` (3,) [rad/s] to G."""
+        cross = np.cross(np.eye(3), np.asarray(spin))
+        self._add(G, 2 * cross)
+
+    def _add(self, matrix: PETSc.Mat, each: Array) -> None:
+        """Add Σ_ij mass[i, j] w_i·(each v_j) of all terms to a matrix, v and w rates of attached
+        vectors.
+
+        Args:
+            each: (3, 3), the same for all vectors: the unit matrix [-] for masses, or twice the
+                matrix of a cross product with an angular velocity [rad/s] for the Coriolis force.
+        """
+        for term in self._terms:
+            # Each tuple is added on one rank; the matrix adds up what ranks share.  The attached
+            # vectors are P q (n tuples) of unknowns q.
+            own = evaluated_here(term.ports)
+            n = len(own)
+            rows = 3 * term.mass.shape[1]
+            tuples = [term.ports[i] for i in own]
+            # Offsets of the ground are not needed: it has no velocity.
+            indices, P, _ = attach_all(
+                numbering=self._system.numbering,
+                bodies=self._system.bodies,
+                tuples=tuples,
+                rows=rows,
+            )
+            of_vectors = np.einsum("nij,ab->niajb", term.mass[own], each)
+            mass = of_vectors.reshape(n, rows, rows)
+            of_unknowns = np.einsum("nax,nab,nby->nxy", P, mass, P, optimize=True)
+            add_blocks(matrix, indices, indices, of_unknowns)
+
+
+@dataclass(frozen=True, eq=False)
+class AttachedKineticEnergy:
+    """Kinetic energy ½ Σ_ij mass[i, j] v_i·v_j of the rates v of attached vectors.
+
+    Args:
+        ports: n tuples of k ports, as those of a `PointMeasure`.
+        mass: (n, k, k) [kg] for points; kg m and kg m² where directors take part.
+    """
+
+    ports: Sequence[tuple[Port, ...]]
+    mass: Array
+    compiler: ClassVar[Compiler] = AttachedMasses

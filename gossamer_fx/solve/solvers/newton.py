@@ -69,8 +69,7 @@ from petsc4py import PETSc
 import gossamer_fx.solve.solvers.factorisation as factorisation
 import gossamer_fx.solve.solvers.linear as linear
 from gossamer_fx.core.algebra.numbering import PREFIX
-from gossamer_fx.core.checks.errors import check
-from gossamer_fx.core.checks.failures import Inadmissible, NotConverged
+from gossamer_fx.core.checks.errors import Inadmissible, NotConverged, check
 from gossamer_fx.core.model.body import Array
 from gossamer_fx.solve.solvers.tolerances import Tolerances
 from gossamer_fx.solve.system.system import System
