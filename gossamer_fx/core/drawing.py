@@ -25,7 +25,7 @@ class Solid:
         motion: displacement (3,) [m] as a function of time [s]; None for a solid at rest.
 
     Example:
-        >>> from gossamer_fx.core.drawing.solids import Solid
+        >>> from gossamer_fx.core.drawing import Solid
         >>> square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
         >>> plate = Solid("plate", square, np.array([[0, 1, 2], [0, 2, 3]]), np.array([[0, 1]]))
     """
@@ -40,14 +40,8 @@ class Solid:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table as HTML; all texts are escaped.
-
-    Args:
-        head: names of the columns.
-        rows: texts of each row, one for each column (their number is not checked).
-
-    Returns:
-        One line of HTML.
+    """A table as one line of HTML, from the names of its columns and a text of each row for each of
+    them; all texts are escaped.
 
     Example:
         >>> table(["kind"], [["a < b"]])

@@ -80,18 +80,9 @@ def _of_shape(
     J: float,
     k: float,
 ) -> Section:
-    """Stiffness and inertia of a beam's section of a given shape and isotropic material.
-
-    Args:
-        E: Young's modulus [Pa].
-        density: [kg/m³].
-        A: area [m²].
-        I2, I3: second moments ∫X2² dA and ∫X3² dA [m⁴] along the principal axes d2 and d3.
-        J: torsion constant [m⁴].
-
-    Raises:
-        InputError: nu is not in (-1, 0.5], or a stiffness is not positive.
-    """
+    """Section of isotropic material with the area A [m²], the second moments I2 = ∫X2² dA and I3
+    along the principal axes d2 and d3 [m⁴], the torsion constant J [m⁴] and the shear coefficient
+    k.  `InputError`: nu is not in (-1, 0.5], or a stiffness is not positive."""
     check(-1 < nu <= 0.5, f"Section: nu is {nu!r}; Poisson's ratio lies in (-1, 0.5].")
     G = E / (2 * (1 + nu))
     return Section(
@@ -120,14 +111,11 @@ def solid_circle(
     Args:
         radius: [m].
         E: Young's modulus [Pa].
-        nu: Poisson's ratio.
+        nu: Poisson's ratio, in (-1, 0.5].
         density: [kg/m³].
 
-    Returns:
-        Stiffnesses, mass per length and rotary inertia of a beam.
-
     Raises:
-        InputError: a value is not positive, or nu is not in (-1, 0.5].
+        InputError: a value is not positive, or nu is out of range.
 
     Example:
         >>> section = gx.sections.solid_circle(0.01, E=70e9, nu=0.33, density=2700.0)
@@ -156,17 +144,13 @@ def tube(
 
     Args:
         outer_radius: [m].
-        wall_thickness: [m].
+        wall_thickness: [m], at most the radius.
         E: Young's modulus [Pa].
-        nu: Poisson's ratio.
+        nu: Poisson's ratio, in (-1, 0.5].
         density: [kg/m³].
 
-    Returns:
-        Stiffnesses, mass per length and rotary inertia of a beam.
-
     Raises:
-        InputError: the wall is thicker than the radius, a value is not positive, or nu is not in
-            (-1, 0.5].
+        InputError: a value is not positive, or out of range.
 
     Example:
         >>> section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
@@ -207,14 +191,11 @@ def rectangle(
         width2: along d2 [m].
         width3: along d3 [m].
         E: Young's modulus [Pa].
-        nu: Poisson's ratio.
+        nu: Poisson's ratio, in (-1, 0.5].
         density: [kg/m³].
 
-    Returns:
-        Stiffnesses, mass per length and rotary inertia of a beam.
-
     Raises:
-        InputError: a value is not positive, or nu is not in (-1, 0.5].
+        InputError: a value is not positive, or nu is out of range.
 
     Example:
         >>> section = gx.sections.rectangle(0.02, 0.01, E=70e9, nu=0.33, density=2700.0)

@@ -57,17 +57,8 @@ def refuse_ports_outside(
     bodies: Sequence[Body],
     tuples_by_name: Iterable[tuple[str, Sequence[Ports]]],
 ) -> None:
-    """Refuse ports of bodies that are not in the scene.  Collective.
-
-    Args:
-        comm: the ranks of the scene.
-        bodies: of the scene.
-        tuples_by_name: name of each item of the scene, and its tuples of ports that this rank has;
-            ranks may have different ones.
-
-    Raises:
-        InputError: on all ranks, if one of them has such a port.
-    """
+    """Raise `InputError` on all ranks if an item, given by its name, has a port of a body that is
+    not in the scene on one of them.  Collective; ranks may have different tuples of ports."""
     known = {id(body) for body in bodies}
     message = ""
     for name, tuples in tuples_by_name:
@@ -82,15 +73,8 @@ def refuse_ports_outside(
 
 
 def translation_weight(port: Attached) -> float:
-    """Displacement of a port, over that of all bodies, in a common translation (dimensionless).
-
-    Args:
-        port: a vector attached to a body: a sum of positions and directors (vectors that turn with
-            the body) of its nodes, with weights; or `Ground`, a constant vector.
-
-    Returns:
-        1 for a point and 0 for a director or a difference of points.  Ground counts as a point.
-    """
+    """Displacement of a port over that of all bodies in a common translation: 1 for a point,
+    `Ground` included, and 0 for a director or a difference of points."""
     if isinstance(port, Ground):
         return 1.0
     # A port without vectors means the positions of its nodes.
@@ -105,23 +89,12 @@ def translation_weight(port: Attached) -> float:
 def attach(
     numbering: Numbering, bodies: list[Body], ports: Ports
 ) -> tuple[GlobalIndices, Array, Array]:
-    """How the stacked vectors of a tuple of k ports follow from the unknowns: X = P q + offset.
+    """Linear map X = P q + offset from the unknowns to the stacked vectors of k ports, not all of
+    them `Ground`: global indices (D,) of the unknowns, P (3k, D), with lengths [m] where a point
+    depends on a director, else dimensionless, and the offset (3k,), nonzero for ports of the ground
+    ([m] for points, [-] for directions).
 
-    A port is a vector attached to a body, linear in the unknowns of the body; `Ground` is a
-    constant.
-
-    Args:
-        numbering: global indices of the unknowns of all bodies.
-        bodies: the bodies of the system, in the order of the numbering.
-        ports: the ports whose vectors are stacked, not all of them `Ground`.
-
-    Returns:
-        Global indices (D,) of the unknowns; P (3k, D), with lengths [m] where a point depends on a
-        director, else dimensionless; and the offset (3k,), nonzero for ports of the ground: [m] for
-        points, [-] for directions.
-
-    Raises:
-        InputError: a port whose nodes, weights and vectors do not belong together.
+    A port whose nodes, weights and vectors do not belong together raises `InputError`.
     """
     indices = []
     offset = np.zeros(3 * len(ports))
@@ -160,20 +133,18 @@ def attach_all(
     """Maps X = P q + offset from the unknowns to the stacked vectors of n tuples of ports, as
     arrays.
 
-    A port is a vector attached to a body: a point, or a director (a vector that turns with the
-    body).  Tuples with fewer unknowns than others take their first one several times, with weight
-    zero.
+    Tuples with fewer unknowns than others take their first one several times, with weight zero.
 
     Args:
         numbering: global indices of the unknowns of all bodies.
-        bodies: the bodies of the system, in the order of the numbering.
+        bodies: of the system, in the order of the numbering.
         tuples: n tuples of k ports each, those of this rank; may be empty.
         rows: 3k, needed where a rank has no tuple.
 
     Returns:
         Global indices (n, D), maps P (n, rows, D), with lengths [m] where a point depends on a
-        director, else dimensionless, and offsets (n, rows), [m] for points.  D is the largest
-        number of unknowns of a tuple on this rank.
+            director, else dimensionless, and offsets (n, rows), [m] for points.  D is the largest
+            number of unknowns of a tuple on this rank.
 
     Raises:
         InputError: a port whose nodes, weights and vectors do not belong together.
@@ -259,14 +230,8 @@ class PointMeasures:
     def __init__(
         self, numbering: Numbering, bodies: list[Body], measures: Sequence[PointMeasure]
     ) -> None:
-        """Convert the measures that this rank evaluates to arrays.
-
-        A measure is a strain ½ X·H X + L·X + c of the stacked vectors X = P q + offset of some
-        ports: points [m] and directions [-] of bodies, linear in the unknowns q.
-
-        Raises:
-            InputError: a port whose nodes, weights and vectors do not belong together.
-        """
+        """Convert the measures that this rank evaluates to arrays.  A port whose nodes, weights and
+        vectors do not belong together raises `InputError`."""
         self.m = measures[0].H.shape[0]
         rows = measures[0].H.shape[1]
         tuples: list[Ports] = []
@@ -317,19 +282,9 @@ class PointMeasures:
         L: Array,
         offset: Array,
     ) -> Array:
-        """Points z (n, D) in the space of the unknowns q, about which n sets of strains are
-        expanded.
-
-        The m strains ½ X·H X + L·X + c of a set are quadratic in k vectors X = P q + offset: ports,
-        i.e.  points [m] and directions [-] of bodies or of the ground.  z is zero where no vector
-        belongs to the ground; with ground it is their least-squares stationary point, so that no
-        large numbers cancel.
-
-        Args:
-            P: maps (n, 3k, D) from the unknowns to the vectors.
-            H, L: quadratic part (n, m, 3k, 3k) and linear part (n, m, 3k) of the strains.
-            offset: (n, 3k), nonzero for vectors of the ground: [m] for points, [-] for directions.
-        """
+        """Points z (n, D) of the unknowns about which n sets of m strains ½ X·H X + L·X + c are
+        expanded: zero without ports of the ground, else their least-squares stationary points, so
+        that no large numbers cancel."""
         z = np.zeros((self.n, self.D))
         slope_of_vectors = np.einsum("nmab,nb->nma", H, offset) + L
         slope = np.einsum("nax,nma->nmx", P, slope_of_vectors)
@@ -411,12 +366,7 @@ class PointMeasures:
 
 
 class Gather:
-    """Fetch unknowns from all ranks, in one scatter.
-
-    Args:
-        numbering: of the system.
-        indices: arrays of global indices, of any shape.
-    """
+    """Fetch unknowns at arrays of global indices, of any shape, from all ranks in one scatter."""
 
     def __init__(self, numbering: Numbering, indices: Sequence[GlobalIndices]) -> None:
         """Make the scatter to this rank from the owners of the unknowns.  Collective."""
@@ -440,15 +390,9 @@ class Gather:
         return found
 
     def add(self, values: Array, r: PETSc.Vec) -> None:
-        """Add values of all arrays to a distributed vector at their global indices.  Collective.
-
-        Args:
-            values: (n,), as many numbers as all index arrays of the `Gather` have together, one
-                array after the other.  Values with the same index add up, also those of different
-                ranks.
-            r: vector of all unknowns in the layout of the numbering, of the same unit; changed in
-                place.
-        """
+        """Add values of all index arrays, one array after the other as (n,), to a distributed
+        vector, which is changed in place.  Values with the same index add up, also those of
+        different ranks.  Collective."""
         self._values.array[:] = values.ravel()
         self._scatter.scatter(
             self._values,
@@ -464,14 +408,9 @@ def add_blocks(
     columns: GlobalIndices,
     values: Array,
 ) -> None:
-    """Add n dense blocks to a PETSc matrix; collective assembly is left to the caller.
-
-    Args:
-        A: the matrix.
-        rows: global rows (n, r) of each block.
-        columns: global columns (n, c) of each block.
-        values: (n, r, c); n may be zero.  Entries that coincide add up.
-    """
+    """Add n dense blocks (n, r, c) to a PETSc matrix at their global rows (n, r) and columns (n,
+    c); n may be zero, and entries that coincide add up.  The collective assembly is left to the
+    caller."""
     n, r, c = values.shape
     # This rank has nothing to add.
     if n == 0:

@@ -23,11 +23,7 @@ TAG = 1729
 
 
 class RankExchange:
-    """Sends n rows to the ranks that are given for them, and answers back.
-
-    Args:
-        comm: the ranks.
-        ranks: destination (n,) of each row.
+    """Sends n rows to the ranks (n,) that are given for them, and answers back.
 
     Attributes:
         source: rank (r,) from which each of the r received rows comes, ascending.
@@ -54,13 +50,8 @@ class RankExchange:
         return self._transfer(ordered, self._sent_parts, self._received_parts, len(self.source))
 
     def answer(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Send one row back for each received row, to the rank from which it came.  Collective.
-
-        Args:
-            values: rows (r, ...), in the order in which `send` returned the received rows.
-
-        Returns:
-            Rows (n, ...): the answers to the n rows of this rank, in their order.
+        """Send one row back for each received row (r, ...), in the order in which `send` returned
+        them; returns the answers (n, ...) to the n rows of this rank, in their order.  Collective.
         """
         ordered = np.ascontiguousarray(values)
         count = len(self._order)
@@ -76,14 +67,8 @@ class RankExchange:
         received_parts: list[tuple[int, slice]],
         count: int,
     ) -> npt.NDArray[Any]:
-        """Exchange rows of an array between the ranks.  Collective.
-
-        Args:
-            values: rows (s, ...) to be sent, in any unit, ordered by destination, contiguous.
-
-        Returns:
-            Rows (count, ...) of the other ranks, ordered by source.
-        """
+        """Exchange contiguous rows (s, ...), ordered by destination; returns `count` rows, ordered
+        by source.  Collective."""
         received = np.empty((count, *values.shape[1:]), dtype=values.dtype)
         # Receives first, so that MPI can put messages where they belong.
         requests = [
@@ -128,13 +113,9 @@ STAFFORD_LAST_SHIFT = 31
 
 
 def hash_rows(words: npt.NDArray[Any]) -> Names:
-    """Hashes (n,) with 64 bits of n rows of k integers.
-
-    Each integer of a row is mixed into the hash by Stafford's variant 13 of the 64-bit finaliser of
-    MurmurHash3.  Equal rows have equal hashes on all ranks and machines.
-
-    Args:
-        words: integers (n, k) that fit into 64 bits.
+    """Hashes (n,) with 64 bits of n rows of k integers, equal for equal rows on all ranks and
+    machines.  Each integer is mixed in by Stafford's variant 13 of the 64-bit finaliser of
+    MurmurHash3.
 
     >>> import numpy as np
     >>> hashes = hash_rows(np.array([[1, 2], [2, 1], [1, 2]]))
@@ -160,25 +141,12 @@ def fetch(
     lacks: str,
     twice: str | None = None,
 ) -> npt.NDArray[Any]:
-    """Return the values of wanted names, whichever ranks have them.  Collective.
+    """Return the values (m, k) of wanted names (m,), as floats, whichever ranks have them.
+    Collective.
 
-    A name is a number that identifies a value on all ranks, e.g. a hash.  Each name is assigned to
-    one rank by its remainder modulo the number of ranks; values and questions meet there.
-
-    Args:
-        comm: the ranks.
-        names: names (n,) whose values this rank has, unsigned integers.
-        values: their values (n, k), in any unit.
-        wanted: names (m,) whose values this rank needs.
-        lacks: error message for a wanted name that no rank has.
-        twice: error message for a name that occurs twice; None if a name may occur several times
-            with the same values.
-
-    Returns:
-        Values (m, k) of the wanted names, as floats.
-
-    Raises:
-        InputError: with the message `lacks` or `twice`, on all ranks.
+    This rank has `values` (n, k) of `names` (n,), unsigned integers such as hashes.  A wanted name
+    that no rank has raises `InputError(lacks)` on all ranks, and a name that occurs twice
+    `InputError(twice)`; without `twice` a name may occur several times with the same values.
 
     >>> import numpy as np
     >>> from mpi4py import MPI

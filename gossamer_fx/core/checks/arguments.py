@@ -118,15 +118,9 @@ def check_arguments[T: Callable[..., Any]](thing: T) -> T:
 
 
 def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap a function so that the types of its arguments are checked at each call.
-
-    Defaults are not checked.
-
-    Returns:
-        A function with the same name and signature.  It raises `InputError` with one sentence,
-        which names the argument, its value and what to give, if an argument is missing, unknown or
-        not of the type in its annotation.
-    """
+    """Wrap a function so that a call whose arguments are missing, unknown or not of the types in
+    its signature raises `InputError`, with one sentence that names the argument, its value and what
+    to give.  Defaults are not checked."""
 
     # Signature and annotations are looked at in the first call: most of the classes that a scene
     # imports are never called, and an annotation may name a class that is defined further below.
@@ -140,15 +134,6 @@ def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
-        """Call the wrapped function if all arguments have the types of its signature, and return
-        its result.
-
-        Args:
-            args, kwargs: the arguments of the call.
-
-        Raises:
-            InputError: an argument is missing, unknown, or of another type.
-        """
         name = function.__name__
         if name == "__init__":
             name = type(args[0]).__name__
@@ -197,9 +182,8 @@ def _wrong_call(
     kwargs: dict[str, Any],
     error: TypeError,
 ) -> str:
-    """Explain in one clause of a message why arguments do not fit a signature.
-
-    Unknown names are looked for first, then too many positional arguments, then missing ones."""
+    """Explain in one clause of a message why arguments do not fit a signature: unknown names first,
+    then too many positional arguments, then missing ones."""
     parameters = [p for p in signature.parameters.values() if p.name != "self"]
     names = [parameter.name for parameter in parameters]
     known = f"its arguments are: {', '.join(names) or 'none'}"
@@ -232,15 +216,9 @@ def _wrong_call(
 
 
 def resolved(function: Callable[..., Any], argument: str) -> Any:
-    """The annotation of an argument of a function, as a type.
-
-    Annotations are text where a module imports `annotations` from `__future__`; names in them that
-    the module imports for type checkers only are imported now.
-
-    Raises:
-        NameError: the module of the function does not know a name in the annotation.
-        KeyError: the function has no argument of this name.
-    """
+    """The annotation of an argument of a function, as a type.  Where a module imports `annotations`
+    from `__future__` it is text; names that the module imports for type checkers only are imported
+    now."""
     annotation = inspect.signature(function).parameters[argument].annotation
     if not isinstance(annotation, str):
         return annotation
@@ -249,14 +227,9 @@ def resolved(function: Callable[..., Any], argument: str) -> Any:
 
 
 def _module_of(function: Callable[..., Any], argument: str) -> types.ModuleType:
-    """The module in which the annotation of an argument of a function was written.
-
-    It is that of the function, but for the constructor of a dataclass, which takes fields, with
-    their annotations, from base classes of other modules.
-
-    Args:
-        function: a function, or the `__init__` of a class.
-    """
+    """The module in which the annotation of an argument was written: that of the function, but for
+    the constructor of a dataclass, which takes fields, with their annotations, from base classes of
+    other modules."""
     module = sys.modules[function.__module__]
     owner = vars(module).get(function.__qualname__.split(".")[0])
     if isinstance(owner, type) and "__dataclass_params__" in vars(owner):
@@ -283,11 +256,8 @@ class _TypeCheckingNames(dict[str, Any]):
 
 @functools.cache
 def _type_checking_imports(module: str) -> dict[str, tuple[str, str]]:
-    """Module and original name, by local name, of each import under `if TYPE_CHECKING` of a module.
-
-    Raises:
-        OSError: there is no source.
-    """
+    """Module and original name, by local name, of each import under `if TYPE_CHECKING` of a
+    module."""
     found: dict[str, tuple[str, str]] = {}
     for node in ast.parse(inspect.getsource(sys.modules[module])).body:
         if not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
@@ -300,18 +270,9 @@ def _type_checking_imports(module: str) -> dict[str, tuple[str, str]]:
 
 
 def kind_of(hint: Any) -> Kind | None:
-    """The test of values that an annotated type allows, and the words by which a message asks for
-    them.
-
-    Args:
-        hint: a type, as annotations have them: a class, a union, `Sequence[float]`, `Annotated`.
-
-    Returns:
-        A `Kind` with `accepts(value)` and `words`; None if the type allows all values.
-
-    Raises:
-        TypeError: a type that cannot be tested, e.g. a protocol that is not `runtime_checkable`.
-    """
+    """The test of values that an annotated type allows, with the words by which a message asks for
+    them; None if the type allows all values.  A type that cannot be tested, e.g. a protocol that is
+    not `runtime_checkable`, raises `TypeError`, here and in the functions below."""
     if hint is Any or hint is object or isinstance(hint, TypeVar):
         return None
     # Before other aliases: newer versions of NumPy define it as an alias of a union of protocols,
@@ -343,12 +304,7 @@ def kind_of(hint: Any) -> Kind | None:
 
 
 def _annotated(hint: Any, marks: Iterable[Any]) -> Kind | None:
-    """The test of values of an `Annotated` type, with the words for messages; None if it allows
-    all.
-
-    Raises:
-        TypeError: `hint` cannot be tested.
-    """
+    """The test of values of an `Annotated` type; with a `Count` the number of entries is tested, too."""
     kind = kind_of(hint)
     counts = [mark.entries for mark in marks if isinstance(mark, Count)]
     if kind is None or not counts:
@@ -361,16 +317,8 @@ def _annotated(hint: Any, marks: Iterable[Any]) -> Kind | None:
 
 
 def _union(alternatives: Iterable[Any]) -> Kind | None:
-    """The test of values of a union of types, with the words for messages.
-
-    It accepts what one of the types accepts.
-
-    Returns:
-        None if one of them allows all values.
-
-    Raises:
-        TypeError: one of them cannot be tested.
-    """
+    """The test of values of a union of types: what one of them accepts; None if one allows all
+    values."""
     hints = list(alternatives)
     if Path in hints:
         # A word is tested as a path, which is stricter.
@@ -386,12 +334,7 @@ def _union(alternatives: Iterable[Any]) -> Kind | None:
 
 
 def _tuple(hints: tuple[Any, ...]) -> Kind:
-    """The test of a collection of fixed length, with a type for each entry, and the words for
-    messages.
-
-    Raises:
-        TypeError: one of them cannot be tested.
-    """
+    """The test of a collection of fixed length, with a type for each entry."""
     kinds = [kind_of(hint) for hint in hints]
     if all(hint is float for hint in hints):
         # Components may be tiny: next to the others they vanish.
@@ -411,16 +354,8 @@ def _tuple(hints: tuple[Any, ...]) -> Kind:
 
 
 def _generic(origin: type, arguments: tuple[Any, ...]) -> Kind | None:
-    """The test of values of a class with type arguments, e.g. `Sequence[float]`, and the words for
-    messages.
-
-    Args:
-        arguments: the types in its brackets, e.g. `(float,)`; those of functions and arrays are not
-            tested.
-
-    Raises:
-        TypeError: `origin` is a protocol that is not `runtime_checkable`.
-    """
+    """The test of values of a class with type arguments, e.g. `Sequence[float]`; the types in the
+    brackets of functions and arrays are not tested."""
     if origin is _CALLABLE:
         return Kind(callable, "a function")
     if issubclass(origin, np.ndarray):
@@ -438,12 +373,7 @@ def _generic(origin: type, arguments: tuple[Any, ...]) -> Kind | None:
 
 
 def _mapping(key: Any, value: Any) -> Kind:
-    """The test of a mapping whose keys and values are of annotated types, and the words for
-    messages.
-
-    Raises:
-        TypeError: one of them cannot be tested.
-    """
+    """The test of a mapping whose keys and values are of annotated types."""
     keys = kind_of(key)
     values = kind_of(value)
 
@@ -461,11 +391,7 @@ def _mapping(key: Any, value: Any) -> Kind:
 
 
 def _collection(entry: Any) -> Kind:
-    """The test of a list, tuple, set or array of any length, and the words for messages.
-
-    Raises:
-        TypeError: it cannot be tested.
-    """
+    """The test of a list, tuple, set or array of any length."""
     if entry is float:
         return Kind(_are_numbers, "numbers")
     if entry is int:
@@ -480,14 +406,7 @@ def _collection(entry: Any) -> Kind:
 
 
 def _class(kind: type) -> Kind:
-    """The test of instances of a class or protocol, and the words by which messages ask for one.
-
-    Args:
-        kind: a class, or a protocol that can be checked at run time.
-
-    Raises:
-        TypeError: `kind` is a protocol that is not `runtime_checkable`.
-    """
+    """The test of instances of a class, or of a protocol that can be checked at run time."""
     is_protocol = getattr(kind, "_is_protocol", False)
     if is_protocol and not getattr(kind, "_is_runtime_protocol", False):
         raise TypeError(f"the protocol {kind.__name__} is not runtime_checkable")

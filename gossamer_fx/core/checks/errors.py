@@ -34,16 +34,11 @@ LARGEST_COUNT = 2**63 - 1
 
 
 def real_numbers(value: Any) -> npt.NDArray[np.float64] | None:
-    """Return a number, list or array as an array of floats; None if an entry is not a real number.
+    """Return a number, list or array as an array of floats, of shape () for a number; None if an
+    entry is not a real number.
 
     NaN and infinite values are returned, too.  Words, complex numbers, and lists whose rows differ
     in length are not real numbers; True and False are 1 and 0.
-
-    Args:
-        value: anything.
-
-    Returns:
-        Array of the shape that NumPy gives to the value, () for a number.
 
     >>> real_numbers([1, 2.5])
     array([1. , 2.5])
@@ -179,15 +174,8 @@ def require_positive(
     unit: str,
     hint: str = "",
 ) -> None:
-    """Raise `InputError` unless a value is a finite, positive number.
-
-    Not collective: the value is the same on all ranks.
-
-    Args:
-        what: subject of the message.
-        value: the number, in the unit `unit`.
-        unit: its unit, for the message.
-        hint: text that follows "give a positive number".
+    """Raise `InputError` unless a value is a finite, positive number, the same on all ranks.  The
+    message begins with `what`; `hint` follows "give a positive number" and the unit.
 
     >>> require_positive("The thickness", 1e-3, "m")
     """
@@ -224,18 +212,11 @@ def is_vector(value: Any) -> bool:
 
 
 def on_rank_zero[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T | None:
-    """Run a task on rank 0, and raise its error on all ranks.  Collective.
+    """Run a task that does not communicate on rank 0, and return its result there, None on the
+    others.  Collective.
 
-    Args:
-        comm: the ranks.
-        task: function without arguments that does not communicate.
-
-    Returns:
-        The result on rank 0, None on the other ranks.
-
-    Raises:
-        Exception: on rank 0 the error of the task.  On the other ranks one of the same type if it
-            is built in or defined in this module, otherwise RuntimeError.
+    An error of the task is raised on all ranks: on the others of the same type if it is built in or
+    defined in this module, otherwise as `RuntimeError`.
     """
     result = None
     failure = None
@@ -261,22 +242,13 @@ def on_rank_zero[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T | None:
 
 
 def write_on_all[T](comm: MPI.Intracomm, path: Path, task: Callable[[], T]) -> T:
-    """Run a task that writes a file on all ranks together.  Collective.
+    """Run a task that writes the file `path` on all ranks together, and return its result.
+    Collective.
 
-    Args:
-        comm: the ranks.
-        path: the file, for the message.
-        task: function that writes the file.
-
-    Returns:
-        the result of the task.
-
-    Raises:
-        OutputFailure: on all ranks, if the task raised OSError or RuntimeError on one of them.
-
-    The task may itself wait for other ranks, as those of ADIOS2 do.  Where it has failed on one
-    rank and the others have not returned from it after `WRITE_PATIENCE`, that rank prints the
-    message and ends the program.
+    If it raises OSError or RuntimeError on one rank, `OutputFailure` is raised on all.  The task
+    may itself wait for other ranks, as those of ADIOS2 do.  Where it has failed on one rank and the
+    others have not returned from it after `WRITE_PATIENCE`, that rank prints the message and ends
+    the program.
     """
     result = None
     reason = ""
@@ -314,11 +286,8 @@ def _cannot_write(path: Path, reason: str) -> str:
 
 
 def _reason(error: Exception) -> str:
-    """Why a file could not be written, in the words of the operating system if they are known.
-
-    Returns:
-        One line, never empty: at least the name of the exception's class.
-    """
+    """Why a file could not be written, as one line: in the words of the operating system if they
+    are known, else at least the name of the exception's class."""
     system_message = getattr(error, "strerror", None)
     if system_message:
         return str(system_message)
@@ -338,15 +307,8 @@ def wait_for_others(
     message: str,
     exit_code: int,
 ) -> None:
-    """Wait for a request of MPI, or end the program on all ranks if it does not complete.
-
-    Args:
-        comm: the ranks, all of which end.
-        request: of a message that this rank has started.
-        patience: time [s] after which the program ends.
-        message: printed to standard error before the end.
-        exit_code: with which the program then ends.
-    """
+    """Wait for a request of MPI.  If it does not complete within `patience` [s], print the message
+    to standard error and end the program on all ranks."""
     deadline = time.monotonic() + patience
     while not request.Test():
         if time.monotonic() > deadline:

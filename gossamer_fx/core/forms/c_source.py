@@ -70,18 +70,12 @@ class CLibrary:
         *,
         writable: bool = False,
     ) -> Any:
-        """Return an array as a C pointer, which lives as long as it is kept; None is the null
-        pointer.
+        """Return an array, which C reads or writes without a copy, as a C pointer that lives as
+        long as it is kept; None is the null pointer.
 
-        Args:
-            name: what it is called in messages.
-            values: array that C reads or writes without a copy, or None.
-            dtype: "float64", "int32", "int64" or "uint8".
-            shape: the one it must have.
-            writable: whether C writes into it.
-
-        Raises:
-            ValueError: another type or shape, not contiguous, or not writable.
+        An array that is not contiguous, not of the type ("float64", "int32", "int64" or "uint8")
+        and shape that are given, or read-only although C writes into it, raises `ValueError` with
+        its name.
         """
         if values is None:
             return self.ffi.NULL
@@ -101,24 +95,12 @@ class CLibrary:
 
 
 class CStruct:
-    """A C structure that keeps alive the arrays to which its fields point.
-
-    Attributes:
-        pointer: to be handed to a C function.
-    """
+    """A C structure that keeps alive the arrays to which its fields point; `pointer` is what C
+    functions take."""
 
     def __init__(self, ffi: Any, type_name: str, fields: Mapping[str, Any]) -> None:
-        """Set all fields of a new structure.
-
-        Args:
-            ffi: cffi's interface of the library.
-            type_name: of the structure in the C header.
-            fields: a value for each of its fields: numbers, pointers, or the fields of an inner
-                structure.
-
-        Raises:
-            ValueError: a field is missing or unknown.
-        """
+        """Set all fields of a new structure: numbers, pointers, or the fields of an inner
+        structure.  A missing or unknown field raises `ValueError`."""
         known = _field_names(ffi, type_name)
         if known != fields.keys():
             raise ValueError(
@@ -140,13 +122,8 @@ def _unsuitable(problem: str, dtype: str, shape: tuple[int, ...]) -> ValueError:
 
 
 def check_indices(name: str, indices: npt.NDArray[np.integer], count: int) -> None:
-    """Raise `ValueError` unless all indices are from 0 to count - 1; C functions do not look.
-
-    Args:
-        name: subject of the message, in the plural.
-        indices: of any shape; none is right.
-        count: of what they number.
-    """
+    """Raise `ValueError`, about `name` in the plural, unless all indices are from 0 to count - 1; C
+    functions do not look."""
     if not indices.size:
         return
     least = int(indices.min())
@@ -210,16 +187,8 @@ def _build(
     header: Path,
     arguments: Sequence[str],
 ) -> None:
-    """Compile a module in a separate folder, and rename it when it is complete.
-
-    Two runs may compile the same library at the same time; renaming is atomic, so that neither sees
-    half a file.
-
-    Raises:
-        InputError: no C compiler was found.
-        cffi.VerificationError: the compiler refuses the files.
-        OSError: the folder cannot be written to.
-    """
+    """Compile a module in a separate folder, and rename it when it is complete: two runs may
+    compile the same library at the same time, and neither sees half a file."""
     require_compiler()
     import cffi
 

@@ -34,21 +34,14 @@ from gossamer_fx.core.forms.kinematics import Expr
 
 
 def tied_strain(domain: Mesh, x: Expr, B: Expr) -> Expr:
-    """Green-Lagrange strain (E11, E22, 2 E12) of a plate, free of membrane locking.
+    """Green-Lagrange strain (E11, E22, 2 E12) of a plate with positions x (3,) [m] of order 2 on
+    plane triangles with straight edges, in their frame B (3, 2), linear in each cell and free of
+    membrane locking.
 
-    It is a dimensionless UFL expression in the frame B, linear in each cell.  The tangential
-    strains along the edges, which are quadratic, are replaced by linear functions with the same
-    mean over the cell (M. Neunteufel & J. Schöberl, Comput. Methods Appl. Mech. Eng. 373 (2021)
-    113524).
-
-    In the code X is a point of the cell, F and H are the first and second derivatives of x there, τ
-    is the vector along an edge, c = ∂x/∂τ at its middle, d = ∂²x/∂τ², b half the difference of the
-    strain between its ends; λ are the barycentric coordinates of X.
-
-    Args:
-        domain: plane triangles with straight edges.
-        x: positions (3,) [m] of order 2.
-        B: frame (3, 2) of the mesh, `gossamer_fx.core.forms.kinematics.frame`.
+    The tangential strains along the edges, which are quadratic, are replaced by linear functions
+    with the same mean over the cell (M. Neunteufel & J. Schöberl, Comput. Methods Appl. Mech. Eng.
+    373 (2021) 113524).  In the code X is a point of the cell, F and H are the first and second
+    derivatives of x there; the other symbols are those of the module.
 
     >>> import basix.ufl
     >>> import ufl

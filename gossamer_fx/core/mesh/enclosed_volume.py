@@ -40,14 +40,8 @@ FLAT_VOLUME = 1e-6
 
 @dataclass(frozen=True)
 class Enclosed:
-    """What a surface encloses.
-
-    Attributes:
-        volume: [m³], positive if the normals point outwards.
-        area: of the surface without the fans [m²].
-        rim_area: of the fans [m²].
-        rims: number of rims.
-    """
+    """Volume [m³] that a surface encloses, positive if the normals point outwards; its area without
+    the fans and that of the fans [m²], and the number of rims."""
 
     volume: float
     area: float
@@ -61,14 +55,8 @@ class Enclosed:
 
 
 def enclosed_by(domain: dmesh.Mesh, table: EdgeTable) -> Enclosed:
-    """Return volume [m³] and areas [m²] of what a mesh of triangles encloses.  Collective.
-
-    Rims of an open surface are spanned by triangles; of several surfaces it is the sums.
-
-    Args:
-        domain: the mesh, whose neighbouring triangles have their normals on the same side.
-        table: its edges.
-    """
+    """What a mesh of triangles encloses; of several surfaces the sums.  Neighbouring triangles have
+    their normals on the same side.  Collective."""
     comm = domain.comm
     corners = corner_points(domain)
     low, high = box(comm, corners.reshape(-1, 3))
@@ -96,25 +84,16 @@ def enclosed_by(domain: dmesh.Mesh, table: EdgeTable) -> Enclosed:
 
 
 def has_inside(volume: Array | float, area: Array | float, rim_area: Array | float) -> Any:
-    """Return whether surfaces are closed but for small rims, and not flat.
-
-    Arrays of surfaces, and numbers of one, are taken; the result has their shape.
-
-    Args:
-        volume: that they enclose with their rims spanned [m³].
-        area: without what spans the rims [m²].
-        rim_area: of what spans the rims [m²].
+    """Return whether surfaces are closed but for small rims, and not flat, by the volume [m³] that
+    they enclose, their area and that of what spans the rims [m²]; numbers, or arrays of surfaces.
     """
     is_flat = np.abs(volume) < FLAT_VOLUME * np.asarray(area) ** 1.5
     return ~is_flat & (rim_area <= MAX_RIM_SHARE * np.asarray(area))
 
 
 def volumes(corners: Array) -> Array:
-    """Signed volumes (n,) [m³] of the tetrahedra between triangles and the origin.
-
-    Args:
-        corners: vertices (n, 3, 3) [m] of the triangles; a volume is positive if the normal points
-            away from the origin.
+    """Signed volumes (n,) [m³] of the tetrahedra between triangles (n, 3, 3) [m] and the origin,
+    positive if the normal points away from it.
 
     >>> import numpy as np
     >>> volumes(np.eye(3)[None]).round(4)
@@ -127,17 +106,12 @@ def volumes(corners: Array) -> Array:
 
 
 def spanning_fans(ends: Array, numbers: npt.NDArray[np.int64]) -> tuple[Array, int]:
-    """Return triangles that span the rims of a surface, from each edge to the mean of its rim's
-    points.
+    """Corners (n, 3, 3) [m] of triangles that span the rims of a surface, from each edge to the
+    mean of its rim's points, with normals that agree with the surface; and the number of rims.
 
-    Args:
-        ends: start and end (n, 2, 3) [m] of edges on the rims, in the direction in which the
-            triangle of the surface passes them.
-        numbers: of these points (n, 2), global, n > 0; edges that share a number are on one rim.
-
-    Returns:
-        corners (n, 3, 3) [m] of the triangle at each edge, whose normals agree with the surface,
-        and the number of rims.
+    `ends` (n, 2, 3) [m] are start and end of the edges, in the direction in which the triangle of
+    the surface passes them; edges that share one of the global `numbers` (n, 2), n > 0, are on one
+    rim.
     """
     # Imported here: a closed surface has no rims.
     from scipy import sparse
@@ -159,15 +133,9 @@ def spanning_fans(ends: Array, numbers: npt.NDArray[np.int64]) -> tuple[Array, i
 def _rim_edges(
     domain: dmesh.Mesh, table: EdgeTable, corners: Array
 ) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Return the edges of this rank's triangles that no other triangle has.
-
-    Args:
-        corners: vertices (m, 3, 3) [m] of the triangles that this rank owns.
-
-    Returns:
-        both ends (n, 2, 3) [m] of each edge, in the direction in which its triangle passes it, and
-        their global numbers (n, 2).
-    """
+    """Edges of this rank's triangles, with vertices (m, 3, 3) [m], that no other triangle has: both
+    ends (n, 2, 3) [m], in the direction in which the triangle passes them, and their global numbers
+    (n, 2)."""
     topology = domain.topology
     owned = len(corners)
     edges = topology.connectivity(2, 1).array.reshape(-1, 3)[:owned]
@@ -218,15 +186,10 @@ class _Sums:
 def oriented(raw: RawMesh) -> RawMesh:
     """Return the mesh with consistent normals, which point out of closed surfaces.
 
-    A surface with rims counts as closed if they are small, see `mesh.enclosed_volume`.  Any other
-    open surface keeps the side that the larger number of its triangles has.  Where three or more
-    triangles share an edge, surfaces end.  A mesh of line elements is returned as it is.
-
-    Args:
-        raw: arrays of the whole mesh, which are not changed.
-
-    Raises:
-        BadMesh: a surface has one side only, as a Möbius strip.
+    A surface with rims counts as closed if they are small.  Any other open surface keeps the side
+    that the larger number of its triangles has.  Where three or more triangles share an edge,
+    surfaces end.  A mesh of line elements is returned as it is.  A surface with one side only, as a
+    Möbius strip, raises `BadMesh`.
     """
     if raw.kind != "triangle":
         return raw
@@ -274,13 +237,8 @@ def oriented(raw: RawMesh) -> RawMesh:
 def _sums(
     triangles: Array, surface: Integers, turned: npt.NDArray[np.bool_], surfaces: int
 ) -> _Sums:
-    """Return signed volumes [m³] and areas [m²] of surfaces.
-
-    Args:
-        triangles: corners (n, 3, 3) [m].
-        surface: number of the surface of each (n,).
-        turned: which of them are turned (n,).
-    """
+    """Signed volumes [m³] and areas [m²] of surfaces: the sums of triangles (n, 3, 3) [m] by the
+    number of their surface (n,), with those reversed that are turned (n,)."""
     volume = volumes(triangles)
     area = np.linalg.norm(area_vectors(triangles), axis=1)
     # NumPy declares sums of weights as integers.
@@ -292,11 +250,8 @@ def _sums(
 
 
 def _neighbours(corners: Integers) -> _Neighbours:
-    """Find the pairs of triangles that share an edge which no third triangle has.
-
-    Args:
-        corners: nodes (m, 3) of the triangles, in their order round each.
-    """
+    """Pairs of the triangles with nodes (m, 3), in their order round each, that share an edge which
+    no third triangle has."""
     directed = np.vstack([corners[:, [i, (i + 1) % 3]] for i in range(3)])
     cell = np.tile(np.arange(len(corners)), 3)
     forwards = directed[:, 0] < directed[:, 1]
@@ -323,15 +278,8 @@ def _neighbours(corners: Integers) -> _Neighbours:
 def _disagreeing(
     graph: sparse.csr_array, neighbours: _Neighbours, surface_of_cell: Integers
 ) -> npt.NDArray[np.bool_]:
-    """Return whether each triangle must be turned to agree with the first one of its surface.
-
-    Args:
-        graph: (m, m), nonzero where two triangles are neighbours.
-        surface_of_cell: number (m,) of the connected surface of each triangle.
-
-    Returns:
-        mask (m,).
-    """
+    """Mask (m,) of the triangles that must be turned to agree with the first one of their surface
+    (m,); the graph (m, m) is nonzero where two triangles are neighbours."""
     agree = {}
     for pair, is_same in enumerate(neighbours.agree):
         first = int(neighbours.first[pair])

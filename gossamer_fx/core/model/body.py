@@ -217,18 +217,8 @@ def unit(direction: Vector | Array) -> Array:
 
 
 def combine(weights: Sequence[float], ports: Sequence[Attached]) -> Attached:
-    """The linear combination Σ_k weights[k] ports[k] of ports of one body, or of the ground.
-
-    A port is a vector attached to a body: a point [m] or a director [-].
-
-    Args:
-        weights: one dimensionless number for each port.
-        ports: all of one body, or all of the ground.
-
-    Raises:
-        InputError: the ports are of several bodies, or of a body and of the ground.
-        ValueError: there are not as many weights as ports.
-    """
+    """The linear combination Σ_k weights[k] ports[k] of ports of one body, or of the ground; ports
+    of several bodies, or of a body and of the ground, raise `InputError`."""
     if all(isinstance(port, Ground) for port in ports):
         vectors_of_ground = np.array([port.initial() for port in ports])
         x, y, z = np.asarray(weights) @ vectors_of_ground

@@ -40,14 +40,6 @@ class BodyState:
         q: PETSc.Vec,
         v: PETSc.Vec,
     ) -> None:
-        """Give access to the unknowns of one body in the vectors of a scene, without a copy.
-
-        Args:
-            body: whose unknowns they are.
-            part: their range in the local part of q and v.
-            q: coordinates of all bodies: positions [m] and directors [-].
-            v: their rates [m/s or 1/s].
-        """
         self.body = body
         self.part = part
         self._q = q
@@ -193,15 +185,7 @@ class InitialState(State):
     """
 
     def __init__(self, bodies: Sequence[Body], comm: MPI.Intracomm) -> None:
-        """Make vectors for coordinates and rates, with the state that the bodies have by
-        themselves.
-
-        Args:
-            bodies: of the scene, in the order in which their unknowns are numbered.
-            comm: ranks of the scene.
-
-        Collective: all ranks call it.
-        """
+        """Make vectors with the state that the bodies have by themselves.  Collective."""
         # Without multipliers: constraints are compiled from this state, later.
         size = sum(map(_local_size, bodies))
         q = PETSc.Vec().createMPI((size, PETSc.DECIDE), comm=comm)
