@@ -218,17 +218,9 @@ class InflatableTube:
             self.contact = self._contact(contact_distance, contact_stiffness, obstacles)
 
     def _cap(self, end: str, what: float | RigidBody, bar: float) -> RigidRegion:
-        """Make the rigid region that fixes the nodes of one end of the tube to a rigid body.
-        Collective.
-
-        Args:
-            what: a rigid body that exists, or the mass [kg] of a bar that is made along the end.
-            bar: side [m] of the square section of such a bar.
-
-        Raises:
-            InputError: `what` is neither a rigid body nor a positive number, or `bar` is not
-                positive.
-        """
+        """Make the rigid region that fixes the nodes of one end to a rigid body, or to a bar of the
+        mass `what` [kg] that is made along the end, with a square section of side `bar` [m].
+        Collective."""
         # Imported here: a tube without caps does not load it.
         from gossamer_fx.mechanics.constraints.rigid_region import RigidRegion
 
@@ -248,16 +240,9 @@ class InflatableTube:
         return RigidRegion(self.film, end, rigid_body=body, name=f"{self.name} {end} cap")
 
     def _bar(self, end: str, mass: float, side: float) -> RigidBody:
-        """Make a rigid bar along the nodes of an end, at the position where the tube starts.
-        Collective.
-
-        Args:
-            mass: [kg], positive.
-            side: side [m] of the bar's square section; its length is the extent of the nodes.
-
-        Returns:
-            The body, with its first axis along the line and its centre at the mean of the nodes.
-        """
+        """Make a rigid bar of a mass [kg] along the nodes of an end, where the tube starts: its
+        first axis along their line, its centre at their mean, its length their extent, its square
+        section of a side [m].  Collective."""
         index_map = self.film.block.index_map
         comm = self.film.comm
         nodes = self.film.nodes(end)
@@ -290,19 +275,8 @@ class InflatableTube:
     def _contact(
         self, distance: float, stiffness: float | None, obstacles: tuple[Obstacle, ...]
     ) -> Contact:
-        """Make the contact of the film with itself and with obstacles.  Collective.
-
-        The caller has checked that the distance is positive; `Contact` checks the rest.
-
-        Args:
-            distance: activation distance [m], the gap below which pairs repel each other; positive.
-            stiffness: [N/m³], positive; None: from closing speeds.
-
-        Raises:
-            InputError: the distance or stiffness is not positive and finite, the distance is too
-                large for the shortest edge of the film, or an obstacle is given twice or has no
-                surface.
-        """
+        """Make the contact of the film with itself and with obstacles, with an activation distance
+        [m] and a stiffness [N/m³], None for that of closing speeds.  Collective."""
         # Imported here: a tube without contact does not load it.
         from gossamer_fx.mechanics.contact.contact import Contact
 
@@ -315,15 +289,8 @@ class InflatableTube:
         )
 
     def inlet(self, source: Tank | Reservoir, area: float | Callable[[float], float]) -> Orifice:
-        """The valve from a tank or reservoir into the first compartment.
-
-        Args:
-            source: volume of gas from which the valve is fed.
-            area: opening [m²], a number or a function of time [s].
-
-        Raises:
-            InputError: the area is negative or infinite, or the source is of another type.
-        """
+        """The valve from a tank or reservoir into the first compartment, with an opening [m²] that
+        is a number or a function of time [s]."""
         return Orifice(
             source,
             self.chambers[0],
@@ -333,15 +300,8 @@ class InflatableTube:
         )
 
     def vent(self, outside: Ambient, area: float | Callable[[float], float]) -> Orifice:
-        """The hole from the last compartment to the surroundings.
-
-        Args:
-            outside: the surroundings, with their pressure.
-            area: opening [m²], a number or a function of time [s].
-
-        Raises:
-            InputError: the area is negative or infinite, or `outside` is of another type.
-        """
+        """The hole from the last compartment to the surroundings, with an opening [m²] that is a
+        number or a function of time [s]."""
         return Orifice(
             self.chambers[-1],
             outside,

@@ -89,10 +89,6 @@ class LiddedBox:
         turn: Vector = (0.0, 0.0, 0.0),
         name: str = "box",
     ) -> None:
-        """Check the arguments, and make lid, hinge, spring, latch and stop.
-
-        The box is open at the top, +z, with a lid on a hinge, which a latch holds shut until it is
-        released."""
         self.name = name
         self._wall = wall_thickness
         self._half: Array = np.asarray(sizes, dtype=float) / 2
@@ -189,16 +185,9 @@ class LiddedBox:
         return float(x), float(y), float(z)
 
     def _lid(self, mass: float, inertia: Array, local: Vector) -> RigidBody:
-        """Make the lid as a rigid body that moves as the carrying body does at the start.
-
-        With a carrying body it is collective, and the lid has its velocity and spin; otherwise it
-        is at rest.
-
-        Args:
-            mass: [kg].
-            inertia: principal moments of inertia (3,) [kg m²] about the axes of the box.
-            local: centre of the lid (3,) [m], in axes of the box from its centre.
-        """
+        """Make the lid of a mass [kg], with principal moments of inertia (3,) [kg m²] about the
+        axes of the box and its centre `local` (3,) [m] in these axes, as a rigid body that moves as
+        the carrying body does at the start.  Collective with a carrying body."""
         position = self._at(local)
         given: dict[str, Any] = {}
         if self._body is not None:
@@ -224,13 +213,9 @@ class LiddedBox:
         )
 
     def _cord(self, half_height: float, length: float, stiffness: float) -> Rope:
-        """Make the stop: a rope from the rim opposite of the hinge to the end of the lid.
-
-        Args:
-            half_height: height [m] of the lid's middle plane above the centre of the box.
-            length: length [m] of the rope, at which it becomes tight.
-            stiffness: [N/m].
-        """
+        """Make the stop: a rope from the rim opposite of the hinge to the end of the lid, tight at
+        a length [m], of a stiffness [N/m].  The lid's middle plane is `half_height` [m] above the
+        centre of the box."""
         end = self._at((float(self._half[0]), 0.0, half_height))
         rim: Attached = Ground(end)
         if self._body is not None:
@@ -245,13 +230,8 @@ class LiddedBox:
 
     @property
     def obstacles(self) -> tuple[Box, ...]:
-        """The box as obstacles for a `Contact`: five slabs (four walls and the floor), then the
-        lid.
-
-        The slabs stand still or move with the body that carries the box; the sixth `Box` moves with
-        the lid.  Each call makes new objects; their centres and sizes are in m, in the initial
-        state.
-        """
+        """New obstacles for a `Contact`: four walls and the floor, which stand still or move with
+        the body that carries the box, then the lid, which is a `Box` on its body."""
         # Imported here: a box that nothing touches does not load contact.
         from gossamer_fx.mechanics.contact.obstacles import Box
 

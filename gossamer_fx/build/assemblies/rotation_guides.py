@@ -85,10 +85,6 @@ class RotationGuides:
         reel_depth: float = 1.2,
         name: str = "guides",
     ) -> None:
-        """Check the arguments, and make ring, joint, brake and reel.
-
-        The assembly is a ring with upright rods that turns about the z axis of a hub against a
-        brake, and lets wound arms of a sail unwind; a reel can draw it down."""
         self.name = name
         check(
             1 <= count <= MAX_RODS,
@@ -155,12 +151,7 @@ class RotationGuides:
 
     @property
     def rods(self) -> tuple[Cylinder, ...]:
-        """The upright rods as cylinders, obstacles for a `Contact`, one for each of the `count`
-        rods.
-
-        They move with the ring.  Each call makes new objects.  Their radius, ends and positions are
-        in m, in the axes of the ring at the start.
-        """
+        """The rods as new cylinders that move with the ring, obstacles for a `Contact`."""
         # Imported here: guides without contact do not load it.
         from gossamer_fx.mechanics.contact.obstacles import Cylinder
 

@@ -79,13 +79,6 @@ class Ikaros(FoldMap):
     out: int = 0
 
     def __post_init__(self) -> None:
-        """Check the arguments, counts [-] and lengths [m], before any use.
-
-        Raises:
-            InputError: less than 3 trapezoids, rows that are not 0 < inner < outer, bends not from
-                1 to inner - 1, tips out of an arm that is not wound, a length out of its range, or
-                layers that leave no room for a hub.
-        """
         self._check(self.n >= 3, f"n is {self.n!r}; give at least 3 trapezoids.")
         self._check(
             0 < self.inner < self.outer,
@@ -138,21 +131,8 @@ class Ikaros(FoldMap):
         return _Tilted(**vars(self.pressed()))
 
     def place(self, X: Array, side: Array) -> Array:
-        """Return the folded positions of points of a flat sail of n trapezoids round a hub.
-
-        Each trapezoid is folded at its rows to a strip that stands on edge; the strip lies round
-        the hub and out along an arm, or its arms are wound round the hub, too.
-
-        In the code u is the coordinate along the trapezoid in columns, i the column before the
-        point, and p (n, 2) [m] the position in the frame of the trapezoid.
-
-        Args:
-            X: points (n, 3) [m] of the flat sail, in the plane z = 0, centre at the origin.
-            side: sheet of each point (n,), which makes no difference here.
-
-        Returns:
-            positions (n, 3) [m].
-        """
+        """In the code u is the coordinate along the trapezoid in columns, i the column before the
+        point, and p (n, 2) [m] the position in the frame of the trapezoid."""
         # The trapezoid of each point, and its turn from the one whose middle is at negative y.
         angle = np.arctan2(X[:, 1], X[:, 0]) + np.pi / 2
         trapezoid = np.round(angle / (2 * np.pi / self.n))
@@ -189,16 +169,11 @@ class Ikaros(FoldMap):
         return wave
 
     def _corner(self, i: Array, layer: Array) -> Array:
-        """Return where a folded strip has its corners on the hub and on a radial arm, seen from
-        above.
+        """Where a folded strip has its corners, seen from above: positions (n, 2) [m] in the frame
+        of a trapezoid whose middle is at (0, -radius).
 
-        Args:
-            i: column of each point (n,), 0 in the middle of the trapezoid; up to `bends` on either
-                side it is on the hub, beyond on an arm.
-            layer: layers (n,) from the innermost one.
-
-        Returns:
-            positions (n, 2) [m] in the frame of a trapezoid whose middle is at (0, -radius).
+        Column i (n,) is 0 in the middle of the trapezoid; up to `bends` on either side it is on the
+        hub, beyond on a radial arm.  Layers (n,) count from the innermost one.
         """
         side = np.sign(i)
         far = np.maximum(np.abs(i) - self.bends, 0) * self.column
@@ -231,18 +206,13 @@ class Ikaros(FoldMap):
         return self.outer - self.bends
 
     def _rise(self, p: Array) -> Array:
-        """Return the height above the hub, in layers of film, of a strip that is wound round it.
+        """Layers of film (n,) between the hub and the seam of a strip that is wound round it, at p
+        ≥ 0 columns (n,) from where its trapezoid begins.
 
         A trapezoid takes 2 `bends` columns of the circumference, on which both halves of its arm
         lie, as many layers each as the arm has columns.  Over these columns a strip rises linearly,
         by the layers of one half and one more.  At the first column of the next trapezoid it is
         above both halves of all that it has passed.
-
-        Args:
-            p: columns (n,) from where the trapezoid of the strip begins, ≥ 0.
-
-        Returns:
-            (n,) layers between the hub and the seam of the strip.
         """
         columns_of_trapezoid = 2 * self.bends
         # 0 on the columns of the first trapezoid, the last of them included.
@@ -264,24 +234,17 @@ class Ikaros(FoldMap):
         return float(highest)
 
     def _wound(self, i: Array, row: Array, back: npt.NDArray[np.bool_]) -> Array:
-        """Return where columns of a folded strip are in the roll, if its arms are wound round the
-        hub.
+        """Where columns of a folded strip are in the roll, if its arms are wound round the hub:
+        positions (n, 2) [m] in the frame of the trapezoid, whose middle is at (0, -radius).
 
-        The strip and its half that turned back lie above each other with their outer edges
-        together, the seams outside. Of the turns, which enclose each other, the inner ones are
-        shorter.  Tips stand out radially; outer layers bend outwards earlier, so that layers stay
-        apart and none is stretched.
+        The strip and its half that turned back (`back`, at the column -bends) lie above each other
+        with their outer edges together, the seams outside.  Of the turns, which enclose each other,
+        the inner ones are shorter.  Tips stand out radially; outer layers bend outwards earlier, so
+        that layers stay apart and none is stretched.
 
-        N is the number of columns on an arm, p the column on the hub, counted from where the
+        Column i (n,) is 0 in the middle of the trapezoid, `row` (n,) counts from the centre of the
+        sail.  N is the number of columns on an arm, p the column on the hub, counted from where the
         trapezoid begins, and r [m] the distance from the axis of the hub.
-
-        Args:
-            i: column of each point (n,), 0 in the middle of its trapezoid.
-            row: its row (n,), counted from the centre of the sail.
-            back: where the strip has turned back, at the column -bends (n,).
-
-        Returns:
-            positions (n, 2) [m] in the frame of the trapezoid, whose middle is at (0, -radius).
         """
         N = self._arm
         corner = self.outer - self.out  # column from which on the tip stands out

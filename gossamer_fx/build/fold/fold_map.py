@@ -25,20 +25,11 @@ from gossamer_fx.mechanics.connectors.crease import MOUNTAIN, VALLEY, Crease
 
 @dataclass(frozen=True, eq=False)
 class Folded:
-    """Initial positions of a film by a fold map; velocities do not change.  `FoldMap.start` makes
-    it.
+    """Initial positions of a film by a fold map, turned by a rotation vector [rad] about the origin
+    of the folded shape, which is moved to `origin` [m]; velocities do not change.  `FoldMap.start`
+    makes it.
 
     Ports, joints, tethers, contact and probes start with the folded film.
-
-    Args:
-        film: the film.
-        folds: the map.
-        origin: position of the origin of the folded shape [m].
-        turn: rotation vector [rad] about that point.
-        name: in messages.
-
-    Raises:
-        InputError: origin or turn is not three finite numbers, or positions are not finite.
     """
 
     film: Membrane
@@ -62,14 +53,9 @@ class Folded:
         start.place(self.film, self.positions())
 
     def positions(self) -> Array:
-        """Return the folded positions (n, 3) [m] of this rank's nodes of the film.  Collective.
-
-        X (n, 3) [m] are the nodes on the flat film, R (3, 3) is the rotation by `turn`.
-
-        Raises:
-            InputError: on all ranks, if the map is for a film of another size, or gives positions
-                that are not finite.
-        """
+        """Return the folded positions (n, 3) [m] of this rank's nodes of the film.  Collective.  A
+        map for a film of another size, or one that gives positions that are not finite, raises
+        `InputError` on all ranks."""
         owned = self.film.block.index_map.size_local
         X = self.film.space.tabulate_dof_coordinates()[:owned]
         self.folds.check_fits(*box(self.film.comm, X))
@@ -85,14 +71,8 @@ class Folded:
         return placed
 
     def strain_energy(self) -> float:
-        """Return the elastic energy ∫ ψ(E) dA [J] of the film in the folded start.  Collective.
-
-        It is zero but for round-off and for what keeps layers apart.
-
-        Raises:
-            InputError: the map is for a film of another size, or gives positions that are not
-                finite.
-        """
+        """Return the elastic energy ∫ ψ(E) dA [J] of the film in the folded start, zero but for
+        round-off and for what keeps layers apart.  Collective."""
         film = self.film
         x = fem.Function(film.space)
         owned = 3 * film.block.index_map.size_local
@@ -103,10 +83,8 @@ class Folded:
         return float(film.comm.allreduce(own))
 
     def _sides(self) -> Array:
-        """Return the sheet of each local node (n,): 1 upper, -1 lower, 0 where both are joined.
-
-        It is 0 everywhere on a film without the groups "top" and "bottom".
-        """
+        """Return the sheet of each local node (n,): 1 upper, -1 lower, 0 where both are joined, and
+        everywhere on a film without the groups "top" and "bottom"."""
         index_map = self.film.block.index_map
         side = np.zeros(index_map.size_local + index_map.num_ghosts)
         if has_two_sheets(self.film.mesh):
@@ -153,12 +131,8 @@ class FoldMap(ABC):
 
     @abstractmethod
     def place(self, X: Array, side: Array) -> Array:
-        """Folded positions (n, 3) [m].
-
-        Args:
-            X: points (n, 3) of the flat film [m].
-            side: 1 on the upper sheet, -1 on the lower one, else 0, (n,).
-        """
+        """Folded positions (n, 3) [m] of points X (n, 3) [m] of the flat film; `side` (n,) is 1 on
+        the upper sheet, -1 on the lower one, else 0."""
 
     @abstractmethod
     def pressed(self) -> FoldMap:
@@ -179,14 +153,8 @@ class FoldMap(ABC):
         return ()
 
     def check_fits(self, low: Array, high: Array) -> None:
-        """Check that the map is for a film of this extent.
-
-        Args:
-            low, high: smallest and largest coordinates (3,) [m] of the flat film on all ranks.
-
-        Raises:
-            InputError: the film has other `film_sizes`, or does not begin at the origin.
-        """
+        """Raise `InputError` unless the map is for a flat film with these smallest and largest
+        coordinates (3,) [m] on all ranks: of its `film_sizes`, and beginning at the origin."""
         for axis, size in enumerate(self.film_sizes()):
             name = "xy"[axis]
             misfit = max(abs(float(low[axis])), abs(float(high[axis]) - size))
@@ -199,11 +167,8 @@ class FoldMap(ABC):
             )
 
     def lines(self, mesh: Mesh) -> list[FoldLine]:
-        """The fold lines as edges of a mesh, with their angles.  Collective.
-
-        Raises:
-            InputError: a triangle lies on both sides of a fold line.
-        """
+        """The fold lines as edges of a mesh, with their angles; `InputError` if a triangle lies on
+        both sides of one.  Collective."""
         return find_lines(self, mesh)
 
     def mark(self, mesh: Mesh) -> Mesh:

@@ -69,12 +69,6 @@ class Star(FoldMap):
     gap: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments, counts [-] and lengths [m], before any use.
-
-        Raises:
-            InputError: less than 3 sides, columns that are not 1 ≤ columns ≤ reach, a side that is
-                not positive, a negative gap, or layers that leave no room for a hub.
-        """
         self._check(self.n >= 3, f"n is {self.n!r}; give a polygon of at least 3 sides.")
         self._check(
             1 <= self.columns <= self.reach,
@@ -109,16 +103,7 @@ class Star(FoldMap):
         return _Open(self.n, self.side, columns=self.columns, reach=self.reach)
 
     def place(self, X: Array, side: Array) -> Array:
-        """Return the folded positions of points of a flat ring, whose pleats wind round a polygonal
-        hub.
-
-        Args:
-            X: points (m, 3) [m] in the plane z = 0, outside the polygon round the origin.
-            side: sheet of each point (m,), which makes no difference here.
-
-        Returns:
-            positions (m, 3) [m]; NaN for points within the polygon.
-        """
+        """NaN for points within the polygon."""
         # Of each point (m,): the corner k of the polygon at which its sector begins; its distance s
         # [m] from that corner along the nearer bound of the sector; its depth [m] below the bounds
         # of the sector in the roll; and 1 behind the bisector of the sector, else 0.
@@ -137,21 +122,14 @@ class Star(FoldMap):
         return np.column_stack([p, -down])
 
     def _unrolled(self, X: Array) -> tuple[Array, Array, Array, Array]:
-        """Return the coordinates of points of a ring in the sector of the polygon's corner that
-        they belong to.
+        """Coordinates of points X (m, 3) [m] of the flat ring in the sector of the polygon's corner
+        that they belong to, four arrays (m,); NaN for points within the polygon.
 
-        In the code c and d are cosine and sine of the turn of a sector, ρ [m] and ψ [rad] the polar
-        coordinates of a point about the corner.
-
-        Args:
-            X: points (m, 3) [m] of the flat ring.
-
-        Returns:
-            Four arrays (m,): the corner k of the polygon, from 0, at which the sector of the point
-            begins; the distance [m] of the point from that corner along the nearer of both bounds
-            of the sector, s - k a in the description of the class; its distance [m] from that
-            bound, the depth -z in the roll; and 1 behind the bisector of the sector, else 0.
-            Points within the hub's polygon have no coordinates: all are NaN.
+        They are the corner k, from 0, at which the sector begins; the distance [m] from that corner
+        along the nearer of both bounds of the sector, s - k a; the distance [m] from that bound,
+        the depth -z in the roll; and 1 behind the bisector of the sector, else 0.  In the code c
+        and d are cosine and sine of the turn of a sector, ρ [m] and ψ [rad] the polar coordinates
+        about the corner.
         """
         sector = 2 * math.pi / self.n
         apothem = self.side / 2 / math.tan(math.pi / self.n)
@@ -193,18 +171,10 @@ class Star(FoldMap):
         depth: Array,
         is_behind: Array,
     ) -> Array:
-        """Return where points on columns, lines across the pleats, are in the roll, seen from
-        above.
-
-        Args:
-            k: corner of the polygon at which the sector of each point begins (m,).
-            column: number of columns from that corner (m,).
-            depth: from 0 at the bound of the sector (z = 0) to 1 at its bisector (m,).
-            is_behind: 1 behind the bisector, else 0, (m,).
-
-        Returns:
-            horizontal positions (m, 2) [m] of the m points.
-        """
+        """Horizontal positions (m, 2) [m] in the roll of points on columns, lines across the
+        pleats: the corner k (m,) of their sector, the number of columns from it (m,), the depth
+        (m,) from 0 at the bound of the sector (z = 0) to 1 at its bisector, and 1 behind the
+        bisector, else 0, (m,)."""
         # Sides of the hub since the corner.  A pleat of two layers starts at the corner, and has
         # its whole thickness after the first side.
         j = column / self.columns
@@ -230,15 +200,7 @@ class _Open(Star):
         return self
 
     def place(self, X: Array, side: Array) -> Array:
-        """Return positions (m, 3) [m] in the same roll with layers apart, so that no fold is shut.
-
-        Args:
-            X: points (m, 3) [m] of the flat ring.
-            side: sheet of each point (m,), which makes no difference here.
-
-        Returns:
-            positions (m, 3) [m]; NaN for points within the polygon.
-        """
+        """The same roll with layers apart, so that no fold is shut."""
         # A plain `Star`, as the radius of this class is that without a gap.
         star = Star(
             n=self.n,

@@ -30,12 +30,8 @@ MAX_BENDS = 100_000
 
 @dataclass(frozen=True)
 class Bent:
-    """A line along x that is bent at corners; it begins at the origin.
-
-    Attributes:
-        corners: their coordinates x (m,) [m] on the straight line.
-        rise: direction (m + 1,) [rad] of each piece, its angle against the x axis.
-    """
+    """A line along x from the origin that is bent at corners x (m,) [m]; its pieces have the
+    directions `rise` (m + 1,) [rad] against the x axis."""
 
     corners: Array
     rise: Array
@@ -52,17 +48,9 @@ class Bent:
         return x, positions, tangents
 
     def at(self, x: Array) -> tuple[Array, Array]:
-        """Return where points of a straight line are after it is bent at corners, and unit normals
-        there.
-
-        Args:
-            x: coordinates (n,) [m] on the straight line; beyond its ends the first and last piece
-                go on.
-
-        Returns:
-            positions (n, 2) [m] and normals (n, 2).  At a corner the normal is the mean of both
-            pieces, zero where these are folded back on each other.
-        """
+        """Positions (n, 2) [m] of points x (n,) [m] of the straight line after it is bent, and unit
+        normals (n, 2).  Beyond its ends the first and last piece go on.  At a corner the normal is
+        the mean of both pieces, zero where these are folded back on each other."""
         starts, positions, tangents = self._knots
         last = len(tangents) - 1
         size = max(float(np.abs(starts).max()), float(np.abs(x).max(initial=0.0)))
@@ -88,14 +76,9 @@ class Bent:
 
 @dataclass(frozen=True)
 class Strip(FoldMap):
-    """A strip along x from x = 0, bent across: the common part of accordions and rolls.
-
-    Two sheets, one on each side of the strip, may be apart; the map of one sheet alone is
-    isometric.
-
-    Args:
-        length: of the strip [m].
-    """
+    """A strip of a length [m] along x from x = 0, bent across: the common part of accordions and
+    rolls.  Two sheets, one on each side of the strip, may be apart; the map of one sheet alone is
+    isometric."""
 
     length: float
 
@@ -105,17 +88,6 @@ class Strip(FoldMap):
         raise NotImplementedError
 
     def place(self, X: Array, side: Array) -> Array:
-        """Return the folded positions of points of a flat strip that is bent across: an accordion
-        or a roll.
-
-        Args:
-            X: points (n, 3) [m] in the plane z = 0, x along the strip from 0 to `length`.
-            side: 1 on the upper sheet, -1 on the lower one, 0 where they are joined or for one
-                sheet, (n,).
-
-        Returns:
-            positions (n, 3) [m].
-        """
         # p are positions (n, 2) [m] on the bent line.
         p, normal = self.bent.at(X[:, 0])
         p = p + (side * self.thickness(X))[:, None] * normal
@@ -143,14 +115,8 @@ class Strip(FoldMap):
         return nearest
 
     def _check_strip(self, lengths: tuple[str, ...]) -> None:
-        """Check the length, other lengths, and that sheets that are opened have a width.
-
-        Args:
-            lengths: names of arguments that are zero or positive [m].
-
-        Raises:
-            InputError: names the argument and its value.
-        """
+        """Check that the named lengths [m] are zero or positive, and that sheets that are opened
+        have a width."""
         self._check_positive("length")
         self._check_not_negative(*lengths)
         opened = any(getattr(self, what, 0.0) for what in ("opening", "lift"))
@@ -213,13 +179,6 @@ class Zigzag(Strip):
     spacing: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments, counts [-], lengths [m] and the angle [rad], before any use.
-
-        Raises:
-            InputError: a length out of its range, less than 2 panels, an angle that is not above 0
-                and up to π/2, several bends without a spacing or one with it, or bends that take
-                more than a panel.
-        """
         self._check_strip(("width", "opening", "lift", "spacing"))
         self._check(self.panels >= 2, f"panels is {self.panels!r}; give at least 2.")
         self._check(
@@ -244,16 +203,9 @@ class Zigzag(Strip):
 
     @cached_property
     def bent(self) -> Bent:
-        """Line of the strip seen from the side.
-
-        Each of the `panels` - 1 folds is bent at `bends` rows of edges by equal angles, so that
-        there are c = (`panels` - 1) `bends` corners.
-
-        Returns:
-            coordinates x (c,) [m] of the corners on the flat strip, and directions (c + 1,) [rad]
-            of the pieces before, between and after them against the x axis, from -`angle` to
-            `angle`.
-        """
+        """Line of the strip seen from the side: c = (`panels` - 1) `bends` corners, since each fold
+        is bent at `bends` rows of edges by equal angles, and directions (c + 1,) from -`angle` to
+        `angle`."""
         # The rows of a fold lie symmetrically about its middle.
         rows = (np.arange(self.bends) - (self.bends - 1) / 2) * self.spacing
         folds = self.length * np.arange(1, self.panels) / self.panels
@@ -273,28 +225,16 @@ class Zigzag(Strip):
         return replace(self, angle=AJAR * self.angle)
 
     def thickness(self, X: Array) -> Array:
-        """Return half of the distance (n,) [m] of the sheets: a pillow between folds.
-
-        It is zero at folds and seams, and everywhere without `opening`.
-
-        Args:
-            X: points (n, 3) [m] of the flat strip.
-        """
+        """Half of the distance (n,) [m] of the sheets at points (n, 3) [m] of the flat strip: a
+        pillow between folds, zero at folds and seams, and everywhere without `opening`."""
         if not self.opening:
             return np.zeros(len(X))
         along = np.abs(np.sin(np.pi * X[:, 0] / self.length * self.panels))
         return self.opening * along * self._across(X)
 
     def shift(self, X: Array) -> Array:
-        """Return the shift (n,) [m] of the upper sheet along z; the lower one is shifted against
-        it.
-
-        It is `lift` at all folds, on the centre line, and grows from zero at both ends of the
-        strip.
-
-        Args:
-            X: points (n, 3) [m] of the flat strip.
-        """
+        """Shift (n,) [m] of the upper sheet along z, of the lower one against it: `lift` at all
+        folds, on the centre line, growing from zero at both ends of the strip."""
         if not self.lift:
             return np.zeros(len(X))
         from_end = np.minimum(X[:, 0], self.length - X[:, 0])
@@ -349,12 +289,6 @@ class Roll(Strip):
     opening: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the arguments, counts [-] and lengths [m], before any use.
-
-        Raises:
-            InputError: a length out of its range, no bends or too many, a straight part that is not
-                shorter than the strip, or rows farther apart than two thirds of the radius.
-        """
         self._check_strip(("radius", "pitch", "width", "opening"))
         self._check(
             1 <= self.bends <= MAX_BENDS,
@@ -382,18 +316,12 @@ class Roll(Strip):
 
     @cached_property
     def bent(self) -> Bent:
-        """Line of the strip seen from the side, bent at b = `bends` corners.
+        """Line of the strip seen from the side, bent at `bends` corners.
 
         Between the corners each piece is a chord of the circle round the axis of the roll, whose
-        radius grows from the inside outwards.  The radius is positive, and the length of a chord at
-        most two thirds of it, as `__post_init__` has checked: no chord is too long for its circle,
-        and no error is raised here.
-
-        Returns:
-            coordinates x (b,) [m] of the corners on the flat strip, and directions (b + 1,) [rad]
-            of the pieces against the x axis.  The first piece, before the first corner, has the
-            direction 0; each later direction is that of the piece before plus the angle of the
-            corner, so that it exceeds 2π after a turn.
+        radius grows from the inside outwards.  A chord is at most two thirds of the radius, as
+        `__post_init__` has checked.  The first piece has the direction 0; each later one is that of
+        the piece before plus the angle of the corner, so that it exceeds 2π after a turn.
         """
         rows = self._rows
         # From the innermost piece outwards, as the radius grows in this direction.  `angle` [rad]
@@ -413,14 +341,8 @@ class Roll(Strip):
         return replace(self, opening=0.0)
 
     def thickness(self, X: Array) -> Array:
-        """Return half of the distance (n,) [m] of the sheets.
-
-        It is zero at seams and ends, and grows to `opening` over a tenth of the length from each
-        end.
-
-        Args:
-            X: points (n, 3) [m] of the flat strip.
-        """
+        """Half of the distance (n,) [m] of the sheets: zero at seams and ends, it grows to
+        `opening` over a tenth of the length from each end."""
         if not self.opening:
             return np.zeros(len(X))
         from_end = np.minimum(X[:, 0], self.length - X[:, 0])

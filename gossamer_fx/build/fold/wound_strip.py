@@ -62,12 +62,6 @@ class Spiral(FoldMap):
         return (self.length, self.rows * self.pitch)
 
     def __post_init__(self) -> None:
-        """Check the arguments, counts [-] and lengths [m], before any use.
-
-        Raises:
-            InputError: a length that is not positive, a negative gap, less than 1 column or row or
-                6 columns in a turn, or layers that leave no room for a hub.
-        """
         self._check_positive("length", "pitch")
         for what, least in (("columns", 1), ("around", 6), ("rows", 1)):
             value = getattr(self, what)
@@ -99,19 +93,8 @@ class Spiral(FoldMap):
         return _Open(**vars(self.pressed()))
 
     def place(self, X: Array, side: Array) -> Array:
-        """Return the folded positions of points of a flat strip: folded at its rows, and wound
-        round a hub.
-
-        u is the coordinate along the strip in columns, i the column before a point, p (n, 2) [m]
-        its position seen along the axis of the hub.
-
-        Args:
-            X: points (n, 3) [m] in the plane z = 0, x along the strip, y across from 0 on.
-            side: sheet of each point (n,), which makes no difference here.
-
-        Returns:
-            positions (n, 3) [m].
-        """
+        """In the code u is the coordinate along the strip in columns, i the column before a point,
+        p (n, 2) [m] its position seen along the axis of the hub."""
         layer = X[:, 1] / self.pitch
         z = self.pitch * np.abs(np.remainder(layer + 1, 2) - 1)
         # A point lies between the columns i and i + 1, on the chord between their corners.
@@ -124,13 +107,8 @@ class Spiral(FoldMap):
         return np.column_stack([p, z])
 
     def _corner(self, i: Array, layer: Array) -> Array:
-        """Return corners (n, 2) [m] of the wound strip at whole columns, seen along the axis of the
-        hub.
-
-        Args:
-            i: column of each corner (n,), from the beginning of the strip.
-            layer: layers (n,) from the innermost one of its turn.
-        """
+        """Corners (n, 2) [m] of the wound strip at whole columns i (n,), seen along the axis of the
+        hub, in layers (n,) from the innermost one of the turn."""
         turns = i / self.around
         # Distance from the axis of the hub [m]
         r = self.radius + self.gap * (layer + (self.rows + 1) * turns)

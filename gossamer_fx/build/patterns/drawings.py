@@ -94,18 +94,9 @@ def read_dxf(
 
 
 def panels_of(drawing: Drawing, path: str) -> list[Panel]:
-    """The panels of a drawing, named, from left to right.
-
-    A panel is a closed outline with the holes in it; its name is a text within it, or "panel 1",
-    ...
-
-    Args:
-        drawing: curves and texts with their points [m].
-        path: of the file, for messages.
-
-    Raises:
-        InputError: there are no outlines, one is open, or names are not unique.
-    """
+    """The panels of a drawing [m], from left to right: closed outlines with the holes in them.  The
+    name is a text within a panel, or "panel 1", ...  `InputError`: there are no outlines, one is
+    open, or names are not unique."""
     check(
         bool(drawing.curves),
         f"The drawing '{path}' has no lines, arcs or splines in its model space; draw closed "
@@ -140,15 +131,9 @@ def panels_of(drawing: Drawing, path: str) -> list[Panel]:
 
 
 def _read(path: Path, scale: float | None) -> Drawing:
-    """Read curves and texts of a DXF file, scaled to metres.
-
-    Args:
-        scale: metres in a unit of the drawing; None: the drawing says its unit.
-
-    Raises:
-        InputError: the file does not exist, cannot be read, is not DXF, or has no unit; or the
-            package ezdxf is not installed.
-    """
+    """Read curves and texts of a DXF file, scaled to metres, by the unit of the drawing if `scale`
+    is None.  `InputError`: the file cannot be read, is not DXF or has no unit, or ezdxf is not
+    installed."""
     check(path.is_file(), f"There is no drawing '{path}'; give the path of a DXF file.")
     try:
         import ezdxf
@@ -175,9 +160,8 @@ def _read(path: Path, scale: float | None) -> Drawing:
 
 
 def _take(entity: Any, scale: float, drawing: Drawing) -> None:
-    """Add an entity of a DXF file to a drawing, if it is a curve or a text; others are left out.
-
-    Parts of polylines and blocks are added one by one."""
+    """Add an entity of a DXF file to a drawing, if it is a curve or a text; polylines and blocks
+    part by part."""
     kind = entity.dxftype()
     layer = str(entity.dxf.layer)
     if kind == "LINE":
@@ -214,18 +198,9 @@ def _halves(curve: DrawnCurve) -> list[DrawnCurve]:
 
 
 def _loops(curves: Sequence[DrawnCurve], tolerance: float, path: str) -> list[list[DrawnCurve]]:
-    """Closed loops of curves, each turned so that it begins where the one before ends.
-
-    Args:
-        curves: of a drawing, with points (m, 2) [m].
-        tolerance: distance of the ends of two curves that meet [m].
-
-    Returns:
-        the loops, counterclockwise.
-
-    Raises:
-        InputError: a curve has an end at which no other one ends, or several do.
-    """
+    """Closed loops of curves with points (m, 2) [m], counterclockwise, each curve turned so that it
+    begins where the one before ends, within a tolerance [m].  `InputError`: a curve has an end at
+    which no other one ends, or several do."""
     # Points at which curves end, and the curves that end at each of them.
     joints: list[Array] = []
     meeting: list[list[int]] = []
@@ -299,11 +274,7 @@ def _is_inside(point: Array, polygon: Array) -> bool:
 
 
 def _check_names(panels: Sequence[Panel], path: str) -> None:
-    """Raise `InputError` unless all groups of the mesh have different names.
-
-    Raises:
-        InputError: a panel has the name of another panel, of a layer, or "film".
-    """
+    """Raise `InputError` if a panel has the name of another panel, of a layer, or "film"."""
     layers = {curve.layer for panel in panels for loop in panel.loops for curve in loop}
     check(
         ALL_PANELS not in layers,
@@ -326,14 +297,9 @@ def _check_names(panels: Sequence[Panel], path: str) -> None:
 
 
 def _build(model: Any, panels: Sequence[Panel], size: float) -> None:
-    """Put the panels into a gmsh model as plane surfaces, and mesh them; on one rank.
-
-    Neighbouring panels share no edge: seams join them later.
-
-    Args:
-        panels: with loops of curves [m], of which the first is the outer one.
-        size: of the cells [m].
-    """
+    """Put the panels [m], the outer loop of each first, into a gmsh model as plane surfaces, and
+    mesh them with cells of a size [m]; on one rank.  Neighbouring panels share no edge: seams join
+    them later."""
     geo = model.geo
     on_layer: dict[str, list[int]] = {}
     surfaces = {}

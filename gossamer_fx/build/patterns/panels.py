@@ -265,11 +265,8 @@ def _first(found: Any) -> int:
 
 
 def _triangles(rows: Sequence[Any]) -> list[tuple[int, int, int]]:
-    """Triangles between rows of nodes, with normals along z; a row of one node is a tip.
-
-    Returns:
-        three numbers of nodes for each triangle.
-    """
+    """Triangles between rows of nodes, as three of their numbers each, with normals along z; a row
+    of one node is a tip."""
     found = []
     for i, (a, b) in enumerate(pairwise(rows)):
         if len(a) == 1 or len(b) == 1:

@@ -65,12 +65,8 @@ def _fibre(
     grams_per_cm3: float,
     source: str,
 ) -> Fibre:
-    """A fibre whose modulus is given in the makers' unit cN/dtex; the result is in SI units.
-
-    Args:
-        cn_per_dtex: tensile modulus [cN/dtex].
-        grams_per_cm3: density [g/cm³].
-    """
+    """A fibre in SI units, from a tensile modulus in the makers' unit cN/dtex and a density in
+    g/cm³."""
     return Fibre(
         name,
         E=cn_per_dtex * grams_per_cm3 * _PA_PER_CN_DTEX,

@@ -304,7 +304,8 @@ def kind_of(hint: Any) -> Kind | None:
 
 
 def _annotated(hint: Any, marks: Iterable[Any]) -> Kind | None:
-    """The test of values of an `Annotated` type; with a `Count` the number of entries is tested, too."""
+    """The test of values of an `Annotated` type; with a `Count` the number of entries is tested,
+    too."""
     kind = kind_of(hint)
     counts = [mark.entries for mark in marks if isinstance(mark, Count)]
     if kind is None or not counts:

@@ -22,10 +22,8 @@ Aperture = Callable[[float, float], float]
 # Members are properties so that frozen dataclasses fulfil the protocols: a network reads them only.
 @runtime_checkable
 class Holder(Protocol):
-    """A gas boundary of constant state: gas comes from it or goes to it, and it does not change.
-
-    Reservoirs and the surroundings are such boundaries.
-    """
+    """A gas boundary of constant state: gas comes from it or goes to it, and it does not change, as
+    reservoirs and the surroundings."""
 
     @property
     def name(self) -> str:
@@ -137,9 +135,7 @@ class Opening(Protocol):
 @runtime_checkable
 class Discharge(Opening, Protocol):
     """An opening with a geometric area and a discharge coefficient, whose effective area is C_d A.
-
-    Gradients know derivatives by these two; of another opening they know none by its numbers.
-    """
+    Gradients know derivatives by these two; of another opening they know none by its numbers."""
 
     @property
     def area(self) -> object:

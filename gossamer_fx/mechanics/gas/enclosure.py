@@ -119,17 +119,9 @@ class FilmEnclosure:
     """The volume inside a film and the strips over its rings: V = ⅓∫x·n dA, n the deformed area
     vector.
 
-    The normals may all point inwards: the compiled enclosure finds that by the sign of V at the
-    start.  The volume of a flat film is round-off; then the normals of the mesh count as outward.
-
-    Args:
-        film: the film.
-        surface: names of the groups of triangles that bound the chamber; empty for the whole film.
-        rings: rings over which strips close the chamber.
-        chamber: name of the chamber, for messages.
-
-    Raises:
-        InputError: a ring is on another film.
+    `surface` names the groups of triangles that bound the chamber, empty for the whole film.  The
+    normals may all point inwards: the compiled enclosure finds that by the sign of V at the start.
+    The volume of a flat film is round-off; then the normals of the mesh count as outward.
     """
 
     def __init__(
@@ -164,16 +156,8 @@ class FilmEnclosure:
         yield self.film
 
     def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
-        """Return the enclosure in a running scene, which evaluates its volume.  Collective.
-
-        Args:
-            system: the equations of the scene, with its initial state.
-            geometry: rings and surfaces that several enclosures share.
-
-        Raises:
-            InputError: the surface is open, its normals are not consistent, or one of several parts
-                is inside out.
-        """
+        """Raises `InputError` if the surface is open, its normals are not consistent, or one of
+        several parts is inside out."""
         loops = [geometry.loop(ring) for ring in self.rings]
         cells = self.cells(self.film)
         signs = self.check_closed(cells, loops)
@@ -185,16 +169,8 @@ class FilmEnclosure:
         return _CompiledFilm(geometry.surface(self.film), Side(owned, loops, signs))
 
     def _check_parts(self, cells: np.ndarray, system: Assembly) -> None:
-        """Refuse a surface of several parts that are not connected, one of which is inside out.
-
-        Collective.
-
-        Args:
-            cells: local triangles (n,) of the surface, owned and ghost, in rising order.
-
-        Raises:
-            InputError: one part has its normals on the other side than the largest one.
-        """
+        """Refuse a surface of several parts that are not connected, one of which has its normals on
+        the other side than the largest one.  Collective."""
         labels = label_parts(self.film.mesh.edges, cells)
         lowest = self.film.comm.allreduce(float(labels.min(initial=np.inf)), op=MPI.MIN)
         has_several = bool((labels != lowest).any())
@@ -206,14 +182,7 @@ class FilmEnclosure:
 
     def cells(self, film: Membrane) -> np.ndarray:
         """Return the local triangles (n,) of the bounding surface, owned and ghost, in rising
-        order.
-
-        Args:
-            film: the film of this enclosure; it has no other.
-
-        Raises:
-            InputError: a name of `surface` is not that of a group of triangles.
-        """
+        order."""
         if not self.surface:
             return all_triangles(film)
         groups = [self.film.mesh.group(name) for name in self.surface]
@@ -225,21 +194,12 @@ class FilmEnclosure:
         return np.unique(np.concatenate([cells for _, cells in groups]))
 
     def check_closed(self, cells: np.ndarray, loops: list[Loop]) -> list[float]:
-        """Check that triangles and strips over rings form a closed, consistently oriented surface.
+        """Check that triangles (n,), owned and ghost, and strips over rings form a closed surface,
+        in which every edge has two triangles that pass it in opposite directions; otherwise raise
+        `InputError`.
 
-        In such a surface every edge has two triangles, and they pass it in opposite directions.
-        Strips span the hole that a ring of edges leaves.  Collective.
-
-        Args:
-            cells: local triangles of the surface (n,), owned and ghost.
-            loops: the rings of the chamber, compiled, in the order of `rings`.
-
-        Returns:
-            For each ring the sign, +1 or -1, with which its strips close the surface.
-
-        Raises:
-            InputError: the surface has open edges, a ring is not on its boundary, or neighbouring
-                triangles have opposite normals.
+        Strips span the hole that a ring of edges leaves.  Returns for each of the loops, in the
+        order of `rings`, the sign, +1 or -1, with which its strips close the surface.  Collective.
         """
         comm = self.film.comm
         table = self.film.mesh.edges
@@ -292,12 +252,7 @@ class _CompiledFilm:
     """One chamber of a `FilmSurface`, with the sign of its normals."""
 
     def __init__(self, surface: FilmSurface, side: Side) -> None:
-        """Add the chamber to the surface, which computes volumes and forces of all its chambers.
-
-        Args:
-            surface: of the film.
-            side: triangles of the chamber, and their directions.
-        """
+        """Add the chamber to the surface, which computes volumes and forces of all its chambers."""
         self._surface = surface
         self._side = side
         self._index = surface.add(side)
@@ -404,13 +359,8 @@ class _CompiledPiston:
     """A piston in a running scene; its volume is linear in the coordinates, so G is constant."""
 
     def __init__(self, piston: Piston, system: Assembly) -> None:
-        """Compute the gradient of a piston's volume, area times direction [m²], in this rank's
-        unknowns.
-
-        Args:
-            piston: area [m²], direction and the point that moves.
-            system: the equations of the scene.
-        """
+        """Compute the gradient of the volume, area times direction [m²], in this rank's
+        unknowns."""
         self._system = system
         port = piston.port
         # A port is a weighted sum of nodes; the position is the first three numbers of a node.
@@ -468,13 +418,9 @@ FLAT = 1e-9
 
 @dataclass(frozen=True)
 class _Part:
-    """Volume and bounding box of one part of a surface, or of what one rank has of it.
-
-    Attributes:
-        volume: signed volume [m³] of the cones from the origin to the triangles.
-        size: sum [m³] of the absolute volumes of these cones, the scale of its round-off.
-        low, high: corners (3,) [m] of the bounding box.
-    """
+    """Signed volume [m³] of the cones from the origin to the triangles of one part of a surface, or
+    of what one rank has of it; the sum of their absolute volumes [m³], the scale of round-off; and
+    the corners (3,) [m] of the bounding box."""
 
     volume: float
     size: float
@@ -498,17 +444,11 @@ class _Part:
 
 
 def label_parts(table: EdgeTable, cells: Cells) -> Array:
-    """Number the connected parts of a surface.  Collective.
+    """Number the connected parts of a surface of local triangles (n,), owned and ghost, in rising
+    order: the number (n,) of each triangle's part, the same on all ranks.  Collective.
 
-    Each rank finds the parts of its triangles, ghosts included, and gives each the lowest number of
-    a triangle in it.  Ranks exchange these numbers until none changes.
-
-    Args:
-        table: edges of the mesh.
-        cells: local triangles (n,) of the surface, owned and ghost, in rising order.
-
-    Returns:
-        the number (n,) of each triangle's part, the same on all ranks.
+    Each rank gives each part of its triangles, ghosts included, the lowest number of a triangle in
+    it.  Ranks exchange these numbers until none changes.
     """
     # Imported here, as a scene without chambers of films does not need it.
     from scipy.sparse import coo_array
@@ -545,20 +485,12 @@ def label_parts(table: EdgeTable, cells: Cells) -> Array:
 
 
 def check_normals(film: Membrane, chamber: str, cells: Cells, labels: Array, x: Array) -> None:
-    """Check that the parts of a closed surface have their normals on the same side.  Collective.
+    """Raise `InputError` unless the parts of a closed surface have their normals on the same side.
+    Collective.
 
     A part inside another one may be a hollow, whose normals then point into it; only parts that are
-    not inside another one are compared.  Flat parts have no volume and are not examined.
-
-    Args:
-        film: whose triangles bound the chamber.
-        chamber: its name, for the message.
-        cells: local triangles (n,) of the surface.
-        labels: number (n,) of each triangle's connected part, as `label_parts` returns it.
-        x: initial positions (m, 3) [m] of the film's local nodes.
-
-    Raises:
-        InputError: one part is inside out.
+    not inside another one are compared.  Flat parts have no volume and are not examined.  `labels`
+    (n,) are those of `label_parts`, x (m, 3) [m] initial positions of the film's local nodes.
     """
     owned = film.mesh.domain.topology.index_map(2).size_local
     is_owned = cells < owned

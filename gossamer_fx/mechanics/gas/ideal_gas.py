@@ -30,11 +30,6 @@ class IdealGas:
     R: float
 
     def __post_init__(self) -> None:
-        """Check the ratio of specific heats γ [-] and the specific gas constant R [J/(kg K)].
-
-        Raises:
-            InputError: γ is not above 1, or R is not positive.
-        """
         # γ = 1 would mean an infinite c_v: the internal energy U = p V/(γ - 1) has no value then.
         check(
             self.gamma > 1,

@@ -74,16 +74,6 @@ class IsothermalBalance(Balance):
         return np.concatenate([pressure_energy - thermal_energy, mass_balance])
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
-        """Derivatives of the residual [J, kg], by pressures and masses, and by volumes.
-
-        Args:
-            y: pressures [Pa], then masses [kg] of the n chambers.
-            V: volumes (n,) [m³].
-            W: volumes that the enclosures sweep in the step (n,) [m³]; not used in the energy rows.
-
-        Returns:
-            (2n, 2n) by y and (2n, n) by V.
-        """
         n = self._n
         by_y, by_V = super().derivatives(y, V, W)
         heat_factor = self._gas.gamma - 1
@@ -101,11 +91,8 @@ class HeldPressureBalance(Balance):
     depends_on_swept_volume = False
 
     def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
-        """Residual (2n,): excess of the pressure as energy (p1 - p0) V/(γ - 1) [J], then of the
-        mass [kg].
-
-        p1 and p0 (n,) [Pa] are the pressures at the end of the step and the held ones, those at its
-        start; γ is the ratio of specific heats."""
+        """Excess of the pressure as energy (p1 - p0) V/(γ - 1) [J], p0 the held pressure, then of
+        the mass [kg]."""
         n = self._n
         pressures = y[:n]
         masses = y[n:]
@@ -116,16 +103,6 @@ class HeldPressureBalance(Balance):
         return np.concatenate([excess_energy, excess_mass])
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
-        """Derivatives of the residual [J, kg], by pressures and masses, and by volumes.
-
-        Args:
-            y: pressures [Pa], then masses [kg] of the n chambers.
-            V: volumes (n,) [m³].
-            W: swept volumes; not used.
-
-        Returns:
-            (2n, 2n) by y and (2n, n) by V.
-        """
         n = self._n
         heat_factor = self._gas.gamma - 1
         # `_p0` (n,) [Pa] are the pressures at the start of the step, which are held.
@@ -153,15 +130,10 @@ MIN_REMAINING_SHARE = 0.1
 
 
 class GasNetwork:
-    """All chambers and openings of a scene; it plays the role `ScalarUnknowns` with y = (p1, m1).
-
-    Args:
-        items: chambers, reservoirs, surroundings, openings and walls of a scene.
-        system: the compiled scene.
+    """All chambers and openings of a scene as `ScalarUnknowns` y = (p1, m1).
 
     Attributes:
         size: number of unknowns, 2n for n chambers.
-        gas: the gas of all chambers.
         chambers: states of the chambers after the last accepted step.
         balance: their equations in a step.
         geometry: volumes and rings of the running scene.
@@ -221,11 +193,8 @@ class GasNetwork:
         )
 
     def set_static_process(self, process: str) -> None:
-        """Choose what stays constant in the chambers while an equilibrium is looked for.
-
-        Raises:
-            KeyError: another process.
-        """
+        """Choose by its name what stays constant in the chambers while an equilibrium is looked
+        for."""
         # Imported here, as runs do not need it.
         from gossamer_fx.mechanics.gas.network import (
             HeldPressureBalance,
@@ -254,15 +223,9 @@ class GasNetwork:
         return self._stiffness(exponents[self._process])
 
     def _stiffness(self, exponent: float) -> list[tuple[Array, float]]:
-        """Return the stiffness of the gas in each film or piston against volume changes, p
-        V^exponent = const.
-
-        Collective.
-
-        Returns:
-            for each of them this rank's part of the gradient of its volume [m²], and κ = exponent
-            p/V [Pa/m³]; empty for the exponent 0.
-        """
+        """Stiffness of the gas in each film or piston against volume changes, p V^exponent =
+        const.: this rank's part of the gradient of its volume [m²], and κ = exponent p/V [Pa/m³];
+        empty for the exponent 0.  Collective."""
         found = []
         for state in self.chambers:
             if state.enclosure is not None and exponent:
@@ -274,11 +237,7 @@ class GasNetwork:
 
     def start(self) -> None:
         """Take the initial volumes [m³], and from them mass [kg] and energy [J] of each chamber.
-        Collective.
-
-        Raises:
-            InputError: a chamber encloses no volume, or a negative one.
-        """
+        Collective.  `InputError`: a chamber encloses no volume, or a negative one."""
         self.geometry.follow()
         self.geometry.accept()
         for state in self.chambers:
@@ -299,11 +258,7 @@ class GasNetwork:
 
     def begin_step(self, h: float, t: float) -> Array:
         """Start a step of the gas, and guess its unknowns y at the end: the solution if no film
-        moves.
-
-        Raises:
-            InputError: the area of a valve is negative or not a number.
-        """
+        moves."""
         pressures = np.array([state.pressure for state in self.chambers])
         masses = np.array([state.mass for state in self.chambers])
         energies = np.array([state.internal_energy for state in self.chambers])
@@ -320,10 +275,8 @@ class GasNetwork:
         return self.y
 
     def residual(self, y: Array) -> Array:
-        """Return the scaled residual (2n,) [-] of the gas balance at the iterate.  Collective.
-
-        It solves the balance at the volumes of the iterate, and sets the pressures on films and
-        pistons that enclose the chambers."""
+        """Return the scaled residual (2n,) of the gas balance at the iterate, after the balance was
+        solved at its volumes and the pressures were set on the enclosures.  Collective."""
         self.geometry.follow()
         self.volumes = np.array([_volume(state) for state in self.chambers])
         self.swept = np.array([_swept(state) for state in self.chambers])
@@ -340,13 +293,9 @@ class GasNetwork:
         return self._residual
 
     def _solve_at_iterate(self, y: Array) -> Array:
-        """Return the solution y of the gas balance at the volumes of the iterate.
-
-        Args:
-            y: pressures [Pa] and masses [kg] that Newton's method for the bodies proposes (2n,);
-                they are returned if they or the volumes are not finite, a volume is not positive,
-                or no solution is found.
-        """
+        """Return the solution y of the gas balance at the volumes of the iterate, or the proposed y
+        itself if it or the volumes are not finite, a volume is not positive, or no solution is
+        found."""
         finite = np.isfinite(y).all() and np.isfinite(self.volumes + self.swept).all()
         if not (finite and (self.volumes > 0).all()):
             return y
@@ -372,10 +321,9 @@ class GasNetwork:
                 state.enclosure.add_tangents(A)
 
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
-        """Return the blocks of the Newton matrix by which the gas is coupled to the bodies.
-
-        G are the forces [N] of a unit of the unknowns y, n pressures [Pa] and n masses [kg]; H the
-        derivatives of the scaled gas balance by coordinates, C those by y.  Collective."""
+        """Return the blocks of the Newton matrix by which the gas is coupled to the bodies: G are
+        the forces [N] of a unit of the unknowns y, H the derivatives of the scaled gas balance by
+        coordinates, C those by y.  Collective."""
         n = len(self.chambers)
         G: list[Array | None] = [None] * (2 * n)
         H: list[Array | None] = [None] * (2 * n)
@@ -410,11 +358,9 @@ class GasNetwork:
         return G, H, C
 
     def commit(self) -> None:
-        """Accept the step: state, supplied energy and supplied mass are summed up.  Collective.
-
-        Mass and energy are summed from the flows, not taken from y: so they are conserved to
-        round-off whatever the tolerance to which pressures and masses y are solved.
-        """
+        """Accept the step.  Mass and energy, also those supplied, are summed from the flows, not
+        taken from y: so they are conserved to round-off whatever the tolerance to which y is
+        solved.  Collective."""
         rates = self.balance.rates(self.y, self.volumes)
         h = self.balance.h
         for k, state in enumerate(self.chambers):
@@ -434,14 +380,8 @@ class GasNetwork:
         self._mass_supplied += h * rates.mass_supplied
 
     def _supply_at_rest(self, state: ChamberState, temperature: float) -> None:
-        """Add the gas that holds the pressure of a chamber, and the heat that holds its
-        temperature.
-
-        Both count as supplied.
-
-        Args:
-            temperature: that is held [K].
-        """
+        """Count the gas that holds the pressure of a chamber, and the heat that holds its
+        temperature [K], as supplied."""
         if self._process == HELD_PRESSURE:
             mass = state.pressure * state.volume / (self.gas.R * temperature)
             self._mass_supplied += mass - state.mass
@@ -467,13 +407,8 @@ class GasNetwork:
     # ---- scalar unknowns: checks -----------------------------------------------------------------
 
     def inadmissible(self) -> str:
-        """Report in one clause which chamber has a volume or pressure that is not positive.
-
-        Empty if none has; the same on every rank.
-
-        It needs the volumes [m³] and pressures [Pa] of the last iterate; NaN does not count as not
-        positive.
-        """
+        """Report in one clause which chamber has a volume or pressure that is not positive at the
+        last iterate; empty if none has, or they are NaN."""
         for state, volume, pressure in zip(self.chambers, self.volumes, self.y, strict=False):
             if volume <= 0 or pressure <= 0:
                 return (
@@ -483,13 +418,9 @@ class GasNetwork:
         return ""
 
     def unsolved(self) -> str:
-        """Report in one clause which chamber's mass and energy balance has the largest residual.
-
-        Empty if all scaled residuals are at most `ACCEPTABLE_RESIDUAL`; NaN counts as infinite.
-
-        It needs the residual of the last iterate, and gives volume [m³] and pressure [Pa] of the
-        chamber there. The text is the same on all ranks.
-        """
+        """Report in one clause which chamber's balance has the largest residual, with its volume
+        [m³] and pressure [Pa] at the last iterate; empty if all are at most `ACCEPTABLE_RESIDUAL`.
+        NaN counts as infinite."""
         largest = np.abs(self._residual).reshape(2, -1).max(axis=0)
         # argmax would pass over a NaN in favour of a number
         largest[~np.isfinite(largest)] = np.inf
@@ -528,11 +459,6 @@ class GasNetwork:
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned; the bodies have been restored.  Collective.
-
-        Raises:
-            KeyError, ValueError: the state is of another number of chambers, or lacks an entry.
-        """
         self.geometry.follow()
         self.geometry.accept()
         for chamber, row in zip(self.chambers, state["chambers"], strict=True):
@@ -560,11 +486,8 @@ class GasNetwork:
 
 
 def _check_chambers(chambers: list[Volume]) -> None:
-    """Check that there are chambers, of one gas, and that no two enclose the same whole film.
-
-    Raises:
-        InputError: there is none, two have different gases, or two enclose the whole of a film.
-    """
+    """Raise `InputError` unless there are chambers, of one gas, and no two enclose the same whole
+    film."""
     check(
         bool(chambers),
         "The scene has gas but no chamber or tank; add one, or remove reservoirs and orifices.",
@@ -594,11 +517,7 @@ def _compile_enclosure(
     system: Assembly,
     geometry: Geometry,
 ) -> CompiledEnclosure | None:
-    """Return the compiled enclosure of a chamber; None if its volume is not bounded by bodies.
-
-    Raises:
-        InputError: the film is not closed, or its normals are not consistent.
-    """
+    """Return the compiled enclosure of a chamber; None if its volume is not bounded by bodies."""
     if chamber.enclosure is None:
         return None
     return chamber.enclosure.compile(system, geometry)

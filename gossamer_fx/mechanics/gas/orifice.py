@@ -34,7 +34,8 @@ def isentropic_flow(
     pd: complex,
     laminar: float,
 ) -> complex:
-    """Mass flow per effective area [kg/(s m²)] of an isentropic nozzle, from pu and Tu to pd ≤ pu.
+    """Mass flow per effective area [kg/(s m²)] of an isentropic nozzle, from pu [Pa] and Tu [K] to
+    pd ≤ pu.
 
         ṁ/(C_d A) = p_u/√(R T_u) Ψ(x),   x = p_d/p_u                                   (1)
         choked, x ≤ (2/(γ+1))^(γ/(γ-1)):  Ψ = √γ (2/(γ+1))^((γ+1)/(2(γ-1)))            (2)
@@ -45,13 +46,6 @@ def isentropic_flow(
     1 - x < `laminar` Ψ is therefore the odd cubic in 1 - x that has the value and the slope of (3)
     at 1 - x = laminar.  A short tube at low Reynolds number is linear in the same way.  Pressures
     within `laminar` of each other equalise later than by (3).
-
-    Args:
-        gas: the gas.
-        pu: upstream pressure [Pa].
-        Tu: upstream temperature [K].
-        pd: downstream pressure [Pa], ≤ pu.
-        laminar: relative pressure difference below which the cubic applies.
 
     It is analytic in pu, Tu and pd within each branch, so derivatives by complex steps are exact.
 
@@ -116,13 +110,6 @@ class Orifice:
     scalar_unknowns = GasNetwork
 
     def __post_init__(self) -> None:
-        """Check ends, area [m²], discharge coefficient [-] and laminar range [-] of an opening.
-
-        Raises:
-            InputError: an end holds no gas, both ends are the same, the area is negative or
-                infinite, the discharge coefficient is outside (0, 1], or `laminar` outside [1e-12,
-                0.1).
-        """
         for end in (self.a, self.b):
             check(
                 isinstance(end, Volume | Holder),
@@ -156,16 +143,11 @@ class Orifice:
             yield from self.area.requires()
 
     def aperture(self, geometry: Geometry) -> Aperture:
-        """Return the effective area C_d A [m²] as a function of step length h [s] and time t [s].
+        """Return the effective area C_d A [m²] as a function of step length h [s] and time t [s] of
+        the middle of the step; the area A of a ring is that of the film's opening at that time.
 
-        t is the middle of the step.  The function is collective, and raises InputError if a valve's
-        area is negative or not a number.
-
-        C_d is the discharge coefficient [-] and A the area [m²], by a ring the area of the film's
-        opening at that time.
-
-        Args:
-            geometry: of the running scene, with the rings whose area may be that of the orifice.
+        The function is collective, and raises `InputError` if a valve's area is negative or not a
+        number.
         """
         coefficient = self.discharge_coefficient
         area = self.area
@@ -190,14 +172,6 @@ class Orifice:
         p: tuple[complex, complex],
         T: tuple[complex, complex],
     ) -> complex:
-        """Return the mass flow [kg/s] from a to b; negative if b has the higher pressure.
-
-        Args:
-            gas: the gas.
-            area: effective area C_d A [m²].
-            p: pressures [Pa] of the two ends.
-            T: temperatures [K] of the two ends.
-        """
         if p[0].real >= p[1].real:
             return area * isentropic_flow(gas, p[0], T[0], p[1], self.laminar)
         return -area * isentropic_flow(gas, p[1], T[1], p[0], self.laminar)

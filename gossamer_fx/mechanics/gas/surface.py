@@ -49,15 +49,9 @@ END_OF_STEP = 1.0
 
 @dataclass
 class Side:
-    """What bounds one chamber.
-
-    Attributes:
-        cells: triangles of the film that this rank owns.
-        loops: the rings (closed lines of film edges) whose strips of triangles close the chamber.
-        signs: for each loop +1 or -1, by which the volume and gradient of its strip are multiplied
-            so that the normals of the strip agree with those of the film.
-        initial_gradient: owned part of G at q0, flattened [m²].
-    """
+    """What bounds one chamber: owned triangles of the film, and loops with strips of triangles that
+    close it; `signs`, +1 or -1, make the normals of the strips agree with those of the film.
+    `initial_gradient` is the owned part of G at q0, flattened [m²]."""
 
     cells: Cells
     loops: list[Loop]
@@ -67,10 +61,6 @@ class Side:
 
 class FilmSurface:
     """Volumes of all chambers that a film bounds, with gradients, forces and tangent.
-
-    Args:
-        film: the film.
-        system: the compiled scene.
 
     Attributes:
         pressures: pressure [Pa] of each chamber on its triangles, along their normals (chambers,).
@@ -97,21 +87,15 @@ class FilmSurface:
         self._totals_at_end: dict[int, Array] = {}
 
     def add(self, side: Side) -> int:
-        """Register a chamber; returns its index in the results.
-
-        It must be called before the first `follow`, which compiles the forms for all chambers.
-        """
+        """Register a chamber before the first `follow`, which compiles the forms; returns its index
+        in the results."""
         self._sides.append(side)
         self.pressures = np.zeros(len(self._sides))
         return len(self._sides) - 1
 
     def _compile(self) -> None:
         """Compile the forms of area vectors and of the pressure's tangent, and allocate the arrays.
-        Collective.
-
-        Raises:
-            InputError: no C compiler was found.
-        """
+        Collective."""
         film = self.film
         domain = film.mesh.domain
         # Area vector: 2 (order - 1); test function or position: order.
@@ -144,12 +128,8 @@ class FilmSurface:
         self._initial_volume: Array = np.zeros(len(self._sides))
 
     def _restriction(self) -> dict[str, Any]:
-        """Return arguments of a UFL measure on the triangles that bound the chambers of a film.
-        Collective.
-
-        Returns:
-            `subdomain_data` and `subdomain_id`; empty if the chambers use the whole film.
-        """
+        """`subdomain_data` and `subdomain_id` of a UFL measure on the triangles that bound the
+        chambers of a film; empty if they use the whole film.  Collective."""
         of_sides = [side.cells for side in self._sides]
         cells = np.unique(np.concatenate(of_sides))
         owned = self.film.mesh.domain.topology.index_map(2).size_local
@@ -188,16 +168,11 @@ class FilmSurface:
 
     def follow(self) -> None:
         """Evaluate volumes [m³] and gradients [m²] of all chambers at the end of the step, as
-        iterated. Collective.
-
-        The rings of the chambers have to be evaluated before.  The first call compiles the forms.
+        iterated; the rings of the chambers have to be evaluated before.  Collective.
 
         q0 and q1 are the positions [m] of the nodes at the start and at the end of the step, c is
-        the index of a chamber. Sets `volume`, `magnitude` and `swept` (chambers,) [m³], summed over
-        all ranks, and clears the stored totals of gradients.
-
-        Raises:
-            InputError: in the first call, if no C compiler was found.
+        the index of a chamber.  `volume`, `magnitude` and `swept` are summed over all ranks, and
+        the stored totals of gradients cleared.
         """
         if self._form is None:
             self._compile()
@@ -247,18 +222,9 @@ class FilmSurface:
         return slice(self._starts[c], self._starts[c + 1])
 
     def _gradient(self, share: float) -> Array:
-        """Return the gradient of enclosed volumes from this rank's triangles, at the nodes of each
-        chamber.
-
-        The vector of parts is one of this rank, ghost values included; `_sum` is the sparse matrix
-        that adds the parts of the cells at each node.
-
-        Args:
-            share: of the end q1 in the positions (1 - share) q0 + share q1 [-].
-
-        Returns:
-            (rows, 3) [m²], one row for each node of each chamber; sums over ranks are not taken.
-        """
+        """Return the gradient (rows, 3) [m²] of enclosed volumes from this rank's triangles, one
+        row for each node of each chamber, at the positions (1 - share) q0 + share q1; sums over
+        ranks are not taken."""
         q0 = self._coordinates.q0.x.array
         q1 = self._coordinates.q1.x.array
         if share == END_OF_STEP:
@@ -279,16 +245,9 @@ class FilmSurface:
         values[self._owned] -= self.pressures[c] * self._total_at_mid(c)
 
     def gradients(self, c: int) -> tuple[Array, Array, Array]:
-        """Return gradients [m²] of volume and swept volume of one chamber.  Collective.
-
-        Args:
-            c: index of the chamber, as `add` returned it.
-
-        Returns:
-            G_c = ∂V_c/∂q in the positions q̄ where forces act, which times the pressure is the
-            force; ∂V_c/∂q1 and ∂W_c/∂q1, by coordinates at the end of the step, of the volume V_c
-            and the swept volume W_c; this rank's parts of system vectors.
-        """
+        """Return this rank's parts of the gradients [m²] of chamber c: G_c = ∂V_c/∂q in the
+        positions q̄ where forces act, which times the pressure is the force; and ∂V_c/∂q1 and
+        ∂W_c/∂q1.  Collective."""
         at_mid = self._total_at_mid(c)
         at_end = self._total_at_end(c)
         of_swept = at_end
@@ -328,18 +287,13 @@ class FilmSurface:
         G: Array,
         of_loops: list[Array],
     ) -> Array:
-        """Return the owned part of the gradient of a chamber's volume.  Collective.
+        """Return the gradient [m²] of a chamber's volume at the film's owned unknowns, flattened:
+        the sum over the triangles of all ranks, with G (rows, 3) [m²] from this rank's, and over
+        the strips of the chamber's loops.  Collective.
 
-        It is the sum over the triangles of all ranks, and over the strips of the chamber's rings.
-
-        Args:
-            G: gradient (rows, 3) [m²] from this rank's triangles, at the nodes of all chambers.
-            of_loops: for each loop of the chamber the gradient (nodes, 3) [m²] of its strip at all
-                nodes of the loop, complete and the same on every rank; each rank adds the rows of
-                the nodes that it owns, times the sign of the loop.
-
-        Returns:
-            values [m²] at the film's unknowns that this rank owns, flattened.
+        For each loop `of_loops` has the gradient (nodes, 3) [m²] of its strip, complete and the
+        same on every rank; each rank adds the rows of the nodes that it owns, times the sign of the
+        loop.
         """
         rows = self._rows(c)
         values = self._vector.array
@@ -355,11 +309,8 @@ class FilmSurface:
 
     def tangents(self) -> Iterable[fem.Form]:
         """Yield the bilinear form of the derivative of all chambers' pressure forces by the end of
-        the step.
-
-        Forces on strips over rings are not in it.  It takes the current `pressures` [Pa], which add
-        up on triangles that two chambers share.
-        """
+        the step, but for forces on strips over rings.  The current `pressures` [Pa] add up on
+        triangles that two chambers share."""
         pressure = self._pressure.x.array
         pressure[:] = 0
         # one value in each triangle
@@ -385,11 +336,8 @@ class Moving(Protocol):
 
 
 class Geometry:
-    """Loops, surfaces and pistons of a running scene, each of them once.
-
-    Args:
-        system: the compiled scene.
-    """
+    """Loops, surfaces and pistons of a running scene, each of them once: two chambers may share a
+    film, and a chamber and an orifice a ring."""
 
     def __init__(self, system: Assembly) -> None:
         self.comm = system.comm
@@ -425,11 +373,8 @@ class Geometry:
             moving.accept()
 
     def tangents(self, body: Body) -> Iterable[fem.Form]:
-        """Bilinear forms of the derivative of all pressure forces on a film.
-
-        The derivatives on the strips of loops are missing: no form gives them, see
-        `Loop.add_tangent`.
-        """
+        """Bilinear forms of the derivative of all pressure forces on a film; those on the strips of
+        loops are missing, see `Loop.add_tangent`."""
         for film, surface in self._surfaces.items():
             if film is body:
                 yield from surface.tangents()

@@ -207,15 +207,9 @@ def _enclosure(
     seams: tuple[SewnEdges, ...],
     chamber: str,
 ) -> Enclosure | None:
-    """Make the enclosure of a chamber, None if its walls are rigid.
-
-    Args:
-        enclosure: a film, several films that are sewn, another enclosure as a piston, or None.
-
-    Raises:
-        InputError: seams are given with surface, rings, or without films; several films without
-            seams; a ring is on another film.
-    """
+    """Make the enclosure of a chamber from a film, several films that are sewn, or another
+    enclosure such as a piston; None if its walls are rigid.  `InputError`: seams are given with
+    surface, rings, or without films; several films without seams; a ring is on another film."""
     if isinstance(enclosure, Membrane) and not seams:
         return FilmEnclosure(enclosure, surface, rings, chamber)
     if isinstance(enclosure, Membrane | Sequence):
@@ -238,15 +232,8 @@ def _enclosure(
 
 
 def _rigid_part(name: str, dead_volume: float, volume: float | None) -> float:
-    """Check and return the part of a chamber's volume [m³] that does not depend on a film.
-
-    Args:
-        dead_volume: volume in addition to that of the enclosure [m³], zero or more.
-        volume: of a rigid chamber [m³], above zero; None if it has an enclosure.
-
-    Raises:
-        InputError: one of them is negative or not finite, or `volume` is zero.
-    """
+    """Check and return the part of a chamber's volume [m³] that does not depend on a film: `volume`
+    of a rigid chamber, above zero, or `dead_volume`, zero or more."""
     if volume is not None:
         check(
             math.isfinite(volume) and volume > 0,
