@@ -21,7 +21,6 @@ def airbag(comm: MPI.Intracomm, edge: float, cells: int) -> Mesh:
     Groups: "top", "bottom", "seam", and the points `CORNERS`.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         edge: length of the sides [m].
         cells: edges of triangles along a side, at least 1, rounded to an even number of at least 2.
 
@@ -34,15 +33,6 @@ def airbag(comm: MPI.Intracomm, edge: float, cells: int) -> Mesh:
     cells = 2 * max(round(cells / 2), 1)
 
     def build(model: Any) -> None:
-        """Draw both sheets with sides of `edge` [m], name their groups and mesh them; on rank 0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-
-        Raises:
-            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
-                ranks.
-        """
         geo = model.geo
         a = edge / 2
         corners = [

@@ -41,7 +41,6 @@ def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
     cells, the middle third the others.  Group: "film".  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         cells: squares along a side.
         side: length of the sides [m].
 
@@ -52,11 +51,6 @@ def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
     require_lengths("film", side=side)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        """Return a square grid of `cells` × `cells` with a centre node in each cell, in z = 0.
-
-        Returns:
-            points (n, 3) [m], triangles (m, 3) as numbers of points, and no further groups.
-        """
         ticks = _ticks(cells, side)
         centres = (ticks[1:] + ticks[:-1]) / 2
         grid_nodes = _square_grid(ticks)
@@ -81,12 +75,8 @@ def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
 
 
 def _ticks(cells: int, side: float) -> np.ndarray:
-    """Return coordinates (cells + 1,) [m] of the grid lines about 0, ascending.
-
-    Args:
-        cells: along a side; from 3 on two of the lines are at the thirds of the side.
-        side: length of the side [m].
-    """
+    """Coordinates (cells + 1,) [m] of the grid lines along a side [m], about 0, ascending; from 3
+    cells on two of the lines are at the thirds of the side."""
     even = np.arange(cells + 1) / cells
     # With one or two cells no line is near a third, and the grid stays even.
     if cells > 2:
@@ -117,7 +107,6 @@ def boom(
     Groups: "line", the points "start" and "end", and both as "point 0" and "point 1".  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         elements: their number, at least 1.
         side: length of the sides of the film [m].
         diagonal: x and y of the end, over half of the side: one of `DIAGONALS`.

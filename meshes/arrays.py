@@ -26,27 +26,16 @@ def mesh_of_arrays(
 ) -> Mesh:
     """Make a mesh of given points and triangles, and distribute it; collective.
 
-    Groups: "film", and those that `arrays` names.
-
     Args:
-        comm: the ranks to which the mesh is distributed.
         arrays: called on rank 0; returns points (n, 3) [m], triangles (m, 3) as numbers of points
-            from 0, and nodes of further groups by name: (1,) of a point, (k, 2) of the edges of a
-            curve.
+            from 0, and nodes of further groups than "film" by name: (1,) of a point, (k, 2) of the
+            edges of a curve.
 
     Raises:
         InputError: `arrays` raises an error, or the mesh cannot be used, e.g. without triangles.
     """
 
     def build(model: Any) -> None:
-        """Enter points, triangles and groups of `arrays` into gmsh, on rank 0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-
-        Raises:
-            Exception: of `arrays` or gmsh; `gmsh_mesh` reports it as `InputError` on all ranks.
-        """
         points, triangles, groups = arrays()
         film = model.addDiscreteEntity(2)
         model.mesh.addNodes(
@@ -80,11 +69,8 @@ def mesh_of_arrays(
 
 
 class CellCorners(NamedTuple):
-    """Corner nodes of the cells of a grid, counterclockwise; arrays of one shape.
-
-    Attributes:
-        a, b, c, d: numbers of the nodes at the first to the fourth corner of each cell.
-    """
+    """Numbers of the nodes at the four corners of the cells of a grid, counterclockwise; arrays of
+    one shape."""
 
     a: Numbers
     b: Numbers
@@ -101,12 +87,8 @@ def cell_corners(ids: Numbers) -> CellCorners:
 
 
 def around_centres(corners: CellCorners, centre: Numbers) -> Numbers:
-    """Four triangles (4 n, 3) of each of n cells, one on each side, with a node in its middle.
-
-    Args:
-        corners: nodes of the cells.
-        centre: node in the middle of each cell, an array of the shape of the corners.
-    """
+    """Four triangles (4 n, 3) of each of n cells, one on each side, with a node `centre` (n,) in
+    its middle."""
     return np.concatenate(
         [
             triangles_of(corners.a, corners.b, centre),
@@ -118,12 +100,8 @@ def around_centres(corners: CellCorners, centre: Numbers) -> Numbers:
 
 
 def plane_grid(x: npt.NDArray[np.floating], y: npt.NDArray[np.floating]) -> Points:
-    """Points (ny nx, 3) [m] in z = 0 of a grid with nx columns and ny rows, row by row.
-
-    Args:
-        x: coordinates (nx,) [m] of the columns.
-        y: coordinates (ny,) [m] of the rows.
-    """
+    """Points (ny nx, 3) [m] in z = 0 of a grid with columns x (nx,) [m] and rows y (ny,) [m], row
+    by row."""
     along = np.tile(x, len(y))
     across = np.repeat(y, len(x))
     return np.column_stack([along, across, np.zeros(along.size)])
@@ -142,17 +120,9 @@ def polyline(nodes: Numbers) -> Numbers:
 def joined(
     points: Points, triangles: Numbers, tolerance: float = 1e-9
 ) -> tuple[Points, Numbers, Numbers]:
-    """Merge points that are the same up to a tolerance.
-
-    Args:
-        points: (n, 3) [m].
-        triangles: numbers (m, 3) of their points.
-        tolerance: [m] to which coordinates are rounded; two points are one if these agree.
-
-    Returns:
-        the different points (k, 3), the triangles between them (m, 3), and the new number of each
-        given point (n,).
-    """
+    """Merge points (n, 3) [m] whose coordinates agree when rounded to a tolerance [m]: the
+    different points (k, 3), the triangles between them (m, 3), and the new number of each given
+    point (n,)."""
     rounded = np.rint(points / tolerance)
     _, first, inverse = np.unique(
         rounded,

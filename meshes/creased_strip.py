@@ -33,7 +33,6 @@ def creased_strip(
     Groups: "film"; the edges "left", "right"; "crease", at x = 0.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         nx, ny: cells of two triangles along and across each panel.
         length: of each panel [m].
         width: of the strip [m].
@@ -45,13 +44,6 @@ def creased_strip(
     require_lengths("creased_strip", length=length, width=width)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        """Return a regular grid on [-length, length] × [0, width] in z = 0 with a line of nodes at
-        x = 0.
-
-        Returns:
-            points (n, 3) [m], triangles (m, 3) as numbers of points, and the edges (k, 2) of
-            groups.
-        """
         # 2 nx cells, so that the crease is a line of nodes.
         along = np.linspace(-length, length, 2 * nx + 1)
         across = np.linspace(0, width, ny + 1)

@@ -25,7 +25,6 @@ def quarter_disc(
     Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         cells: edges of triangles along a radius, at least 1, rounded to an even number of at least
             2.
         radius: [m].
@@ -39,16 +38,6 @@ def quarter_disc(
     require_order("quarter_disc", order)
 
     def build(model: Any) -> None:
-        """Draw the three patches of a quarter disc of `radius` [m], name its groups and mesh it; on
-        rank 0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-
-        Raises:
-            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
-                ranks.
-        """
         geo = model.geo
         a = radius
         # Three four-sided patches meet at a point inside; a radius passes through two of them.
@@ -119,7 +108,6 @@ def ring(
     Groups: "film", "hub" (the inner circle), "rim".  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         inner, outer: radii [m].
         radial: cells of two triangles from hub to rim, at least 1.
         around: cells around, at least 1, rounded to a multiple of four of at least 4.
@@ -135,18 +123,6 @@ def ring(
     require_order("ring", order)
 
     def build(model: Any) -> None:
-        """Draw four quarters of a ring with radii `inner` and `outer` [m], name its groups and mesh
-        it.
-
-        On rank 0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-
-        Raises:
-            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
-                ranks.
-        """
         geo = model.geo
         centre = geo.addPoint(0, 0, 0)
 

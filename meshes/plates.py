@@ -32,7 +32,6 @@ def irregular_sheet(
     if nx is even.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         nx, ny: cells of two triangles along x and y.
         width, height: [m].
         seed: of the random numbers, the same mesh for the same seed.
@@ -76,7 +75,6 @@ def leaning_sheet(
     "left". Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         nx, ny: cells of two triangles along x and y.
         width, height: [m].
         ramp: length within which cells turn upright [m], more than half of the height.
@@ -110,7 +108,6 @@ def slit_ring(
     Groups: "film"; "start" and "end", the two sides of the slit, at 0 and 2π.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         radial, around: numbers of cells along a radius and around.
         inner, outer: radii [m].
 
@@ -145,7 +142,6 @@ def free_slit_ring(
     Groups: "film"; "start" and "end", the two sides of the slit.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         size: of the edges of triangles, about [m].
         inner, outer: radii [m].
 
@@ -156,17 +152,6 @@ def free_slit_ring(
     require_ascending("free_slit_ring", ("inner", "outer"), (inner, outer))
 
     def build(model: Any) -> None:
-        """Draw a ring with a slit and radii `inner` and `outer` [m], name its groups and mesh it.
-
-        Edges of triangles are about `size` [m] long.  In gmsh, on rank 0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-
-        Raises:
-            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
-                ranks.
-        """
         import gmsh
 
         geo = model.geo
@@ -208,7 +193,6 @@ def whole_disc(comm: MPI.Intracomm, cells: int, radius: float = 1.0) -> Mesh:
     Groups: "film", "rim".  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         cells: number of rings, at least 1.
         radius: [m].
 
@@ -249,16 +233,9 @@ def _displaced(
     m: int,
     random: np.random.Generator | None,
 ) -> Floats:
-    """Return the nodes of a grid on the unit square, moved at random if a generator is given.
-
-    Args:
-        n, m: cells along both sides.
-        random: nodes move by up to a quarter of a cell, those on the edges along them; None: they
-            do not move.
-
-    Returns:
-        coordinates (n + 1, m + 1, 2) from 0 to 1; the first index runs along the first side.
-    """
+    """Nodes (n + 1, m + 1, 2) of a grid of n by m cells on the unit square, the first index along
+    the first side; a random generator moves them by up to a quarter of a cell, those on the edges
+    along them."""
     nodes = np.empty((n + 1, m + 1, 2))
     nodes[..., 0] = np.linspace(0, 1, n + 1)[:, None]
     nodes[..., 1] = np.linspace(0, 1, m + 1)
@@ -286,12 +263,9 @@ def _ids(n: int, m: int) -> Integers:
 
 
 def _triangles(ids: Integers, other: npt.NDArray[np.bool_]) -> Integers:
-    """Return two triangles (2 n m, 3) of each cell of a grid, counterclockwise.
-
-    Args:
-        ids: numbers (n + 1, m + 1) of the nodes; the first index runs along x.
-        other: mask (n, m) of the cells with the other diagonal.
-    """
+    """Two triangles (2 n m, 3) of each cell of a grid, counterclockwise, by the numbers (n + 1, m +
+    1) of its nodes, the first index along x; cells of the mask `other` (n, m) have the other
+    diagonal."""
     # The first index runs along x here: the other way round is counterclockwise.
     turned = cell_corners(ids)
     a = turned.a
@@ -315,17 +289,8 @@ def _mesh(
     triangles: Integers,
     lines: dict[str, Integers],
 ) -> Mesh:
-    """Make the mesh of points, triangles and lines of nodes, and distribute it; collective.
-
-    Args:
-        comm: the ranks.
-        points: (..., 3) [m].
-        triangles: numbers (m, 3) of points, from 1.
-        lines: numbers (k,) of the nodes along each named group of edges, from 1.
-
-    Raises:
-        InputError: the mesh cannot be used.
-    """
+    """Make a mesh of points (..., 3) [m], triangles (m, 3), and the nodes (k,) along each named
+    group of edges, all numbered from 1, and distribute it; collective."""
     flat = points.reshape(-1, 3)
     edges = {}
     for name, nodes in lines.items():

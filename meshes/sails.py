@@ -40,7 +40,6 @@ def parallelograms(
     left" and "top right".  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         a, b: sides of a parallelogram [m], a along y.
         gamma: angle γ between them [rad], between 0 and π/2.
         columns, rows: numbers of parallelograms along x and y.
@@ -58,13 +57,6 @@ def parallelograms(
     )
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        """Return a sheet of parallelograms with sides a and b [m] that rise and fall in turn, in z
-        = 0.
-
-        Returns:
-            points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups by
-            name.
-        """
         # Nodes by columns u and rows v; each parallelogram has unit sides in u and v.
         across = np.arange(columns * cells + 1) / cells
         up = np.arange(rows * cells + 1) / cells
@@ -113,7 +105,6 @@ def trapezoids(
     and k + 1.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         n: number of trapezoids, at least 3.
         inner, outer: rows of the inner and outer edges, 0 < inner < outer.
         pitch: distance of rows [m].
@@ -129,13 +120,6 @@ def trapezoids(
     require_lengths("trapezoids", pitch=pitch)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        """Return n trapezoids in z = 0 between rows that are `pitch` [m] apart, joined along their
-        seams.
-
-        Returns:
-            points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups by
-            name.
-        """
         slope = math.tan(math.pi / n)
         h = pitch / refine
         cells = []
@@ -187,7 +171,6 @@ def pinwheel(
     Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         n: sides of the polygon, at least 3.
         side: their length [m].
         columns: in a side, at least 1.
@@ -202,13 +185,6 @@ def pinwheel(
     require_lengths("pinwheel", side=side)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        """Return n sectors in z = 0, which begin at the corners of a polygon with sides of `side`
-        [m].
-
-        Returns:
-            points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups by
-            name.
-        """
         h = side / columns
         step = 2 * math.pi / n
         slope = math.tan(step / 2)
@@ -256,17 +232,9 @@ def _around(
     angles: list[float],
     cell: float,
 ) -> tuple[Points, Numbers]:
-    """Return points and triangles of a sector turned about the origin, and joined where copies
-    meet.
-
-    Args:
-        sector: corners (3m, 2) [m] of m triangles, three after each other.
-        angles: [rad], one for each copy.
-        cell: size of a cell [m]; corners that are nearer than 1e-6 of it are one point.
-
-    Returns:
-        points (k, 3) [m] in z = 0, and triangles as numbers of points, m for each angle, (., 3).
-    """
+    """Points (k, 3) [m] in z = 0 and triangles of a sector, with corners (3m, 2) [m] of m
+    triangles, turned about the origin by each of the angles [rad], and joined where copies meet:
+    corners nearer than 1e-6 of the size of a cell [m]."""
     copies = [_turned(sector, angle) for angle in angles]
     # Each corner of each triangle is a point at first.
     separate = np.arange(len(angles) * len(sector)).reshape(-1, 3)

@@ -38,7 +38,6 @@ def sheet(
     Groups: "film"; the edges `EDGES`; the corner points `CORNERS`.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         nx, ny: cells along x and y, at least 1.
         width, height: [m].
         crossed: whether diagonals alternate instead of being parallel; then a triangle fills every
@@ -51,12 +50,6 @@ def sheet(
     require_lengths("sheet", width=width, height=height)
 
     def build(model: Any) -> None:
-        """Draw a rectangle of `width` by `height` [m], name its groups and mesh it; in gmsh, on
-        rank 0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-        """
         geo = model.geo
         points = [
             geo.addPoint(0, 0, 0),
@@ -101,7 +94,6 @@ def crossed_sheet(
     Groups: "film"; the edges `EDGES`; the corner points `CORNERS`.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         nx, ny: cells along x and y, at least 1.
         width, height: [m].
 
@@ -112,13 +104,6 @@ def crossed_sheet(
     require_lengths("crossed_sheet", width=width, height=height)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        """Return a grid of nx × ny cells on [0, width] × [0, height] in z = 0, with a centre in
-        each cell.
-
-        Returns:
-            points (n, 3) [m], triangles (m, 3) as numbers of points, and the nodes of groups by
-            name.
-        """
         corners = plane_grid(np.linspace(0, width, nx + 1), np.linspace(0, height, ny + 1))
         # gmsh has no such pattern: the centres of the cells are further nodes, after those of the
         # grid.

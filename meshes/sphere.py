@@ -21,7 +21,6 @@ def sphere(
     """Make a closed sphere about the origin; normals point outwards.  Group: "film".  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         radius: [m].
         cells: edges of triangles on the equator, about.
         order: of the geometry, 1 (plane triangles between points of the sphere) or 2 (curved ones).
@@ -34,16 +33,6 @@ def sphere(
     require_order("sphere", order)
 
     def build(model: Any) -> None:
-        """Draw a sphere of `radius` [m] and mesh it with `cells` edges round its equator; on rank
-        0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-
-        Raises:
-            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
-                ranks.
-        """
         import gmsh
 
         model.occ.addSphere(0, 0, 0, radius)

@@ -31,7 +31,6 @@ def flat_tube(
     the inlet, and the closed line between one and the next, "ring 1" and so on.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         length: of the tube [m], along x.
         diameter: d of the tube when it is round [m].
         cells: edges of triangles across, at least 1, rounded to an even number of at least 2.
@@ -48,15 +47,6 @@ def flat_tube(
     along = 2 * max(round(across * length / compartments / width / 2), 1)
 
     def build(model: Any) -> None:
-        """Draw both strips of `length` [m], name their groups and mesh them; in gmsh, on rank 0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-
-        Raises:
-            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
-                ranks.
-        """
         geo = model.geo
         size = width / across
         stations = range(compartments + 1)

@@ -23,7 +23,6 @@ def capped_cylinder(
     """Make a `cylinder` about the x axis that flat caps close, group "caps".  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         radius, length: [m].
         around, along: edges of triangles around, a multiple of four, and along the wall.
         order: 1 for plane triangles, 2 for curved ones.
@@ -55,7 +54,6 @@ def cylinder(
     these lines begin.  Collective.
 
     Args:
-        comm: the ranks to which the mesh is distributed.
         radius, length: [m].
         around: edges of triangles around, at least 1, rounded to a multiple of four of at least 4.
         along: edges along the wall, at least 1.
@@ -71,18 +69,6 @@ def cylinder(
     quarter = max(round(around / 4), 1)
 
     def build(model: Any) -> None:
-        """Draw walls and caps of a cylinder of `radius` and `length` [m], name its groups and mesh
-        it.
-
-        In gmsh, on rank 0.
-
-        Args:
-            model: `gmsh.model` of an open session.
-
-        Raises:
-            Exception: gmsh refuses the geometry; `gmsh_mesh` reports it as `InputError` on all
-                ranks.
-        """
         geo = model.geo
         axes = ((0, 1), (1, 0), (0, -1), (-1, 0))
         arcs = []

@@ -152,21 +152,9 @@ class Drag:
         yield self.orbit
 
     def flow(self, flight: Flight) -> tuple[Air, Array]:
-        """The air at the origin of the frame of the scene, and its velocity relative to this
-        origin.
-
-        Args:
-            flight: position `R` and velocity `V` (3,) [m, m/s] of the origin from the Earth's
-                centre.
-
-        Returns:
-            the state of the air at the altitude of the origin, and the velocity Ω×R - V (3,) [m/s]
-            of air that turns with the Earth.
-
-        Raises:
-            InputError: the user's atmosphere fails or does not return `Air`, on all ranks.
-                Collective: all ranks call it.
-        """
+        """The air at the altitude of the origin of the frame, and its velocity Ω×R - V (3,) [m/s]
+        relative to this origin, since it turns with the Earth.  Collective.  `InputError` on all
+        ranks: the user's atmosphere fails or does not return `Air`."""
         # One altitude for the whole scene, which is small compared with a scale height.
         altitude = float(np.linalg.norm(flight.R)) - self.orbit.radius
 
@@ -190,14 +178,9 @@ class Drag:
             yield self._on_film(self.body)
 
     def _on_film(self, film: Membrane) -> FlyingLoad:
-        """Load of the flow on the deformed triangles of a film; air and wind are constants of its
-        form.
-
-        Returns:
-            the load term: the form of its virtual work (forces [N] tested by w), and `prepare`,
-            which sets the constants (density [kg/m³], velocity and thermal speed [m/s],
-            √(T_wall/T_air)) before each step. `prepare` raises the errors of `flow`.
-        """
+        """Load of the flow on the deformed triangles of a film.  Before each step `prepare` sets
+        the constants of its form: density [kg/m³], velocity and thermal speed [m/s],
+        √(T_wall/T_air)."""
         mesh = film.space.mesh
         how = self.accommodation
         # Constants, whose values `prepare` sets before each step: literals in a form would compile
@@ -244,19 +227,10 @@ class _FlowOnFaces(FacesForce):
         self._air, self._wind = self._drag.flow(flight)
 
     def on_faces(self, areas: Array, positions: Array, rates: Array) -> Array:
-        """Forces of the air on n flat faces of a rigid body.
-
-        `prepare` must have set the air and the wind of the step. A face without area or without
-        relative flow gives NaN.
-
-        Args:
-            areas: area vectors (..., n, 3) [m²] of the faces, pointing away from their fronts.
-            positions: of their centres (..., n, 3) [m]; not used, since the air is uniform.
-            rates: velocities of the centres (..., n, 3) [m/s].
-
-        Returns:
-            forces (..., n, 3) [N]; complex where the input is, for derivatives by complex steps.
-        """
+        """Forces (..., n, 3) [N] of the air of the step, which `prepare` has set, on n flat faces
+        with area vectors (..., n, 3) [m²] pointing away from their fronts and velocities of their
+        centres (..., n, 3) [m/s].  Positions are not used, since the air is uniform; a face without
+        area or without relative flow gives NaN."""
         how, air = self._drag.accommodation, self._air
         wall = math.sqrt(how.wall_temperature / air.temperature)
         # Velocity of the air relative to each face (..., n, 3) [m/s].

@@ -57,29 +57,10 @@ class Environment:
         following: float = 1000.0,
         name: str = "orbit",
     ) -> None:
-        """Check the arguments of an orbit; build gravity field, sky and initial state.
-
-        Args:
-            start: `Elements`, or position [m] and velocity [m/s], (3,) each, from the attracting
-                centre.
-            gravity: "point", "J2", or the degree of EGM2008, 2 to 20.
-            epoch: date of the time 0 in UTC.
-            sun: position of the Sun from the centre [au], (3,), or a function of time [s] that
-                returns it; None: that of the epoch.
-            third_bodies: of "sun" and "moon", whose tides act.
-            shadow: of the centre: "cylinder", "cone" or "none".
-            mu: gravity parameter of the centre [m³/s²]; None: that of the Earth.
-            radius: of the centre [m].
-            pressure: of sunlight at 1 au [N/m²].
-            ut1_utc: UT1 - UTC [s].
-            following: time [s] in which the origin returns to the centre of mass.
-            name: for messages and results.
-
-        Raises:
-            InputError: an argument is out of its range or not one of the named choices, `epoch` is
-                missing where the gravity field or a third body depends on the date, or the library
-                ERFA for dates is not installed.
-        """
+        """Check the arguments of an `Orbit`; build gravity field, sky and initial state.
+        `InputError`: an argument is out of its range or not one of the named choices, `epoch` is
+        missing where the gravity field or a third body depends on the date, or the library ERFA for
+        dates is not installed."""
         self.name = name
         self.radius = radius
         self.pressure = pressure
@@ -141,14 +122,8 @@ class Environment:
         self.state = self._state_of(start)
 
     def _state_of(self, start: Elements | tuple[Vector, Vector]) -> tuple[Array, Array]:
-        """Position [m] and velocity [m/s], (3,) each, at the start of the orbit.
-
-        Args:
-            start: orbital elements, or the position [m] and the velocity [m/s] themselves.
-
-        Raises:
-            InputError: `start` is neither, or the position is the centre.
-        """
+        """Position [m] and velocity [m/s], (3,) each, of orbital elements or as they are given;
+        `InputError` for anything else, or a position at the centre."""
         if isinstance(start, Elements):
             return start.state(self.mu)
         check(
@@ -174,15 +149,9 @@ class Environment:
         return self._harmonics is not None or bool(self._third_bodies)
 
     def field(self, r: Array, t: float) -> Array:
-        """Perturbing acceleration (3,) [m/s²]: all attraction except the 1/r gravity of the centre.
-
-        It is the sum over oblateness or harmonics and the tides of Sun and Moon; zero if there are
-        none.
-
-        Args:
-            r: position (3,) from the attracting centre [m], in axes that do not turn.
-            t: time since the epoch [s].
-        """
+        """Perturbing acceleration (3,) [m/s²] at r (3,) [m] from the attracting centre, in axes
+        that do not turn, t [s] after the epoch: oblateness or harmonics and the tides of Sun and
+        Moon, zero if there are none."""
         a: Array = np.zeros(3)
         if self._harmonics is not None:
             E = self.earth(t)
@@ -226,15 +195,9 @@ class Environment:
     # ---- what lights -----------------------------------------------------------------------------
 
     def sun(self, t: float) -> Array:
-        """Position (3,) [m] of the Sun from the attracting centre; zero if the Sun is the centre.
-
-        Args:
-            t: time since the start of the run [s].
-
-        Raises:
-            InputError: neither `sun` nor an epoch was given to the orbit, or the user's function
-                `sun` does not return three finite numbers.
-        """
+        """Position (3,) [m] of the Sun from the attracting centre, t [s] after the start of the
+        run; zero if the Sun is the centre.  `InputError`: neither `sun` nor an epoch was given to
+        the orbit, or the user's function `sun` does not return three finite numbers."""
         if self._sun is None:
             check(
                 self.sky is not None,
@@ -251,16 +214,9 @@ class Environment:
         return AU * np.asarray(value, dtype=float)
 
     def light(self, r: Array, t: float) -> tuple[Array, float]:
-        """Direction (3,) in which sunlight goes at r, and its pressure on a black surface
-        [N/m²].
-
-        The direction is a unit vector away from the Sun; `r` (3,) [m] is from the attracting centre
-        and t [s] from the start of the run. The pressure is reduced by the shadow, to zero in the
-        umbra.
-
-        Raises:
-            InputError: the position of the Sun is not known or not three finite numbers, see `sun`.
-        """
+        """Unit vector (3,) away from the Sun at r (3,) [m] from the attracting centre, t [s] after
+        the start of the run, and the pressure [N/m²] of sunlight on a black surface, reduced by the
+        shadow, to zero in the umbra."""
         sun = self.sun(t)
         way = r - sun
         distance = float(np.linalg.norm(way))

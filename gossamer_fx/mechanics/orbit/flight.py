@@ -41,12 +41,9 @@ _ITERATIONS = 200
 
 
 class Origin:
-    """Position R and velocity V of the origin at the start and the end of a step.
-
-    Args:
-        r: position (3,) at the start of the run [m].
-        v: velocity (3,) there [m/s].
-        mu: gravitational parameter of the central body [m³/s²].
+    """Position R and velocity V of the origin at the start and the end of a step, from r (3,) [m]
+    and v (3,) [m/s] at the start of the run; `mu` [m³/s²] is the gravitational parameter of the
+    central body.
 
     >>> import numpy as np
     >>> origin = Origin(np.array([7e6, 0.0, 0.0]), np.array([0.0, 7546.0, 0.0]), mu=3.986e14)
@@ -58,11 +55,6 @@ class Origin:
     """
 
     def __init__(self, r: Array, v: Array, mu: float) -> None:
-        """Convert position r (3,) [m] and velocity v (3,) [m/s] to decimals of 40 digits.
-
-        `gained` counts from the energy and angular momentum of this state.  `mu` is the
-        gravitational parameter of the central body [m³/s²].
-        """
         self.mu = mu
         self._mu = Decimal(mu)
         self._R0 = exact(r)
@@ -95,22 +87,11 @@ class Origin:
             return rounded(difference)
 
     def step(self, h: float, a: Array) -> None:
-        """Compute the end of a step of the midpoint rule, with 40 digits; `keep` accepts it.
+        """Compute the end of a step of length h [s] by (1) of the module, with 40 digits and an
+        acceleration a (3,) [m/s²] in addition to 1/r gravity.
 
-            (V1 - V0)/h = -σ (R0 + R1)/2 + a,    (R1 - R0)/h = (V0 + V1)/2
-
-        R is the position [m] and V the velocity [m/s] of the origin at the start (0) and the end
-        (1) of the step; σ = 2μ/(|R0||R1|(|R0| + |R1|)) gives the exact average of 1/r gravity.
-
-        The step starts from the state that `keep` accepted last; R1 and V1 are replaced at each
-        call.
-
-        Args:
-            h: length of the step [s].
-            a: acceleration (3,) in addition to 1/r gravity [m/s²].
-
-        Raises:
-            InputError: the step is so long that the iteration does not converge.
+        It starts from the state that `keep` accepted last; R1 and V1 are replaced at each call.  A
+        step so long that the iteration does not converge raises `InputError`.
         """
         with localcontext(_DIGITS):
             # Decimals: H the step length [s]; R0, R1, V0 positions [m] and velocity [m/s]; r0, r1
@@ -145,10 +126,8 @@ class Origin:
         self._V0 = self._V1
 
     def gained(self) -> tuple[float, Array]:
-        """Changes of ½|V|² - μ/|R| [m²/s²] and R×V (3,) [m²/s] since the start of the run.
-
-        They are taken at the start of the step.
-        """
+        """Changes of ½|V|² - μ/|R| [m²/s²] and R×V (3,) [m²/s] from the start of the run to the
+        start of the step."""
         with localcontext(_DIGITS):
             now = self._invariants()
             energy, *moment = (float(b - a) for a, b in zip(self._first, now, strict=True))
@@ -229,19 +208,16 @@ class Moments:
 
 
 class Flight:
-    """The origin of a flying frame at work.
-
-    Args:
-        around: what attracts and lights.
+    """The origin of a flying frame at work, `around` what attracts and lights.
 
     Attributes:
         origin: its position and velocity at the ends of the step.
         time: of the middle of the step [s].
-        R, V: there (3,).
+        R, V: there (3,) [m, m/s].
         field: acceleration [m/s²] that the origin has there by all attraction in addition to the
             central body's 1/r.
         gradient: its derivative (3, 3) [1/s²].
-        pushed: acceleration of the origin by which it is kept near the bodies.
+        pushed: acceleration [m/s²] of the origin by which it is kept near the bodies.
         centre: of mass in the middle of the last step, from the origin (3,) [m].
     """
 
@@ -259,19 +235,9 @@ class Flight:
         self.centre: Array = np.zeros(3)
 
     def prepare(self, system: Assembly) -> None:
-        """Compute the motion of the moving origin in the present step, once in every step.
-        Collective.
-
-        Sets position `R` [m] and velocity `V` [m/s] of the origin in the middle of the step, the
-        perturbing acceleration `field` [m/s²] there, and its `gradient` [1/s²].  The field acts at
-        the middle of the step, which depends on the end; a fixed-point iteration solves that.
-
-        Args:
-            system: the compiled scene, with the start `time` and the length `h` of the step [s].
-
-        Raises:
-            InputError: the step is so long that the motion of the origin cannot be solved.
-        """
+        """Compute the motion of the origin in the present step, once in every step.  The field acts
+        at the middle of the step, which depends on the end; a fixed-point iteration solves that.
+        Collective.  A step for which it does not converge raises `InputError`."""
         # Several loads share one flight; the first one prepares it.
         if self._for == (system.time, system.h):
             return
@@ -300,16 +266,11 @@ class Flight:
 
     def _return(self, h: float) -> Array:
         """Acceleration (3,) [m/s²] that returns the origin to the centre of mass, critically
-        damped.
+        damped, in a step of length h [s]; zeros before the bodies of the scene are known.
+        Collective.
 
         It is S/(m T²) + 2 P/(m T), with mass m [kg], first moment S [kg m] and momentum P [kg m/s]
         of all bodies relative to the origin, and the time T = `following` [s], at least 5 steps.
-
-        Args:
-            h: length of the step [s].
-
-        Returns:
-            the acceleration; zeros before the bodies of the scene are known.  Collective.
         """
         if self.moments is None:
             return np.zeros(3)

@@ -36,15 +36,6 @@ class FlyingLoads(Loads):
         super().__init__([at_rate(term, system.coordinates[term.body]) for term in terms], system)
 
     def begin_step(self, t: float) -> None:
-        """Set the constants of all loads for the step that is evaluated at time t [s].  Collective.
-
-        Each load is given the position, velocity and light of its orbit in the middle of the step,
-        and the length `h` [s] of the step.
-
-        Raises:
-            InputError: the orbit of a load is not in the scene, or the step is too long for the
-                orbit.
-        """
         system = self._system
         for term in self._flying:
             flight = term.orbit.flight(system)
@@ -58,10 +49,7 @@ class FlyingLoads(Loads):
 @dataclass(frozen=True, eq=False)
 class FlyingLoad:
     """A load on a body on a mesh: `work(q, rate, w)` is its virtual work with the mean velocity of
-    the step.
-
-    prepare: sets its constants from the flight, before each step.
-    """
+    the step.  `prepare` sets its constants from the flight, before each step."""
 
     name: str
     body: MeshBody
@@ -100,9 +88,8 @@ class _ByComplexSteps:
         X: Array,
         V: Array,
     ) -> None:
-        """Start a step from the vectors of the ports; the force acts on them `lag` seconds later.
-
-        The vectors X are stored as `_X0`; mean rates are (X - X0)/lag."""
+        """Start a step from the vectors X of the ports, stored as `_X0`; mean rates are (X -
+        X0)/lag."""
         self._lag = lag
         self._X0 = X
 
@@ -115,15 +102,8 @@ class _ByComplexSteps:
         return f
 
     def tangent(self, X: Array) -> Array:
-        """Derivatives (3k, 3k) of the forces with respect to the vectors X (3k,) of k ports.
-
-        Units are N/m for points [m], N for directors [-].  Before the first step the matrix is
-        zero.
-
-        K_ij is the derivative of component i of the forces by component j of X.  `begin` stored
-        `_X0`, the vectors at the start of the step; the law of the force is evaluated for 3k
-        complex steps at once.
-        """
+        """Derivatives (3k, 3k) of the forces with respect to the vectors X (3k,) of k ports, [N/m]
+        for points, [N] for directors, by 3k complex steps at once; zero before the first step."""
         if not self._X0.size:  # before the first step only the pattern of the matrix is asked for
             return np.zeros((X.size, X.size))
         # A complex step subtracts nothing, so that it can be this small; its error is of the
@@ -169,11 +149,8 @@ def axes_of(body: Any) -> tuple[Port, ...]:
 
 
 class FacesForce:
-    """A force on flat faces of a rigid body at its position and directors (..., 4, 3).
-
-    Args:
-        areas: area vectors (n, 3), centres (n, 3) in body axes.
-    """
+    """A force on flat faces of a rigid body at its position and directors (..., 4, 3); area vectors
+    (n, 3) [m²] and centres (n, 3) [m] are in body axes."""
 
     def __init__(self, areas: Array, centres: Array) -> None:
         self._areas = areas

@@ -29,12 +29,11 @@ Coefficients = npt.NDArray[np.complex128]
 
 
 class SolidHarmonics:
-    """The potential Φ = scale Re Σ c_nm Y_nm around the origin, outside a sphere.
+    """The potential Φ = scale Re Σ c_nm Y_nm around the origin, outside a sphere of the reference
+    radius a [m].
 
-    Args:
-        coefficients: c_nm = C_nm - i S_nm, not normalised, complex (N + 1, N + 1).
-        radius: reference radius a [m].
-        scale: s, for example μ/a [m²/s²] for gravity.
+    `coefficients` c_nm = C_nm - i S_nm are complex (N + 1, N + 1), not normalised; `scale` is for
+    example μ/a [m²/s²] for gravity.
 
     >>> import numpy as np
     >>> point = SolidHarmonics(np.array([[1.0 + 0j]]), radius=1.0, scale=2.0)  # 2/r
@@ -75,12 +74,8 @@ class SolidHarmonics:
         return self.scale / self.radius * np.stack(components, axis=-1)
 
     def second_gradient(self, r: Array) -> Array:
-        """∇∇Φ (..., 3, 3) at positions r (..., 3) [m], in the unit of `scale` per square metre.
-
-        It is symmetric, and its trace is zero.  At the origin the result is not finite.
-
-        Y are the solid harmonics at the positions, G [-] the result before scaling.
-        """
+        """∇∇Φ (..., 3, 3) at positions r (..., 3) [m], in the unit of `scale` per square metre:
+        symmetric, with the trace zero, not finite at the origin."""
         Y = solid_harmonics(
             len(self._second[0][0]) - 1,
             r,
@@ -119,17 +114,11 @@ def _real_sum(c: Coefficients, Y: Coefficients) -> Array:
 
 
 def solid_harmonics(degree: int, r: Array, radius: float) -> Coefficients:
-    """Y_nm = (a/r)^(n+1) P_nm(sin φ) exp(i m λ) at positions r, complex and dimensionless.
+    """Y_nm = (a/r)^(n+1) P_nm(sin φ) exp(i m λ) at positions r (..., 3) [m] for the reference
+    radius a [m]: complex (degree + 1, degree + 1, ...), Y_nm at [n, m], zeros where m > n; not
+    finite at the origin.
 
     φ is the latitude, λ the longitude and P_nm the associated Legendre function, not normalised.
-
-    Args:
-        degree: highest degree n.
-        r: positions (..., 3) [m]; for the origin the result is not finite.
-        radius: reference radius a [m].
-
-    Returns:
-        array (degree + 1, degree + 1, ...), with Y_nm at [n, m] and zeros where m > n.
     """
     # r2: |r|² [m²]; x, y, z: a/r² times the coordinates [-]; ρ: (a/r)² [-]; xy: x + i y.
     r2 = np.sum(np.asarray(r, dtype=float) ** 2, axis=-1)
@@ -151,19 +140,15 @@ def solid_harmonics(degree: int, r: Array, radius: float) -> Coefficients:
 
 
 def differentiate(c: Coefficients, axis: int) -> Coefficients:
-    """Return the coefficients (N + 1, N + 1) of the derivative of a potential Φ along an axis.
+    """Return the coefficients (N + 1, N + 1) of radius · ∂Φ/∂x_axis from those of Φ, c (N, N),
+    complex and not normalised, c_nm at [n, m].
 
-    The derivative is multiplied by the reference radius: the coefficients are those of
-    radius · ∂Φ/∂x_axis.  Φ = Re Σ c_nm Y_nm is a sum of solid spherical harmonics; with the radius
-    written as a, their derivatives are
+    Φ = Re Σ c_nm Y_nm is a sum of solid spherical harmonics; with the reference radius a, their
+    derivatives are
 
         a ∂z Y_nm = -(n-m+1) Y_{n+1,m}
         a (∂x + i ∂y) Y_nm = -Y_{n+1,m+1}
         a (∂x - i ∂y) Y_nm = (n-m+2)(n-m+1) Y_{n+1,m-1}
-
-    Args:
-        c: coefficients (N, N) of Φ, complex, c_nm at [n, m]; dimensionless, without normalisation.
-        axis: 0, 1 or 2 for x, y or z.
     """
     # d: the result; n and m: degrees and orders as a column and a row; up, down: factors of the
     # terms Y_{n+1,m+1} and Y_{n+1,m-1}.
@@ -190,14 +175,11 @@ def differentiate(c: Coefficients, axis: int) -> Coefficients:
 
 
 def unnormalise(c: Coefficients, geodetic: bool) -> Coefficients:
-    """Coefficients (N, N) without normalisation, from normalised ones; zero where m > n.
+    """Coefficients (N, N) without normalisation, from normalised ones c of degree n and order m at
+    [n, m], in any unit; zero where m > n.
 
-    The factor is √((2-δ_0m) (n-m)!/(n+m)!), in geodesy times √(2n+1).
-
-    Args:
-        c: normalised coefficients (N, N), of degree n and order m at [n, m], in any unit.
-        geodetic: True for the full normalisation of geodesy, False for Schmidt's semi-normalisation
-            of geomagnetism.
+    The factor is √((2-δ_0m) (n-m)!/(n+m)!), Schmidt's semi-normalisation of geomagnetism; in the
+    full normalisation of geodesy times √(2n+1).
     """
     N = len(c)
     factor = np.zeros((N, N))
@@ -228,15 +210,11 @@ EGM_DEGREE = 20
 
 
 def oblateness(J2: float = J2, mu: float = MU, radius: float = RADIUS) -> SolidHarmonics:
-    """Potential -(μ/r) J2 (a/r)² P_2(sin φ) [m²/s²] of an oblate body around the z axis.
+    """Potential -(μ/r) J2 (a/r)² P_2(sin φ) [m²/s²] of an oblate body around the z axis, with the
+    gravitational parameter μ [m³/s²] and the equatorial radius a [m].
 
     φ is the latitude and r the distance from the centre.  The sign is that of geodesy: the
     acceleration is the gradient.  The potential μ/r of the point mass is not included.
-
-    Args:
-        J2: oblateness, dimensionless.
-        mu: gravitational parameter μ [m³/s²].
-        radius: equatorial radius a [m].
     """
     c = np.zeros((3, 3), dtype=complex)
     c[2, 0] = -J2
@@ -244,14 +222,8 @@ def oblateness(J2: float = J2, mu: float = MU, radius: float = RADIUS) -> SolidH
 
 
 def egm2008(degree: int = EGM_DEGREE, *, central: bool = False) -> SolidHarmonics:
-    """Gravity potential EGM2008 [m²/s²] of the Earth, in Earth-fixed axes.
-
-    Args:
-        degree: highest degree and order, 2 to 20.
-        central: whether the term μ/r is included.
-
-    Raises:
-        InputError: the degree is not in the file `egm2008.txt` of this package.
+    """Gravity potential EGM2008 [m²/s²] of the Earth, in Earth-fixed axes, to a degree and order of
+    2 to 20; the term μ/r is included if `central`.
 
     Source: N. K. Pavlis et al., J. Geophys. Res. 117 (2012) B04406, doi:10.1029/2011JB008916.
 
@@ -290,17 +262,11 @@ REFERENCE_RADIUS = 6371.2e3
 
 
 class Igrf:
-    """Main magnetic field of the Earth at one time.
+    """Main magnetic field of the Earth at one year with fraction, from 1900 to 2030.
 
         B = -∇V [T],    V = a Σ (a/r)^(n+1) P_n^m(sin φ) (g cos mλ + h sin mλ),    n ≤ 13
 
     Coefficients are linear between epochs; those of the last five years are a forecast.
-
-    Args:
-        year: year with fraction, from 1900 to 2030.
-
-    Raises:
-        InputError: the year is outside this range.
 
     Source: IAGA, International Geomagnetic Reference Field, 14th generation,
     doi:10.5281/zenodo.14012302; its file `igrf14.shc` is in this package.
@@ -338,10 +304,7 @@ class Igrf:
 @cache
 def _igrf14() -> tuple[Array, list[Coefficients]]:
     """Epochs (k,) [years], and for each of them coefficients c_nm (14, 14) [T] without
-    normalisation.
-
-    They are read once, from the file `igrf14.shc` of the package.
-    """
+    normalisation, read once from the file `igrf14.shc` of the package."""
     text = (files("gossamer_fx.mechanics.orbit") / "igrf14.shc").read_text()
     lines = [line.split() for line in text.splitlines() if not line.startswith("#")]
     degree = int(lines[0][1])

@@ -95,14 +95,7 @@ class _DipoleTorque:
         self._m: Array = np.zeros(3)
 
     def prepare(self, flight: Flight) -> None:
-        """Take the field B (3,) [T] and the moment m (3,) [A m²] in the middle of the step.
-
-        Args:
-            flight: time and position of the scene in the middle of the step.
-
-        Raises:
-            InputError: the user's function for the moment does not return three finite numbers.
-        """
+        """Take the field B (3,) [T] and the moment m (3,) [A m²] in the middle of the step."""
         moment = self._dipole.moment
         # Loads of the midpoint rule act in the middle of the step.
         value = moment(flight.time) if callable(moment) else moment
@@ -115,19 +108,8 @@ class _DipoleTorque:
         self._m = np.asarray(value, dtype=float)
 
     def forces(self, X: Array, rate: Array) -> Array:
-        """Forces on the directors X of a body whose torque is m × B.
-
-        Args:
-            X: three directors (..., 3, 3) [-], one a row; complex for derivatives by complex steps.
-            rate: their rates [1/s]; not used.
-
-        Returns:
-            forces (..., 3, 3) [N m], conjugate to the dimensionless directors.
-
-        Raises:
-            numpy.linalg.LinAlgError: the directors are parallel, which no body in a solved step
-                has.
-        """
+        """Forces (..., 3, 3) [N m], conjugate to the directors X (..., 3, 3) [-], whose torque is m
+        × B."""
         torque = np.cross(self._m @ X, self._B)
         # In the middle of a step directors are not exactly orthonormal; with their own S the
         # torque is still m × B.

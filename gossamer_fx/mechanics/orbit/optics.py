@@ -46,12 +46,6 @@ class Optics:
     other_side: Optics | None = None
 
     def __post_init__(self) -> None:
-        """Refuse values outside 0 to 1, a side of a side, and absorption without radiation.
-
-        Raises:
-            InputError: a property is outside 0 to 1, `other_side` has an `other_side` itself, or a
-                surface with reflectivity < 1 has zero emissivity on both sides.
-        """
         for quantity in ("reflectivity", "specular", "emissivity", "lambertian"):
             value = getattr(self, quantity)
             check(
@@ -74,21 +68,12 @@ class Optics:
         return self, self.other_side or self
 
     def coefficients(self, back: bool = False) -> tuple[float, float, float]:
-        """Coefficients of the force of light on a surface whose front, or back, is lit;
-        dimensionless.
+        """Coefficients (2rs, B(1-s)r + (1-r)(εB - ε'B')/(ε + ε'), 1 - rs) of the force of light on
+        a surface whose front, or back, is lit:
 
             f/P = cos α {[c_0 cos α + c_1] n + c_2 u}
 
-        is the force per area over the pressure of light along u, at an angle α to the normal n of
-        the side away from it.
-
-        Args:
-            back: True if light falls on the back.
-
-        Returns:
-            (2rs, B(1-s)r + (1-r)(εB - ε'B')/(ε + ε'), 1 - rs), with the reflectivity r, the
-            specular share s, the emissivity ε and the Lambertian coefficient B of the lit side; ε',
-            B' are those of the dark side.
+        with ε', B' of the dark side, see the class.
         """
         lit, dark = self.sides[::-1] if back else self.sides
         r = lit.reflectivity

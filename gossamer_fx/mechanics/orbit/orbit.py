@@ -93,10 +93,6 @@ class Orbit(Environment):
         yield RelativeGravity(self.name, Flight(self), self._flights)
 
     def flight(self, system: Assembly) -> Flight:
-        """The orbit at work on a system.
-
-        Raises:
-            InputError: it is not in that scene.
-        """
+        """The orbit at work on a system; `InputError` if it is not in that scene."""
         check(system in self._flights, f"'{self.name}' is not in the scene; add the orbit to it.")
         return self._flights[system]

@@ -70,13 +70,10 @@ Kinetic = NodeKineticEnergy | AttachedKineticEnergy
 
 
 class MassPoints:
-    """Mass points whose total kinetic energy equals that of given terms.
+    """Mass points whose total kinetic energy equals that of given terms, of bodies without mesh and
+    of masses that are attached to bodies.
 
     Point p of mass m_p has the position X_p = B_p q + o_p, with the unknowns q of the system.
-
-    Args:
-        terms: kinetic energies of bodies without mesh, and of masses that are attached to bodies.
-        system: the assembled system.
 
     Attributes:
         indices: global indices (n, D) of the unknowns that move each of this rank's n points.
@@ -86,10 +83,8 @@ class MassPoints:
     """
 
     def __init__(self, terms: Sequence[Kinetic], system: Assembly) -> None:
-        """Replace each mass by points, and find the unknowns that move them.  Collective.
-
-        The points are those of this rank's ports; B (n, 3, D) and o (n, 3) [m] give their positions
-        B q + o from the unknowns q."""
+        """Replace each mass of this rank's ports by points, and find the unknowns that move them.
+        Collective."""
         indices: list[Array] = []
         matrices: list[Array] = []
         offsets: list[Array] = []
@@ -151,23 +146,15 @@ class MassPoints:
 
 
 def equivalent_points(mass: Array, translation_weight: Array) -> tuple[Array, Array]:
-    """Mass points that have the same mass matrix as a body that is moved by k vectors.
+    """Mass points that have the same mass matrix as a body that is moved by k vectors: points c (p,
+    k), each an affine combination of the vectors, and masses m (p,) [kg], such that Σ m c cᵀ is the
+    mass matrix (k, k): masses [kg] of positions, first [kg m] and second moments [kg m²] of
+    directors.
 
     If the whole mass moves with the centre, there is one point.  Otherwise there is a pair of
     points on each principal axis, at equal distances to both sides of the centre.  Mass, centre and
-    second moments are exact; third moments are zero.
-
-    Args:
-        mass: mass matrix (k, k) of the vectors: masses [kg] of positions, first [kg m] and second
-            moments [kg m²] of directors.
-        translation_weight: (k,), 1 for positions and 0 for directors.
-
-    Returns:
-        points c (p, k), each an affine combination of the k vectors, and masses m (p,) [kg], such
-        that Σ m c cᵀ is the mass matrix.
-
-    Raises:
-        numpy.linalg.LinAlgError: the body has no mass.
+    second moments are exact; third moments are zero.  `translation_weight` (k,) is 1 for positions
+    and 0 for directors.
 
     >>> import numpy as np
     >>> points, masses = equivalent_points(np.diag([2.0, 8.0]), np.array([1.0, 0.0]))
@@ -193,15 +180,9 @@ def equivalent_points(mass: Array, translation_weight: Array) -> tuple[Array, Ar
 
 
 def _ports_and_masses(term: Kinetic) -> tuple[Sequence[tuple[Attached, ...]], Array]:
-    """The k vectors of each of n masses, and the mass matrices (n, k, k), of the nodes of this
-    rank.
-
-    A vector is a port: a position [m] or a director [-] of a body.  Entries of the matrices are
-    masses [kg] for two positions, first moments [kg m] and second moments [kg m²] with directors.
-
-    Args:
-        term: kinetic energy of the nodes of a body, or of masses attached to ports.
-    """
+    """The k ports, positions [m] or directors [-], of each of n masses of a kinetic energy, and the
+    mass matrices (n, k, k): masses [kg] for two positions, first moments [kg m] and second moments
+    [kg m²] with directors; of the nodes of this rank."""
     if isinstance(term, AttachedKineticEnergy):
         return term.ports, term.mass
     body = term.body
@@ -222,15 +203,9 @@ def growth(
 ) -> tuple[Any, Any]:
     """|R| and |R + x| - |R| [m], by (2R + x)·x/(|R + x| + |R|), in which nothing cancels.
 
-    R and x are arrays or UFL vectors; both results are scalars, or (n,) for rows (n, 3).
-
-    For arrays the results are NaN where both R and R + x are zero.
-
-    Args:
-        R: origin of the frame, from the attracting centre [m].
-        x: position in the frame [m].
-        dot: dot product of two such vectors.
-        root: square root.
+    R [m] is the origin of the frame from the attracting centre, x [m] a position in the frame;
+    arrays or UFL vectors, for which `dot` and `root` are the functions.  Both results are scalars,
+    or (n,) for rows (n, 3), and NaN where both R and R + x are zero.
 
     >>> import numpy as np
     >>> r, longer = growth(np.array([7e6, 0.0, 0.0]), np.array([1e-3, 0.0, 0.0]), np.dot, np.sqrt)
@@ -248,17 +223,10 @@ def excess(
     d0: Any,
     d1: Any,
 ) -> Any:
-    """γ = σ(R0, R1)/σ(X0, X1) - 1 without cancellation, dimensionless.
+    """γ = σ(R0, R1)/σ(X0, X1) - 1 without cancellation, see the module.
 
-    σ(b, c) = 2μ/(|b||c|(|b| + |c|)) is the factor of the mean gravity over a step, with the
-    gravitational parameter μ; R is the origin of the frame and X a mass point, from the attracting
-    centre.  Numbers, arrays or UFL scalars.
-
-    Args:
-        r0: |R0|, distance of the origin from the centre at the start of the step [m].
-        r1: the same at the end of the step [m].
-        d0: |X0| - |R0| [m], as `growth` returns it.
-        d1: |X1| - |R1| [m].
+    r0 and r1 are |R0| and |R1| [m], d0 and d1 |X0| - |R0| and |X1| - |R1| [m] as `growth` returns
+    them; numbers, arrays or UFL scalars.
     """
     p = d0 / r0
     q = d1 / r1
@@ -269,9 +237,7 @@ def excess(
 
 def _names_of_holders(terms: Sequence[Term]) -> Iterator[str]:
     """Yield the names of terms that fix a body to a point of the frame, which flies and cannot
-    hold.
-
-    These are supports (`Support`), and measures between points of which one is on the ground."""
+    hold: supports, and measures between points of which one is on the ground."""
     for term in terms:
         if isinstance(term, Support):
             yield term.name
@@ -283,21 +249,11 @@ def _names_of_holders(terms: Sequence[Term]) -> Iterator[str]:
 
 
 class MeshGravity:
-    """Gravity on one body on a mesh, as compiled forms.
-
-    The mass is that of the body's kinetic energy, at the same quadrature points.
-
-    Args:
-        term: kinetic energy of the body.
-        at: its fields in the system: q0, q1 and mid of a step, test function w, trial function dq.
-    """
+    """Gravity on one body on a mesh, as compiled forms; its mass is that of the body's kinetic
+    energy, at the same quadrature points."""
 
     def __init__(self, term: KineticEnergy, at: Any) -> None:
-        """Compile relative gravity on one body on a mesh; each step sets only constants of the
-        forms.
-
-        The force per mass is the difference of gravity at a point and at the origin R of the frame,
-        -σ(R0, R1) [x_mid - γ/(1+γ) X_mid], see the module for σ and γ."""
+        """Compile the forms, of which each step sets only constants."""
         self.body = term.body
         self._at = at
         mesh = at.q0.function_space.mesh
@@ -343,10 +299,8 @@ class MeshGravity:
         self._weights = compile_form(term.mass(unit, at.w))
 
     def vector(self, form: fem.Form) -> Array:
-        """Assemble a linear form, and return the values that this rank owns.
-
-        Ghost contributions of other ranks are added. Collective.
-        """
+        """Assemble a linear form, ghost contributions included, and return the values that this
+        rank owns.  Collective."""
         dofmap = self._at.q0.function_space.dofmap
         b = la.vector(dofmap.index_map, dofmap.index_map_bs)
         fem.assemble_vector(b.array, form)
@@ -382,16 +336,7 @@ class CompiledOrbit(
     """
 
     def __init__(self, terms: Sequence[RelativeGravity], system: Assembly) -> None:
-        """Check that the scene can fly, and compile gravity on its bodies.  Collective.
-
-        Args:
-            terms: the orbits of the scene; there must be one.
-            system: the compiled scene.
-
-        Raises:
-            InputError: the scene has several orbits, the time-stepping rule is not the midpoint
-                rule, or a term fixes a body to a point of the frame.
-        """
+        """Check that the scene can fly, and compile gravity on its bodies.  Collective."""
         # Positions of the scene are relative to one origin.
         check(len(terms) == 1, f"The scene has {len(terms)} orbits; give it one.")
         check(
@@ -427,14 +372,9 @@ class CompiledOrbit(
         self._resultant: Array = np.zeros((2, 3))
 
     def _weigh(self) -> PETSc.Vec:
-        """Weights W [kg] with Σ m w = Σ_i W_i w_i, the sum over all masses m that move by w.
-
-        w is a vector of the system: positions, velocities or displacements.
-
-        Returns:
-            a vector of the system, of all bodies: the same weight for the three components of a
-            node.  Multipliers have the weight zero.  Collective.
-        """
+        """Weights W [kg] with Σ m w = Σ_i W_i w_i, the sum over all masses m that move by w, a
+        vector of the system: the same weight for the three components of a node, zero for
+        multipliers.  Collective."""
         W = self._system.numbering.vector()
         with W as values:
             for mesh in self._meshes:
@@ -466,17 +406,10 @@ class CompiledOrbit(
     # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self, t: float) -> None:
-        """Advance the origin by one step, whose middle is at t [s], and set all constants.
-        Collective.
-
-        The constants are positions R0, R1 [m] of the origin, the factor σ [1/s²] of the mean
-        gravity over the step, and the gravity gradient [1/s²].
-
-        It also stores `_X0` (n, 3) [m], the positions of the mass points at the start of the step.
-
-        Raises:
-            InputError: the step is too large a part of a revolution.
-        """
+        """Advance the origin by one step, whose middle is at t [s], and set all constants: its
+        positions R0, R1 [m], the factor σ [1/s²] of the mean gravity over the step, and the gravity
+        gradient [1/s²].  `_X0` (n, 3) [m] are the mass points at the start of the step.
+        Collective."""
         flight = self.flight
         flight.prepare(self._system)
         # Origin of the frame from the attracting centre at both ends of the step [m]; r0, r1 are
@@ -500,18 +433,10 @@ class CompiledOrbit(
             self._X0 = self._points(self._system.q0)
 
     def _on_points(self, x1: Array) -> Array:
-        """Forces (n, 3) [N] of gravity, relative to the falling frame, on the mass points in a
-        step.
+        """Forces (n, 3) [N] of gravity, relative to the falling frame, on this rank's mass points
+        in a step that ends at x1 (n, 3) [m]: (1) of the module, plus tidal and other accelerations.
 
-        m [-σ(R0, R1) (x_mid - γ/(1+γ) X_mid) + tidal and other accelerations], with the origin R of
-        the frame and X = R + x; the first term is the exact average of 1/r gravity over the step.
-
-        R0, R1 (3,) [m] are the origin at the ends of the step, r0, r1 their lengths, d0, d1 (n,)
-        [m] the distances |X| less |R|. The n points are this rank's; `begin_step` must have stored
-        their positions `_X0` at the start of the step.
-
-        Args:
-            x1: positions (n, 3) [m] of the points in the frame at the end of the step.
+        r0 and r1 are |R0| and |R1| [m], d0 and d1 (n,) [m] the distances |X| less |R|.
         """
         assert self._points is not None
         flight = self.flight
@@ -548,10 +473,8 @@ class CompiledOrbit(
 
         It is the work of all attraction other than 1/r, and that of all other loads on the
         displacement of the origin of the moving frame.  The loads count their work on displacements
-        in the frame themselves.  Their resultant follows from the change of momentum.
-
-        Side effects: it sets the centre of mass of `flight` and the resultant that `resultants`
-        returns. `begin_step` must have been called for the step.
+        in the frame themselves.  Their resultant follows from the change of momentum.  It also sets
+        the centre of mass of `flight` and what `resultants` returns.
         """
         system = self._system
         flight = self.flight
@@ -604,12 +527,11 @@ class CompiledOrbit(
         self.flight.keep()
 
     def energies(self) -> dict[str, float]:
-        """Energy [J] of the motion of the frame and of 1/r gravity, by the name of the orbit.
+        """Energy of the motion of the frame and of 1/r gravity, by the name of the orbit.
 
         It is ½ M |V|² + V·P + Σ m μ (1/|R| - 1/|X|) - M μ/|R|, less the first and the last term at
         the start of the run: M is the mass of all bodies [kg], P their momentum in the frame, R and
-        V position and velocity of the origin, X = R + x the position of a mass m.  The sum over
-        ranks counts.
+        V position and velocity of the origin, X = R + x the position of a mass m.
         """
         system = self._system
         origin = self.flight.origin
@@ -653,13 +575,8 @@ def _dots(a: Array, b: Array) -> Array:
 
 
 class RelativeGravity:
-    """The term of an `Orbit`; a scene has one.
-
-    Args:
-        name: name of the orbit.
-        flight: origin of the frame, and its surroundings at the present time.
-        flights: dictionary of the orbit, into which the flight is entered under its system.
-    """
+    """The term of an `Orbit`; a scene has one.  Its flight is entered into `flights` of the orbit
+    under its system."""
 
     compiler: ClassVar[Compiler] = CompiledOrbit
 

@@ -45,15 +45,9 @@ _GRAZING_COSINE = 1e-3
 
 
 class ShadowMap:
-    """The part of each triangle of a film that light reaches, where the film shades itself.
-
-    Args:
-        film: the film.
-        pixels: number of pixels across the depth map.
-
-    Attributes:
-        lit: function that is constant on triangles, 1 in light and 0 in shade.
-    """
+    """The part of each triangle of a film that light reaches, where the film shades itself, by a
+    depth map with a number of pixels across: `lit` is a function that is constant on triangles, 1
+    in light and 0 in shade."""
 
     def __init__(self, film: Membrane, pixels: int) -> None:
         mesh = film.space.mesh
@@ -65,14 +59,8 @@ class ShadowMap:
         self._corners = cell_nodes(film.space)[: self._owned, :3]
 
     def update(self, system: Assembly, u: Array) -> None:
-        """Compute `lit` (1 in light, 0 in shade) of all triangles for light along a unit vector.
-
-        Collective.
-
-        Args:
-            system: the compiled scene; the shape is that at the start of the present step.
-            u: direction (3,) in which the light travels, of length 1.
-        """
+        """Compute `lit` of all triangles for light along a unit vector u (3,), with the shape at
+        the start of the present step.  Collective."""
         x = system.coordinates[self._film].q0.x.array.reshape(-1, 3)
         triangles = x[self._corners]
         lit = lit_parts(self._film.comm, triangles, u, self._pixels)
@@ -86,13 +74,8 @@ def lit_parts(
     u: Array,
     pixels: int,
 ) -> Array:
-    """Part (n,) of each triangle that light reaches, from 0 to 1.  Collective.
-
-    Args:
-        comm: the ranks.
-        triangles: corners (n, 3, 3) [m] of this rank's triangles.
-        u: unit vector (3,) along the light.
-        pixels: number of pixels across the depth map.
+    """Part (n,), from 0 to 1, of each of this rank's triangles (n, 3, 3) [m] that light along a
+    unit vector u (3,) reaches, by a depth map with a number of pixels across.  Collective.
 
     >>> import numpy as np
     >>> from mpi4py import MPI
@@ -150,14 +133,8 @@ def lit_parts(
 
 
 def _slopes(triangles: Array, u: Array) -> Array:
-    """Change of depth along u per length across u (n,), dimensionless: the tangent of incidence.
-
-    Args:
-        triangles: corners (n, 3, 3) [m].
-        u: unit vector (3,) along the light.
-
-    Returns:
-        slopes (n,), limited to 1000; that of triangles without area is this limit.
+    """Change of depth along a unit vector u (3,) per length across it, the tangent of incidence
+    (n,), of triangles (n, 3, 3) [m]; limited to 1000, which is also that of triangles without area.
     """
     first = triangles[:, 1] - triangles[:, 0]
     second = triangles[:, 2] - triangles[:, 0]

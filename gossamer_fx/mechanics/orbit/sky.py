@@ -21,15 +21,12 @@ SUN_RADIUS = 6.957e8
 
 
 def shadow_depth(r: Array, sun: Array, radius: float = RADIUS) -> float:
-    """Depth [m] of a position in the cylindrical shadow of the Earth; negative in light.
+    """Depth [m] of a position r (3,) [m] from the Earth's centre in the cylindrical shadow of a
+    radius [m]; negative in light.  `sun` (3,) is the position of the Sun, or a direction to it of
+    any length.
 
     On the night side it is radius - |r - (r·s) s|, with the direction s to the Sun; on the day side
     radius - |r|.  It is continuous, so that a root finder can locate the entry and the exit.
-
-    Args:
-        r: position (3,) from the Earth's centre [m].
-        sun: position (3,) of the Sun [m], or direction to it of any length, not zero.
-        radius: radius of the Earth [m].
 
     >>> import numpy as np
     >>> shadow_depth(np.array([-7000e3, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]), radius=6400e3)
@@ -51,15 +48,12 @@ def sunlit_in_cylinder(r: Array, sun: Array, radius: float = RADIUS) -> float:
 
 
 def sunlit_in_cone(r: Array, sun: Array, radius: float = RADIUS) -> float:
-    """Part of the Sun's disc that is visible, 1 in light and 0 in the umbra; dimensionless.
+    """Part of the Sun's disc that is visible from r (3,) [m], 1 in light and 0 in the umbra; `sun`
+    (3,) [m] is the position of the Sun, both from the Earth's centre, and `radius` [m] that of the
+    Earth.
 
     Sun and Earth are seen as circles, and the Sun's disc has uniform brightness.  An annular
     eclipse gives a value between 0 and 1.
-
-    Args:
-        r: position (3,) from the Earth's centre [m], not zero.
-        sun: position (3,) of the Sun from there [m].
-        radius: radius of the Earth [m].
 
     Source: O. Montenbruck & E. Gill, Satellite Orbits (2000), section 3.4.2,
     doi:10.1007/978-3-642-58351-3.
@@ -101,17 +95,12 @@ _DAY = 86400.0
 
 
 class Sky:
-    """Sun, Moon and orientation of the Earth as functions of the time t [s] since an epoch.
+    """Sun, Moon and orientation of the Earth as functions of the time t [s] since an epoch, a date
+    in UTC such as "2026-01-01" or "2026-01-01T12:00:00".
 
     Axes are those of the GCRS (equatorial, J2000).  Light time and aberration (20.5″) are
-    neglected.
-
-    Args:
-        epoch: date in UTC, such as "2026-01-01" or "2026-01-01T12:00:00".
-        ut1_utc: difference UT1 - UTC [s]; its magnitude is below 0.9 s.
-
-    Raises:
-        InputError: the date does not exist, or ERFA is not installed.
+    neglected.  `ut1_utc` [s] is the difference UT1 - UTC, below 0.9 s.  A date that does not exist
+    raises `InputError`.
     """
 
     def __init__(self, epoch: str, ut1_utc: float = 0.0) -> None:
@@ -150,10 +139,8 @@ class Sky:
         return position
 
     def earth(self, t: float) -> Array:
-        """Rotation matrix (3, 3) from GCRS to Earth-fixed axes, IAU 2006/2000A.
-
-        Polar motion, below 1″, is neglected.
-        """
+        """Rotation matrix (3, 3) from GCRS to Earth-fixed axes, IAU 2006/2000A.  Polar motion,
+        below 1″, is neglected."""
         tt = (self._tt[0], self._tt[1] + t / _DAY)
         ut1 = (self._ut1[0], self._ut1[1] + t / _DAY)
         rotation: Array = np.asarray(_erfa().c2t06a(*tt, *ut1, 0.0, 0.0))
@@ -161,11 +148,8 @@ class Sky:
 
 
 def _erfa() -> Any:
-    """The module `erfa` (positions of Sun, Moon and Earth by date), which is optional.
-
-    Raises:
-        InputError: ERFA is not installed; the message names the package to install.
-    """
+    """The module `erfa` (positions of Sun, Moon and Earth by date), which is optional; `InputError`
+    names the package to install."""
     try:
         import erfa
     except ImportError:
@@ -183,12 +167,9 @@ def third_body(r: Array, body: Array, mu: float) -> Array:
 
         μ [(b - r)/|b - r|³ - b/|b|³] = -μ/|b - r|³ (r + f b)
 
-    where f is a function of q = r·(r - 2b)/|b|² in which nothing cancels.
-
-    Args:
-        r: position (3,) from the Earth's centre [m].
-        body: position b (3,) of the body from there [m].
-        mu: its gravitational parameter μ [m³/s²].
+    where f is a function of q = r·(r - 2b)/|b|² in which nothing cancels.  r and b (3,) [m] are
+    positions from the Earth's centre, of which b is that of the body with the gravitational
+    parameter μ [m³/s²].
 
     Source: R. H. Battin, An Introduction to the Mathematics and Methods of Astrodynamics (1999),
     section 8.4, doi:10.2514/4.861543.
@@ -208,10 +189,8 @@ def third_body_gradient(r: Array, body: Array, mu: float) -> Array:
 
 
 def point_gradient(r: Array, mu: float) -> Array:
-    """Derivative μ/|r|³ (1 - 3 r̂ r̂ᵀ) (3, 3) [1/s²] of the vector μ r/|r|³.
-
-    It is the negative gravity gradient at the position r (3,) [m] from a point mass.
-    """
+    """Derivative μ/|r|³ (1 - 3 r̂ r̂ᵀ) (3, 3) [1/s²] of the vector μ r/|r|³: the negative gravity
+    gradient at r (3,) [m] from a point mass."""
     d2 = float(r @ r)
     G: Array = mu / d2**1.5 * (np.eye(3) - 3 * np.outer(r, r) / d2)
     return G

@@ -77,11 +77,7 @@ SPACE_TEMPERATURE = 2.7
 
 
 class _Run(Protocol):
-    """A run, of which only the compiled scene is read.
-
-    Attributes:
-        system: the compiled scene.
-    """
+    """A run, of which only the compiled scene, `system`, is read."""
 
     system: Any
 
@@ -150,12 +146,6 @@ class ThermalProperties:
     emissivity: float | tuple[float, float]
 
     def __post_init__(self) -> None:
-        """Check the signs and ranges of the properties.
-
-        Raises:
-            InputError: the heat capacity is not positive [J/(m² K)], an absorptivity or emissivity
-                is not between 0 and 1, or a film that absorbs has no emissivity.
-        """
         check(
             self.heat_capacity > 0,
             f"ThermalProperties: heat_capacity is {self.heat_capacity!r} J/(m² K); give a positive "
@@ -251,13 +241,6 @@ class SolarHeating:
         self._temperatures: WeakKeyDictionary[Assembly, FilmTemperatures] = WeakKeyDictionary()
 
     def _check_numbers(self) -> None:
-        """Refuse numbers out of their ranges, each in one sentence.
-
-        Raises:
-            InputError: `albedo` is outside 0 to 1, `infrared` [W/m²] is negative, a temperature is
-                outside 0 to 1e5 K, `shadow_pixels` is negative or too large, or no initial
-                temperature is known.
-        """
         check(0 <= self.albedo <= 1, f"'{self.name}': albedo is {self.albedo!r}; give 0 to 1.")
         check(
             self.infrared >= 0,
@@ -304,25 +287,12 @@ def _of_faces(value: float | tuple[float, float]) -> tuple[float, float]:
 
 
 class FilmTemperatures:
-    """The temperatures of one film in one compiled scene.
-
-    Args:
-        heating: the item.
-        system: the scene.
-
-    Attributes:
-        T: temperatures (n,) [K] of the triangles that this rank owns, of the accepted state.
-    """
+    """The temperatures of one film in one compiled scene: T (n,) [K] of the triangles that this
+    rank owns, of the accepted state."""
 
     def __init__(self, heating: SolarHeating, system: Assembly) -> None:
-        """Take the initial temperatures, and compile the area vectors.  Collective.
-
-        It sets `T` (n,) [K] and the stress-free areas [m²] of the n triangles that this rank owns.
-
-        Raises:
-            InputError: a group of properties is not of triangles, or the film's thermal expansion
-                has a temperature that is a function of time.
-        """
+        """Take the initial temperatures and the stress-free areas [m²], and compile the area
+        vectors.  Collective."""
         self.heating = heating
         self.film = film = heating.film
         self._system = system
@@ -355,14 +325,8 @@ class FilmTemperatures:
             self._strain.commit()
 
     def _take_properties(self) -> None:
-        """Set the thermal properties of each of the n triangles that this rank owns.
-
-        These are the heat capacities `_C` (n,) [J/(m² K)] and, for front and back,
-        `_absorptivities` and `_emissivities` (n, 2), dimensionless.
-
-        Raises:
-            InputError: a group is not in the mesh, or is not of triangles.
-        """
+        """Set the heat capacities `_C` (n,) [J/(m² K)] and, for front and back, `_absorptivities`
+        and `_emissivities` (n, 2) of the triangles that this rank owns."""
         heating = self.heating
         table = np.zeros((self._owned, 5))
 
@@ -384,15 +348,9 @@ class FilmTemperatures:
         self._emissivities = table[:, 3:5]
 
     def _initial(self) -> Array:
-        """The temperatures (n,) [K] of this rank's triangles at the start.
-
-        They are the item's `initial_temperature`, or the mean over the nodes of each triangle of
-        the film's thermal expansion.
-
-        Raises:
-            InputError: the thermal expansion of the film has a temperature that is a function of
-                time.
-        """
+        """The temperatures (n,) [K] of this rank's triangles at the start: the item's
+        `initial_temperature`, or the mean over the nodes of each triangle of the film's thermal
+        expansion.  `InputError`: that has a temperature that is a function of time."""
         heating = self.heating
         strain = self._strain
         if strain is not None:
@@ -412,16 +370,9 @@ class FilmTemperatures:
     # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self) -> None:
-        """Advance the temperatures over the step `system.h` [s]; `commit` accepts them.
-        Collective.
-
-        Absorbed and emitted heat [J] of the step are stored with the temperatures, and the film
-        takes the thermal strain of its new temperatures.
-
-        Raises:
-            InputError: the orbit is not in the scene, the step is too long for it, or it does not
-                know where the Sun is.
-        """
+        """Advance the temperatures over the step `system.h` [s], with the heat [J] absorbed and
+        emitted in it; `commit` accepts them.  The film takes the thermal strain of its new
+        temperatures.  Collective."""
         system = self._system
         flight = self.heating.orbit.flight(system)
         flight.prepare(system)
@@ -460,17 +411,11 @@ class FilmTemperatures:
         function.x.scatter_forward()
 
     def _fluxes(self, flight: Flight) -> tuple[Array, Array]:
-        """Absorbed flux A and emission coefficient B of the heat equation C dT/dt = A - B T⁴.
+        """Absorbed flux A (n,) [W/m²] and emission coefficient B (n,) [W/(m² K⁴)] of the heat
+        equation C dT/dt = A - B T⁴, per stress-free area of this rank's triangles.  Collective.
 
         u (3,) is the unit vector along the sunlight; a (n, 3) are the area vectors in the middle of
         the step over the stress-free areas [-], and the stretch is their length.
-
-        Returns:
-            A (n,) [W/m²] and B (n,) [W/(m² K⁴)] of the n triangles of this rank, per stress-free
-            area.  Collective.
-
-        Raises:
-            InputError: the orbit does not know where the Sun is.
         """
         heating = self.heating
         u, pressure = flight.light()
@@ -490,18 +435,9 @@ class FilmTemperatures:
         return A, B
 
     def _from_central_body(self, flight: Flight, a: Array, stretch: Array) -> Array:
-        """Absorbed flux (n,) [W/m²] of infrared and reflected sunlight of the central body.
-
-        It is per stress-free area, summed over both faces of each triangle.
-
-        Args:
-            a: area vectors (n, 3) of the deformed triangles over their stress-free areas,
-                dimensionless.
-            stretch: lengths (n,) of `a`: deformed over stress-free area.
-
-        Raises:
-            InputError: the orbit does not know where the Sun is.
-        """
+        """Absorbed flux (n,) [W/m²] of infrared and reflected sunlight of the central body, per
+        stress-free area, summed over both faces of each triangle; a (n, 3) and the stretch (n,) are
+        those of `_fluxes`."""
         heating = self.heating
         around = flight.around
         distance = float(np.linalg.norm(flight.R))
@@ -556,10 +492,8 @@ class FilmTemperatures:
         self._first = share * first
 
     def balance(self) -> HeatBalance:
-        """The heat balance of the accepted state: heats [J] and temperatures [K] of all triangles.
-
-        Collective; the same on every rank.
-        """
+        """The heat balance of the accepted state, of all triangles; the same on every rank.
+        Collective."""
         comm = self._system.comm
         sums = self.sums()
         own = np.array([self._stored(), float(self._C @ self._areas)])
@@ -592,15 +526,8 @@ class HeatedFilms(
     """All `HeatedFilm` terms of a scene."""
 
     def __init__(self, terms: Sequence[HeatedFilm], system: Assembly) -> None:
-        """Make the temperatures of each heated film.  Collective.
-
-        Args:
-            terms: one for each `SolarHeating` of the scene.
-            system: the compiled scene.
-
-        Raises:
-            InputError: a film is heated twice, or the errors of `FilmTemperatures`.
-        """
+        """Make the temperatures of each heated film; `InputError` if one is heated twice.
+        Collective."""
         self._films: list[FilmTemperatures] = []
         for term in terms:
             heating = term.heating

@@ -114,16 +114,8 @@ class SolarPressure:
             yield self._on_film(self.body)
 
     def _on_film(self, film: Membrane) -> FlyingLoad:
-        """Load of sunlight on the deformed triangles of a film; direction and pressure are
-        constants.
-
-        Returns:
-            the load term: the form of its virtual work (forces [N] tested by w), and `prepare`,
-            which sets direction (3,), pressure [N/m²] and shadows before each step.
-
-        Raises:
-            InputError: a group of optics is not of triangles of the mesh.
-        """
+        """Load of sunlight on the deformed triangles of a film.  Before each step `prepare` sets
+        direction (3,), pressure [N/m²] and shadows."""
         mesh = film.space.mesh
         # u: unit vector along the light; P: pressure of sunlight on a black surface [N/m²], zero
         # until the first step.
@@ -154,24 +146,9 @@ class SolarPressure:
 def face_coefficients(
     film: Membrane, optics: Optics, groups: Mapping[str, Optics], name: str
 ) -> tuple[list[Expr], list[Expr]]:
-    """Optical coefficients of front and back: constants, or functions where groups of triangles
-    differ.
-
-    Each rank sets the values of the triangles that it owns, and of its ghosts.
-
-    Args:
-        film: the film.
-        optics: of all triangles that are in none of the groups.
-        groups: optics by the names of groups of its mesh.
-        name: of the load, for messages.
-
-    Returns:
-        for front and back a list of three dimensionless UFL scalars, those of
-        `Optics.coefficients`.
-
-    Raises:
-        InputError: a group that is not in the mesh, or not of triangles.
-    """
+    """Three UFL scalars, those of `Optics.coefficients`, for the front of a film and for its back:
+    constants, or functions where groups of triangles, by their names, have other optics than the
+    others.  Each rank sets the values of the triangles that it owns, and of its ghosts."""
     mesh = film.space.mesh
     both = [optics.coefficients(back=side) for side in (False, True)]
     # Six constants are cheaper than a function of six values on each triangle.
@@ -192,17 +169,8 @@ def face_coefficients(
 
 
 def check_surfaces(name: str, body: Membrane | RigidBody, surfaces: Sequence[Surface]) -> None:
-    """Raise `InputError` unless a rigid body has surfaces and a film has none.
-
-    Args:
-        name: of the load, for the message.
-        body: on which the load acts.
-        surfaces: flat faces that the user gave for the body.
-
-    Raises:
-        InputError: the body is neither a film nor a rigid body, or surfaces are missing or
-            superfluous.
-    """
+    """Raise `InputError` unless the body of a load is a rigid body with surfaces or a film
+    without."""
     check(
         isinstance(body, Membrane | RigidBody),
         f"'{name}' acts on {body!r}; give a film or a rigid body.",
@@ -228,12 +196,8 @@ class _LightOnFaces(FacesForce):
     """Sunlight on flat faces."""
 
     def __init__(self, surfaces: Sequence[Surface]) -> None:
-        """Take geometry and optical coefficients (3, n, 1) [-] of both sides of n surfaces.
-
-        Args:
-            surfaces: flat faces of a rigid body, with area [m²], normal, centre [m] and optics.
-                The back of a one-sided face has the coefficients zero.
-        """
+        """Take geometry and optical coefficients (3, n, 1) of both sides of n surfaces; the back of
+        a one-sided face has the coefficients zero."""
         super().__init__(*geometry(surfaces))
         self._front, self._back = (
             np.array([s.optics.coefficients(back=side) for s in surfaces]).T[..., None]
@@ -316,14 +280,9 @@ class Sunlight:
         yield self.body
 
     def direction_at(self, t: float) -> Array:
-        """Unit vector (3,) along which the light travels at a time.  Collective.
-
-        Args:
-            t: time [s], or the argument `at` of an equilibrium.
-
-        Raises:
-            InputError: the direction is not three finite numbers, or has no length.
-        """
+        """Unit vector (3,) along which the light travels at a time [s], or the argument `at` of an
+        equilibrium; `InputError` unless the direction is three finite numbers, not all zero.
+        Collective."""
         what = f"'{self.name}': direction"
         given = self._direction
         if callable(given):
@@ -339,11 +298,6 @@ class Sunlight:
         return unit
 
     def terms(self, start: State) -> Iterable[Term]:
-        """Yield the force of light on the deformed triangles, a load that follows them.
-
-        Raises:
-            InputError: a group of optics is not of triangles of the mesh.
-        """
         film = self.body
         mesh = film.space.mesh
         # u: unit vector along the light at t = 0, P: pressure on a black surface [N/m²].

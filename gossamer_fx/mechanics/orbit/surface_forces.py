@@ -46,11 +46,6 @@ class Air:
     molecule: float = ATOM
 
     def __post_init__(self) -> None:
-        """Refuse a negative density, and a temperature or mass that is not positive.
-
-        Raises:
-            InputError: density < 0 [kg/m³], temperature ≤ 0 [K] or molecule ≤ 0 [kg].
-        """
         check(
             self.density >= 0,
             f"Air: density is {self.density!r} kg/m³; give a number that is not negative.",
@@ -93,11 +88,6 @@ class Accommodation:
     wall_temperature: float = 300.0
 
     def __post_init__(self) -> None:
-        """Refuse fractions outside 0 to 1 and a wall temperature that is not positive.
-
-        Raises:
-            InputError: `normal` or `tangential` is outside 0 to 1, or `wall_temperature` ≤ 0 [K].
-        """
         for quantity in ("normal", "tangential"):
             value = getattr(self, quantity)
             check(
@@ -123,23 +113,17 @@ def coefficients(
     side.
 
     n points into the surface, u = U/|U|, c = n·u (negative on the lee), s = |U|/√(2kT/m), wall =
-    √(T_w/T).  With x = s c, the pressure and shear coefficients of Schaaf & Chambre are
+    √(T_w/T) of wall and air.  With x = s c, the pressure and shear coefficients of Schaaf & Chambre
+    are
 
         c_p s² = [(2-σ_n) x/√π + σ_n wall/2] exp(-x²)
                  + [(2-σ_n)(x² + ½) + σ_n √π wall x/2] (1 + erf x)
         c_τ s  = σ_t sin θ [exp(-x²)/√π + x (1 + erf x)]
 
-    and A = c_p - c c_τ/sin θ, B = c_τ/sin θ.  All quantities are dimensionless: UFL scalars, or
-    arrays that broadcast with each other and may be complex.
-
-    Args:
-        c: cosine between the normal into the surface and the flow.
-        s: speed of the air over its thermal speed, not zero: for a face at rest in the air the
-            coefficients are not finite.
-        σn: accommodation of the normal momentum, 0 to 1.
-        σt: accommodation of the tangential momentum, 0 to 1.
-        wall: √(T_w/T), from the temperatures of the wall and of the air.
-        maths: object with the functions `exp` and `erf`, of UFL or of SciPy.
+    and A = c_p - c c_τ/sin θ, B = c_τ/sin θ.  σn and σt are the accommodations of the normal and
+    the tangential momentum, 0 to 1.  All quantities are dimensionless: UFL scalars, or arrays that
+    broadcast with each other and may be complex; `maths` has the functions `exp` and `erf`.  For a
+    face at rest in the air, s = 0, the result is not finite.
 
     Source: Schaaf & Chambre, Flow of Rarefied Gases (1961), section H.
     """
@@ -169,10 +153,8 @@ class Symbolic:
 
 
 class Rows:
-    """Operations on arrays, vectors (..., 3) and numbers (..., 1).
-
-    Arrays may be complex, since derivatives are taken by complex steps.
-    """
+    """Operations on arrays, vectors (..., 3) and numbers (..., 1), complex for derivatives by
+    complex steps."""
 
     root = np.sqrt
     exp = np.exp
@@ -197,23 +179,15 @@ def light_force(
     back: Any,
     maths: Any,
 ) -> Any:
-    """Force of light on a face, divided by the pressure of light.
+    """Force of light on a face, divided by the pressure of light: a vector [m²], of the shape of
+    `a`.
 
         |a·u| [(c_0 cos α + c_1) n + c_2 u]
 
-    with the unit normal n of the face on the side away from the light, the angle α between n and u,
-    and the coefficients c of the lit side.
-
-    Args:
-        a: area vector of the face [m²], a UFL vector or rows (..., 3); it points away from its
-            front. Its length must not be zero: NaN is returned.
-        u: unit vector along the light.
-        front: the three coefficients of `Optics.coefficients` that hold when the front is lit.
-        back: those that hold when the back is lit.
-        maths: `Symbolic` for UFL expressions, or `Rows` for arrays.
-
-    Returns:
-        a vector [m²], of the shape of `a`.
+    with the unit vector u along the light, the unit normal n of the face on the side away from the
+    light, the angle α between n and u, and the coefficients c of the lit side, `front` or `back`.
+    The area vector `a` [m²], a UFL vector or rows (..., 3), points away from its front; NaN where
+    it is zero.
 
     >>> import numpy as np
     >>> mirror = (2.0, 0.0, 0.0)
@@ -245,21 +219,13 @@ def flow_force(
     two_sided: Any,
     maths: Any,
 ) -> Any:
-    """Force of free-molecular flow on a face, divided by the density of the air.
+    """Force of free-molecular flow on a face, divided by the density of the air: a vector [m⁴/s²],
+    of the shape of `a`; NaN where `a` or `U` is zero.
 
-    Args:
-        a: area vector of the face [m²], a UFL vector or rows (..., 3); it points away from its
-            front.
-        U: velocity of the air relative to the face [m/s], of the same kind.
-        thermal: thermal speed √(2kT/m) of the air [m/s].
-        σn: accommodation coefficient of normal momentum, 0 to 1.
-        σt: accommodation coefficient of tangential momentum, 0 to 1.
-        wall: √(T_w/T), with the temperatures of wall and air.
-        two_sided: 1, or 0 if air does not reach the back; a number, or (n, 1) for n faces.
-        maths: `Symbolic` for UFL expressions, or `Rows` for arrays.
-
-    Returns:
-        a vector [m⁴/s²], of the shape of `a`; NaN where `a` or `U` is zero.
+    The area vector `a` [m²], a UFL vector or rows (..., 3), points away from its front; U [m/s], of
+    the same kind, is the velocity of the air relative to the face, `thermal` [m/s] the thermal
+    speed √(2kT/m).  `two_sided` is 1, or 0 if air does not reach the back; a number, or (n, 1) for
+    n faces.  The other arguments are those of `coefficients`.
     """
     area = maths.root(maths.dot(a, a))
     speed = maths.root(maths.dot(U, U))
@@ -304,12 +270,6 @@ class Surface:
     two_sided: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse an area that is not positive, and vectors that are not three numbers.
-
-        Raises:
-            InputError: area ≤ 0 [m²], normal or centre [m] are not three finite numbers, or the
-                normal is zero.
-        """
         check(self.area > 0, f"Surface: area is {self.area!r} m²; give a positive number.")
         for what in ("normal", "centre"):
             check(

@@ -133,16 +133,7 @@ class ElementEnergies(
     def __init__(
         self, terms: Sequence[StoredEnergy | ViscousDissipation], system: Assembly
     ) -> None:
-        """Compile forces, tangents and energies of all terms on meshes.  Collective.
-
-        Args:
-            terms: what films, plates, cables and beams add to the equations: stored energies of
-                strains, and dissipation by their rates.
-            system: the compiled scene, which has the coordinates of the bodies as functions.
-
-        Raises:
-            InputError: a law is written in C, and the stress rule has no function for such laws.
-        """
+        """Compile forces, tangents and energies of all terms on meshes.  Collective."""
         self._system = system
         self._stored: list[StoredForces] = []
         self._viscous: list[ViscousForces] = []
@@ -217,11 +208,8 @@ class ElementEnergies(
         return {force.term.name: force.energy() for force in self._stored}
 
     def without_gradient(self) -> str:
-        """In words, which stored energy has no gradient by parameters, and what to do; empty if all
-        have one.
-
-        Laws that are written in C have no derivatives, and therefore no gradient in time steps.
-        """
+        """Laws that are written in C have no derivatives, and therefore no gradient in time
+        steps."""
         # At rest the stress is the derivative of the density, which is in UFL for all laws.
         if self._system.rule.alpha != MIDPOINT:
             return ""
@@ -287,7 +275,6 @@ class ElementForces(ABC):
     """Stresses of one term on a mesh, in UFL.
 
     Attributes:
-        term: what it computes.
         measure_at_end: the measure (m,) of the term at q1.
         S: stress (m,) at the quadrature points at the strain ê.
         D: its derivatives (m, m) by that strain.
@@ -303,13 +290,8 @@ class ElementForces(ABC):
     @abstractmethod
     def residual_form(self, w: Expr) -> ufl.Form:
         """The forces of the converged step, ∫ S_mean·De(q_mid)[w] dx [J], with its true strains.
-
         The compiled residual reads strains and stresses as numbers at points; here they are
-        expressions, so that UFL can derive them with respect to anything.
-
-        Args:
-            w: test function on the space of the coordinates.
-        """
+        expressions, so that UFL can derive them with respect to anything."""
 
 
 class ViscousForces(ElementForces):
@@ -318,10 +300,6 @@ class ViscousForces(ElementForces):
         σ = φ'((e - e0)/h)
 
     for the strain e and that of the start of the step, e0; h is the length of the step.
-
-    Args:
-        term: what it computes.
-        at: the coordinates of the body in a step.
     """
 
     term: ViscousDissipation
@@ -341,12 +319,8 @@ class ViscousForces(ElementForces):
         self._set_stresses(stored.strain_variable, stored.strain_at_start)
 
     def _set_stresses(self, strain: Expr, start: Expr) -> None:
-        """Write S, D and the linear stress down.
-
-        Args:
-            strain: ê (m,), which is linear in the last update.
-            start: e0 (m,), at the start of the step.
-        """
+        """Set S, D and the linear stress from the strain ê (m,), which is linear in the last
+        update, and e0 (m,), at the start of the step."""
         change = ufl.variable(strain - start)
         σ = self._stress(change)
         self.S = σ
@@ -373,11 +347,6 @@ class ViscousForces(ElementForces):
 class StoredForces(ElementForces):
     """Strains, stresses and energy of one `StoredEnergy`, compiled.
 
-    Args:
-        term: what it computes.
-        at: the coordinates of the body in a step.
-        rule: the stress rule.
-
     Attributes:
         strain_variable: ê (m,) at the quadrature points.
         strain_at_start: strain (m,) there at the start of the step.
@@ -388,14 +357,8 @@ class StoredForces(ElementForces):
     term: StoredEnergy
 
     def __init__(self, term: StoredEnergy, at: Coordinates, rule: StressRule) -> None:
-        """Compile one stored energy on a mesh: strains, stresses and energy.
-
-        Residual and tangent are those of `ElementForms`.  The strain at the quadrature points is an
-        unknown in addition to the coordinates.  Collective.
-
-        Raises:
-            InputError: the law is written in C, and the rule has no function for such laws.
-        """
+        """Compile strains, stresses and energy; residual and tangent are those of `ElementForms`.
+        Collective."""
         self.term = term
         self._at = at
         self._rule = rule
@@ -455,13 +418,8 @@ class StoredForces(ElementForces):
 
     def _compile_law(self, term: StoredEnergy, rule: StressRule, mesh: Any) -> None:
         """Compile the C kernel of a law with several states, as taut, wrinkled and slack, and its
-        energy.
-
-        Raises:
-            InputError: the law is written in C, and the rule has no function for such laws; or
-                there is no C compiler.
-            RuntimeError: dolfinx numbers quadrature points differently than the kernel expects.
-        """
+        energy.  `RuntimeError`: dolfinx numbers quadrature points differently than the kernel
+        expects."""
         from gossamer_fx.mechanics.terms.law_kernel import (
             HEADER,
             PointLaw,
@@ -517,9 +475,9 @@ class StoredForces(ElementForces):
     def linearise(self) -> None:
         """Set the strain ê at the quadrature points for the next iterate of Newton's method.
 
-        ê is an unknown in addition to the coordinates: it follows from the strain of the last
-        iterate and its linear change.  A law with several states (taut, wrinkled, slack) chooses ê
-        and evaluates stresses here; for others stresses are evaluated when they are needed.
+        It follows from the strain of the last iterate and its linear change.  A law with several
+        states (taut, wrinkled, slack) chooses ê and evaluates stresses here; for others stresses
+        are evaluated when they are needed.
         """
         if self._law is not None:
             # The first guess is the strain of the last step's start: a film that flutters
@@ -539,13 +497,12 @@ class StoredForces(ElementForces):
         self._has_response = False
 
     def respond(self) -> None:
-        """Evaluate stress S and its derivative D by the strain at all quadrature points, at the
-        first use.
+        """Evaluate stress S and its derivative D by the strain at all quadrature points, once for
+        one strain.
 
         They are stored, m + m² numbers a point for m strains, in the unit of the density (per area
-        [N/m], per length [N]), for residual and tangent.  Later calls for the same strain do
-        nothing.  States that are only accepted or restored, as in the reversed run of a gradient,
-        need strains and no stresses.
+        [N/m], per length [N]), for residual and tangent.  States that are only accepted or
+        restored, as in the reversed run of a gradient, need strains and no stresses.
         """
         if self._has_response:
             return
@@ -607,18 +564,8 @@ class StoredForces(ElementForces):
 
 
 class ElementForms:
-    """Residual and tangent of terms that have one measure on one body, as one form each.
-
-    The forms are (1) and (2) of the module with the sums of S, D and S + D (e - ê) of the terms.
-
-    Args:
-        forces: one or more terms, with equal measures and domains of integration.
-        at: the coordinates of the body in a step.
-        rule: the stress rule.
-
-    Attributes:
-        body: the body of the terms.
-        residual, tangent: the compiled forms.
+    """Residual and tangent of terms that have one measure and domain of integration on one body, as
+    one form each: (1) and (2) of the module with the sums of S, D and S + D (e - ê) of the terms.
     """
 
     def __init__(self, forces: Sequence[ElementForces], at: Coordinates, rule: StressRule) -> None:
@@ -648,11 +595,9 @@ class ElementForms:
 
 
 def _with_one_measure(elements: Sequence[ElementForces]) -> list[list[ElementForces]]:
-    """Group terms on the same body that have equal measures and domains of integration.
-
-    Measures are compared as UFL expressions: those of a film and of its damping are different
-    functions in Python.
-    """
+    """Group terms on the same body that have equal measures and domains of integration.  Measures
+    are compared as UFL expressions: those of a film and of its damping are different functions in
+    Python."""
     groups: list[list[ElementForces]] = []
     for force in elements:
         alike = next((group for group in groups if _is_alike(group[0], force)), None)
@@ -665,10 +610,8 @@ def _with_one_measure(elements: Sequence[ElementForces]) -> list[list[ElementFor
 
 def _share_strains(alike: Sequence[ElementForces]) -> None:
     """Let viscous stresses read the strains at the points that a stored energy keeps, if one has
-    their measure.
-
-    The strain of a heated body does not serve: it is the measure less the thermal strain.
-    """
+    their measure.  The strain of a heated body does not serve: it is the measure less the thermal
+    strain."""
     stored = [force for force in alike if isinstance(force, StoredForces)]
     if not stored or stored[0].thermal is not None:
         return
@@ -694,11 +637,8 @@ def _sum(expressions: Sequence[Expr]) -> Expr:
 
 
 def _linearised(e: Expr, at: Coordinates) -> Expr:
-    """The strain (3) of the module, which is linear in the last update δ.
-
-    Args:
-        e: strain (m,) at q1, quadratic in the coordinates.
-    """
+    """The strain (3) of the module, which is linear in the last update δ, of the strain e (m,) at
+    q1."""
     second_variation = ufl.derivative(ufl.derivative(e, at.q1, at.δ), at.q1, at.δ)
     return e - second_variation / 2
 

@@ -39,14 +39,9 @@ HEADER = Path(__file__).parent / "law.h"
 
 @dataclass(frozen=True, eq=False)
 class CellFunction:
-    """A compiled C function of the values in one cell, with the signature of FFCx's expressions.
-
-    Attributes:
-        address: of the function.
-        coefficients: the functions whose values in the cell are its arguments, in their order.
-        constants: views of the values of its constants, in their order.
-        owner: what has to exist as long as the function is called.
-    """
+    """A compiled C function of the values in one cell, with the signature of FFCx's expressions:
+    its address, the functions whose values in the cell are its arguments, views of the values of
+    its constants, both in their order, and what has to exist as long as it is called."""
 
     address: int
     coefficients: tuple[fem.Function, ...]
@@ -77,16 +72,8 @@ class LawFunctions:
 
 
 def cell_function(expression: fem.Expression) -> CellFunction:
-    """The C function of a compiled UFL expression, with the functions and constants on which it
-    depends.
-
-    Args:
-        expression: made by `compile_expression`, of float values.
-
-    Returns:
-        Address of the function, the dolfinx functions whose values in a cell are its arguments, and
-        views of its constants.  The object keeps the expression alive.
-    """
+    """The C function of an expression of float values, made by `compile_expression`, which it keeps
+    alive."""
     compiled = expression.ufcx_expression
     ufl_expression = expression.ufl_expression
     coefficients = extract_coefficients(ufl_expression)
@@ -111,22 +98,10 @@ def law_functions(
     start: fem.Function,
     strain: fem.Function,
 ) -> LawFunctions:
-    """Compile the C functions of a stored energy for a stress rule.  Collective.
-
-    Args:
-        energy: density as a function of the strain, and the pieces of a strain path on which it is
-            smooth.
-        rule: how the stress of a step follows from the strains at its ends.
-        start, strain: strains (m,), dimensionless, at the start of the step and of the iterate, as
-            functions at the quadrature points.
-
-    Returns:
-        Functions for the mean stress (m,) with its derivatives (m, m), for the density (per area
-        [N/m], per length [N]), and for the choice of the cheapest of several expressions of the
-        stress.
-
-    Raises:
-        InputError: the rule has no function for laws that are written in C.
+    """Compile the C functions of a stored energy for a stress rule, by which its mean stress (m,),
+    with the derivatives (m, m), follows from the strains (m,) at the start of the step and of the
+    iterate, functions at the quadrature points.  Stress and density are per area [N/m] or per
+    length [N].  Collective.  `InputError`: the rule has no function for laws that are written in C.
     """
     # Rank 0 compiles the kernel here, where all ranks are.
     c_library(HEADER, strain.function_space.mesh.comm)
@@ -157,15 +132,8 @@ def law_functions(
 
 
 def _in_c(c_law: CLaw, rule: StressRule, start: fem.Function, strain: fem.Function) -> LawFunctions:
-    """The functions of a law that is written in C; they take its numbers at the quadrature points.
-
-    Args:
-        start, strain: strains (m,), dimensionless, at the start of the step and of the iterate, as
-            functions at the quadrature points.
-
-    Raises:
-        InputError: the rule has no function for laws that are written in C.
-    """
+    """The functions of a law that is written in C, see `law_functions`; they take its numbers at
+    the quadrature points."""
     space = strain.function_space
     mesh = space.mesh
     points = interpolation_points(space)
@@ -233,24 +201,14 @@ class PointValues:
 
 
 class PointLaw:
-    """A law at the quadrature points of some cells.
-
-    Args:
-        functions: of the law, compiled.
-        values: strains and responses.
-        cells: local numbers of the cells.
-        may_choose: whether strains are chosen by equation (5) of `terms.element_energies`.
-    """
+    """A law at the quadrature points of some cells, by their local numbers.  `may_choose`: whether
+    strains are chosen by equation (5) of `terms.element_energies`."""
 
     def __init__(
         self, functions: LawFunctions, values: PointValues, cells: Indices, *, may_choose: bool
     ) -> None:
         """Prepare the constants and values that the C kernel reads; no law is evaluated yet.
-        Collective.
-
-        Raises:
-            ValueError: arrays do not fit the cells or the strains.
-        """
+        Collective."""
         self._functions = functions
         self._values = values
         self._cells = cells
@@ -272,12 +230,8 @@ class PointLaw:
     # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self) -> None:
-        """Start a step: read constants and functions of the law again, and forget the choices of
-        strains.
-
-        Constants, such as moduli, and functions, such as a thickness [m] that differs from cell to
-        cell, may have been changed since the last step.
-        """
+        """Start a step: read constants, such as moduli, and functions of the law, such as a
+        thickness [m] that differs from cell to cell, again, and forget the choices of strains."""
         self._functions.refresh()
         for constants, values in self._constants:
             if values:
@@ -296,7 +250,8 @@ class PointLaw:
 
         The strains are the linearised ones.  Where a law with several states may choose, those of
         the first iterate are a guess, and later ones are chosen point by point between the
-        linearised strain and the strain of the linearised stress."""
+        linearised strain and the strain of the linearised stress.
+        """
         if not self._chooses:
             self._values.strain[:] = linear_strain()
             self.respond()
@@ -332,16 +287,9 @@ class PointLaw:
         return self._values.strain.shape[1]
 
     def _number_values(self) -> None:
-        """Number the values in a cell of all functions on which the law depends; strains come
-        first.
-
+        """Number the values in a cell of all functions on which the law depends, strains first.
         The kernel copies these values into one array, from which each C function takes its
-        arguments.
-
-        Raises:
-            ValueError: the strains have another number of values in a cell than the quadrature
-                points.
-        """
+        arguments."""
         law = self._functions
         everything = [*law.responses, law.density]
         if law.sort is not None:
@@ -368,14 +316,9 @@ class PointLaw:
         self._others = np.zeros((len(self._cells), start - 2 * width))
 
     def _entry(self, function: CellFunction) -> dict[str, Any]:
-        """Members of the C struct `cell_function` of law.h, by name.
-
-        They are the address of the function, its constants, and the indices (int32) of its
-        arguments among all values of a cell.  The arrays are kept alive by this object.
-
-        Raises:
-            ValueError: an argument is beyond the values of a cell.
-        """
+        """Members of the C struct `cell_function` of law.h, by name: address, constants, and the
+        indices (int32) of the arguments among all values of a cell.  The arrays are kept alive by
+        this object."""
         numbers: list[Indices] = [np.zeros(0, dtype=np.int32)]
         numbers += [self._numbers[coefficient] for coefficient in function.coefficients]
         arguments = np.concatenate(numbers)
@@ -393,13 +336,7 @@ class PointLaw:
 
     def _members(self) -> dict[str, Any]:
         """Members of the C struct `point_law` of law.h, by name: sizes, functions, arrays and work
-        space.
-
-        The arrays must stay at their addresses as long as the kernel is used.
-
-        Raises:
-            ValueError: arrays do not fit the cells, or rows are beyond the points.
-        """
+        space.  The arrays must stay at their addresses as long as the kernel is used."""
         ffi = self._c.ffi
         values = self._values
         law = self._functions
@@ -437,11 +374,8 @@ class PointLaw:
         }
 
     def _choice_members(self) -> dict[str, Any]:
-        """Members of the C struct `strain_choice` of law.h, by name.
-
-        Besides limits they are arrays over the q points: linearised strains (q, m), the error of
-        the last choice (q,) and how many choices did not reduce it (q,).
-        """
+        """Members of the C struct `strain_choice` of law.h, by name: limits, linearised strains (q,
+        m), the error of the last choice (q,) and how many choices did not reduce it (q,)."""
         m = self._size
         points = self._values.rows.shape[1]
         self._last_error = np.full(self._count, np.inf)

@@ -82,11 +82,8 @@ class Loads(
             load.forget()
 
     def supplied(self) -> float:
-        """Work [J] that the loads supply in the present step, this rank's share.
-
-        It is asked for before the step is accepted.  Collective for loads that follow the body, in
-        statics.
-        """
+        """Work [J] of the loads in the present step; collective for loads that follow the body, in
+        statics."""
         work = 0.0
         # Change (n,) [m] of this rank's coordinates in the step.
         Δq = self._system.q1.array_r - self._system.q0.array_r
@@ -99,9 +96,7 @@ class Loads(
         return work
 
     def resultants(self) -> dict[str, Array]:
-        """Force and moment of each load in the last accepted step, this rank's share.
-
-        They are those in the configuration in which the forces of the step acted."""
+        """Resultants in the configuration in which the forces of the last accepted step acted."""
         # α is the weight of the end of the step in the configuration q in which forces f acted.
         system = self._system
         found = dict[str, Array]()
@@ -171,13 +166,8 @@ class LoadForces:
     """A load, compiled."""
 
     def __init__(self, term: Load, at: Coordinates) -> None:
-        """Compile the virtual work of the load, and its derivative if the load follows the body.
-        Collective.
-
-        Args:
-            term: the load, with its virtual work [J] as a form of the configuration.
-            at: coordinates of the body in a step.
-        """
+        """Compile the virtual work [J] of the load, and its derivative if the load follows the
+        body.  Collective."""
         self.term = term
         self._at = at
         # Virtual work along the test function, at the configuration in which the force acts.
@@ -206,18 +196,13 @@ class LoadForces:
         self._assembled = False
 
     def path_average(self) -> Array:
-        """The force [N] whose product with the change Δq of the coordinates is the work of the
-        step.
+        """The force (n,) [N], over owned and ghost unknowns, whose product with the change Δq of
+        the coordinates is the work of the step; `force` has to be that of the end of the step.
+        Collective.
 
         The midpoint rule does its work with the force at the middle of the step.  Of a force at the
         end of the step, the work along the straight path is taken, by Simpson's rule: exact for
-        forces that are at most cubic in the coordinates, such as pressure.  Collective.
-
-        The vector of forces must be that of the end of the step, by the last `assemble`; it is the
-        same after the call.
-
-        Returns:
-            Array (n,) over owned and ghost unknowns of the body.
+        forces that are at most cubic in the coordinates, such as pressure.
         """
         end: Array = self.force.array.copy()
         α = self._at.α

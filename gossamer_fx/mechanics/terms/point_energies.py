@@ -78,15 +78,12 @@ class PointDamping(Protocol):
 
 
 class Stencil:
-    """Measures of one kind with one density: their forces, tangents and energies.
+    """Measures of one kind with one density, a `PointDamping` if it `dissipates`: their forces,
+    tangents and energies, with forces at q_mid = (1 - α) q0 + α q1.
 
-    With pairs that change from step to step, a new one is made for each list of them.
-
-    Args:
-        at: the measures.
-        density: `PointDensity` or `PointDamping` of all of them.
-        dissipates: whether it is a `PointDamping`.
-        alpha: the forces act at q_mid = (1 - α) q0 + α q1.
+    In the methods q1 (n, D) are the unknowns of n tuples of ports at the end of the step, positions
+    [m] and directors [-].  A result is reused for the same array object: it must not be changed in
+    place.  With pairs that change from step to step, a new stencil is made for each list of them.
     """
 
     def __init__(
@@ -96,12 +93,8 @@ class Stencil:
         dissipates: bool,
         alpha: float,
     ) -> None:
-        """Take strains and law of n springs or the like, which are evaluated together.
-
-        The start of a step is set by `keep`, its length [s] by the attribute `h`.
-
-        Until `keep` is called the unknowns at the start are zero, and until `h` is set it is 1 s.
-        """
+        """The start of a step is set by `keep`, its length [s] by the attribute `h`; until then
+        they are zero, and 1 s."""
         self.at = at
         self.density = density
         self._dissipates = dissipates
@@ -120,16 +113,8 @@ class Stencil:
         self.e0 = self.at.measure(self._Y0)
 
     def force(self, q1: Array) -> Array:
-        """Forces S_mean·De(q_mid) (n, D) [N] of a step on the unknowns of n springs or the like.
-
-        e are their strains, quadratic in the unknowns q, S_mean the mean stress of the step, and
-        q_mid the configuration in which forces act.  Forces are computed where there is stress:
-        slack ropes and open stops cost little.
-
-        Args:
-            q1: unknowns (n, D), positions [m] and directors [-], at the end of the step.  A result
-                is reused for the same array object: it must not be changed in place.
-        """
+        """Forces S_mean·De(q_mid) (n, D) [N] of a step on the unknowns, with the mean stress
+        S_mean.  They are computed where there is stress: slack ropes and open stops cost little."""
         # Y (n, 3k): the vectors of which the strains are made; S (n, m): their mean stresses.
         Y, _, (S, _) = self._end(q1)
         on = _all_or_some(S.any(axis=1))
@@ -153,14 +138,7 @@ class Stencil:
         return found
 
     def add_tangent(self, A: PETSc.Mat, q1: Array) -> None:
-        """Add the derivatives [N/m] of the forces by the unknowns at the end of the step to a
-        matrix.
-
-        Args:
-            A: PETSc matrix of all unknowns, not yet assembled; changed in place.
-            q1: unknowns (n, D), positions [m] and directors [-], of n springs or the like at the
-                end of the step.
-        """
+        """Add the derivatives [N/m] of the forces by q1 to a matrix that is not yet assembled."""
         at = self.at
         if at.share_unknowns:
             # One block is entered instead of n at the same rows.  K (r, 3k, 3k) is the stiffness of
@@ -172,18 +150,9 @@ class Stencil:
             add_blocks(A, at.indices, at.indices, self.tangent(q1))
 
     def _stiffness(self, q1: Array) -> tuple[Array, Any]:
-        """Derivatives of the forces on the vectors that strains are made of, by these vectors.
-
-        Each of n springs or the like has strains that are quadratic in k vectors: points [m] or
-        directors [-].  Those without stress and stiffness are left out.
-
-        Args:
-            q1: unknowns (n, D), positions [m] and directors [-], at the end of the step.
-
-        Returns:
-            Stiffness (r, 3k, 3k) [N/m], and the indices (r,) of the r rows that have one, or a
-            slice if all have.
-        """
+        """Stiffness (r, 3k, 3k) [N/m]: derivatives of the forces on the k vectors that strains are
+        made of by these vectors; and the indices (r,) of the rows that have stress or stiffness, or
+        a slice if all have."""
         # Y (n, 3k): the vectors; S (n, m): mean stresses; dS (n, m, m): their derivatives by the
         # strains at the end; α: weight of the end in the configuration where forces act.
         Y, _, (S, dS) = self._end(q1)
@@ -197,23 +166,13 @@ class Stencil:
         return material + geometric, on
 
     def _middle(self, Y: Array, on: Any) -> Array:
-        """Vectors (r, 3k) of the configuration in which forces act, of the rows `on`.
-
-        Args:
-            Y: the vectors (n, 3k) at the end of the step.
-        """
+        """Vectors (r, 3k) of the configuration in which forces act, of the rows `on`, from those Y
+        (n, 3k) at the end of the step."""
         return (1 - self._α) * self._Y0[on] + self._α * Y[on]
 
     def _end(self, q1: Array) -> tuple[Array, Array, tuple[Array, Array]]:
-        """Quantities at the end of the step, which are kept for the next call with the same array.
-
-        Args:
-            q1: unknowns (n, D), positions [m] and directors [-], of n springs or the like.
-
-        Returns:
-            The k vectors (n, 3k) of which the strains are made, strains e1 (n, m), and the mean
-            stress (n, m) of the step with its derivatives (n, m, m) by e1.
-        """
+        """The k vectors (n, 3k) of which the strains are made at q1, strains e1 (n, m), and the
+        mean stress (n, m) of the step with its derivatives (n, m, m) by e1."""
         # Y: the vectors, points [m] and directors [-].
         # The same array object, not equal numbers: a comparison would cost as much as it saves.
         if self._known is None or self._known[0] is not q1:
@@ -239,21 +198,9 @@ class Stencil:
         return self.density.energy(self.e0)
 
     def force_by_number(self, q1: Array, key: str) -> Array:
-        """Derivatives (n, D) of the forces of a step by a number of the law, by a complex step.
-
-        The laws are analytic in their numbers where they are smooth, so that nothing cancels.
-
-        Args:
-            q1: unknowns (n, D), positions [m] and directors [-], of n springs or the like at the
-                end of the step.
-            key: name of the number, an attribute of the density, e.g. "k", a stiffness.
-
-        Returns:
-            Forces [N] over the unit of the number.
-
-        Raises:
-            AttributeError: the density has no number of this name.
-        """
+        """Derivatives (n, D) of the forces [N] of a step by a number of the density, named by its
+        attribute, e.g. "k", by a complex step: laws are analytic in their numbers where they are
+        smooth, so that nothing cancels."""
         # Y (n, 3k): vectors, and e1 (n, m): strains at the end; S: the complex mean stress.
         Y, e1, _ = self._end(q1)
         density = self.density
@@ -318,19 +265,8 @@ class PointEnergies(
     def __init__(
         self, terms: Sequence[PointStoredEnergy | PointDissipation], system: Assembly
     ) -> None:
-        """Compile all energies and dampers between points: arrays and indices that stay the same in
-        a run.
-
-        Terms of one kind, such as all springs, are evaluated as one array.  Collective.
-
-        Args:
-            terms: the energies and dampers, in the same order on all ranks.
-            system: the compiled scene, which has the numbering of the unknowns.
-
-        Raises:
-            InputError: a port whose nodes, weights and vectors do not belong together, or one of a
-                body that is not in the scene.
-        """
+        """Compile all energies and dampers between points, in the same order on all ranks; those of
+        one kind, such as all springs, are one array.  Collective."""
         tuples = [(term.name, term.measure.ports) for term in terms]
         refuse_ports_outside(system.comm, system.bodies, tuples)
         self._system = system
@@ -404,16 +340,8 @@ class PointEnergies(
         return found
 
     def stresses(self, term: PointStoredEnergy) -> tuple[Array, Array]:
-        """Measures and stresses of a term in the accepted state, of the rows of this rank.
-        Collective.
-
-        Args:
-            term: of this scene.
-
-        Returns:
-            e (r, m) and ψ'(e) (r, m) of the r tuples of ports that this rank evaluates, see
-            `point_measures.evaluated_here`.
-        """
+        """Measures e (r, m) and stresses ψ'(e) (r, m) of a term in the accepted state, of the r
+        tuples of ports that this rank evaluates (`point_measures.evaluated_here`).  Collective."""
         stencil, i = self._find(term)
         k = self._stencils.index(stencil)
         measures = stencil.at.strain(self._gather(self._system.q0)[k])
@@ -494,19 +422,10 @@ class PointDissipation:
 
 
 def _kind(term: PointStoredEnergy | PointDissipation) -> Any:
-    """Key of the energies and dampers that are evaluated as one array: equal for those of one kind.
-
-    What they have in common: the class of the term and of its density (the law of the strains), the
-    numbers of the density except those named in its `stacks`, which may be arrays, and the shapes
-    of their strains.  A density without `stacks` has a key of its term alone.
-
-    Args:
-        term: a stored energy or damper between points.  Its measure, the strain, is ½ X·H X + L·X +
-            c of the stacked vectors X of its ports, with H (m, 3k, 3k).
-
-    Returns:
-        A hashable key: the tuple of what terms have in common, or the identity of the term.
-    """
+    """Hashable key of the energies and dampers that are evaluated as one array: the class of the
+    term and of its density, the numbers of the density except those named in its `stacks`, which
+    may be arrays, and the shapes of the measure.  A density without `stacks` has a key of its term
+    alone."""
     density = term.density
     stacks = getattr(density, "stacks", None)
     # A density that cannot be stacked is an array of one term.
@@ -521,12 +440,8 @@ def _kind(term: PointStoredEnergy | PointDissipation) -> Any:
 
 
 def _stacked(densities: Sequence[Any], of: Array) -> Any:
-    """One law for all rows of an array of springs or the like, with arrays (n,) of the numbers that
-    differ.
-
-    Args:
-        of: index (n,) of the law to which each row belongs.
-    """
+    """One density for all rows of an array, with arrays (n,) of the numbers that differ; `of` (n,)
+    is the index of the density to which each row belongs."""
     first = densities[0]
     if len(densities) == 1:
         return first
@@ -543,18 +458,12 @@ def one_sided_energy(y: Array) -> Array:
 
 
 def one_sided_average(y0: Array, y1: Array) -> tuple[Array, Array]:
-    """Average of T(y) = max(y, 0) along the straight path from y0 to y1, and its derivative by y1.
+    """Average T_mean of T(y) = max(y, 0) along the straight path from y0 to y1, arrays of one shape
+    in any unit, and its derivative by y1.
 
     The average is exact, also where the path passes zero: T_mean (y1 - y0) = ψ(y1) - ψ(y0) with ψ =
     ½ max(y, 0)², so a step with it conserves energy.  It does not divide by a small change: that is
     done only where the path passes zero, and there |y1 - y0| >= |y1|.
-
-    Args:
-        y0, y1: arrays of one shape, in any unit, e.g. stretches [m] of ropes.
-
-    Returns:
-        T_mean, in that unit, and dT_mean/dy1, dimensionless, of that shape; ½ (T(y0) + T(y1)) and ½
-        where the law acts all the way.
     """
     pull0 = np.maximum(y0, 0.0)
     pull1 = np.maximum(y1, 0.0)
@@ -591,12 +500,8 @@ class AttachedMasses(Mass, CompiledTerms["AttachedKineticEnergy"]):
 
     def _add(self, matrix: PETSc.Mat, each: Array) -> None:
         """Add Σ_ij mass[i, j] w_i·(each v_j) of all terms to a matrix, v and w rates of attached
-        vectors.
-
-        Args:
-            each: (3, 3), the same for all vectors: the unit matrix [-] for masses, or twice the
-                matrix of a cross product with an angular velocity [rad/s] for the Coriolis force.
-        """
+        vectors; `each` (3, 3) is the unit matrix for masses, or twice the matrix of a cross product
+        with an angular velocity [rad/s] for the Coriolis force."""
         for term in self._terms:
             # Each tuple is added on one rank; the matrix adds up what ranks share.  The attached
             # vectors are P q (n tuples) of unknowns q.

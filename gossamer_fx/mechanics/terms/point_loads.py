@@ -158,17 +158,8 @@ class PointLoads(
     - X0)."""
 
     def __init__(self, terms: Sequence[PointLoad], system: Assembly) -> None:
-        """Compile all loads on points and directions of bodies: maps and indices that stay the same
-        in a run.  Collective.
-
-        Args:
-            terms: the loads, in the same order on all ranks.
-            system: the compiled scene, which has the numbering of the unknowns.
-
-        Raises:
-            InputError: a point or direction whose nodes, weights and vectors do not belong
-                together, or one of a body that is not in the scene.
-        """
+        """Compile all loads on points and directions of bodies, in the same order on all ranks:
+        maps and indices that stay the same in a run.  Collective."""
         tuples = [(term.name, [term.ports]) for term in terms]
         refuse_ports_outside(system.comm, system.bodies, tuples)
         self._system = system
@@ -236,14 +227,8 @@ class PointLoads(
         self._laws[self._terms.index(term)] = changed
 
     def work_by_number(self, term: PointLoad, key: str, w: PETSc.Vec) -> Array:
-        """Derivative of the residual by a number of a load, times a vector: -w·Pᵀ ∂f/∂number.
-
-        Collective.  Loads are subtracted from the residual, hence the sign.  f (3k,) are the forces
-        on the vectors X = P q + o of the load, P their map from the unknowns q.
-
-        Raises:
-            ValueError: the load is not in this scene.
-        """
+        """Loads are subtracted from the residual, hence the sign of -w·Pᵀ ∂f/∂number, with the
+        forces f (3k,) on the vectors X = P q + o of the load."""
         k = self._terms.index(term)
         P, _ = self._maps[k]
         # Collective, so asked for on all ranks.
@@ -273,9 +258,8 @@ class PointLoads(
     def add_start_derivatives(
         self, μ: PETSc.Vec, by_position: PETSc.Vec, by_velocity: PETSc.Vec
     ) -> None:
-        """Add the derivatives of μ·residual by the state at the start of the step.  Collective.
-
-        Only loads that depend on that state have some, e.g. sampled torques of a control."""
+        """Derivatives of loads that depend on the start of the step, e.g. sampled torques of a
+        control."""
         displacements = self._gather(μ)
         middle = self._middle()
         for k, law in enumerate(self._laws):
@@ -302,10 +286,7 @@ class PointLoads(
             law.set_state(state)
 
     def without_gradient(self) -> str:
-        """In words, why the scene has no gradient by parameters; empty if it has one.
-
-        A load that depends on velocities or on its history has none.
-        """
+        """A load that depends on velocities or on its history has none."""
         for term in self._terms:
             if not _is_of_position(term.law) and not isinstance(term.law, ForceOfStart):
                 return (
@@ -325,9 +306,7 @@ class PointLoads(
         return total
 
     def resultants(self) -> dict[str, Array]:
-        """Force and moment of each load in the last step, this rank's share.  Collective.
-
-        They are those in the configuration in which the forces of the step acted."""
+        """Resultants in the configuration in which the forces of the last step acted."""
         found: dict[str, Array] = {}
         for k, X in enumerate(self._middle()):
             if self._mine[k]:
@@ -382,18 +361,9 @@ class Couple:
         """Nothing to prepare: the torque is constant."""
 
     def _spread(self, r: Array) -> tuple[Array, Array]:
-        """Return the matrix (tr S 1 - S)⁻¹ (3, 3) [1/m²] and its product F (3,) [N/m] with the
-        torque.
-
-        S = Σ r rᵀ is the sum over the vectors; the forces F × r on them have this torque.
-
-        Args:
-            r: the k attached vectors (k, 3) [m], or directors without a unit.
-
-        Raises:
-            numpy.linalg.LinAlgError: a single vector has no length, or several are exactly
-                parallel.
-        """
+        """The matrix (tr S 1 - S)⁻¹ (3, 3) [1/m²] of the k attached vectors r (k, 3) [m], or
+        directors without a unit, and its product F (3,) [N/m] with the torque.  `LinAlgError`: a
+        single vector has no length, or several are parallel."""
         S = r.T @ r
         matrix = np.trace(S) * np.eye(3)
         # With one vector the matrix would be singular: S is left out, which gives T × r/|r|².

@@ -29,13 +29,7 @@ class QuadraticEnergies(
     """All `QuadraticEnergy` terms of a scene: a constant matrix, and nothing in an iteration."""
 
     def __init__(self, terms: Sequence[QuadraticEnergy], system: Assembly) -> None:
-        """Compile the bilinear forms of all quadratic energies ½ a(q, q), such as bending.
-        Collective.
-
-        Args:
-            terms: the energies.
-            system: the compiled scene, which has the fields of their bodies.
-        """
+        """Compile the bilinear forms of all quadratic energies.  Collective."""
         self._system = system
         self._terms = terms
         self._stiffness = []
