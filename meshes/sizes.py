@@ -45,6 +45,6 @@ def require_ascending(generator: str, names: Sequence[str], lengths: Sequence[fl
     """Raise `InputError` unless the second of two lengths, named `names`, is the larger one."""
     check(
         lengths[0] < lengths[1],
-        f"{generator}: {names[0]} is {lengths[0]!r} and {names[1]} is {lengths[1]!r}; give a "
-        f"larger {names[1]}.",
+        f"{generator}: {names[0]} is {lengths[0]!r} and {names[1]} is {lengths[1]!r}; "
+        f"give a larger {names[1]}.",
     )

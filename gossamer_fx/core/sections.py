@@ -162,8 +162,9 @@ def tube(
     )
     check(
         wall_thickness < outer_radius,
-        f"tube: wall_thickness is {wall_thickness!r} m, not less than the outer radius of "
-        f"{outer_radius!r} m; use solid_circle for a solid section.",
+        f"tube: wall_thickness is {wall_thickness!r} m, "
+        f"not less than the outer radius of {outer_radius!r} m; "
+        "use solid_circle for a solid section.",
     )
     inner = outer_radius - wall_thickness
     area = math.pi * (outer_radius**2 - inner**2)

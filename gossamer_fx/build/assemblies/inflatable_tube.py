@@ -132,8 +132,8 @@ class InflatableTube:
         )
         check(
             crease_stiffness >= 0,
-            f"{who}: crease_stiffness is {crease_stiffness!r} N m/m/rad; give zero or a positive "
-            "number.",
+            f"{who}: crease_stiffness is {crease_stiffness!r} N m/m/rad; "
+            "give zero or a positive number.",
         )
         check(
             contact_distance >= 0,

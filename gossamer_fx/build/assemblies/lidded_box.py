@@ -128,8 +128,8 @@ class LiddedBox:
         )
         check(
             math.isfinite(damping) and damping >= 0,
-            f"LiddedBox '{name}': damping is {damping!r} N m s/rad; give zero or a positive "
-            "number.",
+            f"LiddedBox '{name}': damping is {damping!r} N m s/rad; "
+            "give zero or a positive number.",
         )
         x, y, _ = 2 * self._half
         # Of a cuboid about its centre [kg m²].

@@ -102,8 +102,8 @@ class RotationGuides:
             require_positive(f"RotationGuides '{name}': {what}", value, unit)
         check(
             rod_radius < radius,
-            f"RotationGuides '{name}': rods of {rod_radius:g} m are too thick for a circle of "
-            f"{radius:g} m; give less.",
+            f"RotationGuides '{name}': "
+            f"rods of {rod_radius:g} m are too thick for a circle of {radius:g} m; give less.",
         )
         check(
             drawn is None or callable(drawn),

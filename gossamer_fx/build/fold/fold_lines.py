@@ -150,8 +150,8 @@ def _check_mesh(folds: Map, mesh: Mesh) -> None:
     domain = mesh.domain
     check(
         domain.topology.dim == 2 and domain.geometry.cmap.degree == 1,
-        f"{folds.called}: the mesh has no plane triangles; mesh the flat film with triangles of "
-        "order 1.",
+        f"{folds.called}: the mesh has no plane triangles; "
+        "mesh the flat film with triangles of order 1.",
     )
     # Coordinates (n, 3) [m] of this rank's points, ghosts included
     X = domain.geometry.x
@@ -227,9 +227,8 @@ def _refuse_cut_triangles(
             where = f"({x:.4g}, {y:.4g}) m"
     check(
         count == 0,
-        f"{folds.called}: {count} triangles lie on both sides of a fold line, one of them at "
-        f"{where}; mesh the film "
-        "with edges along its fold lines.",
+        f"{folds.called}: {count} triangles lie on both sides of a fold line, "
+        f"one of them at {where}; mesh the film with edges along its fold lines.",
     )
 
 

@@ -63,8 +63,8 @@ class Folded:
         check_on_all(
             self.film.comm,
             folded.shape == X.shape and bool(np.isfinite(folded).all()),
-            f"'{self.name}': the fold map gives positions that are not finite; make it for the "
-            "mesh of this film.",
+            f"'{self.name}': the fold map gives positions that are not finite; "
+            "make it for the mesh of this film.",
         )
         R = _rotation(np.asarray(self.turn, dtype=float))
         placed: Array = folded @ R.T + np.asarray(self.origin, dtype=float)
@@ -160,10 +160,9 @@ class FoldMap(ABC):
             misfit = max(abs(float(low[axis])), abs(float(high[axis]) - size))
             self._check(
                 misfit <= FIT * size,
-                f"it is for a film from {name} = 0 to {size:.6g} m, but the mesh reaches from "
-                f"{low[axis]:.6g} to "
-                f"{high[axis]:.6g} m; give the map the size of the film, and mesh the film from "
-                f"{name} = 0 on.",
+                f"it is for a film from {name} = 0 to {size:.6g} m, "
+                f"but the mesh reaches from {low[axis]:.6g} to {high[axis]:.6g} m; "
+                f"give the map the size of the film, and mesh the film from {name} = 0 on.",
             )
 
     def lines(self, mesh: Mesh) -> list[FoldLine]:
@@ -228,15 +227,15 @@ class FoldMap(ABC):
         """
         check(
             0 <= set_angle_ratio <= 1,
-            f"{self.called}: set_angle_ratio is {set_angle_ratio!r}; give a number from 0 (flat at "
-            "rest) to 1.",
+            f"{self.called}: set_angle_ratio is {set_angle_ratio!r}; "
+            "give a number from 0 (flat at rest) to 1.",
         )
         lines = self.lines(film.mesh)
         for line in lines:
             check(
                 line.name in film.mesh.groups,
-                f"{self.called}: the mesh of '{film.name}' has no group '{line.name}'; make the "
-                "film on mark(mesh).",
+                f"{self.called}: the mesh of '{film.name}' has no group '{line.name}'; "
+                "make the film on mark(mesh).",
             )
         creases = []
         for line in lines:

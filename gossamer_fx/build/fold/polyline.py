@@ -183,8 +183,8 @@ class Zigzag(Strip):
         self._check(self.panels >= 2, f"panels is {self.panels!r}; give at least 2.")
         self._check(
             0 < self.angle <= math.pi / 2,
-            f"angle is {self.angle!r} rad; give a number above 0 and up to π/2, at which panels "
-            "are pressed shut.",
+            f"angle is {self.angle!r} rad; "
+            "give a number above 0 and up to π/2, at which panels are pressed shut.",
         )
         self._check(
             1 <= self.bends <= MAX_BENDS,
@@ -197,8 +197,8 @@ class Zigzag(Strip):
         panel_length = self.length / self.panels
         self._check(
             (self.bends - 1) * self.spacing < panel_length,
-            f"{self.bends} bends of {self.spacing:g} m take more than a panel of "
-            f"{panel_length:g} m; give less.",
+            f"{self.bends} bends of {self.spacing:g} m take more "
+            f"than a panel of {panel_length:g} m; give less.",
         )
 
     @cached_property
@@ -302,8 +302,8 @@ class Roll(Strip):
         # A row turns by 2 asin(spacing/2r): at two thirds of the radius that is 39°, 9 rows a turn.
         self._check(
             self.radius > 0 and spacing <= 2 * self.radius / 3,
-            f"rows {spacing:.3g} m apart do not go round a radius of {self.radius:g} m; give more "
-            "bends or a larger radius.",
+            f"rows {spacing:.3g} m apart do not go round a radius of {self.radius:g} m; "
+            "give more bends or a larger radius.",
         )
 
     @property

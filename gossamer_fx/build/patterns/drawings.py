@@ -99,8 +99,8 @@ def panels_of(drawing: Drawing, path: str) -> list[Panel]:
     open, or names are not unique."""
     check(
         bool(drawing.curves),
-        f"The drawing '{path}' has no lines, arcs or splines in its model space; draw closed "
-        "outlines.",
+        f"The drawing '{path}' has no lines, arcs or splines in its model space; "
+        "draw closed outlines.",
     )
     everything = np.concatenate([curve.points for curve in drawing.curves])
     extent = float(np.linalg.norm(np.ptp(everything, axis=0)))
@@ -149,8 +149,8 @@ def _read(path: Path, scale: float | None) -> Drawing:
         unit = int(document.header.get("$INSUNITS", 0))
         check(
             unit in UNITS,
-            f"The drawing '{path}' does not say its unit; give scale, the metres in one of its "
-            "units.",
+            f"The drawing '{path}' does not say its unit; "
+            "give scale, the metres in one of its units.",
         )
         scale = UNITS[unit]
     drawing = Drawing()
@@ -223,8 +223,7 @@ def _loops(curves: Sequence[DrawnCurve], tolerance: float, path: str) -> list[li
         check(
             len(there) == 2,
             f"The drawing '{path}' has an outline that is open, or branches, at ({point[0]:.6g}, "
-            f"{point[1]:.6g}) m on "
-            f"the layer '{layer}'; let two curves meet there.",
+            f"{point[1]:.6g}) m on the layer '{layer}'; let two curves meet there.",
         )
     loops = []
     left = set(range(len(curves)))
@@ -285,8 +284,8 @@ def _check_names(panels: Sequence[Panel], path: str) -> None:
     for panel in panels:
         check(
             panel.name != ALL_PANELS,
-            f"The drawing '{path}' has a panel with the text '{ALL_PANELS}', the name of the group "
-            "of all panels; give the panel another text.",
+            f"The drawing '{path}' has a panel with the text '{ALL_PANELS}', "
+            "the name of the group of all panels; give the panel another text.",
         )
         check(
             panel.name not in taken,

@@ -106,8 +106,8 @@ class Gores:
         """
         check(
             along >= 2 and across >= 1,
-            f"Gores: along is {along!r} and across {across!r}; give 2 cells along and 1 across or "
-            "more.",
+            f"Gores: along is {along!r} and across {across!r}; "
+            "give 2 cells along and 1 across or more.",
         )
         return gmsh_mesh(lambda model: self._build(model, along, across), comm)
 
@@ -245,16 +245,16 @@ def gores(profile: Sequence[Sequence[float]] | Array, n: int) -> Gores:
     negative = np.flatnonzero(points[:, 0] < -POINT * largest)
     check(
         not len(negative),
-        f"gores: the radius of point {_first(negative)} of the profile is negative; give zero or "
-        "more.",
+        f"gores: the radius of point {_first(negative)} of the profile is negative; "
+        "give zero or more.",
     )
     # Round-off of sin(π) is not a radius.
     points[:, 0] = np.where(points[:, 0] <= POINT * largest, 0.0, points[:, 0])
     closed = np.flatnonzero(points[1:-1, 0] == 0)
     check(
         not len(closed),
-        f"gores: the radius of point {_first(closed) + 1} of the profile is zero; only its ends "
-        "may be poles.",
+        f"gores: the radius of point {_first(closed) + 1} of the profile is zero; "
+        "only its ends may be poles.",
     )
     return Gores(points, n)
 

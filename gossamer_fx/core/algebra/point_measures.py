@@ -65,8 +65,8 @@ def refuse_ports_outside(
         for port in itertools.chain.from_iterable(tuples):
             if isinstance(port, Port) and id(port.body) not in known:
                 message = (
-                    f"'{name}' has a port of '{port.body.name}', which is not in the scene; add "
-                    "that body to the scene, or return it from `requires` of the item."
+                    f"'{name}' has a port of '{port.body.name}', which is not in the scene; "
+                    "add that body to the scene, or return it from `requires` of the item."
                 )
     # An error on one rank alone would leave the others waiting in their next message.
     check_on_all(comm, not message, message)
@@ -107,9 +107,9 @@ def attach(
         same_length = len(port.nodes) == len(port.weights) == len(vectors)
         check(
             same_length and bool((vectors * 3 < port.body.block.size).all()),
-            f"A port of '{port.body.name}' has {len(port.nodes)} nodes, {len(port.weights)} "
-            "weights and vectors "
-            f"{port.vectors}; give one weight and one existing vector for each node.",
+            f"A port of '{port.body.name}' has {len(port.nodes)} nodes, "
+            f"{len(port.weights)} weights and vectors {port.vectors}; "
+            "give one weight and one existing vector for each node.",
         )
         nodes = np.array(port.nodes, dtype=np.int64)
         unknowns = numbering.to_global(bodies.index(port.body), nodes)

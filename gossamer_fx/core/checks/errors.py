@@ -280,8 +280,9 @@ def write_on_all[T](comm: MPI.Intracomm, path: Path, task: Callable[[], T]) -> T
 
 def _cannot_write(path: Path, reason: str) -> str:
     return (
-        f"Cannot write '{path}' ({reason}); what was written before is kept: make room or mend the "
-        "folder, then restart from the last checkpoint, or start again if there is none."
+        f"Cannot write '{path}' ({reason}); "
+        "what was written before is kept: make room or mend the folder, "
+        "then restart from the last checkpoint, or start again if there is none."
     )
 
 

@@ -64,9 +64,9 @@ def lazy_names(
             if library not in _FROM_THE_SYSTEM:
                 raise
             raise ImportError(
-                f"gossamer_fx {VERSION} needs {library}, which this Python does not have; use a "
-                "Python with dolfinx, petsc4py, mpi4py and gmsh, or pip install "
-                "'gossamer_fx[light]'."
+                f"gossamer_fx {VERSION} needs {library}, which this Python does not have; "
+                "use a Python with dolfinx, petsc4py, mpi4py and gmsh, "
+                "or pip install 'gossamer_fx[light]'."
             ) from error
         # The next use finds the attribute without this function.
         setattr(sys.modules[module], name, found)

@@ -37,9 +37,8 @@ def require_compiler() -> None:
     program = shlex.split(command)[0]
     check(
         shutil.which(program) is not None,
-        f"The C compiler '{program}' is not there; install one (apt-get install gcc, or conda "
-        "install c-compiler), "
-        "or set the variable CC to the name of yours.",
+        f"The C compiler '{program}' is not there; install one (apt-get install gcc, "
+        "or conda install c-compiler), or set the variable CC to the name of yours.",
     )
 
 

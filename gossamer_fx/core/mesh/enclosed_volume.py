@@ -203,8 +203,8 @@ def oriented(raw: RawMesh) -> RawMesh:
     inconsistent = (turned[neighbours.first] == turned[neighbours.second]) != neighbours.agree
     if inconsistent.any():
         raise BadMesh(
-            "The mesh has a surface with one side only, as a Möbius strip, whose normals cannot "
-            "agree; leave orient out."
+            "The mesh has a surface with one side only, "
+            "as a Möbius strip, whose normals cannot agree; leave orient out."
         )
 
     # Relative to the middle of the mesh, so that the volume has no round-off of a distance from the

@@ -104,8 +104,9 @@ def extract(model: Any) -> RawMesh:
     )
     _check(
         len(np.unique(np.sort(cells, axis=1), axis=0)) == len(cells),
-        "Two cells of the mesh have the same nodes: a file of version 2.2 has cells twice that are "
-        "in two physical groups, so save it as version 4.1; where two sheets meet at a corner, "
+        "Two cells of the mesh have the same nodes: "
+        "a file of version 2.2 has cells twice that are in two physical groups, "
+        "so save it as version 4.1; where two sheets meet at a corner, "
         "choose the triangles so that each has a separate node.",
     )
 
@@ -115,8 +116,8 @@ def extract(model: Any) -> RawMesh:
     points = coordinates.reshape(-1, 3)[rows]
     _check(
         bool((abs(points) < _FARTHEST).all()),
-        f"Nodes of the mesh have coordinates that are not numbers below {_FARTHEST:g} m; mesh it "
-        "again.",
+        f"Nodes of the mesh have coordinates that are not numbers below {_FARTHEST:g} m; "
+        "mesh it again.",
     )
     return RawMesh(
         kind=kind,
@@ -244,8 +245,8 @@ def read_file(path: Path) -> RawMesh:
             raise BadMesh(reason.replace(str(mesh), str(path)))
         if child.returncode or not arrays.is_file():
             raise BadMesh(
-                f"gmsh broke off when it read '{path}'; the file is damaged, write it again as MSH "
-                "4.1."
+                f"gmsh broke off when it read '{path}'; "
+                "the file is damaged, write it again as MSH 4.1."
             )
         return _load(arrays)
 
@@ -278,8 +279,8 @@ def _check_format(path: Path) -> None:
         ) from error
     _check(
         _MSH.match(head) is not None,
-        f"'{path}' is not in MSH format 2.2 or 4.x; write the mesh with gmsh as MSH 4.1 (gmsh "
-        "-format msh41).",
+        f"'{path}' is not in MSH format 2.2 or 4.x; "
+        "write the mesh with gmsh as MSH 4.1 (gmsh -format msh41).",
     )
 
 

@@ -252,8 +252,8 @@ def _build(build: Callable[[Any], None], orient: bool) -> RawMesh:
     except Exception as error:
         words = " ".join(str(error).split()) or "no words"
         raise InputError(
-            f"The function that builds the mesh raises {type(error).__name__} ({words}); correct "
-            "it."
+            f"The function that builds the mesh raises {type(error).__name__} ({words}); "
+            "correct it."
         ) from error
     finally:
         gmsh.finalize()

@@ -145,8 +145,8 @@ class Port:
         count = self.body.block.index_map.size_global
         check(
             all(0 <= node < count for node in self.nodes),
-            f"A port of '{self.body.name}' has the nodes {self.nodes}; its nodes are 0 to "
-            f"{count - 1}.",
+            f"A port of '{self.body.name}' has the nodes {self.nodes}; "
+            f"its nodes are 0 to {count - 1}.",
         )
 
     def evaluate(self, unknowns: Array) -> Array:

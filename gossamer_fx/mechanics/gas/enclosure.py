@@ -138,8 +138,8 @@ class FilmEnclosure:
         for ring in rings:
             check(
                 ring.body is film,
-                f"Chamber '{chamber}': its ring '{ring.edges}' is on another film than "
-                f"'{film.name}'.",
+                f"Chamber '{chamber}': "
+                f"its ring '{ring.edges}' is on another film than '{film.name}'.",
             )
 
     @property
@@ -188,8 +188,8 @@ class FilmEnclosure:
         groups = [self.film.mesh.group(name) for name in self.surface]
         check(
             all(dim == 2 for dim, _ in groups),
-            f"Chamber '{self.chamber}': its surface {self.surface} must be named groups of "
-            "triangles.",
+            f"Chamber '{self.chamber}': "
+            f"its surface {self.surface} must be named groups of triangles.",
         )
         return np.unique(np.concatenate([cells for _, cells in groups]))
 
@@ -216,8 +216,9 @@ class FilmEnclosure:
             found, film_direction = comm.allreduce(own_sums)
             check(
                 found == len(loop.vertices),
-                f"Chamber '{self.chamber}': its ring '{ring.edges}' is not a boundary of its "
-                "surface; give the groups of triangles on one side of it.",
+                f"Chamber '{self.chamber}': "
+                f"its ring '{ring.edges}' is not a boundary of its surface; "
+                "give the groups of triangles on one side of it.",
             )
             # The strips pass the edges of the ring against the film, as a neighbour triangle would.
             sign = -float(np.sign(film_direction))
@@ -229,15 +230,15 @@ class FilmEnclosure:
         check_on_all(
             comm,
             bool(((count == 0) | (count == 2)).all()),
-            f"Chamber '{self.chamber}': the surface of '{self.film.name}' is open; close it, name "
-            "the groups of triangles that bound the chamber, or span holes by rings.",
+            f"Chamber '{self.chamber}': the surface of '{self.film.name}' is open; close it, "
+            "name the groups of triangles that bound the chamber, or span holes by rings.",
         )
         check_on_all(
             comm,
             bool((sum_of_directions == 0).all()),
-            f"Chamber '{self.chamber}': neighbouring triangles of '{self.film.name}' have opposite "
-            "normals; make or "
-            "read its mesh with orient=True, or turn surfaces (gmsh: model.mesh.reverse).",
+            f"Chamber '{self.chamber}': "
+            f"neighbouring triangles of '{self.film.name}' have opposite normals; "
+            "make or read its mesh with orient=True, or turn surfaces (gmsh: model.mesh.reverse).",
         )
         return signs
 
@@ -525,8 +526,9 @@ def check_normals(film: Membrane, chamber: str, cells: Cells, labels: Array, x: 
         if part.volume * outer[0].volume < 0:
             middle = ", ".join(f"{value:.4g}" for value in (part.low + part.high) / 2)
             raise InputError(
-                f"Chamber '{chamber}': one of the {len(parts)} parts of '{film.name}' is inside "
-                "out, "
-                f"the one about ({middle}) m, whose volume of {abs(part.volume):.4g} m³ would be "
-                "subtracted from the others; turn its normals (gmsh: model.mesh.reverse)."
+                f"Chamber '{chamber}': "
+                f"one of the {len(parts)} parts of '{film.name}' is inside out, "
+                f"the one about ({middle}) m, "
+                f"whose volume of {abs(part.volume):.4g} m³ would be subtracted from the others; "
+                "turn its normals (gmsh: model.mesh.reverse)."
             )

@@ -37,8 +37,8 @@ class IdealGas:
         )
         check(
             self.R > 0,
-            f"IdealGas: R is {self.R!r}; give the specific gas constant in J/(kg K), e.g. 287 for "
-            "air.",
+            f"IdealGas: R is {self.R!r}; "
+            "give the specific gas constant in J/(kg K), e.g. 287 for air.",
         )
 
     @property

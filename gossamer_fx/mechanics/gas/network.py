@@ -195,12 +195,6 @@ class GasNetwork:
     def set_static_process(self, process: str) -> None:
         """Choose by its name what stays constant in the chambers while an equilibrium is looked
         for."""
-        # Imported here, as runs do not need it.
-        from gossamer_fx.mechanics.gas.network import (
-            HeldPressureBalance,
-            IsothermalBalance,
-        )
-
         kinds = {
             ADIABATIC: Balance,
             ISOTHERMAL: IsothermalBalance,
@@ -246,9 +240,8 @@ class GasNetwork:
             state.volume = _volume(state)
             check(
                 state.volume > 0,
-                f"Chamber '{state.chamber.name}' encloses {state.volume:.3g} m³ at the start; open "
-                "it by an initial "
-                "displacement or give it a dead_volume.",
+                f"Chamber '{state.chamber.name}' encloses {state.volume:.3g} m³ at the start; "
+                "open it by an initial displacement or give it a dead_volume.",
             )
             state.pressure = state.chamber.initial_pressure
             state.internal_energy = state.pressure * state.volume / (self.gas.gamma - 1)
@@ -412,8 +405,8 @@ class GasNetwork:
         for state, volume, pressure in zip(self.chambers, self.volumes, self.y, strict=False):
             if volume <= 0 or pressure <= 0:
                 return (
-                    f"'{state.chamber.name}' would have a volume of {volume:.3g} m³ and a pressure "
-                    f"of {pressure:.3g} Pa"
+                    f"'{state.chamber.name}' would have a volume of {volume:.3g} m³ "
+                    f"and a pressure of {pressure:.3g} Pa"
                 )
         return ""
 
@@ -428,9 +421,8 @@ class GasNetwork:
         if largest[k] <= ACCEPTABLE_RESIDUAL:
             return ""
         return (
-            f"the gas of '{self.chambers[k].chamber.name}' is not in balance (volume "
-            f"{self.volumes[k]:.3g} m³, "
-            f"pressure {self.y[k]:.3g} Pa)"
+            f"the gas of '{self.chambers[k].chamber.name}' is not in balance "
+            f"(volume {self.volumes[k]:.3g} m³, pressure {self.y[k]:.3g} Pa)"
         )
 
     # ---- scalar unknowns: energies and state -----------------------------------------------------
@@ -496,8 +488,8 @@ def _check_chambers(chambers: list[Volume]) -> None:
     for chamber in chambers:
         check(
             chamber.gas == first.gas,
-            f"The chambers '{first.name}' and '{chamber.name}' hold different gases; a scene has "
-            "one.",
+            f"The chambers '{first.name}' and '{chamber.name}' hold different gases; "
+            "a scene has one.",
         )
     whole_films: list[object] = []
     for chamber in chambers:
@@ -506,8 +498,8 @@ def _check_chambers(chambers: list[Volume]) -> None:
         for film in chamber.enclosure.whole_films:
             check(
                 film not in whole_films,
-                f"Two chambers enclose the whole of '{film.name}'; give each its surface, or leave "
-                "one out.",
+                f"Two chambers enclose the whole of '{film.name}'; "
+                "give each its surface, or leave one out.",
             )
             whole_films.append(film)
 

@@ -113,8 +113,8 @@ class Orifice:
         for end in (self.a, self.b):
             check(
                 isinstance(end, Volume | Holder),
-                f"Orifice '{self.name}': {end!r} holds no gas; connect chambers, tanks, reservoirs "
-                "or surroundings.",
+                f"Orifice '{self.name}': {end!r} holds no gas; "
+                "connect chambers, tanks, reservoirs or surroundings.",
             )
         check(
             self.a is not self.b,
@@ -122,18 +122,18 @@ class Orifice:
         )
         check(
             isinstance(self.area, Ring) or callable(self.area) or 0 <= self.area < math.inf,
-            f"Orifice '{self.name}': area is {self.area!r} m²; give a positive number, a function "
-            "of time, or a ring.",
+            f"Orifice '{self.name}': area is {self.area!r} m²; "
+            "give a positive number, a function of time, or a ring.",
         )
         check(
             0 < self.discharge_coefficient <= 1,
-            f"Orifice '{self.name}': discharge_coefficient is {self.discharge_coefficient!r}; it "
-            "lies in (0, 1].",
+            f"Orifice '{self.name}': discharge_coefficient is {self.discharge_coefficient!r}; "
+            "it lies in (0, 1].",
         )
         check(
             MIN_LAMINAR <= self.laminar < MAX_LAMINAR,
-            f"Orifice '{self.name}': laminar is {self.laminar!r}; give a small fraction such as "
-            "1e-5.",
+            f"Orifice '{self.name}': laminar is {self.laminar!r}; "
+            "give a small fraction such as 1e-5.",
         )
 
     def requires(self) -> Iterable[Any]:
@@ -209,8 +209,8 @@ class WallHeat:
         """Check the arguments, which the class describes; raises `InputError`."""
         check(
             0 <= self.conductance < math.inf and 0 < self.temperature < math.inf,
-            f"WallHeat '{self.name}': conductance {self.conductance!r} W/K and temperature "
-            f"{self.temperature!r} K must be positive.",
+            f"WallHeat '{self.name}': conductance {self.conductance!r} W/K "
+            f"and temperature {self.temperature!r} K must be positive.",
         )
 
     def requires(self) -> Iterable[Any]:

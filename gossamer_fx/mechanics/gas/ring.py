@@ -123,8 +123,8 @@ class Ring:
             edge for part in self.body.comm.allgather(self._own_edges()) for edge in part
         )
         message = (
-            f"Ring: the edges '{self.edges}' of '{self.body.name}' form no closed line; name a "
-            "group that does."
+            f"Ring: the edges '{self.edges}' of '{self.body.name}' form no closed line; "
+            "name a group that does."
         )
         edges_at: dict[int, list[int]] = {}
         for i, edge in enumerate(edges):
@@ -146,8 +146,8 @@ class Ring:
         # A shorter walk means that the edges form several closed lines.
         check(
             len(walk) == len(edges),
-            f"Ring: the edges '{self.edges}' of '{self.body.name}' form several closed lines; make "
-            "a group of each line, and give a Ring for each.",
+            f"Ring: the edges '{self.edges}' of '{self.body.name}' form several closed lines; "
+            "make a group of each line, and give a Ring for each.",
         )
         numbers = np.array([edge[:5] for edge in walk])
         starts = np.array([edge.start for edge in walk])

@@ -230,8 +230,8 @@ class SewnEnclosure:
     def __init__(self, films: Sequence[Membrane], seams: Sequence[SewnEdges], chamber: str) -> None:
         check(
             bool(films) and bool(seams),
-            f"Chamber '{chamber}': several films are given without seams; give the seams that "
-            "close them.",
+            f"Chamber '{chamber}': several films are given without seams; "
+            "give the seams that close them.",
         )
         self.films = tuple(films)
         self.seams = tuple(seams)
@@ -292,8 +292,8 @@ class SewnEnclosure:
         for film, sign in zip(self.films, signs, strict=True):
             check(
                 sign != 0,
-                f"Chamber '{self.chamber}': no seam joins '{film.name}' to the other films; sew it "
-                "to them, or leave it out.",
+                f"Chamber '{self.chamber}': no seam joins '{film.name}' to the other films; "
+                "sew it to them, or leave it out.",
             )
         strip_signs = []
         for seam, (line_a, line_b), (d_a, d_b) in zip(self.seams, lines, passed, strict=True):
@@ -301,9 +301,9 @@ class SewnEnclosure:
             of_b = signs[numbers[id(line_b.body)]] * d_b
             check(
                 of_a == -of_b,
-                f"Chamber '{self.chamber}': normals of the films change sides across "
-                f"'{seam.name}'; orient the panels "
-                "consistently (gmsh: model.mesh.reverse).",
+                f"Chamber '{self.chamber}': "
+                f"normals of the films change sides across '{seam.name}'; "
+                "orient the panels consistently (gmsh: model.mesh.reverse).",
             )
             # The strip passes the edges of a against the film, as a neighbour triangle would.
             strip_signs.append(-of_a)
@@ -343,23 +343,20 @@ class SewnEnclosure:
                 check(
                     any(line.body is film for film in self.films),
                     f"Chamber '{self.chamber}': the seam '{seam.name}' is on '{line.body.name}', "
-                    "which does not "
-                    "bound it; add the film to the enclosure.",
+                    "which does not bound it; add the film to the enclosure.",
                 )
         names = ", ".join(f"'{film.name}'" for film in self.films)
         check(
             is_open == 0,
-            f"Chamber '{self.chamber}': {is_open} edges of {names} are open, or sewn twice; give "
-            "each open edge of "
-            "the panels one seam.",
+            f"Chamber '{self.chamber}': {is_open} edges of {names} are open, or sewn twice; "
+            "give each open edge of the panels one seam.",
         )
         sums = comm.allreduce(sums)
         lengths = np.array([[len(line.nodes) for line in both] for both in lines])
         check(
             is_twisted == 0 and bool((np.abs(sums) == lengths).all()),
             f"Chamber '{self.chamber}': neighbouring triangles of {names} have opposite normals; "
-            "orient each film "
-            "consistently (gmsh: model.mesh.reverse).",
+            "orient each film consistently (gmsh: model.mesh.reverse).",
         )
         return [(float(a), float(b)) for a, b in np.sign(sums)]
 

@@ -75,8 +75,8 @@ class Ambient:
         """Check the arguments, which the class describes; raises `InputError`."""
         check(
             math.isfinite(self.pressure) and self.pressure >= 0,
-            f"Ambient '{self.name}': pressure is {self.pressure!r} Pa; give zero (vacuum) or a "
-            "positive number.",
+            f"Ambient '{self.name}': pressure is {self.pressure!r} Pa; "
+            "give zero (vacuum) or a positive number.",
         )
         check_positive(self, "temperature", "K")
 
@@ -145,14 +145,14 @@ class Chamber:
         _check_state(f"{type(self).__name__} '{name}'", pressure, temperature)
         check(
             (volume is not None) == (enclosure is None),
-            f"Chamber '{name}': give either a film (or piston) that encloses it, or the volume of "
-            "a rigid chamber.",
+            f"Chamber '{name}': "
+            "give either a film (or piston) that encloses it, or the volume of a rigid chamber.",
         )
         self.fixed_volume = _rigid_part(name, dead_volume, volume)
         check(
             isinstance(enclosure, Membrane) or not (surface or rings),
-            f"Chamber '{name}': surface and rings belong to a film; give one as enclosure, or "
-            "leave them out.",
+            f"Chamber '{name}': surface and rings belong to a film; "
+            "give one as enclosure, or leave them out.",
         )
         self.seams = tuple(seams)
         self.enclosure = _enclosure(enclosure, surface, rings, self.seams, name)
@@ -218,15 +218,15 @@ def _enclosure(
 
         check(
             not (surface or rings),
-            f"Chamber '{chamber}': seams are given together with surface or rings; sew all of the "
-            "film, or leave them out.",
+            f"Chamber '{chamber}': seams are given together with surface or rings; "
+            "sew all of the film, or leave them out.",
         )
         films = (enclosure,) if isinstance(enclosure, Membrane) else tuple(enclosure)
         return SewnEnclosure(films, seams, chamber)
     check(
         not seams,
-        f"Chamber '{chamber}': seams belong to films; give them as enclosure, or leave the seams "
-        "out.",
+        f"Chamber '{chamber}': seams belong to films; "
+        "give them as enclosure, or leave the seams out.",
     )
     return enclosure
 

@@ -143,8 +143,8 @@ class Drag:
         check_surfaces(self.name, body, self.surfaces)
         check(
             not closed or not isinstance(body, RigidBody),
-            f"'{self.name}': closed is for films; a Surface of a rigid body is one-sided by "
-            "itself.",
+            f"'{self.name}': closed is for films; "
+            "a Surface of a rigid body is one-sided by itself.",
         )
 
     def requires(self) -> Iterable[Any]:

@@ -55,8 +55,8 @@ class Elements:
     def __post_init__(self) -> None:
         check(
             self.e >= 0 and self.e != 1 and self.a * (1 - self.e) > 0,
-            f"Elements: a is {self.a!r} m and e is {self.e!r}; give an ellipse (a > 0, e < 1) or a "
-            "hyperbola (a < 0, e > 1).",
+            f"Elements: a is {self.a!r} m and e is {self.e!r}; "
+            "give an ellipse (a > 0, e < 1) or a hyperbola (a < 0, e > 1).",
         )
         check(
             0 <= self.i <= math.pi,
@@ -64,9 +64,9 @@ class Elements:
         )
         check(
             1 + self.e * math.cos(self.anomaly) > 0,
-            f"Elements: the hyperbola of e = {self.e!r} has no point at the anomaly "
-            f"{self.anomaly!r} rad; give one "
-            "closer to perigee.",
+            "Elements: "
+            f"the hyperbola of e = {self.e!r} has no point at the anomaly {self.anomaly!r} rad; "
+            "give one closer to perigee.",
         )
 
     def motion(self, mu: float = MU) -> float:

@@ -106,17 +106,16 @@ class Environment:
         )
         check(
             epoch is not None or not (self._turns or self._third_bodies),
-            f"Orbit '{name}': harmonics of a turning Earth, and Sun and Moon, need a date; give an "
-            "epoch.",
+            f"Orbit '{name}': harmonics of a turning Earth, and Sun and Moon, need a date; "
+            "give an epoch.",
         )
         self.sky = Sky(epoch, ut1_utc) if epoch is not None else None
         check(
             sun is None
             or callable(sun)
             or (is_vector(sun) and (bool(np.any(sun)) or self.mu > MU_SUN / 2)),
-            f"Orbit '{name}': sun is {sun!r}; give three numbers in astronomical units, or a "
-            "function of time; only "
-            "an orbit with the Sun's mu has it at its centre.",
+            f"Orbit '{name}': sun is {sun!r}; give three numbers in astronomical units, "
+            "or a function of time; only an orbit with the Sun's mu has it at its centre.",
         )
         self._sun = sun
         self.state = self._state_of(start)
@@ -130,8 +129,8 @@ class Environment:
             isinstance(start, tuple | list)
             and len(start) == 2
             and all(is_vector(s) for s in start),
-            f"Orbit '{self.name}': start is {start!r}; give Elements, or a position [m] and a "
-            "velocity [m/s].",
+            f"Orbit '{self.name}': start is {start!r}; "
+            "give Elements, or a position [m] and a velocity [m/s].",
         )
         # Position [m] and velocity [m/s] from the attracting centre.
         r, v = (np.asarray(s, dtype=float) for s in start)
@@ -208,8 +207,8 @@ class Environment:
         value = self._sun(t) if callable(self._sun) else self._sun
         check(
             is_vector(value),
-            f"Orbit '{self.name}': the Sun is at {value!r} au at t = {t:.6g} s; give three "
-            "numbers.",
+            f"Orbit '{self.name}': the Sun is at {value!r} au at t = {t:.6g} s; "
+            "give three numbers.",
         )
         return AU * np.asarray(value, dtype=float)
 

@@ -164,8 +164,8 @@ def raise_too_long(h: float) -> None:
     """Raise `InputError` for a step of the length h [s]."""
     check(
         False,
-        f"Orbit: a step of {h:.6g} s is too long a part of a revolution; make the stepper's dt "
-        "smaller.",
+        f"Orbit: a step of {h:.6g} s is too long a part of a revolution; "
+        "make the stepper's dt smaller.",
     )
 
 

@@ -234,8 +234,8 @@ def egm2008(degree: int = EGM_DEGREE, *, central: bool = False) -> SolidHarmonic
     """
     check(
         degree in range(2, EGM_DEGREE + 1),
-        f"The gravity field is known to degree {EGM_DEGREE}, and begins with degree 2; degree is "
-        f"{degree!r}.",
+        f"The gravity field is known to degree {EGM_DEGREE}, and begins with degree 2; "
+        f"degree is {degree!r}.",
     )
     c = np.zeros((degree + 1, degree + 1), dtype=complex)
     c += _egm2008()[: degree + 1, : degree + 1]
@@ -283,8 +283,8 @@ class Igrf:
         epochs, c = _igrf14()
         check(
             bool(epochs[0] <= year <= epochs[-1]),
-            f"The magnetic field is known from {epochs[0]:.0f} to {epochs[-1]:.0f}, not in "
-            f"{year!r}; give a year between them.",
+            f"The magnetic field is known from {epochs[0]:.0f} to {epochs[-1]:.0f}, "
+            f"not in {year!r}; give a year between them.",
         )
         # The interval of epochs; the last year belongs to the last interval.
         following = np.searchsorted(epochs, year, side="right")

@@ -101,8 +101,8 @@ class _DipoleTorque:
         value = moment(flight.time) if callable(moment) else moment
         check(
             is_vector(value),
-            f"'{self._dipole.name}': its moment is {value!r} at t = {flight.time:.6g} s; return "
-            "three finite numbers.",
+            f"'{self._dipole.name}': its moment is {value!r} at t = {flight.time:.6g} s; "
+            "return three finite numbers.",
         )
         self._B = self._dipole.field(flight)
         self._m = np.asarray(value, dtype=float)

@@ -54,8 +54,8 @@ class Optics:
         back = self.other_side
         check(
             back is None or back.other_side is None,
-            "Optics: the other side has another side; give the optics of the two sides of one "
-            "film.",
+            "Optics: the other side has another side; "
+            "give the optics of the two sides of one film.",
         )
         check(
             self.emissivity + (back or self).emissivity > 0 or self.reflectivity == 1,

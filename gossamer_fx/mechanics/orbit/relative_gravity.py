@@ -341,8 +341,8 @@ class CompiledOrbit(
         check(len(terms) == 1, f"The scene has {len(terms)} orbits; give it one.")
         check(
             system.rule.alpha == 0.5,
-            f"'{terms[0].name}' flies by the midpoint rule only; run its scene with Midpoint, and "
-            "give an equilibrium its light by gx.orbit.Sunlight.",
+            f"'{terms[0].name}' flies by the midpoint rule only; "
+            "run its scene with Midpoint, and give an equilibrium its light by gx.orbit.Sunlight.",
         )
         self._system = system
         self.name = terms[0].name
@@ -353,9 +353,9 @@ class CompiledOrbit(
         held = max(system.comm.allgather(next(_names_of_holders(system.terms), "")))
         check(
             not held,
-            f"'{held}' fixes a body in space, but the frame of '{terms[0].name}' falls round the "
-            "Earth: there is "
-            "nothing to hold on to; tie bodies to each other, e.g. to a RigidBody.",
+            f"'{held}' fixes a body in space, "
+            f"but the frame of '{terms[0].name}' falls round the Earth: "
+            "there is nothing to hold on to; tie bodies to each other, e.g. to a RigidBody.",
         )
         kinetic = [t for t in system.terms if isinstance(t, KineticEnergy)]
         points = [

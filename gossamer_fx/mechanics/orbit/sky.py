@@ -154,10 +154,9 @@ def _erfa() -> Any:
         import erfa
     except ImportError:
         raise InputError(
-            "The Sun, the Moon and the Earth's axes of a date come from ERFA, which is not "
-            "installed; run "
-            "pip install 'gossamer_fx[orbit]' (Debian: python3-erfa), or give the direction to the "
-            "sun yourself."
+            "The Sun, the Moon and the Earth's axes of a date come from ERFA, "
+            "which is not installed; run pip install 'gossamer_fx[orbit]' (Debian: python3-erfa), "
+            "or give the direction to the sun yourself."
         ) from None
     return erfa
 

@@ -148,8 +148,8 @@ class ThermalProperties:
     def __post_init__(self) -> None:
         check(
             self.heat_capacity > 0,
-            f"ThermalProperties: heat_capacity is {self.heat_capacity!r} J/(m² K); give a positive "
-            "number.",
+            f"ThermalProperties: heat_capacity is {self.heat_capacity!r} J/(m² K); "
+            "give a positive number.",
         )
         for what, values in (
             ("absorptivity", self.absorptivities),
@@ -157,8 +157,8 @@ class ThermalProperties:
         ):
             check(
                 all(0 <= value <= 1 for value in values),
-                f"ThermalProperties: {what} is {getattr(self, what)!r}; give numbers between 0 and "
-                "1.",
+                f"ThermalProperties: {what} is {getattr(self, what)!r}; "
+                "give numbers between 0 and 1.",
             )
         check(
             sum(self.emissivities) > 0 or sum(self.absorptivities) == 0,
@@ -250,8 +250,8 @@ class SolarHeating:
             value = getattr(self, what)
             check(
                 value is None or 0 <= value <= MAX_TEMPERATURE,
-                f"'{self.name}': {what} is {value!r} K; give an absolute temperature from 0 to "
-                f"{MAX_TEMPERATURE:g} K.",
+                f"'{self.name}': {what} is {value!r} K; "
+                f"give an absolute temperature from 0 to {MAX_TEMPERATURE:g} K.",
             )
         check(
             0 <= self.shadow_pixels <= MAX_SHADOW_PIXELS,
@@ -260,8 +260,8 @@ class SolarHeating:
         )
         check(
             self.initial_temperature is not None or self.film.thermal is not None,
-            f"'{self.name}': the temperature at the start is not known; give initial_temperature "
-            "in K.",
+            f"'{self.name}': the temperature at the start is not known; "
+            "give initial_temperature in K.",
         )
 
     def requires(self) -> Iterable[Any]:
@@ -339,8 +339,8 @@ class FilmTemperatures:
             dim, cells = self.film.mesh.group(group)
             check(
                 dim == 2,
-                f"'{heating.name}': the group '{group}' has dimension {dim}; name triangles of the "
-                "mesh.",
+                f"'{heating.name}': the group '{group}' has dimension {dim}; "
+                "name triangles of the mesh.",
             )
             table[cells[cells < self._owned]] = row(properties)
         self._C = table[:, 0]
@@ -356,9 +356,9 @@ class FilmTemperatures:
         if strain is not None:
             check(
                 not strain.in_time,
-                f"'{heating.name}' computes the temperature of '{self.film.name}', whose thermal "
-                "expansion has a "
-                "function for it; give a number there, the temperature at the start.",
+                f"'{heating.name}' computes the temperature of '{self.film.name}', "
+                "whose thermal expansion has a function for it; "
+                "give a number there, the temperature at the start.",
             )
         if heating.initial_temperature is not None:
             return np.full(self._owned, float(heating.initial_temperature))
@@ -533,8 +533,8 @@ class HeatedFilms(
             heating = term.heating
             check(
                 all(other.film is not heating.film for other in self._films),
-                f"'{heating.name}': the film '{heating.film.name}' is heated twice; leave one of "
-                "both out.",
+                f"'{heating.name}': the film '{heating.film.name}' is heated twice; "
+                "leave one of both out.",
             )
             temperatures = FilmTemperatures(heating, system)
             heating._temperatures[system] = temperatures

@@ -88,13 +88,13 @@ class SolarPressure:
         check_surfaces(self.name, body, self.surfaces)
         check(
             not self.groups or isinstance(body, Membrane),
-            f"'{self.name}': only films have groups; give the optics of a rigid body with its "
-            "surfaces.",
+            f"'{self.name}': only films have groups; "
+            "give the optics of a rigid body with its surfaces.",
         )
         check(
             shadow_pixels >= 0 and (not shadow_pixels or isinstance(body, Membrane)),
-            f"'{self.name}': shadow_pixels is {shadow_pixels!r}; give pixels across a film, or "
-            "zero.",
+            f"'{self.name}': shadow_pixels is {shadow_pixels!r}; "
+            "give pixels across a film, or zero.",
         )
         check(
             shadow_pixels <= MAX_SHADOW_PIXELS,

@@ -96,8 +96,8 @@ class Accommodation:
             )
         check(
             self.wall_temperature > 0,
-            f"Accommodation: wall_temperature is {self.wall_temperature!r} K; give a positive "
-            "number.",
+            f"Accommodation: wall_temperature is {self.wall_temperature!r} K; "
+            "give a positive number.",
         )
 
 

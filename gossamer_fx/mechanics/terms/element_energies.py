@@ -216,8 +216,8 @@ class ElementEnergies(
         for force in self._stored:
             if force.term.c_law is not None:
                 return (
-                    f"the law of '{force.term.name}' is written in C, without derivatives; use one "
-                    "of UFL"
+                    f"the law of '{force.term.name}' is written in C, without derivatives; "
+                    "use one of UFL"
                 )
         return ""
 

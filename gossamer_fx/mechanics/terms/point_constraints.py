@@ -256,8 +256,8 @@ class PointConstraints(
             stuck += int((is_idle & is_open).sum())
         check(
             self._comm.allreduce(stuck) == 0,
-            "A seam cannot close: nodes on both of its sides are fixed; free one side, or move its "
-            "support.",
+            "A seam cannot close: nodes on both of its sides are fixed; "
+            "free one side, or move its support.",
         )
         return np.union1d(np.concatenate(found), self._repeated(free, q0))
 
@@ -339,14 +339,14 @@ class PointConstraints(
         for term, violation, rate in zip(self._terms, violations, rates, strict=True):
             check(
                 violation <= MAX_INITIAL_VIOLATION,
-                f"'{term.name}' does not hold at the start: it is off by {violation:.3g}; let the "
-                "joined points coincide.",
+                f"'{term.name}' does not hold at the start: it is off by {violation:.3g}; "
+                "let the joined points coincide.",
             )
             check(
                 rate <= MAX_INITIAL_RATE * speed,
-                f"'{term.name}' does not hold in rate at the start: the joined points separate "
-                f"with {rate:.3g} per "
-                "second; give both bodies the same velocity there.",
+                f"'{term.name}' does not hold in rate at the start: "
+                f"the joined points separate with {rate:.3g} per second; "
+                "give both bodies the same velocity there.",
             )
         self._refuse_redundant(q0, free)
 
@@ -400,9 +400,8 @@ class PointConstraints(
         involved = {self._terms[rows[i][0]].name for i in np.flatnonzero(takes_part)}
         names = ", ".join(f"'{name}'" for name in sorted(involved))
         return (
-            f"{null.shape[1]} of the constraints {names} follow from the others; free one of the "
-            "joints, e.g. by a "
-            "ball joint instead of a revolute one."
+            f"{null.shape[1]} of the constraints {names} follow from the others; "
+            "free one of the joints, e.g. by a ball joint instead of a revolute one."
         )
 
 

@@ -290,9 +290,10 @@ class PointLoads(
         for term in self._terms:
             if not _is_of_position(term.law) and not isinstance(term.law, ForceOfStart):
                 return (
-                    f"'{term.name}' depends on more than positions and time, without derivatives "
-                    "by the start of a step; give its law those of "
-                    "`gossamer_fx.extend.ForceOfStart`, or leave it out of the scene"
+                    f"'{term.name}' depends on more than positions and time, "
+                    "without derivatives by the start of a step; "
+                    "give its law those of `gossamer_fx.extend.ForceOfStart`, "
+                    "or leave it out of the scene"
                 )
         return ""
 

@@ -53,8 +53,8 @@ class Supports(CompiledTerms["Support"]):
                         system.comm,
                         both == 0,
                         f"'{mover.name}' moves coordinates that '{other.name}' holds or moves, "
-                        "too; let each node be "
-                        "held by one of them, or give them other components.",
+                        "too; "
+                        "let each node be held by one of them, or give them other components.",
                     )
 
     def hold(self, positions: npt.NDArray[np.integer]) -> None:
