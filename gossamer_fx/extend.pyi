@@ -7,7 +7,10 @@ from .core.algebra.point_measures import attach_all as attach_all
 from .core.algebra.point_measures import evaluated_here as evaluated_here
 from .core.algebra.point_measures import translation_weight as translation_weight
 from .core.checks.arguments import Count as Count
+from .core.checks.arguments import Range as Range
 from .core.checks.arguments import check_arguments as check_arguments
+from .core.checks.arguments import not_negative as not_negative
+from .core.checks.arguments import positive as positive
 from .core.checks.errors import InputError as InputError
 from .core.checks.errors import check as check
 from .core.checks.errors import check_on_all as check_on_all

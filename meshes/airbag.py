@@ -7,13 +7,15 @@ from typing import Any
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.extend import check_arguments
 
-from .sizes import require_counts, require_lengths
+from .arrays import Cells, Length
 
 CORNERS = ("corner", "right corner", "far corner", "left corner")
 
 
-def airbag(comm: MPI.Intracomm, edge: float, cells: int) -> Mesh:
+@check_arguments
+def airbag(comm: MPI.Intracomm, edge: Length, cells: Cells) -> Mesh:
     """Make two squares [-edge/2, edge/2]² in z = 0, joined along their edges: a flat airbag.
 
     Nodes inside the sheets coincide in space and differ in topology; normals point outwards.  The
@@ -27,8 +29,6 @@ def airbag(comm: MPI.Intracomm, edge: float, cells: int) -> Mesh:
     Raises:
         InputError: the edge is not positive, or there are no cells.
     """
-    require_lengths("airbag", edge=edge)
-    require_counts("airbag", cells=cells)
     # The pattern is symmetric for even numbers only.
     cells = 2 * max(round(cells / 2), 1)
 

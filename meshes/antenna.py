@@ -11,17 +11,19 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx import Mesh
+from gossamer_fx.extend import check_arguments
 
 from .arrays import (
     CellCorners,
+    Cells,
     Groups,
+    Length,
     Numbers,
     Points,
     around_centres,
     mesh_of_arrays,
 )
 from .line import line
-from .sizes import require_counts, require_lengths
 
 DIAGONALS = ((1.0, 1.0), (-1.0, 1.0))
 CORNERS = (
@@ -32,7 +34,8 @@ CORNERS = (
 )
 
 
-def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
+@check_arguments
+def film(comm: MPI.Intracomm, cells: Cells, side: Length) -> Mesh:
     """Make the square film [-side/2, side/2]² in z = 0 of squares of four triangles around a
     centre.
 
@@ -47,8 +50,6 @@ def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
     Raises:
         InputError: there are no cells, or the side is not positive.
     """
-    require_counts("film", cells=cells)
-    require_lengths("film", side=side)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
         ticks = _ticks(cells, side)
@@ -96,10 +97,11 @@ def _square_grid(ticks: np.ndarray) -> np.ndarray:
     return np.column_stack([slow, fast])
 
 
+@check_arguments
 def boom(
     comm: MPI.Intracomm,
-    elements: int,
-    side: float,
+    elements: Cells,
+    side: Length,
     diagonal: tuple[float, float],
 ) -> Mesh:
     """Make a straight boom of line elements from corner to corner of the film.
@@ -114,8 +116,6 @@ def boom(
     Raises:
         InputError: there are no elements, or the side is not positive.
     """
-    require_counts("boom", elements=elements)
-    require_lengths("boom", side=side)
     # The booms cross in the middle of the film, which is the origin.
     x = side / 2 * diagonal[0]
     y = side / 2 * diagonal[1]

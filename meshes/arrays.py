@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.extend import Range, check, positive
 
 Points = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.int64]
 Groups = Mapping[str, Numbers]  # nodes of points (1,), or of the edges of curves (n, 2)
+
+# What generators take: lengths, numbers of cells, and the order of the geometry, 1 for plane
+# triangles or 2 for curved ones.
+Length = Annotated[float, positive("m")]
+Cells = Annotated[int, Range(1)]
+Order = Annotated[int, Range(1, 2)]
 
 # Kinds of elements in gmsh's numbering.
 GMSH_LINE = 1
@@ -146,3 +153,13 @@ def sorted_sides(triangles: Numbers) -> Numbers:
     occurs twice."""
     sides = triangles[:, [[0, 1], [1, 2], [2, 0]]]
     return np.sort(sides.reshape(-1, 2), axis=1)
+
+
+def require_ascending(generator: str, names: Sequence[str], lengths: Sequence[float]) -> None:
+    """Raise `InputError` unless the second of two lengths, named `names`, is the larger one; the
+    same on all ranks."""
+    check(
+        lengths[0] < lengths[1],
+        f"{generator}: {names[0]} is {lengths[0]!r} and {names[1]} is {lengths[1]!r}; "
+        f"give a larger {names[1]}.",
+    )

@@ -10,9 +10,9 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.extend import check_arguments
 
-from .arrays import Numbers, Points, rim, sorted_sides
-from .sizes import require_lengths
+from .arrays import Length, Numbers, Points, rim, sorted_sides
 
 Corners = Sequence[tuple[float, float]]
 Segments = Sequence[tuple[tuple[float, float], tuple[float, float]]]
@@ -23,7 +23,7 @@ def creased_film(
     comm: MPI.Intracomm,
     corners: Corners,
     lines: Segments,
-    size: Sequence[float],
+    size: Sequence[Length],
 ) -> Mesh:
     """Make a convex polygon in z = 0 of triangles with edges along given lines.
 
@@ -39,8 +39,6 @@ def creased_film(
     Raises:
         InputError: a size of cells is not positive, or gmsh cannot mesh the polygon.
     """
-    for size_at_corner in size:
-        require_lengths("creased_film", size=size_at_corner)
 
     def build(model: Any) -> None:
         # Triangles first: gmsh's own geometry would not know which nodes are on the lines.
@@ -53,11 +51,12 @@ def creased_film(
     return gmsh_mesh(build, comm)
 
 
+@check_arguments
 def creased_tube(
     comm: MPI.Intracomm,
     corners: Corners,
     lines: Segments,
-    size: float,
+    size: Length,
     rows: Callable[[Points], Points],
     walls: Sequence[float],
 ) -> Mesh:
@@ -80,7 +79,6 @@ def creased_tube(
         InputError: the size of cells is not positive, gmsh cannot mesh the polygon, or cells are so
             coarse that a triangle has all its nodes on the rim.
     """
-    require_lengths("creased_tube", size=size)
 
     def build(model: Any) -> None:
         points, triangles = _triangulated(model, corners, lines, [size] * len(corners))

@@ -6,9 +6,12 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx import Mesh
+from gossamer_fx.extend import check_arguments
 
 from .arrays import (
+    Cells,
     Groups,
+    Length,
     Numbers,
     Points,
     cell_corners,
@@ -17,15 +20,15 @@ from .arrays import (
     polyline,
     triangles_of,
 )
-from .sizes import require_counts, require_lengths
 
 
+@check_arguments
 def creased_strip(
     comm: MPI.Intracomm,
-    nx: int,
-    ny: int,
-    length: float,
-    width: float,
+    nx: Cells,
+    ny: Cells,
+    length: Length,
+    width: Length,
 ) -> Mesh:
     """Make a flat strip of two panels, [-length, 0] and [0, length] by [0, width], with a crease
     between.
@@ -40,8 +43,6 @@ def creased_strip(
     Raises:
         InputError: a length is not positive, or there are no cells.
     """
-    require_counts("creased_strip", nx=nx, ny=ny)
-    require_lengths("creased_strip", length=length, width=width)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
         # 2 nx cells, so that the crease is a line of nodes.

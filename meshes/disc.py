@@ -8,15 +8,17 @@ from typing import Any, NamedTuple
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.extend import check_arguments
 
-from .sizes import require_ascending, require_counts, require_lengths, require_order
+from .arrays import Cells, Length, Order, require_ascending
 
 
+@check_arguments
 def quarter_disc(
     comm: MPI.Intracomm,
-    cells: int,
-    radius: float = 1.0,
-    order: int = 1,
+    cells: Cells,
+    radius: Length = 1.0,
+    order: Order = 1,
 ) -> Mesh:
     """Make the part x, y ≥ 0 of a disc about the origin, of four-sided patches without a bad
     triangle.
@@ -33,9 +35,6 @@ def quarter_disc(
     Raises:
         InputError: the radius is not positive, there are no cells, or the order is another one.
     """
-    require_counts("quarter_disc", cells=cells)
-    require_lengths("quarter_disc", radius=radius)
-    require_order("quarter_disc", order)
 
     def build(model: Any) -> None:
         geo = model.geo
@@ -95,13 +94,14 @@ class Circle(NamedTuple):
     arcs: list[int]
 
 
+@check_arguments
 def ring(
     comm: MPI.Intracomm,
-    inner: float,
-    outer: float,
-    radial: int,
-    around: int,
-    order: int = 1,
+    inner: Length,
+    outer: Length,
+    radial: Cells,
+    around: Cells,
+    order: Order = 1,
 ) -> Mesh:
     """Make a flat ring about the origin between two radii.
 
@@ -117,10 +117,7 @@ def ring(
         InputError: a radius is not positive, the inner one is not the smaller one, there are no
             cells, or the order is another one.
     """
-    require_lengths("ring", inner=inner, outer=outer)
     require_ascending("ring", ("inner", "outer"), (inner, outer))
-    require_counts("ring", radial=radial, around=around)
-    require_order("ring", order)
 
     def build(model: Any) -> None:
         geo = model.geo

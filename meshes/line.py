@@ -9,15 +9,16 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
-from gossamer_fx.extend import check
+from gossamer_fx.extend import check, check_arguments
 
-from .sizes import require_counts
+from .arrays import Cells
 
 
+@check_arguments
 def line(
     comm: MPI.Intracomm,
     points: Sequence[Sequence[float]],
-    elements: int | Sequence[int],
+    elements: Cells | Sequence[Cells],
     closed: bool = False,
 ) -> Mesh:
     """Make straight segments through points, each divided into line elements.
@@ -47,8 +48,6 @@ def line(
         counts = list(elements)
     else:
         counts = [elements] * segments
-    for count in counts:
-        require_counts("line", elements=count)
 
     def build(model: Any) -> None:
         geo = model.geo

@@ -10,20 +10,29 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.extend import check_arguments
 
-from .arrays import cell_corners, mesh_of_arrays, polyline, triangles_of
-from .sizes import require_ascending, require_counts, require_lengths
+from .arrays import (
+    Cells,
+    Length,
+    cell_corners,
+    mesh_of_arrays,
+    polyline,
+    require_ascending,
+    triangles_of,
+)
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
 
+@check_arguments
 def irregular_sheet(
     comm: MPI.Intracomm,
-    nx: int,
-    ny: int,
-    width: float,
-    height: float,
+    nx: Cells,
+    ny: Cells,
+    width: Length,
+    height: Length,
     seed: int = 1,
 ) -> Mesh:
     """Make [0, width] × [0, height] of triangles with displaced nodes and random diagonals.
@@ -39,8 +48,6 @@ def irregular_sheet(
     Raises:
         InputError: a length is not positive, or there are no cells.
     """
-    require_counts("irregular_sheet", nx=nx, ny=ny)
-    require_lengths("irregular_sheet", width=width, height=height)
     random = np.random.default_rng(seed)
     # Coordinates (nx + 1, ny + 1) of the nodes from 0 to 1, along x and y.
     unit_square = _displaced(nx, ny, random)
@@ -60,13 +67,14 @@ def irregular_sheet(
     return _mesh(comm, points, _triangles(ids, turned), lines)
 
 
+@check_arguments
 def leaning_sheet(
     comm: MPI.Intracomm,
-    nx: int,
-    ny: int,
-    width: float,
-    height: float,
-    ramp: float,
+    nx: Cells,
+    ny: Cells,
+    width: Length,
+    height: Length,
+    ramp: Length,
 ) -> Mesh:
     """Make [0, width] × [0, height] in cells whose long sides lie at 45°, along wrinkles of a
     sheared film.
@@ -82,8 +90,6 @@ def leaning_sheet(
     Raises:
         InputError: a length is not positive, or there are no cells.
     """
-    require_counts("leaning_sheet", nx=nx, ny=ny)
-    require_lengths("leaning_sheet", width=width, height=height, ramp=ramp)
     unit_square = _displaced(nx, ny, None)
     x = width * unit_square[..., 0]
     y = height * unit_square[..., 1]
@@ -96,12 +102,13 @@ def leaning_sheet(
     return _mesh(comm, points, _triangles(ids, none_turned), _edges(ids))
 
 
+@check_arguments
 def slit_ring(
     comm: MPI.Intracomm,
-    radial: int,
-    around: int,
-    inner: float,
-    outer: float,
+    radial: Cells,
+    around: Cells,
+    inner: Length,
+    outer: Length,
 ) -> Mesh:
     """Make a flat ring about the origin, cut along the positive x axis, in cells of two triangles.
 
@@ -115,8 +122,6 @@ def slit_ring(
         InputError: a radius is not positive, the inner one is not the smaller one, or there are no
             cells.
     """
-    require_counts("slit_ring", radial=radial, around=around)
-    require_lengths("slit_ring", inner=inner, outer=outer)
     require_ascending("slit_ring", ("inner", "outer"), (inner, outer))
     # Coordinates (radial + 1, around + 1) of the nodes from 0 to 1, outwards and around.
     unit_square = _displaced(radial, around, None)
@@ -130,11 +135,12 @@ def slit_ring(
     return _mesh(comm, points, _triangles(ids, odd), lines)
 
 
+@check_arguments
 def free_slit_ring(
     comm: MPI.Intracomm,
-    size: float,
-    inner: float,
-    outer: float,
+    size: Length,
+    inner: Length,
+    outer: Length,
 ) -> Mesh:
     """Make the ring of `slit_ring`, cut along the positive x axis, in triangles that follow no
     direction.
@@ -148,7 +154,6 @@ def free_slit_ring(
     Raises:
         InputError: a length is not positive, or the inner radius is not the smaller one.
     """
-    require_lengths("free_slit_ring", size=size, inner=inner, outer=outer)
     require_ascending("free_slit_ring", ("inner", "outer"), (inner, outer))
 
     def build(model: Any) -> None:
@@ -186,7 +191,8 @@ def free_slit_ring(
     return gmsh_mesh(build, comm)
 
 
-def whole_disc(comm: MPI.Intracomm, cells: int, radius: float = 1.0) -> Mesh:
+@check_arguments
+def whole_disc(comm: MPI.Intracomm, cells: Cells, radius: Length = 1.0) -> Mesh:
     """Make a disc about the origin of rings of triangles, the k-th ring with 6k nodes on its
     circle.
 
@@ -199,8 +205,6 @@ def whole_disc(comm: MPI.Intracomm, cells: int, radius: float = 1.0) -> Mesh:
     Raises:
         InputError: there are no rings, or the radius is not positive.
     """
-    require_counts("whole_disc", cells=cells)
-    require_lengths("whole_disc", radius=radius)
     points = [np.zeros(2)]
     rings = [np.array([1])]
     triangles = []

@@ -3,35 +3,39 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx import Mesh
-from gossamer_fx.extend import check
+from gossamer_fx.extend import Range, check, check_arguments
 
 from .arrays import (
+    Cells,
     Groups,
+    Length,
     Numbers,
     Points,
     cell_corners,
     joined,
     mesh_of_arrays,
     polyline,
+    require_ascending,
     rim,
     triangles_of,
 )
-from .sizes import require_ascending, require_counts, require_lengths
 
 
+@check_arguments
 def parallelograms(
     comm: MPI.Intracomm,
-    a: float,
-    b: float,
+    a: Length,
+    b: Length,
     gamma: float,
-    columns: int,
-    rows: int,
-    cells: int,
+    columns: Cells,
+    rows: Cells,
+    cells: Cells,
 ) -> Mesh:
     """Make the flat sheet of Miura's fold: columns × rows parallelograms, each of cells × cells.
 
@@ -49,8 +53,6 @@ def parallelograms(
         InputError: a side is not positive, there are no parallelograms or cells, or the angle is
             not between 0 and π/2.
     """
-    require_lengths("parallelograms", a=a, b=b)
-    require_counts("parallelograms", columns=columns, rows=rows, cells=cells)
     check(
         0 < gamma < math.pi / 2,
         f"parallelograms: gamma is {gamma!r} rad; give an angle between 0 and π/2.",
@@ -89,13 +91,14 @@ def parallelograms(
     return mesh_of_arrays(comm, arrays)
 
 
+@check_arguments
 def trapezoids(
     comm: MPI.Intracomm,
-    n: int,
-    inner: int,
-    outer: int,
-    pitch: float,
-    refine: int = 1,
+    n: Annotated[int, Range(3)],
+    inner: Cells,
+    outer: Cells,
+    pitch: Length,
+    refine: Cells = 1,
 ) -> Mesh:
     """Make n flat trapezoids round a centre, joined along their seams, for the fold `Ikaros`.
 
@@ -114,10 +117,7 @@ def trapezoids(
         InputError: there are fewer than three trapezoids, no rows between the inner and the outer
             edge, or no edges between rows, or the pitch is not positive.
     """
-    require_counts("trapezoids", least=3, n=n)
-    require_counts("trapezoids", inner=inner, outer=outer, refine=refine)
     require_ascending("trapezoids", ("inner", "outer"), (inner, outer))
-    require_lengths("trapezoids", pitch=pitch)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
         slope = math.tan(math.pi / n)
@@ -156,12 +156,13 @@ def trapezoids(
     return mesh_of_arrays(comm, arrays)
 
 
+@check_arguments
 def pinwheel(
     comm: MPI.Intracomm,
-    n: int,
-    side: float,
-    columns: int,
-    reach: int,
+    n: Annotated[int, Range(3)],
+    side: Length,
+    columns: Cells,
+    reach: Cells,
 ) -> Mesh:
     """Make the flat ring of the fold `Star`, outside a regular polygon of n sides.
 
@@ -180,9 +181,6 @@ def pinwheel(
         InputError: the polygon has fewer than three sides, there are no columns, or the side is not
             positive.
     """
-    require_counts("pinwheel", least=3, n=n)
-    require_counts("pinwheel", columns=columns, reach=reach)
-    require_lengths("pinwheel", side=side)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
         h = side / columns

@@ -8,9 +8,12 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.extend import check_arguments
 
 from .arrays import (
+    Cells,
     Groups,
+    Length,
     Numbers,
     Points,
     around_centres,
@@ -19,18 +22,18 @@ from .arrays import (
     plane_grid,
     polyline,
 )
-from .sizes import require_counts, require_lengths
 
 EDGES = ("bottom", "right", "top", "left")
 CORNERS = ("bottom left", "bottom right", "top right", "top left")
 
 
+@check_arguments
 def sheet(
     comm: MPI.Intracomm,
-    nx: int,
-    ny: int,
-    width: float = 1.0,
-    height: float = 1.0,
+    nx: Cells,
+    ny: Cells,
+    width: Length = 1.0,
+    height: Length = 1.0,
     crossed: bool = False,
 ) -> Mesh:
     """Make a rectangular sheet [0, width] × [0, height] in z = 0 of nx × ny cells of two triangles.
@@ -46,8 +49,6 @@ def sheet(
     Raises:
         InputError: a length is not positive, or there are no cells.
     """
-    require_counts("sheet", nx=nx, ny=ny)
-    require_lengths("sheet", width=width, height=height)
 
     def build(model: Any) -> None:
         geo = model.geo
@@ -81,12 +82,13 @@ def sheet(
     return gmsh_mesh(build, comm)
 
 
+@check_arguments
 def crossed_sheet(
     comm: MPI.Intracomm,
-    nx: int,
-    ny: int,
-    width: float = 1.0,
-    height: float = 1.0,
+    nx: Cells,
+    ny: Cells,
+    width: Length = 1.0,
+    height: Length = 1.0,
 ) -> Mesh:
     """Make a rectangular sheet [0, width] × [0, height] of cells of four triangles around a centre.
 
@@ -100,8 +102,6 @@ def crossed_sheet(
     Raises:
         InputError: a length is not positive, or there are no cells.
     """
-    require_counts("crossed_sheet", nx=nx, ny=ny)
-    require_lengths("crossed_sheet", width=width, height=height)
 
     def arrays() -> tuple[Points, Numbers, Groups]:
         corners = plane_grid(np.linspace(0, width, nx + 1), np.linspace(0, height, ny + 1))

@@ -8,15 +8,17 @@ from typing import Any
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.extend import check_arguments
 
-from .sizes import require_counts, require_lengths, require_order
+from .arrays import Cells, Length, Order
 
 
+@check_arguments
 def sphere(
     comm: MPI.Intracomm,
-    radius: float,
-    cells: int,
-    order: int = 1,
+    radius: Length,
+    cells: Cells,
+    order: Order = 1,
 ) -> Mesh:
     """Make a closed sphere about the origin; normals point outwards.  Group: "film".  Collective.
 
@@ -28,9 +30,6 @@ def sphere(
     Raises:
         InputError: the radius is not positive, there are no cells, or the order is another one.
     """
-    require_lengths("sphere", radius=radius)
-    require_counts("sphere", cells=cells)
-    require_order("sphere", order)
 
     def build(model: Any) -> None:
         import gmsh

@@ -9,16 +9,18 @@ from typing import Any
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.extend import check_arguments
 
-from .sizes import require_counts, require_lengths
+from .arrays import Cells, Length
 
 
+@check_arguments
 def flat_tube(
     comm: MPI.Intracomm,
-    length: float,
-    diameter: float,
-    cells: int,
-    compartments: int = 1,
+    length: Length,
+    diameter: Length,
+    cells: Cells,
+    compartments: Cells = 1,
 ) -> Mesh:
     """Make a closed tube pressed flat into z = 0: two strips that share their edges.
 
@@ -39,8 +41,6 @@ def flat_tube(
     Raises:
         InputError: a length is not positive, or there are no cells or compartments.
     """
-    require_lengths("flat_tube", length=length, diameter=diameter)
-    require_counts("flat_tube", cells=cells, compartments=compartments)
     width = math.pi * diameter / 2
     # Even numbers, for the symmetry of the pattern; cells along the tube are about as long as wide.
     across = 2 * max(round(cells / 2), 1)

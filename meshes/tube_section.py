@@ -8,8 +8,9 @@ from typing import Any
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from gossamer_fx.extend import check_arguments
 
-from .sizes import require_counts, require_lengths, require_order
+from .arrays import Cells, Length, Order
 
 
 def capped_cylinder(
@@ -33,13 +34,14 @@ def capped_cylinder(
     return cylinder(comm, radius, length, around, along, order, capped=True)
 
 
+@check_arguments
 def cylinder(
     comm: MPI.Intracomm,
-    radius: float,
-    length: float,
-    around: int,
-    along: int,
-    order: int = 1,
+    radius: Length,
+    length: Length,
+    around: Cells,
+    along: Cells,
+    order: Order = 1,
     capped: bool = False,
 ) -> Mesh:
     """Make a cylinder about the x axis from x = 0 to `length`.
@@ -63,9 +65,6 @@ def cylinder(
     Raises:
         InputError: a length is not positive, there are no edges, or the order is another one.
     """
-    require_lengths("cylinder", radius=radius, length=length)
-    require_counts("cylinder", around=around, along=along)
-    require_order("cylinder", order)
     quarter = max(round(around / 4), 1)
 
     def build(model: Any) -> None:

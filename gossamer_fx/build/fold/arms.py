@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass, replace
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.build.fold.fold_map import FoldMap
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.build.fold.fold_map import FoldMap, Gap, Length
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.model.body import Array
 
 # Round-off of a point's column, in columns: a node on a column must not count as left of it.
@@ -66,20 +66,19 @@ class Ikaros(FoldMap):
     """
 
     called: ClassVar[str] = "fold.Ikaros"
-    n: int
+    n: Annotated[int, Range(3)]
     inner: int
     _: KW_ONLY
     outer: int
-    pitch: float
+    pitch: Length
     bends: int = 2
-    gap: float = 0.0
-    hub_gap: float = 0.0
-    ramp: float = 1.0
+    gap: Gap = 0.0
+    hub_gap: Gap = 0.0
+    ramp: Length = 1.0
     wound: bool = False
     out: int = 0
 
     def __post_init__(self) -> None:
-        self._check(self.n >= 3, f"n is {self.n!r}; give at least 3 trapezoids.")
         self._check(
             0 < self.inner < self.outer,
             f"rows from {self.inner!r} to {self.outer!r}; give inner above 0, below outer.",
@@ -95,8 +94,6 @@ class Ikaros(FoldMap):
         self._check(
             self.wound or not self.out, "out is of arms that are wound; give wound=True, too."
         )
-        self._check_positive("pitch", "ramp")
-        self._check_not_negative("gap", "hub_gap")
         self._check(
             self.radius > 0,
             f"hub_gap is {self.hub_gap:g} m: the layers leave no room for a hub; give less.",

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from dolfinx import fem
 
 from gossamer_fx.build.fold.fold_lines import SHEETS, FoldLine, Map, find_lines, has_two_sheets
 from gossamer_fx.core.algebra.rotations import rotations
+from gossamer_fx.core.checks.arguments import not_negative, positive
 from gossamer_fx.core.checks.errors import check, check_on_all, is_vector
 from gossamer_fx.core.forms.compilation import compile_form
 from gossamer_fx.core.mesh.mesh import Mesh
@@ -21,6 +21,9 @@ from gossamer_fx.core.model.body import Array, Indices, Vector
 from gossamer_fx.core.model.state import InitialState
 from gossamer_fx.mechanics.bodies.membrane import Membrane
 from gossamer_fx.mechanics.connectors.crease import MOUNTAIN, VALLEY, Crease
+
+Length = Annotated[float, positive("m")]
+Gap = Annotated[float, not_negative("m")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,21 +260,3 @@ class FoldMap(ABC):
     def _check(self, condition: bool, message: str) -> None:
         """Check a condition; the message starts with the name of the map."""
         check(condition, f"{self.called}: {message}")
-
-    def _check_positive(self, *lengths: str) -> None:
-        """Check that lengths, given by the names of the map's arguments, are positive numbers."""
-        for what in lengths:
-            value = getattr(self, what)
-            self._check(
-                math.isfinite(value) and value > 0,
-                f"{what} is {value!r} m; give a positive number.",
-            )
-
-    def _check_not_negative(self, *lengths: str) -> None:
-        """Check that lengths, given by the names of the map's arguments, are zero or positive."""
-        for what in lengths:
-            value = getattr(self, what)
-            self._check(
-                math.isfinite(value) and value >= 0,
-                f"{what} is {value!r} m; give zero or a positive number.",
-            )

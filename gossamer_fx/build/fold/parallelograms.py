@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from gossamer_fx.build.fold.fold_map import FoldMap
+from gossamer_fx.build.fold.fold_map import FoldMap, Gap, Length
 from gossamer_fx.core.checks.arguments import check_arguments
 from gossamer_fx.core.model.body import Array
 
@@ -51,17 +51,15 @@ class Miura(FoldMap):
     """
 
     called: ClassVar[str] = "fold.Miura"
-    a: float
-    b: float
+    a: Length
+    b: Length
     _: KW_ONLY
     gamma: float
     theta: float
-    opening: float = 0.0
-    lift: float = 0.0
+    opening: Gap = 0.0
+    lift: Gap = 0.0
 
     def __post_init__(self) -> None:
-        self._check_positive("a", "b")
-        self._check_not_negative("opening", "lift")
         for what in ("gamma", "theta"):
             value = getattr(self, what)
             self._check(

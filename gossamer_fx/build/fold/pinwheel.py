@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass, replace
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
-from gossamer_fx.build.fold.fold_map import FoldMap
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.build.fold.fold_map import FoldMap, Gap, Length
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.model.body import Array
 
 # Thickness of the roll over its radius at which mountains and valleys are distinguished: far above
@@ -61,22 +61,19 @@ class Star(FoldMap):
     """
 
     called: ClassVar[str] = "fold.Star"
-    n: int
-    side: float
+    n: Annotated[int, Range(3)]
+    side: Length
     _: KW_ONLY
     columns: int
     reach: int
-    gap: float = 0.0
+    gap: Gap = 0.0
 
     def __post_init__(self) -> None:
-        self._check(self.n >= 3, f"n is {self.n!r}; give a polygon of at least 3 sides.")
         self._check(
             1 <= self.columns <= self.reach,
             f"columns is {self.columns!r} and reach {self.reach!r}; give 1 column a side or more, "
             "and no less in all.",
         )
-        self._check_positive("side")
-        self._check_not_negative("gap")
         self._check(
             self.radius > 0,
             f"gap is {self.gap:g} m: the layers leave no room for a hub; give less.",

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
-from gossamer_fx.build.fold.fold_map import FoldMap
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.build.fold.fold_map import FoldMap, Gap, Length
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.model.body import Array, Indices
 
 # Share of the length: points that differ by less are the same.
@@ -25,7 +25,7 @@ SMALLEST_NORMAL = 1e-9
 AJAR = 0.5
 
 # Largest number of rows at which a strip is bent: each is solved for.
-MAX_BENDS = 100_000
+Bends = Annotated[int, Range(1, 100_000)]
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Strip(FoldMap):
     rolls.  Two sheets, one on each side of the strip, may be apart; the map of one sheet alone is
     isometric."""
 
-    length: float
+    length: Length
 
     @property
     def bent(self) -> Bent:
@@ -114,11 +114,8 @@ class Strip(FoldMap):
         nearest: Indices = distances.argmin(axis=1).astype(np.int32) + 1
         return nearest
 
-    def _check_strip(self, lengths: tuple[str, ...]) -> None:
-        """Check that the named lengths [m] are zero or positive, and that sheets that are opened
-        have a width."""
-        self._check_positive("length")
-        self._check_not_negative(*lengths)
+    def _check_width(self) -> None:
+        """Check that sheets that are opened have a width."""
         opened = any(getattr(self, what, 0.0) for what in ("opening", "lift"))
         self._check(
             not opened or getattr(self, "width", 0.0) > 0,
@@ -169,27 +166,18 @@ class Zigzag(Strip):
     """
 
     called: ClassVar[str] = "fold.Zigzag"
-    panels: int = 2
+    panels: Annotated[int, Range(2)] = 2
     _: KW_ONLY
-    angle: float = 1.4
-    width: float = 0.0
-    opening: float = 0.0
-    lift: float = 0.0
-    bends: int = 1
-    spacing: float = 0.0
+    # At π/2 panels are pressed shut.
+    angle: Annotated[float, Range(0.0, math.pi / 2, "rad", above=True)] = 1.4
+    width: Gap = 0.0
+    opening: Gap = 0.0
+    lift: Gap = 0.0
+    bends: Bends = 1
+    spacing: Gap = 0.0
 
     def __post_init__(self) -> None:
-        self._check_strip(("width", "opening", "lift", "spacing"))
-        self._check(self.panels >= 2, f"panels is {self.panels!r}; give at least 2.")
-        self._check(
-            0 < self.angle <= math.pi / 2,
-            f"angle is {self.angle!r} rad; "
-            "give a number above 0 and up to π/2, at which panels are pressed shut.",
-        )
-        self._check(
-            1 <= self.bends <= MAX_BENDS,
-            f"bends is {self.bends!r}; give between 1 and {MAX_BENDS}.",
-        )
+        self._check_width()
         self._check(
             (self.spacing > 0) == (self.bends > 1),
             "spacing is the distance of several bends; give both or none.",
@@ -280,20 +268,16 @@ class Roll(Strip):
     """
 
     called: ClassVar[str] = "fold.Roll"
-    bends: int = 10
+    bends: Bends = 10
     _: KW_ONLY
-    radius: float = 0.02
-    pitch: float = 2e-3
+    radius: Length = 0.02
+    pitch: Gap = 2e-3
     flat: float | None = None
-    width: float = 0.0
-    opening: float = 0.0
+    width: Gap = 0.0
+    opening: Gap = 0.0
 
     def __post_init__(self) -> None:
-        self._check_strip(("radius", "pitch", "width", "opening"))
-        self._check(
-            1 <= self.bends <= MAX_BENDS,
-            f"bends is {self.bends!r}; give between 1 and {MAX_BENDS}.",
-        )
+        self._check_width()
         self._check(
             self.flat is None or 0 < self.flat < self.length,
             f"flat is {self.flat!r} m; give a part of the length, above zero.",
@@ -301,7 +285,7 @@ class Roll(Strip):
         spacing = float(np.diff(self._rows).max())
         # A row turns by 2 asin(spacing/2r): at two thirds of the radius that is 39°, 9 rows a turn.
         self._check(
-            self.radius > 0 and spacing <= 2 * self.radius / 3,
+            spacing <= 2 * self.radius / 3,
             f"rows {spacing:.3g} m apart do not go round a radius of {self.radius:g} m; "
             "give more bends or a larger radius.",
         )

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass, replace
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
-from gossamer_fx.build.fold.fold_map import FoldMap
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.build.fold.fold_map import FoldMap, Gap, Length
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.model.body import Array
 
 # Thickness of the roll over its radius at which mountains and valleys are distinguished: far above
@@ -49,24 +49,19 @@ class Spiral(FoldMap):
     """
 
     called: ClassVar[str] = "fold.Spiral"
-    length: float
-    columns: int
+    length: Length
+    columns: Annotated[int, Range(1)]
     _: KW_ONLY
-    around: int
-    rows: int
-    pitch: float
-    gap: float = 0.0
+    around: Annotated[int, Range(6)]
+    rows: Annotated[int, Range(1)]
+    pitch: Length
+    gap: Gap = 0.0
 
     def film_sizes(self) -> tuple[float, ...]:
         """Length and width [m] of the film that the map needs."""
         return (self.length, self.rows * self.pitch)
 
     def __post_init__(self) -> None:
-        self._check_positive("length", "pitch")
-        for what, least in (("columns", 1), ("around", 6), ("rows", 1)):
-            value = getattr(self, what)
-            self._check(value >= least, f"{what} is {value!r}; give at least {least}.")
-        self._check_not_negative("gap")
         self._check(
             self.radius > 0,
             f"gap is {self.gap:g} m: the layers leave no room for a hub; give less.",

@@ -3,8 +3,9 @@
 `check_arguments` is put on a class or function where it is defined, so that the check is the same
 by every import path and comes before the function does anything.  It refuses, in one sentence,
 arguments that are missing or unknown, and values of another type, infinite numbers and NaN
-included, and numbers so large or small that their powers overflow.  What values mean is checked by
-those who take them.
+included, and numbers so large or small that their powers overflow.  Marks limit numbers
+(`Annotated[float, positive("m")]`) and count entries (`Count`).  What values mean beyond that is
+checked by those who take them.
 
 Annotations are read as a user of NumPy reads them: an integer is a float, a NumPy number a number,
 a list or an array is a tuple.  Type checkers such as beartype refuse these, and take 130 ms to
@@ -79,11 +80,49 @@ class Count:
 
 
 @dataclass(frozen=True)
+class Range:
+    """Mark of an annotated number from `low` to `high`; `low` itself is excluded if `above`.
+
+    The unit is that of the number in messages.
+    """
+
+    low: float
+    high: float = math.inf
+    unit: str = ""
+    above: bool = False
+
+    def contains(self, number: float) -> bool:
+        is_above = number > self.low if self.above else number >= self.low
+        return bool(is_above and number <= self.high)
+
+    def words(self, kind: str) -> str:
+        """What messages ask for, of a kind: "a number" or "a whole number"."""
+        if self.high < math.inf:
+            joint = "above {} and up to {}" if self.above else "between {} and {}"
+            return f"{kind} {joint.format(f'{self.low:g}', f'{self.high:g}')}"
+        if kind == "a number" and self.low == 0:
+            return "a positive number" if self.above else "zero or a positive number"
+        return f"{kind} {'above' if self.above else 'of at least'} {self.low:g}"
+
+
+def positive(unit: str = "") -> Range:
+    """Mark of an annotated number above zero."""
+    return Range(0.0, unit=unit, above=True)
+
+
+def not_negative(unit: str = "") -> Range:
+    """Mark of an annotated number that is zero or above."""
+    return Range(0.0, unit=unit)
+
+
+@dataclass(frozen=True)
 class Kind:
-    """What an annotation allows: a test of values, and the words of a message that asks for one."""
+    """What an annotation allows: a test of values, and the words of a message that asks for one,
+    with the unit of the values."""
 
     accepts: Callable[[Any], bool]
     words: str
+    unit: str = ""
 
 
 def check_arguments[T: Callable[..., Any]](thing: T) -> T:
@@ -159,8 +198,9 @@ def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
                 # Infinity is a value where it is the default, e.g. for "without limit".
                 if parameter.default is math.inf and _is_infinite(one):
                     continue
+                unit = f" {allowed.unit}" if allowed.unit and isinstance(one, Real) else ""
                 raise InputError(
-                    f"{name}: {label} is {_shown(one)}; give {allowed.words}{_range(one)}."
+                    f"{name}: {label} is {_shown(one)}{unit}; give {allowed.words}{_size(one)}."
                 )
         return function(*args, **kwargs)
 
@@ -304,16 +344,24 @@ def kind_of(hint: Any) -> Kind | None:
 
 
 def _annotated(hint: Any, marks: Iterable[Any]) -> Kind | None:
-    """The test of values of an `Annotated` type; with a `Count` the number of entries is tested,
-    too."""
+    """The test of values of an `Annotated` type, which marks may limit."""
     kind = kind_of(hint)
-    counts = [mark.entries for mark in marks if isinstance(mark, Count)]
-    if kind is None or not counts:
-        return kind
-    [entries] = counts
+    for mark in marks:
+        if kind is not None and isinstance(mark, Count | Range):
+            kind = _marked(kind, mark)
+    return kind
+
+
+def _marked(kind: Kind, mark: Count | Range) -> Kind:
+    if isinstance(mark, Range):
+        return Kind(
+            lambda value: kind.accepts(value) and mark.contains(value),
+            mark.words(kind.words),
+            mark.unit,
+        )
     return Kind(
-        lambda value: kind.accepts(value) and len(value) == entries,
-        f"{_COUNTS.get(entries, entries)} {kind.words}",
+        lambda value: kind.accepts(value) and len(value) == mark.entries,
+        f"{_COUNTS.get(mark.entries, mark.entries)} {kind.words}",
     )
 
 
@@ -331,7 +379,8 @@ def _union(alternatives: Iterable[Any]) -> Kind | None:
             return None
         kinds.append(kind)
     words = " or ".join(dict.fromkeys(kind.words for kind in kinds))
-    return Kind(lambda value: any(kind.accepts(value) for kind in kinds), words)
+    unit = next((kind.unit for kind in kinds if kind.unit), "")
+    return Kind(lambda value: any(kind.accepts(value) for kind in kinds), words, unit)
 
 
 def _tuple(hints: tuple[Any, ...]) -> Kind:
@@ -454,7 +503,7 @@ def _is_infinite(value: Any) -> bool:
     return isinstance(value, Real) and value == math.inf
 
 
-def _range(value: Any) -> str:
+def _size(value: Any) -> str:
     """Clause of a message about the size that numbers may have; empty if size is not what is
     wrong."""
     numbers = real_numbers(value)

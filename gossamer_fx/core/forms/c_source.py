@@ -155,7 +155,7 @@ def c_library(header: Path, comm: MPI.Intracomm = MPI.COMM_SELF) -> CLibrary:
 
 
 def _load(header: Path, comm: MPI.Intracomm) -> CLibrary:
-    """Compile the C files beside a header, unless the cache has them, and load them.
+    """Compile the C files next to a header, unless the cache has them, and load them.
     Collective."""
     options = kernel_options()
     arguments = [*options["cffi_extra_compile_args"], *OPTIMISATION]

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +26,7 @@ from dolfinx import fem, la
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import check_arguments, positive
 from gossamer_fx.core.checks.errors import InputError, check, check_on_all
 from gossamer_fx.core.forms.backend import cell_nodes
 from gossamer_fx.core.mesh.edges import EdgeTable
@@ -320,11 +320,10 @@ class Piston:
     def __init__(
         self,
         port: Port,
-        area: float,
+        area: Annotated[float, positive("m²")],
         *,
         direction: tuple[float, float, float],
     ) -> None:
-        check(area > 0, f"Piston: area is {area!r} m²; give a positive number.")
         check(
             any(direction), "Piston: direction has no length; give the axis along which it moves."
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import ufl
@@ -23,6 +23,7 @@ from gossamer_fx.extend import (
     check,
     check_arguments,
     constant,
+    positive,
 )
 from gossamer_fx.mechanics.bodies import Membrane, RigidBody
 from gossamer_fx.mechanics.orbit.environment import ROTATION
@@ -64,16 +65,11 @@ class ExponentialAtmosphere:
         3e-12
     """
 
-    density: float
+    density: Annotated[float, positive("kg/m³")]
     altitude: float
     _: KW_ONLY
-    scale_height: float
-    temperature: float = 1000.0
-
-    def __post_init__(self) -> None:
-        for what in ("density", "scale_height", "temperature"):
-            value = getattr(self, what)
-            check(value > 0, f"ExponentialAtmosphere: {what} is {value!r}; give a positive number.")
+    scale_height: Annotated[float, positive("m")]
+    temperature: Annotated[float, positive("K")] = 1000.0
 
     def __call__(self, altitude: float) -> Air:
         """The air at an altitude [m]."""
@@ -132,14 +128,6 @@ class Drag:
         self.surfaces = tuple(surfaces)
         self.closed = closed
         self.name = name or f"drag on {body.name}"
-        check(
-            callable(atmosphere),
-            f"'{self.name}': atmosphere is {atmosphere!r}; give a function of the altitude.",
-        )
-        check(
-            math.isfinite(rotation),
-            f"'{self.name}': rotation is {rotation!r} rad/s; give a finite number.",
-        )
         check_surfaces(self.name, body, self.surfaces)
         check(
             not closed or not isinstance(body, RigidBody),

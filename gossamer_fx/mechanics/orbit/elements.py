@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
-from gossamer_fx.extend import Array, check, check_arguments
+from gossamer_fx.extend import Array, Range, check, check_arguments
 from gossamer_fx.mechanics.orbit.harmonics import MU
 
 # Eccentricity, and sine of the inclination, below which the direction to perigee, or to the node,
@@ -47,7 +48,7 @@ class Elements:
     a: float
     e: float = 0.0
     _: KW_ONLY
-    i: float = 0.0
+    i: Annotated[float, Range(0.0, math.pi, "rad")] = 0.0
     node: float = 0.0
     perigee: float = 0.0
     anomaly: float = 0.0
@@ -57,10 +58,6 @@ class Elements:
             self.e >= 0 and self.e != 1 and self.a * (1 - self.e) > 0,
             f"Elements: a is {self.a!r} m and e is {self.e!r}; "
             "give an ellipse (a > 0, e < 1) or a hyperbola (a < 0, e > 1).",
-        )
-        check(
-            0 <= self.i <= math.pi,
-            f"Elements: i is {self.i!r} rad; an inclination is between 0 and pi.",
         )
         check(
             1 + self.e * math.cos(self.anomaly) > 0,

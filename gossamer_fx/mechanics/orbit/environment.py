@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
-from gossamer_fx.extend import Array, Vector, check, is_vector
+from gossamer_fx.extend import Array, Vector, check, is_vector, positive
 from gossamer_fx.mechanics.orbit.elements import Elements
 from gossamer_fx.mechanics.orbit.harmonics import (
     EGM_MU,
@@ -48,13 +48,13 @@ class Environment:
         gravity: str | int = "point",
         epoch: str | None = None,
         sun: Vector | SunHistory | None = None,
-        third_bodies: Sequence[str] = (),
+        third_bodies: Sequence[Literal["sun", "moon"]] = (),
         shadow: Shadow = "cylinder",
-        mu: float | None = None,
-        radius: float = RADIUS,
-        pressure: float = PRESSURE,
+        mu: Annotated[float, positive("m³/s²")] | None = None,
+        radius: Annotated[float, positive("m")] = RADIUS,
+        pressure: Annotated[float, positive("N/m²")] = PRESSURE,
         ut1_utc: float = 0.0,
-        following: float = 1000.0,
+        following: Annotated[float, positive("s")] = 1000.0,
         name: str = "orbit",
     ) -> None:
         """Check the arguments of an `Orbit`; build gravity field, sky and initial state.
@@ -70,19 +70,9 @@ class Environment:
         self._gravity = gravity
         self._epoch = epoch
         self._ut1_utc = ut1_utc
-        for what in ("radius", "pressure", "following"):
-            value = getattr(self, what)
-            check(
-                math.isfinite(value) and value > 0,
-                f"Orbit '{name}': {what} is {value!r}; give a positive number.",
-            )
         check(
             gravity in ("point", "J2") or isinstance(gravity, int),
             f"Orbit '{name}': gravity is {gravity!r}; give 'point', 'J2' or a degree of EGM2008.",
-        )
-        check(
-            shadow in ("none", "cylinder", "cone"),
-            f"Orbit '{name}': shadow is {shadow!r}; give 'none', 'cylinder' or 'cone'.",
         )
         self.shadow: Shadow = shadow
         self._harmonics: SolidHarmonics | None = None
@@ -95,15 +85,7 @@ class Environment:
         self._turns = isinstance(gravity, int)
         # The coefficients of EGM2008 belong to its value of μ.
         self.mu = mu if mu is not None else EGM_MU if self._turns else MU
-        check(
-            math.isfinite(self.mu) and self.mu > 0,
-            f"Orbit '{name}': mu is {mu!r} m³/s²; give a positive number.",
-        )
         self._third_bodies = tuple(third_bodies)
-        check(
-            set(self._third_bodies) <= {"sun", "moon"},
-            f"Orbit '{name}': third_bodies are {self._third_bodies!r}; known are 'sun' and 'moon'.",
-        )
         check(
             epoch is not None or not (self._turns or self._third_bodies),
             f"Orbit '{name}': harmonics of a turning Earth, and Sun and Moon, need a date; "

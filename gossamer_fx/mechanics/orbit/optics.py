@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
+from typing import Annotated
 
-from gossamer_fx.extend import check, check_arguments
+from gossamer_fx.extend import Range, check, check_arguments
 
 PRESSURE = 4.563e-6  # N/m² at 1 AU (1368 W/m²; McInnes 1999)
+
+Share = Annotated[float, Range(0.0, 1.0)]
 
 
 @check_arguments
@@ -38,19 +41,14 @@ class Optics:
         0.88
     """
 
-    reflectivity: float = 1.0
-    specular: float = 1.0
+    reflectivity: Share = 1.0
+    specular: Share = 1.0
     _: KW_ONLY
-    emissivity: float = 0.05
-    lambertian: float = 2 / 3
+    emissivity: Share = 0.05
+    lambertian: Share = 2 / 3
     other_side: Optics | None = None
 
     def __post_init__(self) -> None:
-        for quantity in ("reflectivity", "specular", "emissivity", "lambertian"):
-            value = getattr(self, quantity)
-            check(
-                0 <= value <= 1, f"Optics: {quantity} is {value!r}; give a number between 0 and 1."
-            )
         back = self.other_side
         check(
             back is None or back.other_side is None,

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Annotated, Any, ClassVar, Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -41,6 +41,7 @@ from gossamer_fx.extend import (
     HistoryVariables,
     Indices,
     MeshBody,
+    Range,
     State,
     StateObserver,
     StepObserver,
@@ -52,15 +53,18 @@ from gossamer_fx.extend import (
     check_arguments,
     compile_expression,
     compile_form,
+    not_negative,
+    positive,
     thermal_strain_of,
 )
 from gossamer_fx.mechanics.bodies import Membrane
 from gossamer_fx.mechanics.orbit.flight import Flight
+from gossamer_fx.mechanics.orbit.optics import Share
 from gossamer_fx.mechanics.orbit.orbit import Orbit
 from gossamer_fx.mechanics.orbit.radiation import STEFAN_BOLTZMANN, advance, substeps, view_factor
 from gossamer_fx.mechanics.orbit.shadow_map import ShadowMap
 from gossamer_fx.mechanics.orbit.sky import AU
-from gossamer_fx.mechanics.orbit.solar_pressure import MAX_SHADOW_PIXELS
+from gossamer_fx.mechanics.orbit.solar_pressure import Pixels
 
 # Speed of light [m/s], exact: the flux of sunlight over its pressure.
 LIGHT_SPEED = 299792458.0
@@ -68,9 +72,9 @@ LIGHT_SPEED = 299792458.0
 # The middle of a reference triangle.
 MIDDLE = np.array([[1 / 3, 1 / 3]])
 
-# Largest temperature [K] that is taken.  No film is hotter, and the fourth power of larger numbers
+# No film is hotter than the largest temperature, and the fourth power of larger numbers
 # overflows.
-MAX_TEMPERATURE = 1e5
+Temperature = Annotated[float, Range(0.0, 1e5, unit="K")]
 
 # Temperature of the sky [K].
 SPACE_TEMPERATURE = 2.7
@@ -140,17 +144,12 @@ class ThermalProperties:
         (0.03, 0.5)
     """
 
-    heat_capacity: float
+    heat_capacity: Annotated[float, positive("J/(m² K)")]
     _: KW_ONLY
     absorptivity: float | tuple[float, float]
     emissivity: float | tuple[float, float]
 
     def __post_init__(self) -> None:
-        check(
-            self.heat_capacity > 0,
-            f"ThermalProperties: heat_capacity is {self.heat_capacity!r} J/(m² K); "
-            "give a positive number.",
-        )
         for what, values in (
             ("absorptivity", self.absorptivities),
             ("emissivity", self.emissivities),
@@ -214,11 +213,11 @@ class SolarHeating:
         properties: ThermalProperties,
         *,
         groups: Mapping[str, ThermalProperties] | None = None,
-        initial_temperature: float | None = None,
-        space_temperature: float = SPACE_TEMPERATURE,
-        infrared: float = 0.0,
-        albedo: float = 0.0,
-        shadow_pixels: int = 0,
+        initial_temperature: Temperature | None = None,
+        space_temperature: Temperature = SPACE_TEMPERATURE,
+        infrared: Annotated[float, not_negative("W/m²")] = 0.0,
+        albedo: Share = 0.0,
+        shadow_pixels: Pixels = 0,
         name: str = "",
     ) -> None:
         self.film = film
@@ -236,33 +235,13 @@ class SolarHeating:
             f"'{self.name}': the film '{film.name}' is a reduced one, whose triangles are samples; "
             "heat the film itself.",
         )
-        self._check_numbers()
-        # Weak keys: an item does not keep the compiled scenes of earlier runs in memory.
-        self._temperatures: WeakKeyDictionary[Assembly, FilmTemperatures] = WeakKeyDictionary()
-
-    def _check_numbers(self) -> None:
-        check(0 <= self.albedo <= 1, f"'{self.name}': albedo is {self.albedo!r}; give 0 to 1.")
         check(
-            self.infrared >= 0,
-            f"'{self.name}': infrared is {self.infrared!r} W/m²; give zero or more.",
-        )
-        for what in ("initial_temperature", "space_temperature"):
-            value = getattr(self, what)
-            check(
-                value is None or 0 <= value <= MAX_TEMPERATURE,
-                f"'{self.name}': {what} is {value!r} K; "
-                f"give an absolute temperature from 0 to {MAX_TEMPERATURE:g} K.",
-            )
-        check(
-            0 <= self.shadow_pixels <= MAX_SHADOW_PIXELS,
-            f"'{self.name}': shadow_pixels is {self.shadow_pixels!r}; give pixels across the film, "
-            f"at most {MAX_SHADOW_PIXELS}, or zero.",
-        )
-        check(
-            self.initial_temperature is not None or self.film.thermal is not None,
+            initial_temperature is not None or film.thermal is not None,
             f"'{self.name}': the temperature at the start is not known; "
             "give initial_temperature in K.",
         )
+        # Weak keys: an item does not keep the compiled scenes of earlier runs in memory.
+        self._temperatures: WeakKeyDictionary[Assembly, FilmTemperatures] = WeakKeyDictionary()
 
     def requires(self) -> Iterable[Any]:
         yield self.film

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import ufl
@@ -15,6 +15,7 @@ from gossamer_fx.extend import (
     Assembly,
     Expr,
     Load,
+    Range,
     State,
     Term,
     area_vector,
@@ -22,6 +23,7 @@ from gossamer_fx.extend import (
     check,
     check_arguments,
     constant,
+    not_negative,
 )
 from gossamer_fx.mechanics.bodies import Membrane, RigidBody
 from gossamer_fx.mechanics.orbit.flight import Flight
@@ -38,7 +40,7 @@ from gossamer_fx.mechanics.orbit.surface_forces import Rows, Surface, Symbolic, 
 
 # Largest number of pixels across the map of shadows: their square has to fit in memory on every
 # rank.
-MAX_SHADOW_PIXELS = 8192
+Pixels = Annotated[int, Range(0, 8192)]
 
 
 @check_arguments
@@ -75,7 +77,7 @@ class SolarPressure:
         optics: Optics = MIRROR,
         groups: Mapping[str, Optics] | None = None,
         surfaces: Sequence[Surface] = (),
-        shadow_pixels: int = 0,
+        shadow_pixels: Pixels = 0,
         name: str = "",
     ) -> None:
         self.body = body
@@ -92,13 +94,9 @@ class SolarPressure:
             "give the optics of a rigid body with its surfaces.",
         )
         check(
-            shadow_pixels >= 0 and (not shadow_pixels or isinstance(body, Membrane)),
+            not shadow_pixels or isinstance(body, Membrane),
             f"'{self.name}': shadow_pixels is {shadow_pixels!r}; "
             "give pixels across a film, or zero.",
-        )
-        check(
-            shadow_pixels <= MAX_SHADOW_PIXELS,
-            f"'{self.name}': shadow_pixels is {shadow_pixels!r}; give at most {MAX_SHADOW_PIXELS}.",
         )
 
     def requires(self) -> Iterable[Any]:
@@ -261,7 +259,7 @@ class Sunlight:
         direction: Direction,
         optics: Optics = MIRROR,
         groups: Mapping[str, Optics] | None = None,
-        pressure: float = PRESSURE,
+        pressure: Annotated[float, not_negative("N/m²")] = PRESSURE,
         name: str = "sunlight",
     ) -> None:
         self.body = body
@@ -269,10 +267,6 @@ class Sunlight:
         self.groups = dict(groups or {})
         self.pressure = pressure
         self.name = name
-        check(
-            np.isfinite(pressure) and pressure >= 0,
-            f"'{name}': pressure is {pressure!r} N/m²; give zero or a positive number.",
-        )
         self._direction = direction
         self.direction_at(0.0)
 

@@ -8,14 +8,14 @@ The argument `maths` of the formulas is `Symbolic` for films, whose forces are c
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import ufl
 from scipy import special
 
-from gossamer_fx.extend import Array, Expr, Vector, check, check_arguments, is_vector
-from gossamer_fx.mechanics.orbit.optics import MIRROR, Optics
+from gossamer_fx.extend import Array, Expr, Vector, check, check_arguments, not_negative, positive
+from gossamer_fx.mechanics.orbit.optics import MIRROR, Optics, Share
 
 # Boltzmann's constant [J/K].
 BOLTZMANN = 1.380649e-23
@@ -40,21 +40,10 @@ class Air:
         1100.0
     """
 
-    density: float
-    temperature: float = 1000.0
+    density: Annotated[float, not_negative("kg/m³")]
+    temperature: Annotated[float, positive("K")] = 1000.0
     _: KW_ONLY
-    molecule: float = ATOM
-
-    def __post_init__(self) -> None:
-        check(
-            self.density >= 0,
-            f"Air: density is {self.density!r} kg/m³; give a number that is not negative.",
-        )
-        check(
-            self.temperature > 0,
-            f"Air: temperature is {self.temperature!r} K; give a positive number.",
-        )
-        check(self.molecule > 0, f"Air: molecule is {self.molecule!r} kg; give a positive mass.")
+    molecule: Annotated[float, positive("kg")] = ATOM
 
     @property
     def thermal_speed(self) -> float:
@@ -82,23 +71,10 @@ class Accommodation:
         0.9
     """
 
-    normal: float = 1.0
-    tangential: float = 1.0
+    normal: Share = 1.0
+    tangential: Share = 1.0
     _: KW_ONLY
-    wall_temperature: float = 300.0
-
-    def __post_init__(self) -> None:
-        for quantity in ("normal", "tangential"):
-            value = getattr(self, quantity)
-            check(
-                0 <= value <= 1,
-                f"Accommodation: {quantity} is {value!r}; give a number between 0 and 1.",
-            )
-        check(
-            self.wall_temperature > 0,
-            f"Accommodation: wall_temperature is {self.wall_temperature!r} K; "
-            "give a positive number.",
-        )
+    wall_temperature: Annotated[float, positive("K")] = 300.0
 
 
 def coefficients(
@@ -262,7 +238,7 @@ class Surface:
         2.0
     """
 
-    area: float
+    area: Annotated[float, positive("m²")]
     normal: Vector
     _: KW_ONLY
     centre: Vector = (0.0, 0.0, 0.0)
@@ -270,12 +246,6 @@ class Surface:
     two_sided: bool = False
 
     def __post_init__(self) -> None:
-        check(self.area > 0, f"Surface: area is {self.area!r} m²; give a positive number.")
-        for what in ("normal", "centre"):
-            check(
-                is_vector(getattr(self, what)),
-                f"Surface: {what} is {getattr(self, what)!r}; give three numbers.",
-            )
         check(
             bool(np.any(np.asarray(self.normal))),
             "Surface: normal is zero; give the direction outward.",
