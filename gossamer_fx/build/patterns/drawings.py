@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero, require_positive
+from gossamer_fx.core.checks.arguments import check_arguments, positive
+from gossamer_fx.core.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.core.mesh.mesh import Mesh, gmsh_mesh
 from gossamer_fx.core.model.body import Array
 
@@ -58,7 +58,11 @@ class Drawing:
 
 @check_arguments
 def read_dxf(
-    path: str | Path, comm: MPI.Intracomm, *, size: float, scale: float | None = None
+    path: str | Path,
+    comm: MPI.Intracomm,
+    *,
+    size: Annotated[float, positive("m")],
+    scale: Annotated[float, positive("m")] | None = None,
 ) -> Mesh:
     """Mesh the panels that the closed outlines of a DXF drawing enclose.
 
@@ -85,9 +89,6 @@ def read_dxf(
         >>> def balloon(comm):
         ...     return gx.patterns.read_dxf("gores.dxf", comm, size=0.02, scale=1e-3)
     """
-    require_positive("read_dxf: size", size, "m")
-    if scale is not None:
-        require_positive("read_dxf: scale", scale, "m")
     panels = on_rank_zero(comm, lambda: panels_of(_read(Path(path), scale), str(path)))
     # Only rank 0 builds the model, and only it has the panels.
     return gmsh_mesh(lambda model: _build(model, panels or [], size), comm)

@@ -23,12 +23,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.core.checks.arguments import check_arguments
+from gossamer_fx.core.checks.arguments import Range, check_arguments
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.mesh.mesh import Mesh, gmsh_mesh
 from gossamer_fx.core.model.body import Array
@@ -207,7 +207,7 @@ class Gores:
 
 
 @check_arguments
-def gores(profile: Sequence[Sequence[float]] | Array, n: int) -> Gores:
+def gores(profile: Sequence[Sequence[float]] | Array, n: Annotated[int, Range(3)]) -> Gores:
     """Cut a body of revolution into n equal flat gores.
 
     Their width is that of the body, w(s) = 2 π r(s)/n along the arc length s of the meridian, so
@@ -233,7 +233,6 @@ def gores(profile: Sequence[Sequence[float]] | Array, n: int) -> Gores:
         points.ndim == 2 and points.shape[1] == 2 and len(points) >= 3,
         f"gores: profile has the shape {points.shape}; give three points (radius, height) or more.",
     )
-    check(n >= 3, f"gores: n is {n!r}; give three gores or more.")
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     repeated = np.flatnonzero(steps <= 0)
     check(
