@@ -93,7 +93,7 @@ class ReducedMembrane(Membrane):
         """Make a film over the sampled cells whose unknowns are the coefficients of modes.
         Collective."""
         film = made_from.film
-        part, parents = backend.part_of(film.space.mesh, over.cells)
+        part, parents = backend.submesh_of(film.space.mesh, over.cells)
         super().__init__(SampledMesh(part), film.law, order=film.order, name=name)
         self._full = film
         self.basis = made_from

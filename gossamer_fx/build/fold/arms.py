@@ -144,7 +144,7 @@ class Ikaros(FoldMap):
         z = self._height(row - self.inner)
         u = along / self.column
         i = np.floor(u + COLUMN_ROUND_OFF)
-        part = (u - i)[:, None]
+        fraction = (u - i)[:, None]
         if self.wound:
             back = u < -self.bends - COLUMN_ROUND_OFF
             at_column = self._wound(i, row, back)
@@ -153,7 +153,7 @@ class Ikaros(FoldMap):
             layer = np.maximum(row - np.abs(u), 0.0)
             at_column = self._corner(i, layer)
             at_next = self._corner(i + 1, layer)
-        p = (1 - part) * at_column + part * at_next
+        p = (1 - fraction) * at_column + fraction * at_next
 
         # Turned back to the trapezoid.
         x = cos * p[:, 0] - sin * p[:, 1]

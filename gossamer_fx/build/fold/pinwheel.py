@@ -105,17 +105,17 @@ class Star(FoldMap):
         # [m] from that corner along the nearer bound of the sector; its depth [m] below the bounds
         # of the sector in the roll; and 1 behind the bisector of the sector, else 0.
         k, s, down, is_behind = self._unrolled(X)
-        # A point lies between the columns i and i + 1 from the corner, at this part of their
+        # A point lies between the columns i and i + 1 from the corner, at this fraction of their
         # distance from column i.
         i = np.floor(s / self.column + COORDINATE_ROUND_OFF)
-        part = (s / self.column - i)[:, None]
+        fraction = (s / self.column - i)[:, None]
         slope = math.tan(math.pi / self.n)
         positions = []
         for j in range(2):
             depth_of_bisector = np.maximum((i + j) * self.column, SMALLEST_DEPTH) * slope
             positions.append(self._corner(k, i + j, down / depth_of_bisector, is_behind))
         # Positions (m, 2) [m] seen from above, on the chord between both columns.
-        p = (1 - part) * positions[0] + part * positions[1]
+        p = (1 - fraction) * positions[0] + fraction * positions[1]
         return np.column_stack([p, -down])
 
     def _unrolled(self, X: Array) -> tuple[Array, Array, Array, Array]:

@@ -199,8 +199,8 @@ class Zigzag(Strip):
         folds = self.length * np.arange(1, self.panels) / self.panels
         # The first panel rises; folds turn down and up in turn, each row by an equal part.
         sense = (-1.0) ** np.arange(self.panels - 1)
-        part = 1 - 2 * np.arange(1, self.bends + 1) / self.bends
-        rise = np.concatenate([[1.0], np.outer(sense, part).ravel()])
+        turned = 1 - 2 * np.arange(1, self.bends + 1) / self.bends
+        rise = np.concatenate([[1.0], np.outer(sense, turned).ravel()])
         corners = (folds[:, None] + rows).ravel()
         return Bent(corners, self.angle * rise)
 

@@ -95,10 +95,10 @@ class Spiral(FoldMap):
         # A point lies between the columns i and i + 1, on the chord between their corners.
         u = X[:, 0] / self.length * self.columns
         i = np.floor(u + COLUMN_ROUND_OFF)
-        part = (u - i)[:, None]
+        fraction = (u - i)[:, None]
         at_column = self._corner(i, layer)
         at_next = self._corner(i + 1, layer)
-        p = (1 - part) * at_column + part * at_next
+        p = (1 - fraction) * at_column + fraction * at_next
         return np.column_stack([p, z])
 
     def _corner(self, i: Array, layer: Array) -> Array:

@@ -162,7 +162,7 @@ def _read(path: Path, scale: float | None) -> Drawing:
 
 def _take(entity: Any, scale: float, drawing: Drawing) -> None:
     """Add an entity of a DXF file to a drawing, if it is a curve or a text; polylines and blocks
-    part by part."""
+    piece by piece."""
     kind = entity.dxftype()
     layer = str(entity.dxf.layer)
     if kind == "LINE":
@@ -178,8 +178,8 @@ def _take(entity: Any, scale: float, drawing: Drawing) -> None:
         points = np.array([[p[0], p[1]] for p in drawn.flattening(tolerance, segments=16)])
         drawing.curves += _halves(DrawnCurve(scale * points, layer))
     elif kind in POLYLINES or kind == "INSERT":
-        for part in entity.virtual_entities():
-            _take(part, scale, drawing)
+        for piece in entity.virtual_entities():
+            _take(piece, scale, drawing)
     elif kind in TEXTS:
         text = entity.plain_text() if kind == "MTEXT" else entity.dxf.text
         position = entity.dxf.insert

@@ -39,15 +39,15 @@ class RankExchange:
         received = np.empty_like(sent)
         comm.Alltoall(sent, received)
         self.source = np.repeat(np.arange(comm.size), received)
-        self._sent_parts = _parts(sent)
-        self._received_parts = _parts(received)
-        self.message_count = sum(rank != comm.rank for rank, _ in self._sent_parts)
+        self._sent_ranges = _ranges(sent)
+        self._received_ranges = _ranges(received)
+        self.message_count = sum(rank != comm.rank for rank, _ in self._sent_ranges)
 
     def send(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return the rows (r, ...) that this rank gets of the values (n, ...) of all;
         collective."""
         ordered = np.ascontiguousarray(values[self._order])
-        return self._transfer(ordered, self._sent_parts, self._received_parts, len(self.source))
+        return self._transfer(ordered, self._sent_ranges, self._received_ranges, len(self.source))
 
     def answer(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Send one row back for each received row (r, ...), in the order in which `send` returned
@@ -55,7 +55,7 @@ class RankExchange:
         """
         ordered = np.ascontiguousarray(values)
         count = len(self._order)
-        received = self._transfer(ordered, self._received_parts, self._sent_parts, count)
+        received = self._transfer(ordered, self._received_ranges, self._sent_ranges, count)
         answers = np.empty_like(received)
         answers[self._order] = received
         return answers
@@ -63,8 +63,8 @@ class RankExchange:
     def _transfer(
         self,
         values: npt.NDArray[Any],
-        sent_parts: list[tuple[int, slice]],
-        received_parts: list[tuple[int, slice]],
+        sent_ranges: list[tuple[int, slice]],
+        received_ranges: list[tuple[int, slice]],
         count: int,
     ) -> npt.NDArray[Any]:
         """Exchange contiguous rows (s, ...), ordered by destination; returns `count` rows, ordered
@@ -72,16 +72,16 @@ class RankExchange:
         received = np.empty((count, *values.shape[1:]), dtype=values.dtype)
         # Receives first, so that MPI can put messages where they belong.
         requests = [
-            self._comm.Irecv(received[rows], source=rank, tag=TAG) for rank, rows in received_parts
+            self._comm.Irecv(received[rows], source=rank, tag=TAG) for rank, rows in received_ranges
         ]
         requests += [
-            self._comm.Isend(values[rows], dest=rank, tag=TAG) for rank, rows in sent_parts
+            self._comm.Isend(values[rows], dest=rank, tag=TAG) for rank, rows in sent_ranges
         ]
         MPI.Request.Waitall(requests)
         return received
 
 
-def _parts(counts: npt.NDArray[np.int64]) -> list[tuple[int, slice]]:
+def _ranges(counts: npt.NDArray[np.int64]) -> list[tuple[int, slice]]:
     """Return the ranks with rows, each with the range of its rows."""
     ends = np.cumsum(counts)
     return [

@@ -55,7 +55,7 @@ __all__ = [
     "evaluate",
     "gmsh_order",
     "interpolation_points",
-    "part_of",
+    "submesh_of",
     "tabulate",
 ]
 
@@ -114,18 +114,18 @@ def _partitioner(mode: GhostMode, sheets: int) -> Any:
     return make(mode, sheets)
 
 
-def part_of(whole: Mesh, cells: Indices) -> tuple[Mesh, Indices]:
+def submesh_of(whole: Mesh, cells: Indices) -> tuple[Mesh, Indices]:
     """Create a mesh of some cells of another mesh, by their local numbers (n,); returned with the
     local number in `whole` of each of its local cells, ghosts last.  Collective."""
     found: Any = create_submesh(whole, whole.topology.dim, cells)
-    part, parents, *_ = found
+    submesh, parents, *_ = found
     if VERSION >= (0, 10):
         # An `EntityMap` has replaced the array of parent cells.
-        cell_map = part.topology.index_map(whole.topology.dim)
+        cell_map = submesh.topology.index_map(whole.topology.dim)
         count = cell_map.size_local + cell_map.num_ghosts
         local_cells = np.arange(count, dtype=np.int32)
         parents = parents.sub_topology_to_topology(local_cells, False)
-    return part, np.asarray(parents, dtype=np.int32)
+    return submesh, np.asarray(parents, dtype=np.int32)
 
 
 def gmsh_order(kind: str, nodes: int) -> Indices:

@@ -63,7 +63,7 @@ EDGE_DEGREE = 2
 
 
 def second_gradient(x: Expr, B: Expr) -> Expr:
-    """Second derivatives D²x (3, 2, 2) [1/m] of positions x (3,) along the frame B (3, 2) of a
+    """Second derivatives D²x (3, 2, 2) [1/m] of positions x (3,) along the cell axes B (3, 2) of a
     plane cell.
     """
     i, j, k, a, b = ufl.indices(5)
@@ -85,7 +85,7 @@ def moment(H: Expr, D: Expr, ν: Expr) -> Expr:
 
 
 class BendingStiffness(Protocol):
-    """How bending moments follow from curvatures, in the frame of the mesh."""
+    """How bending moments follow from curvatures, in the cell axes."""
 
     @property
     def reference(self) -> Expr:
@@ -127,7 +127,7 @@ class OrthotropicBending:
 
         M1 = D11 κ1 + D12 κ2,    M2 = D12 κ1 + D22 κ2,    M12 = 2 D66 κ12
 
-    `cosine` and `sine` are of the angle of the first axis in the frame of the mesh.
+    `cosine` and `sine` are of the angle of the first axis in the cell axes.
     """
 
     D11: Expr
@@ -143,11 +143,11 @@ class OrthotropicBending:
 
     @property
     def _axes(self) -> Expr:
-        """The axes as columns (2, 2), in the frame of the mesh."""
+        """The axes as columns (2, 2), in the cell axes."""
         return ufl.as_matrix([[self.cosine, -self.sine], [self.sine, self.cosine]])
 
     def moment(self, H: Expr) -> Expr:
-        """Moments (2, 2) [N] of symmetric curvatures H (2, 2) [1/m], both in the frame of the mesh;
+        """Moments (2, 2) [N] of symmetric curvatures H (2, 2) [1/m], both in the cell axes;
         Q (2, 2) has the axes of the material as columns."""
         Q = self._axes
         κ = ufl.dot(Q.T, ufl.dot(H, Q))
@@ -163,8 +163,8 @@ class OrthotropicBending:
 
 
 def curvature(x: Expr, B: Expr) -> Expr:
-    """Curvature κ = n·D²x (2, 2) [1/m] of the moved surface, n its unit normal, in the frame B (3,
-    2) of the mesh; zero for positions x (3,) [m] of order 1."""
+    """Curvature κ = n·D²x (2, 2) [1/m] of the moved surface, n its unit normal, in the cell axes B
+    (3, 2) of the mesh; zero for positions x (3,) [m] of order 1."""
     F = ufl.dot(ufl.grad(x), B)
     normal = ufl.cross(F[:, 0], F[:, 1])
     H = second_gradient(x, B)
@@ -179,7 +179,7 @@ class Bending:
     """Bending forms [J] of one plate of plane triangles with straight edges; equation numbers are
     those of the module.
 
-    B (3, 2) is the frame of the triangles, `penalty` the factor on the bound (3), `rest` the
+    B (3, 2) are the cell axes, `penalty` the factor on the bound (3), `rest` the
     curvature (2, 2) [1/m] of the plate without bending moments, None for a flat plate.  In the
     methods x (3,) [m] are positions of order 2, w a test function like x; the degree of measures of
     cells is `DEGREE`, of edges `EDGE_DEGREE`.
@@ -275,7 +275,7 @@ class Bending:
     def rest_in_cells(self, x: Expr) -> tuple[Expr, Expr, Expr]:
         """Three vectors whose triple product is -M0:(n·D²x), the energy of a rest curvature in
         cells: x,1 and x,2 (3,) [-], and -M0:D²x (3,) [N/m].  M0 [N] is the moment of the rest
-        curvature, n = x,1 × x,2 the normal in the frame of the mesh."""
+        curvature, n = x,1 × x,2 the normal in the cell axes."""
         F = ufl.dot(ufl.grad(x), self._B)
         H = second_gradient(x, self._B)
         M0 = self.rest_moment

@@ -205,6 +205,6 @@ def _build(
     )
     with tempfile.TemporaryDirectory(dir=path.parent) as work:
         compiled = Path(ffi.compile(tmpdir=work))
-        part = path.parent / f".{module}.{Path(work).name}"
-        shutil.copy(compiled, part)
-        part.rename(path)
+        unfinished = path.parent / f".{module}.{Path(work).name}"
+        shutil.copy(compiled, unfinished)
+        unfinished.rename(path)

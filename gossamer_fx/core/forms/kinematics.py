@@ -4,7 +4,7 @@ The unknowns are positions x [m] (and the directors of beams); the mesh is the s
 Every measure is quadratic in the unknowns and does not change under rigid motions, which is what
 the energy-conserving time step needs.
 
-Surface tensors have components in the local orthonormal frame B of the mesh (see `frame`).
+Surface tensors have components in the local orthonormal axes B of the mesh (see `cell_axes`).
 Symmetric ones are written as vectors: strains as (E11, E22, 2 E12), stresses as (S11, S22, S12), so
 that their dot product is the work per unit reference area.
 """
@@ -23,15 +23,15 @@ Expr = Any
 SMALLEST_SQUARE = 1e-30
 
 
-def frame(mesh: Mesh) -> Expr:
-    """Return the local orthonormal frame B (3, 2) of a triangle mesh in space, as a UFL expression,
+def cell_axes(mesh: Mesh) -> Expr:
+    """Return the local orthonormal axes B (3, 2) of a triangle mesh in space, as a UFL expression,
     constant in a cell with straight edges.  Its first column is the direction of the first edge of
     the cell; its second is perpendicular to that, within the surface.
 
     >>> import basix.ufl
     >>> import ufl
     >>> triangles = ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(3,)))
-    >>> frame(triangles).ufl_shape
+    >>> cell_axes(triangles).ufl_shape
     (3, 2)
     """
     # Jacobian (3, 2): its columns are the edges of the cell; t1 and t2 are the columns of B.
@@ -45,7 +45,7 @@ def frame(mesh: Mesh) -> Expr:
 
 def surface_gradient(x: Expr, B: Expr) -> Expr:
     """Deformation gradient F = ∇x·B (3, 2) of a surface with positions x (3,) [m]: its columns are
-    the vectors into which the two vectors of the frame B (3, 2) are moved."""
+    the vectors into which the two vectors of the cell axes B (3, 2) are moved."""
     return ufl.dot(ufl.grad(x), B)
 
 

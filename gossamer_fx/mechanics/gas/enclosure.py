@@ -8,9 +8,9 @@ The step goes from coordinates q0 to q1; forces act at q_mid = (1 - α) q0 + α 
 stepping rule.  The work of the gas in the step is then pressure · W with W = G(q_mid)·(q1 - q0), to
 the last digit, so film and gas exchange energy without loss.
 
-Parts of a closed surface that are not connected must all have their normals on one side.  The
-triangles of one part agree with each other, since neighbours do.  Nothing relates the normals
-of one part to those of another: a part that is inside out counts its volume as negative, and the
+Connected components of a closed surface must all have their normals on one side.  The triangles of
+one component agree with each other, since neighbours do.  Nothing relates the normals of one
+component to those of another: a component that is inside out counts its volume as negative, and the
 gas pulls it inwards.
 """
 
@@ -157,21 +157,21 @@ class FilmEnclosure:
 
     def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
         """Raises `InputError` if the surface is open, its normals are not consistent, or one of
-        several parts is inside out."""
+        several components is inside out."""
         loops = [geometry.loop(ring) for ring in self.rings]
         cells = self.cells(self.film)
         signs = self.check_closed(cells, loops)
         # Each triangle is integrated by the rank that owns it.
         owned = cells[cells < self.film.mesh.domain.topology.index_map(2).size_local]
-        # A part that a ring closes has no separate volume.
+        # A component that a ring closes has no separate volume.
         if not loops:
-            self._check_parts(cells, system)
+            self._check_components(cells, system)
         return _CompiledFilm(geometry.surface(self.film), Side(owned, loops, signs))
 
-    def _check_parts(self, cells: np.ndarray, system: Assembly) -> None:
-        """Refuse a surface of several parts that are not connected, one of which has its normals on
-        the other side than the largest one.  Collective."""
-        labels = label_parts(self.film.mesh.edges, cells)
+    def _check_components(self, cells: np.ndarray, system: Assembly) -> None:
+        """Refuse a surface of several components that are not connected, one of which has its
+        normals on the other side than the largest one.  Collective."""
+        labels = label_components(self.film.mesh.edges, cells)
         lowest = self.film.comm.allreduce(float(labels.min(initial=np.inf)), op=MPI.MIN)
         has_several = bool((labels != lowest).any())
         if not self.film.comm.allreduce(has_several, op=MPI.LOR):
@@ -408,47 +408,48 @@ class _CompiledPiston:
         pass
 
 
-# ---- parts that are not connected ----------------------------------------------------------------
+# ---- connected components ------------------------------------------------------------------------
 
 Cells = npt.NDArray[np.int32]
 
-# A volume below this share of the sum of its terms' sizes is round-off: a flat part has no inside.
+# A volume below this share of the sum of its terms' sizes is round-off: a flat component has no
+# inside.
 FLAT = 1e-9
 
 
 @dataclass(frozen=True)
-class _Part:
-    """Signed volume [m³] of the cones from the origin to the triangles of one part of a surface, or
-    of what one rank has of it; the sum of their absolute volumes [m³], the scale of round-off; and
-    the corners (3,) [m] of the bounding box."""
+class _Component:
+    """Signed volume [m³] of the cones from the origin to the triangles of one component of a
+    surface, or of what one rank has of it; the sum of their absolute volumes [m³], the scale of
+    round-off; and the corners (3,) [m] of the bounding box."""
 
     volume: float
     size: float
     low: Array
     high: Array
 
-    def merged(self, other: _Part) -> _Part:
-        """The part that consists of both."""
-        return _Part(
+    def merged(self, other: _Component) -> _Component:
+        """The component that consists of both."""
+        return _Component(
             volume=other.volume + self.volume,
             size=other.size + self.size,
             low=np.minimum(other.low, self.low),
             high=np.maximum(other.high, self.high),
         )
 
-    def is_within(self, other: _Part) -> bool:
-        """Whether the bounding box is strictly inside that of another part."""
+    def is_within(self, other: _Component) -> bool:
+        """Whether the bounding box is strictly inside that of another component."""
         is_above = bool((self.low > other.low).all())
         is_below = bool((self.high < other.high).all())
         return is_above and is_below
 
 
-def label_parts(table: EdgeTable, cells: Cells) -> Array:
-    """Number the connected parts of a surface of local triangles (n,), owned and ghost, in rising
-    order: the number (n,) of each triangle's part, the same on all ranks.  Collective.
+def label_components(table: EdgeTable, cells: Cells) -> Array:
+    """Number the connected components of a surface of local triangles (n,), owned and ghost, in
+    rising order: the number (n,) of each triangle's component, the same on all ranks.  Collective.
 
-    Each rank gives each part of its triangles, ghosts included, the lowest number of a triangle in
-    it.  Ranks exchange these numbers until none changes.
+    Each rank gives each component of its triangles, ghosts included, the lowest number of a
+    triangle in it.  Ranks exchange these numbers until none changes.
     """
     # Imported here, as a scene without chambers of films does not need it.
     from scipy.sparse import coo_array
@@ -467,30 +468,31 @@ def label_parts(table: EdgeTable, cells: Cells) -> Array:
     ones = np.ones(len(pairs), dtype=np.int8)
     entries = (ones, (pairs[:, 0], pairs[:, 1]))
     neighbours = coo_array(entries, shape=(local_count, local_count))
-    count, part = connected_components(neighbours, directed=False)
+    count, component = connected_components(neighbours, directed=False)
 
     local_cells = np.arange(local_count, dtype=np.int32)
     labels = la.vector(index_map)
     labels.array[:] = index_map.local_to_global(local_cells)
     # A number passes one rank in each round, so there are at most as many rounds as ranks along a
-    # part.
+    # component.
     while True:
         lowest = np.full(count, np.inf)
-        np.minimum.at(lowest, part, labels.array)
-        has_changed = bool((labels.array != lowest[part]).any())
-        labels.array[:] = lowest[part]
+        np.minimum.at(lowest, component, labels.array)
+        has_changed = bool((labels.array != lowest[component]).any())
+        labels.array[:] = lowest[component]
         labels.scatter_forward()
         if not comm.allreduce(has_changed, op=MPI.LOR):
             return labels.array[cells].copy()
 
 
 def check_normals(film: Membrane, chamber: str, cells: Cells, labels: Array, x: Array) -> None:
-    """Raise `InputError` unless the parts of a closed surface have their normals on the same side.
-    Collective.
+    """Raise `InputError` unless the components of a closed surface have their normals on the same
+    side.  Collective.
 
-    A part inside another one may be a hollow, whose normals then point into it; only parts that are
-    not inside another one are compared.  Flat parts have no volume and are not examined.  `labels`
-    (n,) are those of `label_parts`, x (m, 3) [m] initial positions of the film's local nodes.
+    A component inside another one may be a hollow, whose normals then point into it; only
+    components that are not inside another one are compared.  Flat components have no volume and are
+    not examined.  `labels` (n,) are those of `label_components`, x (m, 3) [m] initial positions of
+    the film's local nodes.
     """
     owned = film.mesh.domain.topology.index_map(2).size_local
     is_owned = cells < owned
@@ -499,35 +501,35 @@ def check_normals(film: Membrane, chamber: str, cells: Cells, labels: Array, x: 
     owned_labels = labels[is_owned]
     mine = {}
     for label in np.unique(owned_labels):
-        is_of_part = owned_labels == label
-        points = corners[is_of_part].reshape(-1, 3)
-        mine[label] = _Part(
-            volume=terms[is_of_part].sum(),
-            size=abs(terms[is_of_part]).sum(),
+        is_of_component = owned_labels == label
+        points = corners[is_of_component].reshape(-1, 3)
+        mine[label] = _Component(
+            volume=terms[is_of_component].sum(),
+            size=abs(terms[is_of_component]).sum(),
             low=points.min(axis=0),
             high=points.max(axis=0),
         )
 
-    # Ranks exchange one entry for each part, not one for each triangle.
-    parts: dict[float, _Part] = {}
+    # Ranks exchange one entry for each component, not one for each triangle.
+    components: dict[float, _Component] = {}
     for share in film.comm.allgather(mine):
-        for label, part in share.items():
-            if label in parts:
-                parts[label] = parts[label].merged(part)
+        for label, component in share.items():
+            if label in components:
+                components[label] = components[label].merged(component)
             else:
-                parts[label] = part
+                components[label] = component
 
-    solid = [part for part in parts.values() if abs(part.volume) > FLAT * part.size]
-    outer = [part for part in solid if not any(part.is_within(other) for other in solid)]
-    # The largest part is taken to be right.
-    outer.sort(key=lambda part: -abs(part.volume))
-    for part in outer[1:]:
-        if part.volume * outer[0].volume < 0:
-            middle = ", ".join(f"{value:.4g}" for value in (part.low + part.high) / 2)
+    solid = [one for one in components.values() if abs(one.volume) > FLAT * one.size]
+    outer = [one for one in solid if not any(one.is_within(other) for other in solid)]
+    # The largest component is taken to be right.
+    outer.sort(key=lambda one: -abs(one.volume))
+    for one in outer[1:]:
+        if one.volume * outer[0].volume < 0:
+            middle = ", ".join(f"{value:.4g}" for value in (one.low + one.high) / 2)
             raise InputError(
                 f"Chamber '{chamber}': "
-                f"one of the {len(parts)} parts of '{film.name}' is inside out, "
+                f"one of the {len(components)} components of '{film.name}' is inside out, "
                 f"the one about ({middle}) m, "
-                f"whose volume of {abs(part.volume):.4g} m³ would be subtracted from the others; "
+                f"whose volume of {abs(one.volume):.4g} m³ would be subtracted from the others; "
                 "turn its normals (gmsh: model.mesh.reverse)."
             )

@@ -205,7 +205,7 @@ class Environment:
         return way / distance, self.pressure * (AU / distance) ** 2 * self.sunlit(r, sun)
 
     def sunlit(self, r: Array, sun: Array) -> float:
-        """Part of the Sun that is seen from r."""
+        """Fraction of the Sun that is seen from r."""
         # A Sun in the centre casts no shadow: nothing lies between it and the scene.
         if self.shadow == "none" or not np.any(sun):
             return 1.0

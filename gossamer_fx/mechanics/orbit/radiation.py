@@ -87,14 +87,14 @@ def advance(
     if count > MAX_SUBSTEPS:
         T = _stage(T, h, C, A, B)
         return T, h * B * T**4
-    part = h / count
+    substep = h / count
     emitted = np.zeros(len(T))
     for _ in range(count):
-        first = _stage(T, GAMMA * part, C, A, B)
+        first = _stage(T, GAMMA * substep, C, A, B)
         # h (1 - γ) f(T_1), from the change in the first stage
         explicit = (1 - GAMMA) / GAMMA * (first - T)
-        T = _stage(T + explicit, GAMMA * part, C, A, B)
-        emitted += part * B * ((1 - GAMMA) * first**4 + GAMMA * T**4)
+        T = _stage(T + explicit, GAMMA * substep, C, A, B)
+        emitted += substep * B * ((1 - GAMMA) * first**4 + GAMMA * T**4)
     return T, emitted
 
 

@@ -7,7 +7,7 @@ Algorithm, for light along the unit vector u:
 2. For every pixel keep the smallest depth along u of the points in it.  This is the depth map.
 3. A point is lit if its depth exceeds that of its pixel by no more than a margin, which allows for
    the slope of the triangle within a pixel.
-4. The lit part of a triangle is the share of its points that are lit.
+4. The lit fraction of a triangle is the share of its points that are lit.
 
 Ranks combine their maps by a minimum; triangles are not exchanged.  The cost is proportional to the
 number of points and pixels.
@@ -45,8 +45,8 @@ _GRAZING_COSINE = 1e-3
 
 
 class ShadowMap:
-    """The part of each triangle of a film that light reaches, where the film shades itself, by a
-    depth map with a number of pixels across: `lit` is a function that is constant on triangles, 1
+    """The fraction of each triangle of a film that light reaches, where the film shades itself, by
+    a depth map with a number of pixels across: `lit` is a function that is constant on triangles, 1
     in light and 0 in shade."""
 
     def __init__(self, film: Membrane, pixels: int) -> None:
@@ -63,25 +63,26 @@ class ShadowMap:
         the start of the present step.  Collective."""
         x = system.coordinates[self._film].q0.x.array.reshape(-1, 3)
         triangles = x[self._corners]
-        lit = lit_parts(self._film.comm, triangles, u, self._pixels)
+        lit = lit_fractions(self._film.comm, triangles, u, self._pixels)
         self.lit.x.array[: self._owned] = lit
         self.lit.x.scatter_forward()
 
 
-def lit_parts(
+def lit_fractions(
     comm: MPI.Intracomm,
     triangles: Array,
     u: Array,
     pixels: int,
 ) -> Array:
-    """Part (n,), from 0 to 1, of each of this rank's triangles (n, 3, 3) [m] that light along a
+    """Fraction (n,), from 0 to 1, of each of this rank's triangles (n, 3, 3) [m] that light along a
     unit vector u (3,) reaches, by a depth map with a number of pixels across.  Collective.
 
     >>> import numpy as np
     >>> from mpi4py import MPI
     >>> square = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     >>> behind = square - [0.0, 0.0, 1.0]
-    >>> lit_parts(MPI.COMM_SELF, np.array([square, behind]), np.array([0.0, 0.0, -1.0]), pixels=50)
+    >>> both = np.array([square, behind])
+    >>> lit_fractions(MPI.COMM_SELF, both, np.array([0.0, 0.0, -1.0]), pixels=50)
     array([1., 0.])
     """
     # The right singular vectors of one row are that row and a basis across it.

@@ -48,9 +48,9 @@ def sunlit_in_cylinder(r: Array, sun: Array, radius: float = RADIUS) -> float:
 
 
 def sunlit_in_cone(r: Array, sun: Array, radius: float = RADIUS) -> float:
-    """Part of the Sun's disc that is visible from r (3,) [m], 1 in light and 0 in the umbra; `sun`
-    (3,) [m] is the position of the Sun, both from the Earth's centre, and `radius` [m] that of the
-    Earth.
+    """Fraction of the Sun's disc that is visible from r (3,) [m], 1 in light and 0 in the umbra;
+    `sun` (3,) [m] is the position of the Sun, both from the Earth's centre, and `radius` [m] that
+    of the Earth.
 
     Sun and Earth are seen as circles, and the Sun's disc has uniform brightness.  An annular
     eclipse gives a value between 0 and 1.
