@@ -162,8 +162,7 @@ class Ikaros(FoldMap):
 
     def _height(self, row: Array) -> Array:
         """z (n,) of rows counted from the inner edge."""
-        wave: Array = self.pitch * (np.abs(np.remainder(row + 1, 2) - 1) - 0.5)
-        return wave
+        return self.pitch * (np.abs(np.remainder(row + 1, 2) - 1) - 0.5)
 
     def _corner(self, i: Array, layer: Array) -> Array:
         """Where a folded strip has its corners, seen from above: positions (n, 2) [m] in the frame
@@ -217,8 +216,7 @@ class Ikaros(FoldMap):
         # Columns on the present trapezoid, from one: at the first the strip has not yet risen.
         columns = np.maximum(p - columns_of_trapezoid * passed, 1.0)
         below = passed * (2 * self._arm + 1)
-        rise: Array = below + (self._arm + 1) * (columns - 1) / (columns_of_trapezoid - 1)
-        return rise
+        return below + (self._arm + 1) * (columns - 1) / (columns_of_trapezoid - 1)
 
     @property
     def _height_of_roll(self) -> float:
@@ -275,8 +273,7 @@ class Ikaros(FoldMap):
         early = np.where(is_standing, height_in_tip, 0.0)
         quarter_turn = np.array([[0.0, 1.0], [-1.0, 0.0]])
         across = at(p) @ quarter_turn
-        result: Array = r[:, None] * direction - early[:, None] * across
-        return result
+        return r[:, None] * direction - early[:, None] * across
 
 
 class _Tilted(Ikaros):

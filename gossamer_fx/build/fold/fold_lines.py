@@ -234,8 +234,7 @@ def _refuse_cut_triangles(
 
 def _edge_lengths(corners: Array) -> Array:
     """Lengths (n, 3) [m] of the edges of triangles with corners (n, 3, 3)."""
-    lengths: Array = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    return lengths
+    return np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
 
 
 def _angles(

@@ -70,8 +70,7 @@ class Folded:
             "make it for the mesh of this film.",
         )
         R = _rotation(np.asarray(self.turn, dtype=float))
-        placed: Array = folded @ R.T + np.asarray(self.origin, dtype=float)
-        return placed
+        return folded @ R.T + np.asarray(self.origin, dtype=float)
 
     def strain_energy(self) -> float:
         """Return the elastic energy ∫ ψ(E) dA [J] of the film in the folded start, zero but for

@@ -148,11 +148,9 @@ class Miura(FoldMap):
 
 def _wave(u: Array) -> Array:
     """The triangular wave: 0 at even numbers, 1 at odd ones."""
-    wave: Array = 1 - np.abs(np.remainder(u, 2) - 1)
-    return wave
+    return 1 - np.abs(np.remainder(u, 2) - 1)
 
 
 def _sense(u: Array) -> Array:
     """Sign of the slope of `_wave`: 1 where it rises, -1 where it falls."""
-    sense: Array = np.where(np.remainder(u, 2) < 1, 1.0, -1.0)
-    return sense
+    return np.where(np.remainder(u, 2) < 1, 1.0, -1.0)

@@ -180,8 +180,7 @@ class Star(FoldMap):
         angle = 2 * math.pi / self.n * (k + j + 0.5)
         # Distance from the axis [m]
         r = self.radius + self.gap * layer
-        result: Array = r[:, None] * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
-        return result
+        return r[:, None] * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
 
 
 class _Open(Star):

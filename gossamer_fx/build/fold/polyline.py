@@ -111,8 +111,7 @@ class Strip(FoldMap):
         strip.
         """
         distances = np.abs(X[:, :1] - self.bent.corners)
-        nearest: Indices = distances.argmin(axis=1).astype(np.int32) + 1
-        return nearest
+        return distances.argmin(axis=1).astype(np.int32) + 1
 
     def _check_width(self) -> None:
         """Check that sheets that are opened have a width."""
@@ -127,8 +126,7 @@ class Strip(FoldMap):
         width/2.
         """
         width = getattr(self, "width", 1.0)
-        share: Array = np.cos(np.pi * np.clip(X[:, 1] / width, -0.5, 0.5))
-        return share
+        return np.cos(np.pi * np.clip(X[:, 1] / width, -0.5, 0.5))
 
 
 @check_arguments

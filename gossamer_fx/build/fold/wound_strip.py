@@ -108,8 +108,7 @@ class Spiral(FoldMap):
         # Distance from the axis of the hub [m]
         r = self.radius + self.gap * (layer + (self.rows + 1) * turns)
         angle = 2 * math.pi * turns
-        corner: Array = r[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        return corner
+        return r[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 class _Open(Spiral):

@@ -79,8 +79,7 @@ class Gores:
 
     def width(self, s: Array) -> Array:
         """Width [m] of a gore at arc lengths s, equation (1) of the module."""
-        found: Array = 2 * np.pi * self.meridian(s)[0] / self.count
-        return found
+        return 2 * np.pi * self.meridian(s)[0] / self.count
 
     @property
     def pitch(self) -> float:
@@ -132,8 +131,7 @@ class Gores:
         radius = radius + apart
         x1 = radius * np.cos(angle) - y * np.sin(angle)
         x2 = radius * np.sin(angle) + y * np.cos(angle)
-        moved: Array = np.stack([x1, x2, height]) - X
-        return moved
+        return np.stack([x1, x2, height]) - X
 
     def seams(
         self, film: Membrane, *, closing: tuple[float, float] | None = (0.0, 1.0)

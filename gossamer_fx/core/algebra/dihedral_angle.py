@@ -76,8 +76,7 @@ def angle(X: Array) -> Array:
     90.0
     """
     C, S = _cosine_and_sine(X)
-    result: Array = np.arctan2(S, C)
-    return result
+    return np.arctan2(S, C)
 
 
 def gradient(X: Numbers) -> Numbers:
@@ -191,8 +190,7 @@ def _stepped(X: Array) -> Numbers:
 def _derivative(G: Numbers) -> Array:
     """Derivatives (n, 3, 3, 3, 3) from the values (9, n, 3, 3) at stepped folds."""
     columns = np.moveaxis(G.imag / STEP, 0, -1)
-    result: Array = columns.reshape(*G.shape[1:], 3, 3)
-    return result
+    return columns.reshape(*G.shape[1:], 3, 3)
 
 
 def _products(X: Numbers) -> tuple[Numbers, ...]:
@@ -270,8 +268,7 @@ def _v(x: Numbers) -> Numbers:
 
 def _dot(a: Numbers, b: Numbers) -> Numbers:
     """Dot products over the last axis."""
-    product: Numbers = (a * b).sum(axis=-1)
-    return product
+    return (a * b).sum(axis=-1)
 
 
 def _cross(a: Numbers, b: Numbers) -> Numbers:

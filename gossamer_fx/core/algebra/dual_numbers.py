@@ -97,8 +97,7 @@ class Dual:
 
 
 def _value(number: Number) -> complex:
-    value: complex = number.value if isinstance(number, Dual) else number
-    return value
+    return number.value if isinstance(number, Dual) else number
 
 
 def variables(values: Array) -> Array:

@@ -304,16 +304,14 @@ class PointMeasures:
     def measure(self, Y: Array) -> Array:
         """e (n, m) of Y (n, 3k)."""
         mean_slope = self._times(Y) / 2 + self._L
-        found: Array = (mean_slope @ Y[..., None])[..., 0] + self.c
-        return found
+        return (mean_slope @ Y[..., None])[..., 0] + self.c
 
     def strain(self, q: Array) -> Array:
         """e (n, m) at the unknowns q (n, D)."""
         if self._constant_slope is None:
             return self.measure(self.vectors(q))
         u = q - self._z
-        found: Array = (self._constant_slope @ u[..., None])[..., 0] + self.c
-        return found
+        return (self._constant_slope @ u[..., None])[..., 0] + self.c
 
     def gradient(self, q: Array) -> Array:
         """∂e/∂q (n, m, D)."""
@@ -349,8 +347,7 @@ class PointMeasures:
         # The sum over the tuples is part of one product of matrices.
         rows = P.shape[0] * P.shape[1]
         KP = (K @ P).reshape(rows, self.D)
-        total: Array = P.reshape(rows, self.D).T @ KP
-        return total
+        return P.reshape(rows, self.D).T @ KP
 
     def second(self, v: Array) -> Array:
         """Second derivative D²e[v, v] (n, m) along rates v (n, D)."""
@@ -361,8 +358,7 @@ class PointMeasures:
 
     def _times(self, Y: Array, on: Any = slice(None)) -> Array:
         """H Y (n, m, 3k).  Matrix products take less time here than np.einsum."""
-        found: Array = (self._H[on] @ Y[:, None, :, None])[..., 0]
-        return found
+        return (self._H[on] @ Y[:, None, :, None])[..., 0]
 
 
 class Gather:

@@ -39,8 +39,7 @@ def rotations(axes: Array, angle: float) -> Array:
     K = cross_matrices(axes)
     sine_part = np.sin(angle) * K
     cosine_part = (1 - np.cos(angle)) * K @ K
-    result: Array = np.eye(3) + sine_part + cosine_part
-    return result
+    return np.eye(3) + sine_part + cosine_part
 
 
 def perpendicular_pair(n: Array) -> tuple[Array, Array]:

@@ -193,5 +193,4 @@ def add_to_matrix(matrix: PETSc.Mat, form: fem.Form, unrolled: bool) -> None:
 def cell_nodes(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
     """Local node numbers (cells, k) of all cells of a space: owned cells first, then ghost cells.
     In each row the corners come first; nodes on edges follow in the order of the element."""
-    nodes: npt.NDArray[np.int32] = space.dofmap.list
-    return nodes
+    return space.dofmap.list

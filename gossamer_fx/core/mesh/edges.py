@@ -73,20 +73,17 @@ class EdgeTable:
     @property
     def is_boundary(self) -> npt.NDArray[np.bool_]:
         """Whether each edge (n,) belongs to one triangle only."""
-        result: npt.NDArray[np.bool_] = self.count == 1
-        return result
+        return self.count == 1
 
     @property
     def is_inside(self) -> npt.NDArray[np.bool_]:
         """Whether each edge (n,) lies between two triangles."""
-        result: npt.NDArray[np.bool_] = self.count == 2
-        return result
+        return self.count == 2
 
     @property
     def is_known(self) -> npt.NDArray[np.bool_]:
         """Whether `cells` contains all triangles of each edge (n,), owned or ghost."""
-        result: npt.NDArray[np.bool_] = (self.cells >= 0).sum(axis=1) == self.count
-        return result
+        return (self.cells >= 0).sum(axis=1) == self.count
 
     @cached_property
     def opposite(self) -> Indices:
@@ -94,8 +91,7 @@ class EdgeTable:
         where there is no triangle."""
         corners = _corners(self.domain.topology)
         vertices = np.where(self.cells >= 0, corners[self.cells, self.sides], -1)
-        result: Indices = vertices.astype(np.int32)
-        return result
+        return vertices.astype(np.int32)
 
     def nodes(self, space: fem.FunctionSpace, edges: Indices) -> Indices:
         """Local nodes (k, order + 1) of a Lagrange space of order 1 or 2 along some edges (k,),
@@ -221,14 +217,12 @@ def _sum_at_edges(topology: dmesh.Topology, edges: Indices, values: Floats) -> F
     np.add.at(vector.array, edges, values)
     # Contributions to ghost edges go to the ranks that own them.
     vector.scatter_reverse(la.InsertMode.add)
-    result: Floats = vector.array
-    return result
+    return vector.array
 
 
 def _corners(topology: dmesh.Topology) -> Indices:
     """Local vertices (n, 3) of all local triangles."""
-    corners: Indices = topology.connectivity(2, 0).array.reshape(-1, 3)
-    return corners
+    return topology.connectivity(2, 0).array.reshape(-1, 3)
 
 
 def _global_vertices(topology: dmesh.Topology, vertices: Indices) -> Integers:

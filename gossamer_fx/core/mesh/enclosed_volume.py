@@ -101,8 +101,7 @@ def volumes(corners: Array) -> Array:
     """
     # The three vertices (n, 3) [m]
     x0, x1, x2 = corners.transpose(1, 0, 2)
-    result: Array = np.einsum("ij,ij->i", x0, np.cross(x1, x2)) / 6
-    return result
+    return np.einsum("ij,ij->i", x0, np.cross(x1, x2)) / 6
 
 
 def spanning_fans(ends: Array, numbers: npt.NDArray[np.int64]) -> tuple[Array, int]:

@@ -49,8 +49,7 @@ def corner_points(domain: dmesh.Mesh) -> Array:
     elements."""
     dim = domain.topology.dim
     owned = domain.topology.index_map(dim).size_local
-    points: Array = domain.geometry.x[domain.geometry.dofmap[:owned, : dim + 1]]
-    return points
+    return domain.geometry.x[domain.geometry.dofmap[:owned, : dim + 1]]
 
 
 def box(comm: MPI.Intracomm, points: Array) -> tuple[Array, Array]:
@@ -78,8 +77,7 @@ def area_vectors(corners: Array) -> Array:
     """
     first = corners[:, 1] - corners[:, 0]
     second = corners[:, 2] - corners[:, 0]
-    area: Array = np.cross(first, second) / 2
-    return area
+    return np.cross(first, second) / 2
 
 
 def sizes(corners: Array) -> Array:
@@ -87,8 +85,7 @@ def sizes(corners: Array) -> Array:
     vectors: npt.NDArray[Any] = corners[:, 1] - corners[:, 0]
     if corners.shape[1] == 3:
         vectors = area_vectors(corners)
-    result: Array = np.linalg.norm(vectors, axis=1)
-    return result
+    return np.linalg.norm(vectors, axis=1)
 
 
 def shape_quality(corners: Array) -> Array:
@@ -104,8 +101,7 @@ def shape_quality(corners: Array) -> Array:
     squares = (edges**2).sum(axis=(1, 2))
     # A cell whose nodes coincide has no edges; its area is zero, so any divisor gives zero.
     divisor = np.where(squares > 0, squares, 1.0)
-    quality: Array = 4 * np.sqrt(3) * sizes(corners) / divisor
-    return quality
+    return 4 * np.sqrt(3) * sizes(corners) / divisor
 
 
 def aspects(corners: Array) -> Array:
@@ -119,8 +115,7 @@ def aspects(corners: Array) -> Array:
     edges = corners - np.roll(corners, 1, axis=1)
     longest = (edges**2).sum(axis=2).max(axis=1)
     # A cell without area is refused elsewhere.
-    ratio: Array = np.maximum(longest / np.maximum(4 * sizes(corners), 1e-300), 1.0)
-    return ratio
+    return np.maximum(longest / np.maximum(4 * sizes(corners), 1e-300), 1.0)
 
 
 def turned_inside(domain: dmesh.Mesh) -> int:
@@ -386,5 +381,4 @@ def _segment_meets(start: Array, end: Array, triangle: Array) -> npt.NDArray[np.
 
 def _dot(a: Array, b: Array) -> Array:
     """Dot products over the last axis."""
-    product: Array = (a * b).sum(axis=-1)
-    return product
+    return (a * b).sum(axis=-1)

@@ -83,8 +83,7 @@ class BodyState:
         """Positions (m, 3) [m] of owned and ghost nodes of a body on a mesh.  Collective."""
         function = self.function()
         size = function.function_space.dofmap.index_map_bs
-        positions: Array = function.x.array.reshape(-1, size)[:, :3]
-        return positions
+        return function.x.array.reshape(-1, size)[:, :3]
 
     def gathered(self) -> Array:
         """Positions (N, 3) [m] of all nodes of the body, by global number, on every rank.

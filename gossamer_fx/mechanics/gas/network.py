@@ -115,8 +115,7 @@ class HeldPressureBalance(Balance):
 
     def _mass(self, V: Array) -> Array:
         """Masses [kg] of the gas in volumes V (n,) at the held pressures."""
-        masses: Array = self._p0 * V / (self._gas.R * self.temperatures)
-        return masses
+        return self._p0 * V / (self._gas.R * self.temperatures)
 
 
 # What stays constant in the chambers of an equilibrium; see `static_processes`.

@@ -335,13 +335,11 @@ class Loop:
         """Positions q0 + ½ h v0 (nodes, 3) [m] of the nodes.  Collective."""
         positions = self._gather(self._system.q0)[0]
         velocities = self._gather(self._system.v0)[0]
-        predicted: Array = positions + h / 2 * velocities
-        return predicted
+        return positions + h / 2 * velocities
 
     def _area_vector(self, xs: Array, xr: Array) -> Array:
         """a (3,) [m²] of (1) for the tangents of the strips."""
-        area_vector: Array = np.einsum("g,ngd->d", self._weights, _cross(xs, xr))
-        return area_vector
+        return np.einsum("g,ngd->d", self._weights, _cross(xs, xr))
 
     def follow(self) -> None:
         """Evaluate the gradients at q̄ and q1 of the system.  Collective."""
@@ -416,8 +414,7 @@ class Loop:
 
     def _middle(self) -> Array:
         """Positions (nodes, 3) [m] of the nodes at q̄."""
-        X: Array = (1 - self._alpha) * self._X0 + self._alpha * self._X1
-        return X
+        return (1 - self._alpha) * self._X0 + self._alpha * self._X1
 
     def _strip_tangents(self, X: Array) -> tuple[Array, Array]:
         """x,s and x,r (strips, g, 3) for the positions X (nodes, 3) of the nodes."""

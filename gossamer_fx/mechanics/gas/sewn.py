@@ -203,8 +203,7 @@ class SeamStrip:
         add_blocks(A, self._row_indices, self._column_indices, values)
 
     def _middle(self) -> Array:
-        X: Array = (1 - self._alpha) * self._X0 + self._alpha * self._X1
-        return X
+        return (1 - self._alpha) * self._X0 + self._alpha * self._X1
 
     def _tangents(self, X: Array) -> tuple[Array, Array]:
         """x,σ and x,r (n, g, 3) for the positions X (n, k, 3)."""
@@ -213,8 +212,7 @@ class SeamStrip:
     def _gradient(self, X: Array) -> Array:
         """G (n, k, 3) [m²] at the nodes of each segment."""
         xs, xr = self._tangents(X)
-        G: Array = self._test.transpose(0, 2, 1) @ np.cross(xs, xr)
-        return G
+        return self._test.transpose(0, 2, 1) @ np.cross(xs, xr)
 
     def _in_system(self, G: Array) -> Array:
         """This rank's part of a system vector with a gradient (n, k, 3)."""

@@ -234,8 +234,7 @@ class FilmSurface:
             self._x.x.array[:] = (1 - share) * q0 + share * q1
         self._parts[:] = 0
         fem.assemble_vector(self._parts, self._form)
-        G: Array = self._sum @ self._parts.reshape(-1, 3)
-        return G
+        return self._sum @ self._parts.reshape(-1, 3)
 
     # ---- one chamber -----------------------------------------------------------------------------
 

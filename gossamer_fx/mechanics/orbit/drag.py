@@ -223,7 +223,6 @@ class _FlowOnFaces(FacesForce):
         wall = math.sqrt(how.wall_temperature / air.temperature)
         # Velocity of the air relative to each face (..., n, 3) [m/s].
         U = self._wind - rates
-        f: Array = air.density * flow_force(
+        return air.density * flow_force(
             areas, U, air.thermal_speed, how.normal, how.tangential, wall, self._two_sided, Rows
         )
-        return f

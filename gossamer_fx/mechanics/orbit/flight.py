@@ -276,8 +276,7 @@ class Flight:
             return np.zeros(3)
         m = self.moments()
         T = max(self.around.following, SHORTEST_FOLLOWING * h)
-        back: Array = (m.first / T**2 + 2 * m.momentum / T) / m.mass
-        return back
+        return (m.first / T**2 + 2 * m.momentum / T) / m.mass
 
     def state(self) -> tuple[Array, Array]:
         """Position [m] and velocity [m/s] of the centre of mass, from what attracts, at the start

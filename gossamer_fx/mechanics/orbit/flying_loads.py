@@ -98,8 +98,7 @@ class _ByComplexSteps:
         return self._law.forces(X.reshape(shape), ((X - self._X0) / self._lag).reshape(shape))
 
     def force(self, X: Array) -> Array:
-        f: Array = self._forces(X).ravel()
-        return f
+        return self._forces(X).ravel()
 
     def tangent(self, X: Array) -> Array:
         """Derivatives (3k, 3k) of the forces with respect to the vectors X (3k,) of k ports, [N/m]
@@ -110,8 +109,7 @@ class _ByComplexSteps:
         # order of its square.
         tiny = 1e-30
         stepped = self._forces(X + 1j * tiny * np.eye(X.size))
-        K: Array = stepped.reshape(X.size, X.size).imag.T / tiny
-        return K
+        return stepped.reshape(X.size, X.size).imag.T / tiny
 
 
 class FlyingPointLoads(PointLoads):

@@ -105,12 +105,11 @@ class SolidHarmonics:
 def _real_sum(c: Coefficients, Y: Coefficients) -> Array:
     """Re Σ c_nm Y_nm (...); the degree of c is at most that of Y (N, N, ...)."""
     N = len(c)
-    result: Array = np.einsum(
+    return np.einsum(
         "nm,nm...->...",
         c,
         Y[:N, :N],
     ).real
-    return result
 
 
 def solid_harmonics(degree: int, r: Array, radius: float) -> Coefficients:

@@ -79,8 +79,7 @@ class MagneticDipole:
         assert self._field is not None
         # IGRF is a field in Earth-fixed axes.
         turn = self.orbit.earth(flight.time)
-        B: Array = turn.T @ self._field.field(turn @ flight.R)
-        return B
+        return turn.T @ self._field.field(turn @ flight.R)
 
     def terms(self, start: State) -> Iterable[Term]:
         yield FlyingPointLoad(self.name, self.frame.directors, self.orbit, _DipoleTorque(self))
@@ -117,5 +116,4 @@ class _DipoleTorque:
         S = np.swapaxes(X, -1, -2) @ X
         resistance = np.trace(S, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - S
         F = np.linalg.solve(resistance, torque[..., None])[..., 0]
-        f: Array = np.cross(F[..., None, :], X)
-        return f
+        return np.cross(F[..., None, :], X)

@@ -62,8 +62,7 @@ def substeps(T: Array, h: float, C: Array | float, A: Array, B: Array) -> int:
 def equilibrium_temperature(A: Array, B: Array) -> Array:
     """(A/B)^¼ [K], at which as much heat is absorbed as emitted; zero where nothing is emitted."""
     radiating = np.where(B > 0, B, 1.0)
-    T: Array = np.where(B > 0, (A / radiating) ** 0.25, 0.0)
-    return T
+    return np.where(B > 0, (A / radiating) ** 0.25, 0.0)
 
 
 def advance(
@@ -145,5 +144,4 @@ def view_factor(cosine: Array, height: float) -> Array:
         - np.arcsin(edge) / math.pi
         + (cosine * np.arccos(slant) - horizon * chord) / (math.pi * height**2)
     )
-    share: Array = np.where(is_cut, np.maximum(cut, 0.0), whole)
-    return share
+    return np.where(is_cut, np.maximum(cut, 0.0), whole)

@@ -130,8 +130,7 @@ class MassPoints:
     def __call__(self, q: PETSc.Vec) -> Array:
         """Positions (n, 3) [m] of the points at the unknowns q.  Collective."""
         unknowns = self._gather(q)[0]
-        positions: Array = np.einsum("nax,nx->na", self.B, unknowns) + self.o
-        return positions
+        return np.einsum("nax,nx->na", self.B, unknowns) + self.o
 
     def add(self, forces: Array, r: PETSc.Vec) -> None:
         """Add forces (n, 3) [N] on the points to a vector of the system.  Collective."""
@@ -305,8 +304,7 @@ class MeshGravity:
         b = la.vector(dofmap.index_map, dofmap.index_map_bs)
         fem.assemble_vector(b.array, form)
         b.scatter_reverse(la.InsertMode.add)
-        owned: Array = b.array[: dofmap.index_map.size_local * dofmap.index_map_bs]
-        return owned
+        return b.array[: dofmap.index_map.size_local * dofmap.index_map_bs]
 
     def weights(self) -> Array:
         """Weights of the owned coordinates w, such that Σ m w = Σ_i weights_i w_i for each
@@ -448,8 +446,7 @@ class CompiledOrbit(
         r1, d1 = growth(np.broadcast_to(R1, x.shape), x1, _dots, np.sqrt)
         γ = excess(r0, r1, d0, d1)[:, None]
         pull = -self._σ * (x - γ / (1 + γ) * ((R0 + R1) / 2 + x))
-        forces: Array = self._points.mass[:, None] * (pull - flight.pushed + x @ flight.gradient)
-        return forces
+        return self._points.mass[:, None] * (pull - flight.pushed + x @ flight.gradient)
 
     def add_forces(self, r: PETSc.Vec) -> None:
         """Subtract gravity [N] on all bodies at the iterate from the residual r.  Collective."""
@@ -570,8 +567,7 @@ class CompiledOrbit(
 
 def _dots(a: Array, b: Array) -> Array:
     """Dot products (n,) of the rows of two arrays (n, 3)."""
-    products: Array = np.einsum("na,na->n", a, b)
-    return products
+    return np.einsum("na,na->n", a, b)
 
 
 class RelativeGravity:

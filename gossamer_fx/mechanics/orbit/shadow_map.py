@@ -144,8 +144,7 @@ def _slopes(triangles: Array, u: Array) -> Array:
     lengths = np.maximum(np.linalg.norm(normals, axis=1), 1e-300)
     cosine = np.abs(normals @ u) / lengths
     sine = np.sqrt(1 - np.minimum(cosine, 1) ** 2)
-    slopes: Array = sine / np.maximum(cosine, _GRAZING_COSINE)
-    return slopes
+    return sine / np.maximum(cosine, _GRAZING_COSINE)
 
 
 def _barycentric(n: int) -> Array:

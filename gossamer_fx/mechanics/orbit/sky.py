@@ -128,23 +128,20 @@ class Sky:
     def sun(self, t: float) -> Array:
         """Position (3,) [m] of the Sun from the Earth's centre, by VSOP2000 as in ERFA's epv00."""
         heliocentric, _ = _erfa().epv00(self._tt[0], self._tt[1] + t / _DAY)
-        position: Array = -AU * np.asarray(heliocentric["p"])
-        return position
+        return -AU * np.asarray(heliocentric["p"])
 
     def moon(self, t: float) -> Array:
         """Position (3,) [m] of the Moon from the Earth's centre, by ELP2000-82 as in ERFA's
         moon98."""
         geocentric = _erfa().moon98(self._tt[0], self._tt[1] + t / _DAY)
-        position: Array = AU * np.asarray(geocentric["p"])
-        return position
+        return AU * np.asarray(geocentric["p"])
 
     def earth(self, t: float) -> Array:
         """Rotation matrix (3, 3) from GCRS to Earth-fixed axes, IAU 2006/2000A.  Polar motion,
         below 1″, is neglected."""
         tt = (self._tt[0], self._tt[1] + t / _DAY)
         ut1 = (self._ut1[0], self._ut1[1] + t / _DAY)
-        rotation: Array = np.asarray(_erfa().c2t06a(*tt, *ut1, 0.0, 0.0))
-        return rotation
+        return np.asarray(_erfa().c2t06a(*tt, *ut1, 0.0, 0.0))
 
 
 def _erfa() -> Any:
@@ -178,8 +175,7 @@ def third_body(r: Array, body: Array, mu: float) -> Array:
     # The plain difference of both terms would lose digits, as r is much shorter than b.
     q = float(r @ (r - 2 * body)) / float(body @ body)
     f = q * (3 + 3 * q + q * q) / (1 + (1 + q) ** 1.5)
-    a: Array = -mu / d2**1.5 * (r + f * body)
-    return a
+    return -mu / d2**1.5 * (r + f * body)
 
 
 def third_body_gradient(r: Array, body: Array, mu: float) -> Array:
@@ -191,5 +187,4 @@ def point_gradient(r: Array, mu: float) -> Array:
     """Derivative μ/|r|³ (1 - 3 r̂ r̂ᵀ) (3, 3) [1/s²] of the vector μ r/|r|³: the negative gravity
     gradient at r (3,) [m] from a point mass."""
     d2 = float(r @ r)
-    G: Array = mu / d2**1.5 * (np.eye(3) - 3 * np.outer(r, r) / d2)
-    return G
+    return mu / d2**1.5 * (np.eye(3) - 3 * np.outer(r, r) / d2)

@@ -343,8 +343,7 @@ class FilmTemperatures:
             return np.full(self._owned, float(heating.initial_temperature))
         assert strain is not None  # as the item has checked
         nodes = cell_nodes(strain.start_temperature.function_space)[: self._owned]
-        temperatures: Array = strain.start_temperature.x.array[nodes].mean(axis=1)
-        return temperatures
+        return strain.start_temperature.x.array[nodes].mean(axis=1)
 
     # ---- a step ----------------------------------------------------------------------------------
 
@@ -437,8 +436,7 @@ class FilmTemperatures:
             reflected = heating.albedo * solar_flux * zenith_cosine
         of_faces = np.column_stack([of_front, of_back])
         absorbed = self._absorptivities * reflected + self._emissivities * heating.infrared
-        flux: Array = stretch * (absorbed * of_faces).sum(axis=1)
-        return flux
+        return stretch * (absorbed * of_faces).sum(axis=1)
 
     def _middle_area_vectors(self) -> Array:
         """Area vectors (n, 3) at q0 + ½ h v0, over stress-free areas.  Collective."""
@@ -446,8 +444,7 @@ class FilmTemperatures:
         middle = of_film.coordinates() + self._system.h / 2 * of_film.rates()
         self.film.reconstruct(self._x, middle.ravel())
         self._area_vectors.interpolate(self._area_expression)
-        vectors: Array = self._area_vectors.x.array.reshape(-1, 3)[self._vector_of_cell]
-        return vectors
+        return self._area_vectors.x.array.reshape(-1, 3)[self._vector_of_cell]
 
     # ---- the heat balance ------------------------------------------------------------------------
 
@@ -458,8 +455,7 @@ class FilmTemperatures:
     def sums(self) -> Array:
         """Absorbed, emitted and first stored heat [J] (3,), of all ranks.  Collective."""
         own = np.array([self._fluxes_absorbed, self._heat_emitted, self._first])
-        total: Array = self._system.comm.allreduce(own)
-        return total
+        return self._system.comm.allreduce(own)
 
     def set_sums(self, sums: Sequence[float]) -> None:
         """Restore what `sums` returned."""

@@ -211,8 +211,7 @@ class _LightOnFaces(FacesForce):
         self._u, self._P = flight.light()
 
     def on_faces(self, areas: Array, positions: Array, rates: Array) -> Array:
-        f: Array = self._P * light_force(areas, self._u, self._front, self._back, Rows)
-        return f
+        return self._P * light_force(areas, self._u, self._front, self._back, Rows)
 
 
 def geometry(surfaces: Sequence[Surface]) -> tuple[Array, Array]:
@@ -288,8 +287,7 @@ class Sunlight:
             np.isfinite(length) and length > 0,
             f"{what} is {given!r}; give three finite numbers that are not all zero.",
         )
-        unit: Array = u / length
-        return unit
+        return u / length
 
     def terms(self, start: State) -> Iterable[Term]:
         film = self.body

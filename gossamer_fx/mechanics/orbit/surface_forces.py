@@ -139,8 +139,7 @@ class Rows:
     @staticmethod
     def dot(a: Array, b: Array) -> Array:
         """Dot products (..., 1)."""
-        product: Array = np.sum(a * b, axis=-1, keepdims=True)
-        return product
+        return np.sum(a * b, axis=-1, keepdims=True)
 
     @staticmethod
     def choose(where_positive: Array, a: Any, b: Any) -> Array:

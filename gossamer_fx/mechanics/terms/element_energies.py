@@ -515,8 +515,7 @@ class StoredForces(ElementForces):
     def _linearised_strains(self) -> Array:
         """The strains (q, m) linearised about the last iterate."""
         self._tabulate(self._linearised_strain, self._linear_strain)
-        strains: Array = self._linear_strain.x.array.reshape(-1, self._size)
-        return strains
+        return self._linear_strain.x.array.reshape(-1, self._size)
 
     def _tabulate(self, expression: fem.Expression, at_points: fem.Function) -> None:
         """Evaluate an expression at the quadrature points of all cells."""
@@ -559,8 +558,7 @@ class StoredForces(ElementForces):
     @property
     def strain(self) -> Array:
         """Strains at the quadrature points, owned and ghost, flattened."""
-        array: Array = self.strain_variable.x.array
-        return array
+        return self.strain_variable.x.array
 
 
 class ElementForms:

@@ -219,8 +219,7 @@ class Stencil:
         if self._dissipates:
             return np.zeros(self.at.n)
         _, e1, _ = self._end(q1)
-        energy: Array = self._varied(key, 1j * COMPLEX_STEP).energy(e1).imag / COMPLEX_STEP
-        return energy
+        return self._varied(key, 1j * COMPLEX_STEP).energy(e1).imag / COMPLEX_STEP
 
     def set_number(self, key: str, value: float, at: Array) -> None:
         """Give a number of the density a value at some tuples of ports, of which `at` (n,) is

@@ -379,13 +379,11 @@ class Couple:
         r = X.reshape(-1, 3)
         inverse, _ = self._spread(r)
         arms = np.hstack(tuple(cross_matrices(r)))
-        forces: Array = arms.T @ inverse
-        return forces
+        return arms.T @ inverse
 
     def force(self, X: Array) -> Array:
         r = X.reshape(-1, 3)
-        forces: Array = np.cross(self._spread(r)[1], r).ravel()
-        return forces
+        return np.cross(self._spread(r)[1], r).ravel()
 
     def tangent(self, X: Array) -> Array:
         r = X.reshape(-1, 3)
