@@ -98,12 +98,7 @@ def _square_grid(ticks: np.ndarray) -> np.ndarray:
 
 
 @check_arguments
-def boom(
-    comm: MPI.Intracomm,
-    elements: Cells,
-    side: Length,
-    diagonal: tuple[float, float],
-) -> Mesh:
+def boom(comm: MPI.Intracomm, elements: Cells, side: Length, diagonal: tuple[float, float]) -> Mesh:
     """Make a straight boom of line elements from corner to corner of the film.
 
     Groups: "line", the points "start" and "end", and both as "point 0" and "point 1".  Collective.

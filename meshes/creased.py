@@ -20,10 +20,7 @@ ON = 1e-7  # m: nodes that are nearer to a line are on it
 
 
 def creased_film(
-    comm: MPI.Intracomm,
-    corners: Corners,
-    lines: Segments,
-    size: Sequence[Length],
+    comm: MPI.Intracomm, corners: Corners, lines: Segments, size: Sequence[Length]
 ) -> Mesh:
     """Make a convex polygon in z = 0 of triangles with edges along given lines.
 
@@ -125,10 +122,7 @@ def creased_tube(
 
 
 def _triangulated(
-    model: Any,
-    corners: Corners,
-    lines: Segments,
-    size: Sequence[float],
+    model: Any, corners: Corners, lines: Segments, size: Sequence[float]
 ) -> tuple[Points, Numbers]:
     """Points (n, 3) [m] and triangles (m, 3), with normals along z, of a polygon with
     counterclockwise corners (x, y) [m], where cells have the given sizes [m], and with edges along
@@ -181,12 +175,7 @@ def _triangulated(
     return points, triangles
 
 
-def _size_at(
-    x: float,
-    y: float,
-    corners: Corners,
-    size: Sequence[float],
-) -> float:
+def _size_at(x: float, y: float, corners: Corners, size: Sequence[float]) -> float:
     """Size of cells [m] at the point (x, y) [m]: the mean of the corners' sizes, weighted by the
     inverse of the squared distance from each corner."""
     away = np.asarray(corners) - np.array([x, y])
@@ -196,12 +185,7 @@ def _size_at(
     return float(weight @ np.asarray(size) / weight.sum())
 
 
-def _opened(
-    points: Points,
-    triangles: Numbers,
-    on_rim: Any,
-    lines: Segments,
-) -> Numbers:
+def _opened(points: Points, triangles: Numbers, on_rim: Any, lines: Segments) -> Numbers:
     """Return triangles (m, 3) between points (n, 3) [m] of which none has all its nodes on the rim,
     by the mask `on_rim` (n,), where it could not open.
 
@@ -249,12 +233,7 @@ def _on_a_line(ends: Points, lines: Segments) -> bool:
     return False
 
 
-def _add(
-    model: Any,
-    entity: int,
-    points: Points,
-    triangles: Numbers,
-) -> None:
+def _add(model: Any, entity: int, points: Points, triangles: Numbers) -> None:
     """Add points (n, 3) [m], if any, with gmsh's numbers from 1, and triangles (m, 3), which number
     them from 0, to a surface of gmsh."""
     if len(points):
@@ -285,12 +264,7 @@ def _add_lines(model: Any, name: str, edges: Numbers) -> None:
     model.addPhysicalGroup(1, [entity], name=name)
 
 
-def _name_rim(
-    model: Any,
-    points: Points,
-    edges: Numbers,
-    corners: Corners,
-) -> None:
+def _name_rim(model: Any, points: Points, edges: Numbers, corners: Corners) -> None:
     """Add the groups "side 1", "corner 1" and so on of a polygon with counterclockwise corners (x,
     y) [m] in gmsh; `edges` (k, 2) number the points (n, 3) [m] of each edge on the rim, from 0."""
     for k, a in enumerate(corners):

@@ -23,13 +23,7 @@ from .arrays import (
 
 
 @check_arguments
-def creased_strip(
-    comm: MPI.Intracomm,
-    nx: Cells,
-    ny: Cells,
-    length: Length,
-    width: Length,
-) -> Mesh:
+def creased_strip(comm: MPI.Intracomm, nx: Cells, ny: Cells, length: Length, width: Length) -> Mesh:
     """Make a flat strip of two panels, [-length, 0] and [0, length] by [0, width], with a crease
     between.
 

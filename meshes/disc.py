@@ -14,12 +14,7 @@ from .arrays import Cells, Length, Order, require_ascending
 
 
 @check_arguments
-def quarter_disc(
-    comm: MPI.Intracomm,
-    cells: Cells,
-    radius: Length = 1.0,
-    order: Order = 1,
-) -> Mesh:
+def quarter_disc(comm: MPI.Intracomm, cells: Cells, radius: Length = 1.0, order: Order = 1) -> Mesh:
     """Make the part x, y ≥ 0 of a disc about the origin, of four-sided patches without a bad
     triangle.
 

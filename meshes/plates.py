@@ -28,12 +28,7 @@ Integers = npt.NDArray[np.int64]
 
 @check_arguments
 def irregular_sheet(
-    comm: MPI.Intracomm,
-    nx: Cells,
-    ny: Cells,
-    width: Length,
-    height: Length,
-    seed: int = 1,
+    comm: MPI.Intracomm, nx: Cells, ny: Cells, width: Length, height: Length, seed: int = 1
 ) -> Mesh:
     """Make [0, width] × [0, height] of triangles with displaced nodes and random diagonals.
 
@@ -69,12 +64,7 @@ def irregular_sheet(
 
 @check_arguments
 def leaning_sheet(
-    comm: MPI.Intracomm,
-    nx: Cells,
-    ny: Cells,
-    width: Length,
-    height: Length,
-    ramp: Length,
+    comm: MPI.Intracomm, nx: Cells, ny: Cells, width: Length, height: Length, ramp: Length
 ) -> Mesh:
     """Make [0, width] × [0, height] in cells whose long sides lie at 45°, along wrinkles of a
     sheared film.
@@ -104,11 +94,7 @@ def leaning_sheet(
 
 @check_arguments
 def slit_ring(
-    comm: MPI.Intracomm,
-    radial: Cells,
-    around: Cells,
-    inner: Length,
-    outer: Length,
+    comm: MPI.Intracomm, radial: Cells, around: Cells, inner: Length, outer: Length
 ) -> Mesh:
     """Make a flat ring about the origin, cut along the positive x axis, in cells of two triangles.
 
@@ -136,12 +122,7 @@ def slit_ring(
 
 
 @check_arguments
-def free_slit_ring(
-    comm: MPI.Intracomm,
-    size: Length,
-    inner: Length,
-    outer: Length,
-) -> Mesh:
+def free_slit_ring(comm: MPI.Intracomm, size: Length, inner: Length, outer: Length) -> Mesh:
     """Make the ring of `slit_ring`, cut along the positive x axis, in triangles that follow no
     direction.
 
@@ -232,11 +213,7 @@ def whole_disc(comm: MPI.Intracomm, cells: Cells, radius: Length = 1.0) -> Mesh:
     return _mesh(comm, plane, np.array(triangles), {"rim": closed_rim})
 
 
-def _displaced(
-    n: int,
-    m: int,
-    random: np.random.Generator | None,
-) -> Floats:
+def _displaced(n: int, m: int, random: np.random.Generator | None) -> Floats:
     """Nodes (n + 1, m + 1, 2) of a grid of n by m cells on the unit square, the first index along
     the first side; a random generator moves them by up to a quarter of a cell, those on the edges
     along them."""
@@ -288,10 +265,7 @@ def _triangles(ids: Integers, other: npt.NDArray[np.bool_]) -> Integers:
 
 
 def _mesh(
-    comm: MPI.Intracomm,
-    points: Floats,
-    triangles: Integers,
-    lines: dict[str, Integers],
+    comm: MPI.Intracomm, points: Floats, triangles: Integers, lines: dict[str, Integers]
 ) -> Mesh:
     """Make a mesh of points (..., 3) [m], triangles (m, 3), and the nodes (k,) along each named
     group of edges, all numbered from 1, and distribute it; collective."""

@@ -158,11 +158,7 @@ def trapezoids(
 
 @check_arguments
 def pinwheel(
-    comm: MPI.Intracomm,
-    n: Annotated[int, Range(3)],
-    side: Length,
-    columns: Cells,
-    reach: Cells,
+    comm: MPI.Intracomm, n: Annotated[int, Range(3)], side: Length, columns: Cells, reach: Cells
 ) -> Mesh:
     """Make the flat ring of the fold `Star`, outside a regular polygon of n sides.
 
@@ -225,11 +221,7 @@ def pinwheel(
     return mesh_of_arrays(comm, arrays)
 
 
-def _around(
-    sector: Points,
-    angles: list[float],
-    cell: float,
-) -> tuple[Points, Numbers]:
+def _around(sector: Points, angles: list[float], cell: float) -> tuple[Points, Numbers]:
     """Points (k, 3) [m] in z = 0 and triangles of a sector, with corners (3m, 2) [m] of m
     triangles, turned about the origin by each of the angles [rad], and joined where copies meet:
     corners nearer than 1e-6 of the size of a cell [m]."""

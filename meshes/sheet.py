@@ -84,11 +84,7 @@ def sheet(
 
 @check_arguments
 def crossed_sheet(
-    comm: MPI.Intracomm,
-    nx: Cells,
-    ny: Cells,
-    width: Length = 1.0,
-    height: Length = 1.0,
+    comm: MPI.Intracomm, nx: Cells, ny: Cells, width: Length = 1.0, height: Length = 1.0
 ) -> Mesh:
     """Make a rectangular sheet [0, width] × [0, height] of cells of four triangles around a centre.
 

@@ -14,12 +14,7 @@ from .arrays import Cells, Length, Order
 
 
 @check_arguments
-def sphere(
-    comm: MPI.Intracomm,
-    radius: Length,
-    cells: Cells,
-    order: Order = 1,
-) -> Mesh:
+def sphere(comm: MPI.Intracomm, radius: Length, cells: Cells, order: Order = 1) -> Mesh:
     """Make a closed sphere about the origin; normals point outwards.  Group: "film".  Collective.
 
     Args:

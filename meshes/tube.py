@@ -16,11 +16,7 @@ from .arrays import Cells, Length
 
 @check_arguments
 def flat_tube(
-    comm: MPI.Intracomm,
-    length: Length,
-    diameter: Length,
-    cells: Cells,
-    compartments: Cells = 1,
+    comm: MPI.Intracomm, length: Length, diameter: Length, cells: Cells, compartments: Cells = 1
 ) -> Mesh:
     """Make a closed tube pressed flat into z = 0: two strips that share their edges.
 

@@ -14,12 +14,7 @@ from .arrays import Cells, Length, Order
 
 
 def capped_cylinder(
-    comm: MPI.Intracomm,
-    radius: float,
-    length: float,
-    around: int,
-    along: int,
-    order: int = 1,
+    comm: MPI.Intracomm, radius: float, length: float, around: int, along: int, order: int = 1
 ) -> Mesh:
     """Make a `cylinder` about the x axis that flat caps close, group "caps".  Collective.
 

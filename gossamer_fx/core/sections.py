@@ -58,14 +58,7 @@ class Section:
 
 
 def _of_shape(
-    E: float,
-    nu: float,
-    density: float,
-    A: float,
-    I2: float,
-    I3: float,
-    J: float,
-    k: float,
+    E: float, nu: float, density: float, A: float, I2: float, I3: float, J: float, k: float
 ) -> Section:
     """Section of isotropic material with the area A [m²], the second moments I2 = ∫X2² dA and I3
     along the principal axes d2 and d3 [m⁴], the torsion constant J [m⁴] and the shear coefficient
@@ -85,13 +78,7 @@ def _of_shape(
 
 
 @check_arguments
-def solid_circle(
-    radius: Length,
-    *,
-    E: Modulus,
-    nu: PoissonsRatio,
-    density: Density,
-) -> Section:
+def solid_circle(radius: Length, *, E: Modulus, nu: PoissonsRatio, density: Density) -> Section:
     """Circular section; shear coefficient 6(1+ν)/(7+6ν) (Cowper, J. Appl. Mech. 33 (1966) 335).
 
     Args:
@@ -115,12 +102,7 @@ def solid_circle(
 
 @check_arguments
 def tube(
-    outer_radius: Length,
-    wall_thickness: Length,
-    *,
-    E: Modulus,
-    nu: PoissonsRatio,
-    density: Density,
+    outer_radius: Length, wall_thickness: Length, *, E: Modulus, nu: PoissonsRatio, density: Density
 ) -> Section:
     """Section of a circular tube.
 
@@ -158,12 +140,7 @@ def tube(
 
 @check_arguments
 def rectangle(
-    width2: Length,
-    width3: Length,
-    *,
-    E: Modulus,
-    nu: PoissonsRatio,
-    density: Density,
+    width2: Length, width3: Length, *, E: Modulus, nu: PoissonsRatio, density: Density
 ) -> Section:
     """Rectangular section; shear coefficient 10(1+ν)/(12+11ν) (Cowper 1966).
 

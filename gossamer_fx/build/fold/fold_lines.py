@@ -166,12 +166,7 @@ def _check_mesh(folds: Map, mesh: Mesh) -> None:
     folds.check_fits(*box(mesh.comm, X))
 
 
-def _kinked_edges(
-    folds: Map,
-    mesh: Mesh,
-    shut: Array,
-    ajar: Array,
-) -> tuple[Indices, list[Key]]:
+def _kinked_edges(folds: Map, mesh: Mesh, shut: Array, ajar: Array) -> tuple[Indices, list[Key]]:
     """The owned edges at which a fold map has a kink, by their local numbers (k,), and for each the
     number of its fold, its sheet, its sign, and the size of its angle [rad].
 
@@ -205,12 +200,7 @@ def _kinked_edges(
     return inside[kinked], keys
 
 
-def _refuse_cut_triangles(
-    folds: Map,
-    mesh: Mesh,
-    flat: Array,
-    folded: Array,
-) -> None:
+def _refuse_cut_triangles(folds: Map, mesh: Mesh, flat: Array, folded: Array) -> None:
     """Raise `InputError` on all ranks if an edge of a triangle changes its length from the flat to
     the folded corners (triangles, 3, 3) [m].  Collective."""
     owned = mesh.domain.topology.index_map(2).size_local
@@ -237,12 +227,7 @@ def _edge_lengths(corners: Array) -> Array:
     return np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
 
 
-def _angles(
-    x: Array,
-    corners: Indices,
-    cells: Indices,
-    sides: Indices,
-) -> Array:
+def _angles(x: Array, corners: Indices, cells: Indices, sides: Indices) -> Array:
     """Signed fold angles (n,) [rad] of edges, between -π and π, zero if flat.
 
     x (v, 3) [m] are the vertices and `corners` (triangles, 3) their numbers in all triangles;

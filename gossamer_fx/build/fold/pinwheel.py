@@ -161,13 +161,7 @@ class Star(FoldMap):
             is_behind[here] = (ψ > sector / 2 + COORDINATE_ROUND_OFF)[here]
         return corner, distance, depth, is_behind
 
-    def _corner(
-        self,
-        k: Array,
-        column: Array,
-        depth: Array,
-        is_behind: Array,
-    ) -> Array:
+    def _corner(self, k: Array, column: Array, depth: Array, is_behind: Array) -> Array:
         """Horizontal positions (m, 2) [m] in the roll of points on columns, lines across the
         pleats: the corner k (m,) of their sector, the number of columns from it (m,), the depth
         (m,) from 0 at the bound of the sector (z = 0) to 1 at its bisector, and 1 behind the

@@ -59,12 +59,7 @@ class Fibre:
         return CableLaw(EA=self.E / self.density * linear_density, line_density=linear_density)
 
 
-def _fibre(
-    name: str,
-    cn_per_dtex: float,
-    grams_per_cm3: float,
-    source: str,
-) -> Fibre:
+def _fibre(name: str, cn_per_dtex: float, grams_per_cm3: float, source: str) -> Fibre:
     """A fibre in SI units, from a tensile modulus in the makers' unit cN/dtex and a density in
     g/cm³."""
     return Fibre(

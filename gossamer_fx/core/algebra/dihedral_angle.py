@@ -96,12 +96,7 @@ def gradient(X: Numbers) -> Numbers:
     return (_v(_v(C)) * gS - _v(_v(S)) * gC) / _v(_v(C * C + S * S))
 
 
-def discrete_gradient(
-    X0: Array,
-    X1: Numbers,
-    θ0: Array,
-    θ1: Numbers,
-) -> Numbers:
+def discrete_gradient(X0: Array, X1: Numbers, θ0: Array, θ1: Numbers) -> Numbers:
     """Discrete gradient G (..., 3, 3) of the dihedral angle of folds over a step from X0 to X1
     (..., 3, 3), in the inverse of their unit; equations (3) and (4) of the module.
 
@@ -160,12 +155,7 @@ def discrete_gradient(
     return weight_of_sine * gS - weight_of_cosine * gC
 
 
-def discrete_gradient_derivative(
-    X0: Array,
-    X1: Array,
-    θ0: Array,
-    θ1: Array,
-) -> Array:
+def discrete_gradient_derivative(X0: Array, X1: Array, θ0: Array, θ1: Array) -> Array:
     """Derivative ∂G/∂X1 (n, 3, 3, 3, 3) of the discrete gradient of n folds, by complex steps,
     exact to round-off; the last two axes are those of X1."""
     # θ is θ1 with the complex step that follows from that of X1; `_v` adds an axis.  The angle at

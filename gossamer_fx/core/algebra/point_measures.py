@@ -125,10 +125,7 @@ def attach(
 
 
 def attach_all(
-    numbering: Numbering,
-    bodies: list[Body],
-    tuples: Sequence[Ports],
-    rows: int,
+    numbering: Numbering, bodies: list[Body], tuples: Sequence[Ports], rows: int
 ) -> tuple[GlobalIndices, Array, Array]:
     """Maps X = P q + offset from the unknowns to the stacked vectors of n tuples of ports, as
     arrays.
@@ -275,13 +272,7 @@ class PointMeasures:
         if self.is_linear:
             self._constant_slope = self.forces(self._L)
 
-    def _stationary(
-        self,
-        P: Array,
-        H: Array,
-        L: Array,
-        offset: Array,
-    ) -> Array:
+    def _stationary(self, P: Array, H: Array, L: Array, offset: Array) -> Array:
         """Points z (n, D) of the unknowns about which n sets of m strains ½ X·H X + L·X + c are
         expanded: zero without ports of the ground, else their least-squares stationary points, so
         that no large numbers cancel."""
@@ -398,12 +389,7 @@ class Gather:
         )
 
 
-def add_blocks(
-    A: PETSc.Mat,
-    rows: GlobalIndices,
-    columns: GlobalIndices,
-    values: Array,
-) -> None:
+def add_blocks(A: PETSc.Mat, rows: GlobalIndices, columns: GlobalIndices, values: Array) -> None:
     """Add n dense blocks (n, r, c) to a PETSc matrix at their global rows (n, r) and columns (n,
     c); n may be zero, and entries that coincide add up.  The collective assembly is left to the
     caller."""

@@ -217,10 +217,7 @@ def _labelled(parameter: inspect.Parameter, value: Any) -> list[tuple[str, Any]]
 
 
 def _wrong_call(
-    signature: inspect.Signature,
-    args: tuple[Any, ...],
-    kwargs: dict[str, Any],
-    error: TypeError,
+    signature: inspect.Signature, args: tuple[Any, ...], kwargs: dict[str, Any], error: TypeError
 ) -> str:
     """Explain in one clause of a message why arguments do not fit a signature: unknown names first,
     then too many positional arguments, then missing ones."""

@@ -168,12 +168,7 @@ def check_positive(item: Any, quantity: str, unit: str) -> None:
     require_positive(what, getattr(item, quantity), unit)
 
 
-def require_positive(
-    what: str,
-    value: float,
-    unit: str,
-    hint: str = "",
-) -> None:
+def require_positive(what: str, value: float, unit: str, hint: str = "") -> None:
     """Raise `InputError` unless a value is a finite, positive number, the same on all ranks.  The
     message begins with `what`; `hint` follows "give a positive number" and the unit.
 
@@ -301,12 +296,7 @@ def _reason(error: Exception) -> str:
 
 
 def wait_for_others(
-    comm: MPI.Intracomm,
-    request: MPI.Request,
-    *,
-    patience: float,
-    message: str,
-    exit_code: int,
+    comm: MPI.Intracomm, request: MPI.Request, *, patience: float, message: str, exit_code: int
 ) -> None:
     """Wait for a request of MPI.  If it does not complete within `patience` [s], print the message
     to standard error and end the program on all ranks."""

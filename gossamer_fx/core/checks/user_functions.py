@@ -50,10 +50,7 @@ def ask[T](comm: MPI.Intracomm, what: str, function: Callable[[], T]) -> T:
 
 
 def ask_numbers(
-    comm: MPI.Intracomm,
-    what: str,
-    function: Callable[[], Any],
-    shape: tuple[int, ...] = (),
+    comm: MPI.Intracomm, what: str, function: Callable[[], Any], shape: tuple[int, ...] = ()
 ) -> Numbers:
     """Call a function of the user that returns finite numbers, the same on all ranks.  Collective.
 
@@ -72,10 +69,7 @@ def ask_numbers(
 
 
 def ask_points(
-    comm: MPI.Intracomm,
-    what: str,
-    function: Callable[[], Any],
-    shape: tuple[int, ...],
+    comm: MPI.Intracomm, what: str, function: Callable[[], Any], shape: tuple[int, ...]
 ) -> Numbers:
     """Call a function of the user that returns finite numbers at this rank's points.  Collective.
 
@@ -146,11 +140,7 @@ def _shown(value: Any) -> str:
 
 
 def _agree(
-    comm: MPI.Intracomm,
-    what: str,
-    problem: str,
-    cause: Exception | None,
-    values: Numbers,
+    comm: MPI.Intracomm, what: str, problem: str, cause: Exception | None, values: Numbers
 ) -> Numbers:
     """Return the values if no rank has a problem and those of all ranks are the same, the largest
     where they differ by round-off.  Collective.

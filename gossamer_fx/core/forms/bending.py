@@ -228,13 +228,7 @@ class Bending:
         work_of_test_moments = ufl.dot(moment_w, jump_x)
         return (penalty_term - work_of_moments - work_of_test_moments) * dS
 
-    def clamp(
-        self,
-        x: Expr,
-        w: Expr,
-        d: Expr,
-        ds: ufl.Measure,
-    ) -> ufl.Form:
+    def clamp(self, x: Expr, w: Expr, d: Expr, ds: ufl.Measure) -> ufl.Form:
         """Integral over boundary edges where the plate is tangent to a unit vector d (3,), with
         that of a rest curvature (`rest_clamp`)."""
         # The jump is the part of the slope perpendicular to d; along d the slope is free.

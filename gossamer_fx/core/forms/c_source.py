@@ -181,12 +181,7 @@ def _load(header: Path, comm: MPI.Intracomm) -> CLibrary:
     return CLibrary(loaded.lib, loaded.ffi)
 
 
-def _build(
-    module: str,
-    path: Path,
-    header: Path,
-    arguments: Sequence[str],
-) -> None:
+def _build(module: str, path: Path, header: Path, arguments: Sequence[str]) -> None:
     """Compile a module in a separate folder, and rename it when it is complete: two runs may
     compile the same library at the same time, and neither sees half a file."""
     require_compiler()

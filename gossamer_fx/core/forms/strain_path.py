@@ -133,12 +133,7 @@ def with_derivative(S: Expr, e: Expr) -> Expr:
     return ufl.as_vector(components)
 
 
-def within_cone(
-    e0: Expr,
-    e1: Expr,
-    m: Expr,
-    margin: float,
-) -> tuple[Expr, Expr]:
+def within_cone(e0: Expr, e1: Expr, m: Expr, margin: float) -> tuple[Expr, Expr]:
     """Interval (start, end), 0 ≤ start ≤ end ≤ 1, of the path from the strain e0 to e1 (E11, E22, 2
     E12) on which h + margin ≥ m r, m > 0; start = end if it misses this cone.
 
@@ -306,9 +301,7 @@ def mean_gradient(ea: Expr, eb: Expr) -> Expr:
 
 
 def _mean_of_product(
-    a: tuple[Expr, Expr],
-    b: tuple[Expr, Expr],
-    J: tuple[Expr, Expr, Expr],
+    a: tuple[Expr, Expr], b: tuple[Expr, Expr], J: tuple[Expr, Expr, Expr]
 ) -> Expr:
     """The average of a b/r, with two linear functions a = a[0] + a[1] t and b = b[0] + b[1] t, over
     -1 ≤ t ≤ 1."""
@@ -319,13 +312,7 @@ def _mean_of_product(
 
 
 def _mean_inverse_radius(
-    xa: Expr,
-    ya: Expr,
-    xb: Expr,
-    yb: Expr,
-    ra: Expr,
-    rb: Expr,
-    k: Expr,
+    xa: Expr, ya: Expr, xb: Expr, yb: Expr, ra: Expr, rb: Expr, k: Expr
 ) -> Expr:
     """The average J0 of 1/|d| along a straight path of vectors d from da to db; k > 0 is the length
     of (db - da)/2.

@@ -156,9 +156,7 @@ def edges_of(domain: dmesh.Mesh) -> EdgeTable:
 
 
 def _triangles_at_edges(
-    topology: dmesh.Topology,
-    vertices: Indices,
-    n: int,
+    topology: dmesh.Topology, vertices: Indices, n: int
 ) -> tuple[Indices, Indices]:
     """Local triangles (n, 2) on the left and on the right of edges with the vertices (n, 2), and
     the number of the edge in them (n, 2), 0 to 2; -1 on a side without a triangle.

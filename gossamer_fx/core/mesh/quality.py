@@ -286,10 +286,7 @@ def crossings(comm: MPI.Intracomm, corners: Array, nodes: Integers) -> int:
 
 
 def _pierced(
-    mine: Array,
-    my_nodes: Integers,
-    others: Array,
-    other_nodes: Integers,
+    mine: Array, my_nodes: Integers, others: Array, other_nodes: Integers
 ) -> npt.NDArray[np.bool_]:
     """Mask (n,) of the triangles (n, 3, 3) [m] that intersect one of others (m, 3, 3), i.e. an edge
     of one passes through the inside of the other; triangles that share a global number of a node
@@ -330,10 +327,7 @@ def _pierced(
 
 
 def _is_candidate(
-    distance: Array,
-    reach: Array,
-    nodes: Integers,
-    other_nodes: Integers,
+    distance: Array, reach: Array, nodes: Integers, other_nodes: Integers
 ) -> npt.NDArray[np.bool_]:
     """Whether the bounding balls of pairs of triangles overlap, by the distance of their centres
     and the sum of their radii (n,) [m], and they share no node."""

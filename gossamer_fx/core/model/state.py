@@ -33,13 +33,7 @@ class BodyState:
     """One body in a state; what it returns is of this rank and read-only, unless stated
     otherwise."""
 
-    def __init__(
-        self,
-        body: Body,
-        part: slice,
-        q: PETSc.Vec,
-        v: PETSc.Vec,
-    ) -> None:
+    def __init__(self, body: Body, part: slice, q: PETSc.Vec, v: PETSc.Vec) -> None:
         self.body = body
         self.part = part
         self._q = q
@@ -117,11 +111,7 @@ class State:
     """
 
     def __init__(
-        self,
-        bodies: Sequence[Body],
-        comm: MPI.Intracomm,
-        q: PETSc.Vec,
-        v: PETSc.Vec,
+        self, bodies: Sequence[Body], comm: MPI.Intracomm, q: PETSc.Vec, v: PETSc.Vec
     ) -> None:
         self.comm = comm
         self._q = q

@@ -136,11 +136,7 @@ class Balance:
     depends_on_swept_volume = True
 
     def __init__(
-        self,
-        gas: IdealGas,
-        passages: list[Passage],
-        walls: list[tuple[Wall, int]],
-        n: int,
+        self, gas: IdealGas, passages: list[Passage], walls: list[tuple[Wall, int]], n: int
     ) -> None:
         self.h = 0.0
         self.temperatures: Array = np.zeros(n)
@@ -156,15 +152,7 @@ class Balance:
         self._wall_weights: Array = np.full(len(walls), 0.5)
         self._amplification: Array = np.zeros(n)
 
-    def begin(
-        self,
-        h: float,
-        t: float,
-        p: Array,
-        m: Array,
-        U: Array,
-        V: Array,
-    ) -> None:
+    def begin(self, h: float, t: float, p: Array, m: Array, U: Array, V: Array) -> None:
         """Start a step: store its initial state, without a copy, and choose the weights θ of its
         flows: ½ is the middle, 1 the end.  `InputError`: the area of a valve is negative or not a
         number."""
@@ -179,13 +167,7 @@ class Balance:
 
     # ---- equations -------------------------------------------------------------------------------
 
-    def residual(
-        self,
-        y: Array,
-        V: Array,
-        W: Array,
-        known: Rates | None = None,
-    ) -> Array:
+    def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
         """Return the excess of energy [J] and mass [kg] in each chamber over its balance in a step,
         (1) and (2) of the module: it gains mass by flows, and energy by flows, heat and the work of
         its enclosure."""
@@ -229,12 +211,7 @@ class Balance:
             rates.energy_supplied += heat
         return rates
 
-    def scales(
-        self,
-        y: Array,
-        V: Array,
-        magnitude: Array,
-    ) -> Array:
+    def scales(self, y: Array, V: Array, magnitude: Array) -> Array:
         """Energy [J] and mass [kg] of each chamber to which its residual is compared, (2n,).
 
         They include the round-off of two sums that the residual cannot fall below: that of the
@@ -249,12 +226,7 @@ class Balance:
 
     # ---- derivatives -----------------------------------------------------------------------------
 
-    def derivatives(
-        self,
-        y: Array,
-        V: Array,
-        W: Array,
-    ) -> tuple[Array, Array]:
+    def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
         """Return the derivatives (2n, 2n) and (2n, n) of the residual (energies [J], then masses
         [kg]) with respect to y and to V.  That with respect to W is the mean pressure on the
         diagonal of the energy rows; the caller has it."""
@@ -269,13 +241,7 @@ class Balance:
         self._add_heat_derivatives(by_y, by_V, y, V)
         return by_y, by_V
 
-    def _add_flow_derivatives(
-        self,
-        by_y: Array,
-        by_V: Array,
-        y: Array,
-        V: Array,
-    ) -> None:
+    def _add_flow_derivatives(self, by_y: Array, by_V: Array, y: Array, V: Array) -> None:
         """Subtract step length times the derivatives of the flows from those of the residual, which
         are changed in place.  p [Pa] and T [K] (n,) determine the flows."""
         n = self._n
@@ -308,13 +274,7 @@ class Balance:
                         by_y[row, n + k] += sign * T_slope * temperature[k] / total_mass[k]
                         by_V[row, k] -= sign * T_slope * end_pressure[k] * T_by_pV
 
-    def _add_heat_derivatives(
-        self,
-        by_y: Array,
-        by_V: Array,
-        y: Array,
-        V: Array,
-    ) -> None:
+    def _add_heat_derivatives(self, by_y: Array, by_V: Array, y: Array, V: Array) -> None:
         """Subtract step length times the derivatives of the heat of the walls, like
         `_add_flow_derivatives`.  Q [W] is the heat flow; p1 [Pa], m1 [kg] and U1 [J] are pressure,
         mass and energy of a chamber at the end."""
@@ -330,11 +290,7 @@ class Balance:
             by_V[k, k] += cooling * p1 / heat_factor
 
     def _slope(
-        self,
-        passage: Passage,
-        at_ends: tuple[Pair, Pair],
-        side: int,
-        quantity: str,
+        self, passage: Passage, at_ends: tuple[Pair, Pair], side: int, quantity: str
     ) -> Pair:
         """Return derivatives of mass flow [kg/s] and energy flow [W] of a passage with respect to
         the pressure [Pa] or temperature [K] at one end, by complex steps, exact to round-off."""
@@ -351,13 +307,7 @@ class Balance:
 
     # ---- solution --------------------------------------------------------------------------------
 
-    def settle(
-        self,
-        y: Array,
-        V: Array,
-        W: Array,
-        magnitude: Array,
-    ) -> Array | None:
+    def settle(self, y: Array, V: Array, W: Array, magnitude: Array) -> Array | None:
         """Solve the balance at given volumes by Newton's method, from a positive guess y; returns
         None if the iteration does not converge or the matrix is singular."""
         rates = self.rates(y, V)
@@ -395,12 +345,7 @@ class Balance:
         p = self._p0 + self._weights * (p1 - self._p0)
         return p, total_energy / (total_mass * self._cv)
 
-    def _flows(
-        self,
-        passage: Passage,
-        p: Pair,
-        T: Pair,
-    ) -> Pair:
+    def _flows(self, passage: Passage, p: Pair, T: Pair) -> Pair:
         """Return mass flow [kg/s] and enthalpy flow [W] from the first to the second end of an
         opening, at pressures p [Pa] and temperatures T [K] of both; the gas has the temperature of
         the end it comes from."""
@@ -412,14 +357,7 @@ class Balance:
         # `_cp` is the specific heat of the gas at constant pressure [J/(kg K)].
         return mass_flow, self._cp * upstream_temperature * mass_flow
 
-    def _heat(
-        self,
-        wall: Wall,
-        k: int,
-        weight: Number,
-        y: Array,
-        V: Array,
-    ) -> Number:
+    def _heat(self, wall: Wall, k: int, weight: Number, y: Array, V: Array) -> Number:
         """Return the heat flow [W] from a wall into chamber k, at a mean of its temperature with a
         weight of the end of the step, ½ to 1."""
         cv = self._cv
@@ -431,12 +369,7 @@ class Balance:
 
     # ---- weights ---------------------------------------------------------------------------------
 
-    def _choose_weights(
-        self,
-        p: Array,
-        T: Array,
-        V: Array,
-    ) -> None:
+    def _choose_weights(self, p: Array, T: Array, V: Array) -> None:
         """Choose the weight θ of the end of the step in the flows of every chamber, `_weights`
         (n,), and of every wall, `_wall_weights`: ½ for short steps and near 1 for steps in which
         pressures equalise, (4) and (5) of the module.
@@ -487,13 +420,7 @@ class Balance:
             wall_weights.append(_fitted_weight(self.h * cooling_rate))
         self._wall_weights = np.array(wall_weights)
 
-    def _conductance(
-        self,
-        passage: Passage,
-        pu: Number,
-        Tu: Number,
-        pd: Number,
-    ) -> Number:
+    def _conductance(self, passage: Passage, pu: Number, Tu: Number, pd: Number) -> Number:
         """Return the mass flow over the pressure difference [kg/(s Pa)] of an opening, from the
         pressure pu [Pa] and temperature Tu [K] to a lower pressure pd."""
         mass_flow = passage.opening.flow(self._gas, passage.area, (pu, pd), (Tu, Tu))

@@ -112,11 +112,7 @@ class Opening(Protocol):
         ...
 
     def flow(
-        self,
-        gas: IdealGas,
-        area: float,
-        p: tuple[complex, complex],
-        T: tuple[complex, complex],
+        self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]
     ) -> complex:
         """Return the mass flow [kg/s] from a to b; negative if the gas flows from b to a.
 

@@ -125,11 +125,7 @@ class FilmEnclosure:
     """
 
     def __init__(
-        self,
-        film: Membrane,
-        surface: tuple[str, ...],
-        rings: tuple[Ring, ...],
-        chamber: str,
+        self, film: Membrane, surface: tuple[str, ...], rings: tuple[Ring, ...], chamber: str
     ) -> None:
         self.film = film
         self.surface = surface

@@ -504,9 +504,7 @@ def _check_chambers(chambers: list[Volume]) -> None:
 
 
 def _compile_enclosure(
-    chamber: Volume,
-    system: Assembly,
-    geometry: Geometry,
+    chamber: Volume, system: Assembly, geometry: Geometry
 ) -> CompiledEnclosure | None:
     """Return the compiled enclosure of a chamber; None if its volume is not bounded by bodies."""
     if chamber.enclosure is None:
@@ -514,11 +512,7 @@ def _compile_enclosure(
     return chamber.enclosure.compile(system, geometry)
 
 
-def _passages(
-    items: list[Any],
-    numbers: dict[int, int],
-    geometry: Geometry,
-) -> list[Passage]:
+def _passages(items: list[Any], numbers: dict[int, int], geometry: Geometry) -> list[Passage]:
     """Return the openings of a scene, with their ends as numbers of chambers or as boundaries."""
 
     def end(item: Holder | Volume) -> End:

@@ -28,11 +28,7 @@ MIN_LAMINAR = 1e-12
 
 
 def isentropic_flow(
-    gas: IdealGas,
-    pu: complex,
-    Tu: complex,
-    pd: complex,
-    laminar: float,
+    gas: IdealGas, pu: complex, Tu: complex, pd: complex, laminar: float
 ) -> complex:
     """Mass flow per effective area [kg/(s m²)] of an isentropic nozzle, from pu [Pa] and Tu [K] to
     pd ≤ pu.
@@ -155,11 +151,7 @@ class Orifice:
         return opening
 
     def flow(
-        self,
-        gas: IdealGas,
-        area: float,
-        p: tuple[complex, complex],
-        T: tuple[complex, complex],
+        self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]
     ) -> complex:
         if p[0].real >= p[1].real:
             return area * isentropic_flow(gas, p[0], T[0], p[1], self.laminar)

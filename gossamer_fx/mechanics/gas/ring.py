@@ -380,12 +380,7 @@ class Loop:
                 signs[i] = -1
         return signs
 
-    def add_own(
-        self,
-        values: Array,
-        start: int,
-        G: Array,
-    ) -> None:
+    def add_own(self, values: Array, start: int, G: Array) -> None:
         """Add a gradient G (nodes, 3) [m²] at all nodes of the ring to the owned unknowns of the
         film, flattened, which begin at `start` in this rank's part of a system vector; changed in
         place."""

@@ -280,12 +280,7 @@ class FilmSurface:
             self._totals_at_end[c] = self._total(c, self._at_end, of_loops)
         return self._totals_at_end[c]
 
-    def _total(
-        self,
-        c: int,
-        G: Array,
-        of_loops: list[Array],
-    ) -> Array:
+    def _total(self, c: int, G: Array, of_loops: list[Array]) -> Array:
         """Return the gradient [m²] of a chamber's volume at the film's owned unknowns, flattened:
         the sum over the triangles of all ranks, with G (rows, 3) [m²] from this rank's, and over
         the strips of the chamber's loops.  Collective.

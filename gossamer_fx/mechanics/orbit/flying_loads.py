@@ -81,13 +81,7 @@ class _ByComplexSteps:
         self._lag = 1.0
         self._X0: Array = np.zeros(0)
 
-    def begin(
-        self,
-        t: float,
-        lag: float,
-        X: Array,
-        V: Array,
-    ) -> None:
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         """Start a step from the vectors X of the ports, stored as `_X0`; mean rates are (X -
         X0)/lag."""
         self._lag = lag

@@ -44,12 +44,7 @@ class MagneticDipole:
     """
 
     def __init__(
-        self,
-        frame: Frame,
-        orbit: Orbit,
-        *,
-        moment: Vector | MomentHistory,
-        name: str = "magnet",
+        self, frame: Frame, orbit: Orbit, *, moment: Vector | MomentHistory, name: str = "magnet"
     ) -> None:
         self.frame = frame
         self.orbit = orbit

@@ -194,12 +194,7 @@ def _ports_and_masses(term: Kinetic) -> tuple[Sequence[tuple[Attached, ...]], Ar
     return ports, term.mass.reshape(-1, k, k)
 
 
-def growth(
-    R: Any,
-    x: Any,
-    dot: Any,
-    root: Any,
-) -> tuple[Any, Any]:
+def growth(R: Any, x: Any, dot: Any, root: Any) -> tuple[Any, Any]:
     """|R| and |R + x| - |R| [m], by (2R + x)·x/(|R + x| + |R|), in which nothing cancels.
 
     R [m] is the origin of the frame from the attracting centre, x [m] a position in the frame;
@@ -216,12 +211,7 @@ def growth(
     return r, longer / (r + root(r**2 + longer))
 
 
-def excess(
-    r0: Any,
-    r1: Any,
-    d0: Any,
-    d1: Any,
-) -> Any:
+def excess(r0: Any, r1: Any, d0: Any, d1: Any) -> Any:
     """γ = σ(R0, R1)/σ(X0, X1) - 1 without cancellation, see the module.
 
     r0 and r1 are |R0| and |R1| [m], d0 and d1 |X0| - |R0| and |X1| - |R1| [m] as `growth` returns

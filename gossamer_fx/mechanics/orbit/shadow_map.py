@@ -68,12 +68,7 @@ class ShadowMap:
         self.lit.x.scatter_forward()
 
 
-def lit_fractions(
-    comm: MPI.Intracomm,
-    triangles: Array,
-    u: Array,
-    pixels: int,
-) -> Array:
+def lit_fractions(comm: MPI.Intracomm, triangles: Array, u: Array, pixels: int) -> Array:
     """Fraction (n,), from 0 to 1, of each of this rank's triangles (n, 3, 3) [m] that light along a
     unit vector u (3,) reaches, by a depth map with a number of pixels across.  Collective.
 

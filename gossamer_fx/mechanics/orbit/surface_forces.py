@@ -77,14 +77,7 @@ class Accommodation:
     wall_temperature: Annotated[float, positive("K")] = 300.0
 
 
-def coefficients(
-    c: Any,
-    s: Any,
-    σn: Any,
-    σt: Any,
-    wall: Any,
-    maths: Any,
-) -> tuple[Any, Any]:
+def coefficients(c: Any, s: Any, σn: Any, σt: Any, wall: Any, maths: Any) -> tuple[Any, Any]:
     """(A, B): the flow of mass density ρ and velocity U exerts per area ½ρU² (A n + B u) on one
     side.
 
@@ -147,13 +140,7 @@ class Rows:
         return np.where(np.real(where_positive) > 0, a, b)
 
 
-def light_force(
-    a: Any,
-    u: Any,
-    front: Any,
-    back: Any,
-    maths: Any,
-) -> Any:
+def light_force(a: Any, u: Any, front: Any, back: Any, maths: Any) -> Any:
     """Force of light on a face, divided by the pressure of light: a vector [m²], of the shape of
     `a`.
 
@@ -185,14 +172,7 @@ def light_force(
 
 
 def flow_force(
-    a: Any,
-    U: Any,
-    thermal: Any,
-    σn: Any,
-    σt: Any,
-    wall: Any,
-    two_sided: Any,
-    maths: Any,
+    a: Any, U: Any, thermal: Any, σn: Any, σt: Any, wall: Any, two_sided: Any, maths: Any
 ) -> Any:
     """Force of free-molecular flow on a face, divided by the density of the air: a vector [m⁴/s²],
     of the shape of `a`; NaN where `a` or `U` is zero.

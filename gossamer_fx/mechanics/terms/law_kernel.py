@@ -93,10 +93,7 @@ def cell_function(expression: fem.Expression) -> CellFunction:
 
 
 def law_functions(
-    energy: PathEnergy,
-    rule: StressRule,
-    start: fem.Function,
-    strain: fem.Function,
+    energy: PathEnergy, rule: StressRule, start: fem.Function, strain: fem.Function
 ) -> LawFunctions:
     """Compile the C functions of a stored energy for a stress rule, by which its mean stress (m,),
     with the derivatives (m, m), follows from the strains (m,) at the start of the step and of the

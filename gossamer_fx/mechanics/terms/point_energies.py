@@ -86,13 +86,7 @@ class Stencil:
     place.  With pairs that change from step to step, a new stencil is made for each list of them.
     """
 
-    def __init__(
-        self,
-        at: PointMeasures,
-        density: Any,
-        dissipates: bool,
-        alpha: float,
-    ) -> None:
+    def __init__(self, at: PointMeasures, density: Any, dissipates: bool, alpha: float) -> None:
         """The start of a step is set by `keep`, its length [s] by the attribute `h`; until then
         they are zero, and 1 s."""
         self.at = at

@@ -41,13 +41,7 @@ from gossamer_fx.mechanics.terms.assembly import Assembly, CompiledTerms, Compil
 class PointForce(Protocol):
     """Force on attached vectors, evaluated alike on every rank."""
 
-    def begin(
-        self,
-        t: float,
-        lag: float,
-        X: Array,
-        V: Array,
-    ) -> None:
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         """Start a step from the state at its beginning.
 
         Args:
@@ -352,13 +346,7 @@ class Couple:
     def __init__(self) -> None:
         self.torque: Array = np.zeros(3)
 
-    def begin(
-        self,
-        t: float,
-        lag: float,
-        X: Array,
-        V: Array,
-    ) -> None:
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         """Nothing to prepare: the torque is constant."""
 
     def _spread(self, r: Array) -> tuple[Array, Array]:
