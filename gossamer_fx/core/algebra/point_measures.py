@@ -128,7 +128,7 @@ def attach_all(
     numbering: Numbering, bodies: list[Body], tuples: Sequence[Ports], rows: int
 ) -> tuple[GlobalIndices, Array, Array]:
     """Maps X = P q + offset from the unknowns to the stacked vectors of n tuples of ports, as
-    arrays.
+    `attach` has them, as arrays.
 
     Tuples with fewer unknowns than others take their first one several times, with weight zero.
 
@@ -139,9 +139,8 @@ def attach_all(
         rows: 3k, needed where a rank has no tuple.
 
     Returns:
-        Global indices (n, D), maps P (n, rows, D), with lengths [m] where a point depends on a
-            director, else dimensionless, and offsets (n, rows), [m] for points.  D is the largest
-            number of unknowns of a tuple on this rank.
+        Global indices (n, D), maps P (n, rows, D) and offsets (n, rows).  D is the largest number
+            of unknowns of a tuple on this rank.
 
     Raises:
         InputError: a port whose nodes, weights and vectors do not belong together.
@@ -198,25 +197,19 @@ def nodes_of(measure: PointMeasure) -> int:
 
 
 class PointMeasures:
-    """Point measures that this rank evaluates, as arrays: e_i = ½ Y·H_i Y + L_i·Y + c_i, Y = P (q -
-    z).
+    """Point measures of one kind that this rank evaluates, as arrays: e_i = ½ Y·H_i Y + L_i·Y +
+    c_i, Y = P (q - z).
 
-    Measures of one kind become one array if they have as many measures m and unknowns D.
-
-    z (n, D) is where the measures are stationary, if there is ground: ½|x - g|² of a point g far
-    from the origin would otherwise be a small difference of large numbers.
+    Measures become one array if they have as many measures m and unknowns D.  z (n, D) is where
+    they are stationary, if there is ground: ½|x - g|² of a point g far from the origin would
+    otherwise be a small difference of large numbers.
 
     P is kept only where it has fewer rows than columns.  Else H and L are those of q - z: products
     with P would cost more than they save.  Vectors that depend on many unknowns, as the points of a
     reduced film do, would have large matrices, and keep P.
 
-    Args:
-        numbering, bodies: of the system.
-        measures: of one kind.
-
     Attributes:
         owner: (n,) index of the measure to which each tuple of ports belongs.
-        n, m, D: see the module.
         indices: (n, D) global indices of the unknowns.
         c: (n, m).
         share_unknowns: whether all tuples depend on the same unknowns, as those of a reduced film

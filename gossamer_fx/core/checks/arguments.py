@@ -126,20 +126,11 @@ class Kind:
 
 
 def check_arguments[T: Callable[..., Any]](thing: T) -> T:
-    """Let a class or function check its arguments before it acts; a decorator.
+    """Let a class or function check its arguments when it is called, before it acts; a decorator.
 
     Of a class the arguments of its constructor are checked.  A subclass with another constructor
-    needs the decorator, too.
-
-    Args:
-        thing: the class or function.  All its arguments have annotations.
-
-    Returns:
-        The same class, whose constructor now checks; or a function that checks and then calls
-        `thing`.
-
-    Raises, when the class or function is called:
-        InputError: an argument that is missing, unknown, or not of the type in its annotation.
+    needs the decorator, too.  All arguments have annotations.  One that is missing, unknown, or not
+    of the type and in the range of its annotation raises `InputError`.
 
     Example:
         >>> from gossamer_fx.core.checks.arguments import check_arguments

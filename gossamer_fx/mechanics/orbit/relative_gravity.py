@@ -317,11 +317,8 @@ class CompiledOrbit(
     CompiledTerms["RelativeGravity"],
 ):
     """Gravity on all bodies of a flying scene, and the energy of their common motion.
-
-    Raises:
-        InputError: the scene has several orbits, another stepper than the midpoint rule, or an item
-            that fixes a body in the frame.
-    """
+    `InputError`: the scene has several orbits, another stepper than the midpoint rule, or an item
+    that fixes a body in its reference frame."""
 
     def __init__(self, terms: Sequence[RelativeGravity], system: Assembly) -> None:
         """Check that the scene can fly, and compile gravity on its bodies.  Collective."""
