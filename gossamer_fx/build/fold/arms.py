@@ -125,7 +125,9 @@ class Ikaros(FoldMap):
 
     def ajar(self) -> Ikaros:
         """The same fold, loose enough to distinguish mountains and valleys."""
-        return _Tilted(**vars(self.pressed()))
+        pressed = self.pressed()
+        gap = AJAR * pressed.radius / pressed._layers
+        return replace(pressed, gap=gap, hub_gap=gap)
 
     def place(self, X: Array, side: Array) -> Array:
         """In the code u is the coordinate along the trapezoid in columns, i the column before the
@@ -274,18 +276,3 @@ class Ikaros(FoldMap):
         quarter_turn = np.array([[0.0, 1.0], [-1.0, 0.0]])
         across = at(p) @ quarter_turn
         return r[:, None] * direction - early[:, None] * across
-
-
-class _Tilted(Ikaros):
-    """Neighbouring panels are turned apart about their folds, so that none of these is shut."""
-
-    def pressed(self) -> Ikaros:
-        """The fold itself: its layers must not touch."""
-        return self
-
-    def place(self, X: Array, side: Array) -> Array:
-        """Positions (n, 3) [m] in a roll whose thickness is `AJAR` times its radius."""
-        gap = AJAR * self.radius / self._layers
-        # A plain `Ikaros`, as the gaps of this class are zero.
-        loose = replace(Ikaros(**vars(self)), gap=gap, hub_gap=gap)
-        return loose.place(X, side)

@@ -110,7 +110,7 @@ def find_lines(folds: Map, mesh: Mesh) -> list[FoldLine]:
     # Step 1 of the module
     one_sheet = np.zeros(len(X))
     shut = folds.pressed().place(X, one_sheet)
-    ajar = folds.ajar().pressed().place(X, one_sheet)
+    ajar = folds.pressed().ajar().place(X, one_sheet)
     check_on_all(
         mesh.comm,
         bool(np.isfinite(shut).all() and np.isfinite(ajar).all()),

@@ -97,7 +97,8 @@ class Star(FoldMap):
 
     def ajar(self) -> Star:
         """The same fold, loose enough to distinguish mountains and valleys."""
-        return _Open(self.n, self.side, columns=self.columns, reach=self.reach)
+        gap = AJAR * self.pressed().radius * self.columns / self.reach
+        return replace(self, gap=gap)
 
     def place(self, X: Array, side: Array) -> Array:
         """NaN for points within the polygon."""
@@ -175,28 +176,3 @@ class Star(FoldMap):
         # Distance from the axis [m]
         r = self.radius + self.gap * layer
         return r[:, None] * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
-
-
-class _Open(Star):
-    """Layers are so far apart that no fold is shut."""
-
-    @property
-    def _ajar(self) -> float:
-        """Distance of layers [m]."""
-        return AJAR * self.radius * self.columns / self.reach
-
-    def pressed(self) -> Star:
-        """The fold itself: its layers must not touch."""
-        return self
-
-    def place(self, X: Array, side: Array) -> Array:
-        """The same roll with layers apart, so that no fold is shut."""
-        # A plain `Star`, as the radius of this class is that without a gap.
-        star = Star(
-            n=self.n,
-            side=self.side,
-            columns=self.columns,
-            reach=self.reach,
-            gap=self._ajar,
-        )
-        return star.place(X, side)

@@ -85,7 +85,8 @@ class Spiral(FoldMap):
 
     def ajar(self) -> Spiral:
         """The same fold, loose enough to distinguish mountains and valleys."""
-        return _Open(**vars(self.pressed()))
+        pressed = self.pressed()
+        return replace(pressed, gap=AJAR * pressed.radius / pressed._layers)
 
     def place(self, X: Array, side: Array) -> Array:
         """In the code u is the coordinate along the strip in columns, i the column before a point,
@@ -109,18 +110,3 @@ class Spiral(FoldMap):
         r = self.radius + self.gap * (layer + (self.rows + 1) * turns)
         angle = 2 * math.pi * turns
         return r[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-
-
-class _Open(Spiral):
-    """Layers are so far apart that no fold is shut."""
-
-    def pressed(self) -> Spiral:
-        """The fold itself: its layers must not touch."""
-        return self
-
-    def place(self, X: Array, side: Array) -> Array:
-        """Positions (n, 3) [m] in a roll whose thickness is `AJAR` times its radius."""
-        gap = AJAR * self.radius / self._layers
-        # A plain `Spiral`, as the gap of this class is zero.
-        spiral = replace(Spiral(**vars(self)), gap=gap)
-        return spiral.place(X, side)
