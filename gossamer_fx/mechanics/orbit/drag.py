@@ -214,11 +214,8 @@ class _FlowOnFaces(FacesForce):
     def prepare(self, flight: Flight) -> None:
         self._air, self._wind = self._drag.flow(flight)
 
-    def on_faces(self, areas: Array, positions: Array, rates: Array) -> Array:
-        """Forces (..., n, 3) [N] of the air of the step, which `prepare` has set, on n flat faces
-        with area vectors (..., n, 3) [m²] pointing away from their fronts and velocities of their
-        centres (..., n, 3) [m/s].  Positions are not used, since the air is uniform; a face without
-        area or without relative flow gives NaN."""
+    def on_faces(self, areas: Array, rates: Array) -> Array:
+        """A face without area or without relative flow gives NaN."""
         how, air = self._drag.accommodation, self._air
         wall = math.sqrt(how.wall_temperature / air.temperature)
         # Velocity of the air relative to each face (..., n, 3) [m/s].

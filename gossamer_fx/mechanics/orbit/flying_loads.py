@@ -153,11 +153,10 @@ class FacesForce:
         """Forces (..., 4, 3) on position and directors X (..., 4, 3) that move with the rates."""
         # Area vectors turn with the directors; the position does not move them.
         faces = self._areas @ X[..., 1:, :]
-        f = self.on_faces(faces, self._arms @ X, self._arms @ rate)
-        total: Array = np.swapaxes(f, -1, -2) @ self._arms
-        return np.swapaxes(total, -1, -2)
+        f = self.on_faces(faces, self._arms @ rate)
+        return np.swapaxes(np.swapaxes(f, -1, -2) @ self._arms, -1, -2)
 
-    def on_faces(self, areas: Array, positions: Array, rates: Array) -> Array:
-        """Forces (..., n, 3) [N] on area vectors [m²] at positions [m] with velocities [m/s], all
-        (..., n, 3)."""
+    def on_faces(self, areas: Array, rates: Array) -> Array:
+        """Forces (..., n, 3) [N] on faces with area vectors [m²], which point away from their
+        fronts, and velocities of their centres [m/s], all (..., n, 3)."""
         raise NotImplementedError

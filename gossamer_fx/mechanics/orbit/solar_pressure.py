@@ -210,7 +210,7 @@ class _LightOnFaces(FacesForce):
     def prepare(self, flight: Flight) -> None:
         self._u, self._P = flight.light()
 
-    def on_faces(self, areas: Array, positions: Array, rates: Array) -> Array:
+    def on_faces(self, areas: Array, rates: Array) -> Array:
         return self._P * light_force(areas, self._u, self._front, self._back, Rows)
 
 
