@@ -7,7 +7,7 @@ Algorithm.
 
 1. A node is identified by its point on the mesh, rounded to a cube of a small edge (`_names`).
 2. Each rank reads a share of the points and displacements of each file (`_Part`).
-3. Ranks exchange displacements by the names of their nodes (`algebra.rendezvous.fetch`).
+3. Ranks exchange displacements by the names of their nodes (`algebra.rank_exchange.fetch`).
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from mpi4py import MPI
 
 from gossamer_fx.core.checks.errors import on_rank_zero
 from gossamer_fx.core.forms.backend import KERNELS_TAKE_DATA
-from gossamer_fx.core.forms.compilation import kernel_options, require_compiler
+from gossamer_fx.core.forms.compilation import kernel_options, private_cache, require_compiler
 
 # Names of C's types of array elements, by NumPy's.
 C_TYPES = {"float64": "double", "int32": "int32_t", "int64": "int64_t", "uint8": "uint8_t"}
@@ -169,6 +169,7 @@ def _load(header: Path, comm: MPI.Intracomm) -> CLibrary:
     path = Path(options["cache_dir"]) / f"{module}.so"
 
     def build() -> None:
+        private_cache()
         if not path.exists():
             _build(module, path, header, arguments)
 

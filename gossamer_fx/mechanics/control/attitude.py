@@ -24,6 +24,7 @@ from gossamer_fx.mechanics.control.rotation import (
     rotation,
     rotation_derivative,
 )
+from gossamer_fx.mechanics.terms.assembly import HistoryVariables
 from gossamer_fx.mechanics.terms.point_loads import Couple, PointLoad
 
 # Fraction of a period by which a sample may be early: the round-off of summed times.
@@ -90,7 +91,7 @@ class _ControlTorque(Couple):
         return self
 
 
-class _SampledTorque(_ControlTorque):
+class _SampledTorque(_ControlTorque, HistoryVariables):
     """The torque of an `AttitudeControl` that is computed once a period and held constant in
     between.
 

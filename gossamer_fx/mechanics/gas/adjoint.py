@@ -91,8 +91,8 @@ class _Boundary:
 
 
 class GasAdjoint:
-    """Derivatives of the gas of a running scene, for gradients of runs; `sums` are those of the
-    result by the parameters, so far."""
+    """Derivatives of the gas of a running scene, for gradients of runs; `units` are those of the
+    parameters, by (id of the item, name), `sums` the derivatives of the result by them, so far."""
 
     def __init__(self, network: SolvedGas) -> None:
         self._network = network
@@ -158,6 +158,7 @@ class GasAdjoint:
         return float(getattr(item, name))
 
     def names_of(self, item: object) -> list[str]:
+        """Names of the parameters of an item of the scene, sorted."""
         return sorted(name for owner, name in self.units if owner == id(item))
 
     # ---- a step ----------------------------------------------------------------------------------

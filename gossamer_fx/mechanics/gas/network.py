@@ -23,23 +23,12 @@ Algorithm.  In each Newton iteration of the bodies:
 
 G = -α ∂V/∂q are the forces of a unit pressure, Hᵀ = ∂s/∂z follows by the chain rule through V and
 W, and C = ∂s/∂y.  After the step the state is summed from the flows, see `commit`.
-
-Gas at rest: what stays constant in a chamber while an equilibrium is looked for.
-
-An adiabatic chamber cools while its film unfolds: a bag that takes ten times its first volume ends
-at 0.4 of its first temperature.  At rest a film has the temperature of its surroundings, or its
-pressure is held by a blower.  Here the energy balance of `balance` is replaced by one of
-
-    isothermal       p1 V = m1 R T0                                                           (1)
-    held pressure    p1 = p0,   m1 = p0 V/(R T0)                                              (2)
-
-with pressure p0 and temperature T0 of the start.  Heat of (1) and gas of (2) count as supplied.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from dolfinx import fem
@@ -47,76 +36,15 @@ from petsc4py import PETSc
 
 from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.model.body import Array, Body
-from gossamer_fx.mechanics.gas.balance import ACCEPTABLE_RESIDUAL, Balance, End, Passage, Rates
+from gossamer_fx.mechanics.gas.balance import ACCEPTABLE_RESIDUAL, Balance, End, Passage
 from gossamer_fx.mechanics.gas.contract import ChamberState, Holder, Opening, Volume, Wall
 from gossamer_fx.mechanics.gas.enclosure import CompiledEnclosure
 from gossamer_fx.mechanics.gas.surface import Geometry
 from gossamer_fx.mechanics.terms.assembly import Assembly
-from gossamer_fx.mechanics.terms.scalar_unknowns import ScalarsAdjoint, ScalarTotals
+from gossamer_fx.mechanics.terms.scalar_unknowns import ScalarTotals, ScalarUnknowns
 
-
-class IsothermalBalance(Balance):
-    """The mass balance of `Balance` with (1) in place of the energy balance."""
-
-    depends_on_swept_volume = False
-
-    def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
-        """Residual (2n,): p V/(γ - 1) - m c_v T0 [J] of each chamber, then the mass balance
-        [kg]."""
-        n = self._n
-        pressures = y[:n]
-        masses = y[n:]
-        # (1) as energies, U = pV/(γ - 1) = m c_v T0, the unit of the balance that it replaces.
-        pressure_energy = pressures * V / (self._gas.gamma - 1)
-        thermal_energy = masses * self._gas.cv * self.temperatures
-        both_balances = super().residual(y, V, W, known)
-        mass_balance = both_balances[n:]
-        return np.concatenate([pressure_energy - thermal_energy, mass_balance])
-
-    def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
-        n = self._n
-        by_y, by_V = super().derivatives(y, V, W)
-        heat_factor = self._gas.gamma - 1
-        by_pressure = np.diag(V / heat_factor)
-        by_mass = -np.diag(self._gas.cv * self.temperatures)
-        # The rows of the energy balance; those of the mass balance stay.
-        by_y[:n] = np.hstack([by_pressure, by_mass])
-        by_V[:n] = np.diag(y[:n] / heat_factor)
-        return by_y, by_V
-
-
-class HeldPressureBalance(Balance):
-    """The equations (2) in place of both balances."""
-
-    depends_on_swept_volume = False
-
-    def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
-        """Excess of the pressure as energy (p1 - p0) V/(γ - 1) [J], p0 the held pressure, then of
-        the mass [kg]."""
-        n = self._n
-        pressures = y[:n]
-        masses = y[n:]
-        excess_pressure = pressures - self._p0
-        excess_mass = masses - self._mass(V)
-        # The first rows in the unit of the energy balance that they replace.
-        excess_energy = excess_pressure * V / (self._gas.gamma - 1)
-        return np.concatenate([excess_energy, excess_mass])
-
-    def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
-        n = self._n
-        heat_factor = self._gas.gamma - 1
-        # `_p0` (n,) [Pa] are the pressures at the start of the step, which are held.
-        excess_pressure = y[:n] - self._p0
-        # Each chamber's equations contain its own pressure, mass and volume only.
-        by_y = np.diag(np.concatenate([V / heat_factor, np.ones(n)]))
-        energy_by_V = np.diag(excess_pressure / heat_factor)
-        mass_by_V = -np.diag(self._mass(np.ones(n)))
-        return by_y, np.vstack([energy_by_V, mass_by_V])
-
-    def _mass(self, V: Array) -> Array:
-        """Masses [kg] of the gas in volumes V (n,) at the held pressures."""
-        return self._p0 * V / (self._gas.R * self.temperatures)
-
+if TYPE_CHECKING:
+    from gossamer_fx.mechanics.gas.adjoint import GasAdjoint
 
 # What stays constant in the chambers of an equilibrium; see `static_processes`.
 ADIABATIC = "adiabatic"
@@ -128,8 +56,8 @@ PROCESSES = (ADIABATIC, ISOTHERMAL, HELD_PRESSURE)
 MIN_REMAINING_SHARE = 0.1
 
 
-class GasNetwork:
-    """All chambers and openings of a scene as `ScalarUnknowns` y = (p1, m1).
+class GasNetwork(ScalarUnknowns):
+    """All chambers and openings of a scene: scalar unknowns y = (p1, m1).
 
     Attributes:
         size: number of unknowns, 2n for n chambers.
@@ -194,13 +122,26 @@ class GasNetwork:
     def set_static_process(self, process: str) -> None:
         """Choose by its name what stays constant in the chambers while an equilibrium is looked
         for."""
+        # Imported here, as runs do not need it.
+        from gossamer_fx.mechanics.gas.static_processes import (
+            AdiabaticBalance,
+            HeldPressureBalance,
+            IsothermalBalance,
+        )
+
         kinds = {
-            ADIABATIC: Balance,
+            ADIABATIC: AdiabaticBalance,
             ISOTHERMAL: IsothermalBalance,
             HELD_PRESSURE: HeldPressureBalance,
         }
         self._process = process
         self.balance = self._make_balance(kinds[process])
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the scene has no openings, so that at rest the gas is a function of its
+        volumes."""
+        return not self._passages
 
     def vibration_stiffness(self) -> list[tuple[Array, float]]:
         """Gradients of volumes g [m²] and stiffnesses κ = γ p/V [Pa/m³] of the closed films.
@@ -355,14 +296,16 @@ class GasNetwork:
         solved.  Collective."""
         rates = self.balance.rates(self.y, self.volumes)
         h = self.balance.h
+        volumes = np.array([_volume(state) for state in self.chambers])
+        swept = np.array([_swept(state) for state in self.chambers])
+        works = self.balance.work(self.y, volumes, swept)
         for k, state in enumerate(self.chambers):
             if state.enclosure is not None:
                 # The surroundings receive the work of the swept volume at their pressure.
                 self._supplied -= _outside_pressure(state) * state.enclosure.swept
-            state.volume = _volume(state)
+            state.volume = float(volumes[k])
             state.mass += h * float(rates.mass[k])
-            work = (state.pressure + float(self.y[k])) / 2 * _swept(state)
-            state.internal_energy += h * float(rates.energy[k]) - work
+            state.internal_energy += h * float(rates.energy[k]) - float(works[k])
             if self._process != ADIABATIC:
                 self._supply_at_rest(state, float(self.balance.temperatures[k]))
             state.pressure = (self.gas.gamma - 1) * state.internal_energy / state.volume
@@ -384,7 +327,7 @@ class GasNetwork:
 
     # ---- scalar unknowns: gradients --------------------------------------------------------------
 
-    def adjoint(self) -> ScalarsAdjoint:
+    def adjoint(self) -> GasAdjoint:
         # Imported here: runs without gradients do not load it.
         from gossamer_fx.mechanics.gas.adjoint import GasAdjoint
 

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.extend import Array, Assembly, check
+from gossamer_fx.extend import Array, Assembly, HistoryVariables, check
 from gossamer_fx.mechanics.orbit.environment import Environment
 
 # A vector of three numbers.
@@ -207,7 +207,7 @@ class Moments:
     momentum: Array
 
 
-class Flight:
+class Flight(HistoryVariables):
     """The origin of a flying frame at work, `around` what attracts and lights.
 
     Attributes:

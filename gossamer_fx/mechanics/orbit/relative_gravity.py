@@ -39,22 +39,13 @@ from gossamer_fx.extend import (
     CompiledTerms,
     Compiler,
     Expr,
-    Forces,
-    FrameMomenta,
     Gather,
     Ground,
     KineticEnergy,
     NodeKineticEnergy,
     PointMeasure,
     Port,
-    Resultants,
-    StateObserver,
-    StepObserver,
-    StoredEnergies,
-    Supply,
     Support,
-    TangentForms,
-    Tangents,
     Term,
     add_blocks,
     attach_all,
@@ -304,18 +295,7 @@ class MeshGravity:
         return np.repeat(along_x, 3, axis=1).ravel()
 
 
-class CompiledOrbit(
-    StepObserver,
-    StateObserver,
-    Forces,
-    TangentForms,
-    Tangents,
-    StoredEnergies,
-    Supply,
-    Resultants,
-    FrameMomenta,
-    CompiledTerms["RelativeGravity"],
-):
+class CompiledOrbit(CompiledTerms["RelativeGravity"]):
     """Gravity on all bodies of a flying scene, and the energy of their common motion.
     `InputError`: the scene has several orbits, another stepper than the midpoint rule, or an item
     that fixes a body in its reference frame."""

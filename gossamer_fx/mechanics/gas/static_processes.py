@@ -1,0 +1,155 @@
+"""Gas at rest: what stays constant in a chamber while an equilibrium is looked for.
+
+A closed chamber at rest is a function of its volume V, whatever the way to it.  The work p̄ W of a
+time step is not: its sum over pseudo-steps depends on their number.  With the pressure p0, volume
+V0 and energy U0 at the start of a pseudo-step, the energy balance of `balance` is replaced by one
+of
+
+    adiabatic        U1 = U0 (V0/V)^(γ - 1) + flows,    so that p V^γ = const if closed         (1)
+    isothermal       p1 V = m1 R T0                                                             (2)
+    held pressure    p1 = p0,   m1 = p0 V/(R T0)                                                (3)
+
+with the temperature T0 of the start.  Steps of (1) compose exactly.  Heat of (2) and gas of (3)
+count as supplied.
+
+An adiabatic chamber cools while its film unfolds: a bag that takes ten times its first volume ends
+at 0.4 of its first temperature.  At rest a film has the temperature of its surroundings, or its
+pressure is held by a blower: (2) and (3).
+
+Limit.  Where gas flows through an opening during the search, (1) depends on the pseudo-steps.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gossamer_fx.core.model.body import Array
+from gossamer_fx.mechanics.gas.balance import Balance, Rates
+
+# Share of the volume at the start below which (1) is continued as a constant: Newton's iterates may
+# have volumes that are zero or negative.
+SMALLEST_VOLUME = 1e-6
+
+
+class AdiabaticBalance(Balance):
+    """The mass balance of `Balance` with (1) in place of the energy balance."""
+
+    depends_on_swept_volume = False
+
+    def begin(self, h: float, t: float, p: Array, m: Array, U: Array, V: Array) -> None:
+        super().begin(h, t, p, m, U, V)
+        self._V0 = V
+
+    def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
+        """Residual (2n,): p V/(γ - 1) - U0 (V0/V)^(γ - 1) - flows [J] of each chamber, then the
+        mass balance [kg]."""
+        residual = super().residual(y, V, np.zeros(self._n), known)
+        residual[: self._n] += self.work(y, V, W)
+        return residual
+
+    def work(self, y: Array, V: Array, W: Array) -> Array:
+        """Work [J] of each chamber (n,) if it expands from V0 to V without heat and flow."""
+        work: Array = self._U0 * (1 - self._ratio(V) ** (self._gas.gamma - 1))
+        return work
+
+    def _ratio(self, V: Array) -> Array:
+        """V0/V of each chamber, (n,)."""
+        ratio: Array = self._V0 / np.maximum(V, SMALLEST_VOLUME * self._V0)
+        return ratio
+
+    def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
+        """Derivatives (2n, 2n) and (2n, n) of the residual [J, kg], by pressures and masses, and by
+        volumes (n,) [m³]."""
+        n = self._n
+        by_y, by_V = super().derivatives(y, V, np.zeros(n))
+        # The work's derivative by V is the pressure p0 (V0/V)^γ at which it ends.
+        pressures = self._p0 * self._ratio(V) ** self._gas.gamma
+        by_V[np.arange(n), np.arange(n)] += pressures
+        return by_y, by_V
+
+
+class IsothermalBalance(Balance):
+    """The mass balance of `Balance` with (2) in place of the energy balance."""
+
+    depends_on_swept_volume = False
+
+    def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
+        """Residual (2n,): p V/(γ - 1) - m c_v T0 [J] of each chamber, then the mass balance
+        [kg]."""
+        n = self._n
+        pressures = y[:n]
+        masses = y[n:]
+        # (2) as energies, U = pV/(γ - 1) = m c_v T0, the unit of the balance that it replaces.
+        pressure_energy = pressures * V / (self._gas.gamma - 1)
+        thermal_energy = masses * self._gas.cv * self.temperatures
+        both_balances = super().residual(y, V, W, known)
+        mass_balance = both_balances[n:]
+        return np.concatenate([pressure_energy - thermal_energy, mass_balance])
+
+    def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
+        """Derivatives of the residual [J, kg], by pressures and masses, and by volumes.
+
+        Args:
+            y: pressures [Pa], then masses [kg] of the n chambers.
+            V: volumes (n,) [m³].
+            W: volumes that the enclosures sweep in the step (n,) [m³]; not used in the energy rows.
+
+        Returns:
+            (2n, 2n) by y and (2n, n) by V.
+        """
+        n = self._n
+        by_y, by_V = super().derivatives(y, V, W)
+        heat_factor = self._gas.gamma - 1
+        by_pressure = np.diag(V / heat_factor)
+        by_mass = -np.diag(self._gas.cv * self.temperatures)
+        # The rows of the energy balance; those of the mass balance stay.
+        by_y[:n] = np.hstack([by_pressure, by_mass])
+        by_V[:n] = np.diag(y[:n] / heat_factor)
+        return by_y, by_V
+
+
+class HeldPressureBalance(Balance):
+    """The equations (3) in place of both balances."""
+
+    depends_on_swept_volume = False
+
+    def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
+        """Residual (2n,): excess of the pressure as energy (p1 - p0) V/(γ - 1) [J], then of the
+        mass [kg].
+
+        p1 and p0 (n,) [Pa] are the pressures at the end of the step and the held ones, those at its
+        start; γ is the ratio of specific heats."""
+        n = self._n
+        pressures = y[:n]
+        masses = y[n:]
+        excess_pressure = pressures - self._p0
+        excess_mass = masses - self._mass(V)
+        # The first rows in the unit of the energy balance that they replace.
+        excess_energy = excess_pressure * V / (self._gas.gamma - 1)
+        return np.concatenate([excess_energy, excess_mass])
+
+    def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
+        """Derivatives of the residual [J, kg], by pressures and masses, and by volumes.
+
+        Args:
+            y: pressures [Pa], then masses [kg] of the n chambers.
+            V: volumes (n,) [m³].
+            W: swept volumes; not used.
+
+        Returns:
+            (2n, 2n) by y and (2n, n) by V.
+        """
+        n = self._n
+        heat_factor = self._gas.gamma - 1
+        # `_p0` (n,) [Pa] are the pressures at the start of the step, which are held.
+        excess_pressure = y[:n] - self._p0
+        # Each chamber's equations contain its own pressure, mass and volume only.
+        by_y = np.diag(np.concatenate([V / heat_factor, np.ones(n)]))
+        energy_by_V = np.diag(excess_pressure / heat_factor)
+        mass_by_V = -np.diag(self._mass(np.ones(n)))
+        return by_y, np.vstack([energy_by_V, mass_by_V])
+
+    def _mass(self, V: Array) -> Array:
+        """Masses [kg] of the gas in volumes V (n,) at the held pressures."""
+        masses: Array = self._p0 * V / (self._gas.R * self.temperatures)
+        return masses
