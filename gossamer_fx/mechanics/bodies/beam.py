@@ -137,8 +137,8 @@ class Beam(Curve):
         check_on_all(
             self.comm,
             bool((length > PARALLEL * np.linalg.norm(normal)).all()),
-            f"Beam '{self.name}': its normal {normal.tolist()} is along the beam somewhere; choose "
-            "another direction.",
+            f"Beam '{self.name}': its normal {normal.tolist()} is along the beam somewhere; "
+            "choose another direction.",
         )
         d2 = d2 / length
         q = fem.Function(self.space)

@@ -40,8 +40,8 @@ class Between:
         """Check the arguments, which the class describes; raises `InputError`."""
         check(
             bool(list(bodies_of(self.a, self.b))),
-            f"{type(self).__name__} '{self.name}' joins the ground to itself; give a port of a "
-            "body.",
+            f"{type(self).__name__} '{self.name}' joins the ground to itself; "
+            "give a port of a body.",
         )
 
     @property
@@ -73,8 +73,8 @@ class FrameJoint(Between):
         if isinstance(a, Port) and isinstance(b, Port):
             check(
                 a.body is not b.body,
-                f"{type(self).__name__} '{self.name}' joins '{a.body.name}' to itself; join two "
-                "bodies.",
+                f"{type(self).__name__} '{self.name}' joins '{a.body.name}' to itself; "
+                "join two bodies.",
             )
 
 

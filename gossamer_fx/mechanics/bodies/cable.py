@@ -190,14 +190,13 @@ class Cable(Curve):
             self._length_ratio = constant(self.mesh.domain, length_factor)
         check(
             initial_tension is None or isinstance(law, CableLaw),
-            f"'{name}': its initial_tension is given, but {type(law).__name__} does not say which "
-            "strain has it; give "
-            "initial_strain.",
+            f"'{name}': its initial_tension is given, "
+            f"but {type(law).__name__} does not say which strain has it; give initial_strain.",
         )
         check(
             length_factor == 1 or (initial_tension is None and initial_strain is None),
-            f"Cable '{name}': length_factor and prestress are both given, and both say how long "
-            "the cable is without stress; give one of them.",
+            f"Cable '{name}': length_factor and prestress are both given, "
+            "and both say how long the cable is without stress; give one of them.",
         )
         self._take_prestress(initial_tension, initial_strain)
         if isinstance(law, TensionOnly) and initial_tension is not None:
@@ -205,8 +204,9 @@ class Cable(Curve):
             check_on_all(
                 self.comm,
                 bool((tensions >= 0).all()),
-                f"Cable '{name}': its initial_tension is {tensions.min(initial=0.0):g} N, which a "
-                "law without compression does not bear; give a positive number, or a CableLaw.",
+                f"Cable '{name}': its initial_tension is {tensions.min(initial=0.0):g} N, "
+                "which a law without compression does not bear; "
+                "give a positive number, or a CableLaw.",
             )
         self._displacement = checked(displacement, f"Cable '{name}': its displacement", mesh.comm)
         self._velocity = checked(velocity, f"Cable '{name}': its velocity", mesh.comm)

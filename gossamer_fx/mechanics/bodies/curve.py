@@ -33,12 +33,7 @@ class Curve(Meshed):
     constants: SimpleNamespace
 
     def __init__(
-        self,
-        kind: str,
-        name: str,
-        mesh: Mesh | DolfinxMesh,
-        order: int,
-        size: int,
+        self, kind: str, name: str, mesh: Mesh | DolfinxMesh, order: int, size: int
     ) -> None:
         """Check that the mesh consists of lines, and make the space of the coordinates.
         Collective.
@@ -57,9 +52,8 @@ class Curve(Meshed):
         domain = self.mesh.domain
         check(
             domain.topology.dim == 1 and domain.geometry.dim == 3,
-            f"{kind} '{name}': the mesh has cells of dimension {domain.topology.dim} in "
-            f"{domain.geometry.dim}-D space; "
-            "give line elements in 3-D.",
+            f"{kind} '{name}': the mesh has cells of dimension {domain.topology.dim} "
+            f"in {domain.geometry.dim}-D space; give line elements in 3-D.",
         )
         self.name = name
         self.comm = domain.comm

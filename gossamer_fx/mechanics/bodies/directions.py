@@ -76,8 +76,8 @@ def _check_in_film(mesh: Mesh, function: fem.Function, what: str) -> None:
     check_on_all(
         mesh.domain.comm,
         bool((lengths > 0).all()),
-        f"{what} is zero or not given in some cells; give a vector everywhere (of groups: of all "
-        "surfaces).",
+        f"{what} is zero or not given in some cells; "
+        "give a vector everywhere (of groups: of all surfaces).",
     )
     normals = area_vectors(corner_points(mesh.domain))[:owned]
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -86,8 +86,8 @@ def _check_in_film(mesh: Mesh, function: fem.Function, what: str) -> None:
     check_on_all(
         mesh.domain.comm,
         bool((np.linalg.norm(in_film, axis=1) > SMALLEST_PROJECTION * lengths).all()),
-        f"{what} is normal to the film in some cells; give one that can be projected on it, by "
-        "groups if need be.",
+        f"{what} is normal to the film in some cells; "
+        "give one that can be projected on it, by groups if need be.",
     )
 
 

@@ -271,8 +271,8 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
     ends = [vertex for vertex, meeting in edges_at.items() if len(meeting) == 1]
     check(
         most <= 2 and len(ends) in (0, 2),
-        f"{what} is not one line: it branches or has several parts; name one line for each side of "
-        "a seam.",
+        f"{what} is not one line: it branches or has several parts; "
+        "name one line for each side of a seam.",
     )
     coordinates = np.array(list(point.values()))
     low = coordinates.min(axis=0)

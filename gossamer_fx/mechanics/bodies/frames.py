@@ -116,8 +116,8 @@ def along(direction: Array, frame: Frame, where: Callable[[Attached], Array] = I
     """
     check(
         lies_in(direction, frame, where),
-        f"A frame has no direction {direction.tolist()} in the plane of its directors; give one "
-        "with three directors.",
+        f"A frame has no direction {direction.tolist()} in the plane of its directors; "
+        "give one with three directors.",
     )
     components = [float(where(director) @ direction) for director in frame.directors]
     return combine(components, frame.directors)

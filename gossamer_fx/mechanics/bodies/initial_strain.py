@@ -109,8 +109,8 @@ def check_stress(mesh: Mesh, stresses: fem.Function, law: FilmLaw, what: str) ->
     """
     check(
         type(law).taut_strain is not FilmLaw.taut_strain,
-        f"{what} is given, but {type(law).__name__} does not say which strain has it; give "
-        "initial_strain.",
+        f"{what} is given, but {type(law).__name__} does not say which strain has it; "
+        "give initial_strain.",
     )
     in_film = _projected(mesh, stresses)
     largest = float(np.abs(stresses.x.array).max(initial=0.0))
@@ -142,8 +142,8 @@ def check_strain(mesh: Mesh, strains: fem.Function, what: str) -> None:
     check_on_all(
         mesh.comm,
         smallest > LEAST_STRAIN,
-        f"{what} is {smallest:.3g}; a Green-Lagrange strain is above -0.5, that of a length of "
-        "zero.",
+        f"{what} is {smallest:.3g}; "
+        "a Green-Lagrange strain is above -0.5, that of a length of zero.",
     )
 
 
@@ -205,8 +205,8 @@ def _tensor(value: Any, what: str) -> Array:
     numbers = real_numbers(value)
     if numbers is None or numbers.shape not in ((), (3, 3)) or not np.isfinite(numbers).all():
         raise InputError(
-            f"{what} is {value!r}; give a number (the same in all directions) or a symmetric "
-            "tensor (3, 3)."
+            f"{what} is {value!r}; "
+            "give a number (the same in all directions) or a symmetric tensor (3, 3)."
         )
     if numbers.shape == ():
         return np.asarray(float(numbers) * np.eye(3))
@@ -248,9 +248,8 @@ def _check_tensile(mesh: Mesh, in_film: Array, what: str) -> None:
     check_on_all(
         mesh.comm,
         smallest >= -COMPRESSION_TOLERANCE * largest,
-        f"{what} is compressive ({smallest:.3g} Pa), but the film wrinkles then; give a tensile "
-        "stress, or a law "
-        "without wrinkles such as Linear.",
+        f"{what} is compressive ({smallest:.3g} Pa), but the film wrinkles then; "
+        "give a tensile stress, or a law without wrinkles such as Linear.",
     )
 
 

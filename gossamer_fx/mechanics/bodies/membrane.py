@@ -113,16 +113,15 @@ class Membrane(Meshed):
         domain = self.mesh.domain
         check(
             domain.topology.dim == 2 and domain.geometry.dim == 3,
-            f"Membrane '{name}': the mesh has cells of dimension {domain.topology.dim} in "
-            f"{domain.geometry.dim}-D "
-            "space; give triangles in 3-D.",
+            f"Membrane '{name}': the mesh has cells of dimension {domain.topology.dim} "
+            f"in {domain.geometry.dim}-D space; give triangles in 3-D.",
         )
         check(order in (1, 2), f"Membrane '{name}': order is {order!r}; use 1 or 2.")
         check(
             order >= domain.geometry.cmap.degree,
-            f"Membrane '{name}': a film of order {order} cannot take the curved shape of a mesh of "
-            f"order {domain.geometry.cmap.degree} without stress; use order=2, or mesh with plane "
-            "triangles.",
+            f"Membrane '{name}': a film of order {order} cannot take the curved shape "
+            f"of a mesh of order {domain.geometry.cmap.degree} without stress; "
+            "use order=2, or mesh with plane triangles.",
         )
         self.name = name
         self.law = law

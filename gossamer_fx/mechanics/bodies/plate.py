@@ -121,9 +121,9 @@ class Plate(Membrane):
         The class describes the arguments in detail."""
         check(
             order == 2,
-            f"Plate '{name}': order is {order!r}; use 2 (of order 1 the curvature is zero in every "
-            "cell, and the "
-            "angles between cells alone give a stiffness that depends on the pattern of the mesh).",
+            f"Plate '{name}': order is {order!r}; "
+            "use 2 (of order 1 the curvature is zero in every cell, and the angles "
+            "between cells alone give a stiffness that depends on the pattern of the mesh).",
         )
         super().__init__(
             mesh,
@@ -140,9 +140,8 @@ class Plate(Membrane):
         domain = self.mesh.domain
         check(
             domain.geometry.cmap.degree == 1,
-            f"Plate '{name}': its mesh is of order {domain.geometry.cmap.degree}; use plane "
-            "triangles with straight "
-            "edges (order 1).",
+            f"Plate '{name}': its mesh is of order {domain.geometry.cmap.degree}; "
+            "use plane triangles with straight edges (order 1).",
         )
         self.hinges = tuple(hinges)
         repeated = sorted({group for group in self.hinges if self.hinges.count(group) > 1})
@@ -187,9 +186,9 @@ class Plate(Membrane):
         D11, D12, D22, D66 = bending
         check(
             D11 > 0 and D22 > 0 and D66 > 0 and D12**2 < D11 * D22,
-            f"Plate '{self.name}': its bending stiffnesses {bending!r} N m are not positive "
-            "definite; give D11, D22, "
-            "D66 > 0 and D12² < D11 D22.",
+            f"Plate '{self.name}': "
+            f"its bending stiffnesses {bending!r} N m are not positive definite; "
+            "give D11, D22, D66 > 0 and D12² < D11 D22.",
         )
         domain = self.mesh.domain
         return OrthotropicBending(
@@ -370,8 +369,8 @@ class Plate(Membrane):
                 tensor = np.zeros(0)
             check(
                 tensor.shape == (3, 3),
-                f"{what} is not an array (3, 3) of real numbers; give a tensor in 1/m, a function "
-                "of the points, or those of groups.",
+                f"{what} is not an array (3, 3) of real numbers; "
+                "give a tensor in 1/m, a function of the points, or those of groups.",
             )
             given = _Uniform(tensor)
         # H: the given tensor (3, 3) [1/m] of each cell, in the axes of space.
@@ -386,8 +385,8 @@ class Plate(Membrane):
         check_on_all(
             self.comm,
             bool(asymmetry <= size and out_of_plane <= size),
-            f"{what} is not a symmetric tensor in the plane of the mesh; give κ e⊗e with e in that "
-            "plane.",
+            f"{what} is not a symmetric tensor in the plane of the mesh; "
+            "give κ e⊗e with e in that plane.",
         )
         return ufl.dot(self._frame.T, ufl.dot(H, self._frame))
 
@@ -402,12 +401,7 @@ class _Uniform:
         return np.repeat(self._tensor[..., None], points.shape[1], axis=-1)
 
 
-def interior_edges(
-    plate: Membrane,
-    table: EdgeTable,
-    group: str,
-    what: str,
-) -> Indices:
+def interior_edges(plate: Membrane, table: EdgeTable, group: str, what: str) -> Indices:
     """Local edges (n,) of a named group of curves, each between two triangles.  Collective.
 
     Args:

@@ -92,8 +92,8 @@ def interpolated(body: MeshBody, point: Sequence[float], tolerance: float = 1e-6
     nearest, rank = body.comm.allreduce((distance, body.comm.rank), op=MPI.MIN)
     check(
         nearest <= tolerance,
-        f"The point {x.tolist()} m is {nearest:.3g} m away from '{body.name}'; give a point of its "
-        "mesh.",
+        f"The point {x.tolist()} m is {nearest:.3g} m away from '{body.name}'; "
+        "give a point of its mesh.",
     )
     found = None
     if body.comm.rank == rank:

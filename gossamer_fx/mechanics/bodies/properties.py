@@ -58,14 +58,14 @@ def vary(
     for what, given in properties.items():
         check(
             what in may_vary,
-            f"Membrane '{name}': there is no property {what!r} that may vary; choose from "
-            f"{', '.join(may_vary)}.",
+            f"Membrane '{name}': there is no property {what!r} that may vary; "
+            f"choose from {', '.join(may_vary)}.",
         )
         check(
             not derived or what == "density",
-            f"Membrane '{name}': {type(law).__name__} has numbers derived from its {what} "
-            f"({', '.join(derived)}), so "
-            "it cannot vary; use another law.",
+            f"Membrane '{name}': "
+            f"{type(law).__name__} has numbers derived from its {what} ({', '.join(derived)}), "
+            "so it cannot vary; use another law.",
         )
         function = cellwise(mesh, given, getattr(law, what), (), f"Membrane '{name}': its {what}")
         low, high = LIMITS[what]
@@ -83,13 +83,7 @@ def vary(
         setattr(constants, what, function)
 
 
-def cellwise(
-    mesh: Mesh,
-    given: Any,
-    base: Any,
-    shape: tuple[int, ...],
-    what: str,
-) -> fem.Function:
+def cellwise(mesh: Mesh, given: Any, base: Any, shape: tuple[int, ...], what: str) -> fem.Function:
     """A function that is constant in each cell, from values by group or a function of midpoints.
     Collective.
 
@@ -143,8 +137,8 @@ def _cells(mesh: Mesh, group: str, what: str) -> Indices:
     if mesh.domain.topology.dim == 1:
         check(
             dim == 1,
-            f"{what}: the group '{group}' is not a group of line elements; name a curve of the "
-            "mesh.",
+            f"{what}: the group '{group}' is not a group of line elements; "
+            "name a curve of the mesh.",
         )
         return cells
     check(

@@ -120,16 +120,15 @@ class RigidBody:
         )
         check(
             is_symmetric,
-            f"RigidBody '{name}': inertia is {tensor.tolist()} kg m²; give three numbers or a "
-            "symmetric (3, 3).",
+            f"RigidBody '{name}': inertia is {tensor.tolist()} kg m²; "
+            "give three numbers or a symmetric (3, 3).",
         )
         self.euler_tensor = np.trace(tensor) / 2 * np.eye(3) - tensor
         principal = np.linalg.eigvalsh(tensor)
         check(
             bool(principal[0] > SINGULAR_INERTIA * principal[2]),
-            f"RigidBody '{name}': the inertia is singular, its principal values are "
-            f"{principal.tolist()} kg m²; give a "
-            "rod its thickness.",
+            f"RigidBody '{name}': the inertia is singular, "
+            f"its principal values are {principal.tolist()} kg m²; give a rod its thickness.",
         )
         # Euler's tensor has the eigenvalue (I1 + I2 - I3)/2 along the axis of the largest inertia
         # I3.
@@ -137,8 +136,7 @@ class RigidBody:
         check(
             bool(excess >= -INERTIA_TOLERANCE * principal[2]),
             f"RigidBody '{name}': no body has the principal inertias {principal.tolist()} kg m²; "
-            "the largest is at "
-            "most the sum of the two others.",
+            "the largest is at most the sum of the two others.",
         )
         R = np.asarray(attitude, dtype=float)
         is_rotation = (
@@ -148,8 +146,8 @@ class RigidBody:
         )
         check(
             is_rotation,
-            f"RigidBody '{name}': the attitude is not a rotation matrix; give orthonormal columns "
-            "of determinant 1.",
+            f"RigidBody '{name}': the attitude is not a rotation matrix; "
+            "give orthonormal columns of determinant 1.",
         )
         self.mass = mass
         self.name = name

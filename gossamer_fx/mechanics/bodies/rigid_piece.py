@@ -38,12 +38,7 @@ class RigidPiece:
     """
 
     def __init__(
-        self,
-        name: str,
-        owner: Body,
-        start: Array,
-        rates: Array,
-        rigid: bool = True,
+        self, name: str, owner: Body, start: Array, rates: Array, rigid: bool = True
     ) -> None:
         """Take position, directors and rates of a massless rigid piece without a check.
         Collective.

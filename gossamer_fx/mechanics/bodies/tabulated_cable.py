@@ -304,27 +304,25 @@ def _check_table(strain: Array, force: Array) -> None:
     """
     check(
         strain.ndim == 1 and strain.shape == force.shape and len(strain) >= 2,
-        f"TabulatedCable: strain has the shape {strain.shape} and force {force.shape}; give two "
-        "columns of equal length with two points or more.",
+        f"TabulatedCable: strain has the shape {strain.shape} and force {force.shape}; "
+        "give two columns of equal length with two points or more.",
     )
     bad = np.flatnonzero(np.diff(strain) <= 0)
     check(
         not len(bad),
-        f"TabulatedCable: the strains do not rise from point {_first(bad)} to the next; sort the "
-        "points and leave "
-        "out repeated strains.",
+        f"TabulatedCable: the strains do not rise from point {_first(bad)} to the next; "
+        "sort the points and leave out repeated strains.",
     )
     check(
         strain[0] > -1 and strain[0] <= 0 < strain[-1],
-        f"TabulatedCable: the strains go from {strain[0]:g} to {strain[-1]:g}; begin at zero or "
-        "between -1 and "
-        "zero, and end in tension.",
+        f"TabulatedCable: the strains go from {strain[0]:g} to {strain[-1]:g}; "
+        "begin at zero or between -1 and zero, and end in tension.",
     )
     falls = np.flatnonzero(np.diff(force) < 0)
     check(
         not len(falls),
-        f"TabulatedCable: the force falls from point {_first(falls)} to the next; give forces that "
-        "do not fall with the strain.",
+        f"TabulatedCable: the force falls from point {_first(falls)} to the next; "
+        "give forces that do not fall with the strain.",
     )
     at_rest = float(np.interp(0.0, strain, force))
     largest = float(np.abs(force).max())
@@ -337,9 +335,8 @@ def _check_table(strain: Array, force: Array) -> None:
     zero = int(np.searchsorted(strain, 0.0, side="right"))
     check(
         force[zero] > 0,
-        f"TabulatedCable: the force is zero up to the strain {strain[zero]:g}; begin to pull at "
-        "zero strain (a "
-        "longer cable has its slack in its mesh).",
+        f"TabulatedCable: the force is zero up to the strain {strain[zero]:g}; "
+        "begin to pull at zero strain (a longer cable has its slack in its mesh).",
     )
 
 
@@ -376,9 +373,8 @@ def _read_csv(path: Path) -> tuple[list[float], list[float]]:
             unit = header[column].split("[")[1].rstrip("] ")
         check(
             unit in units,
-            f"The table '{path}' has no column '{name} [unit]' with one of the units "
-            f"{', '.join(units)}; begin it "
-            "with a header such as 'strain [%], force [kN]'.",
+            f"The table '{path}' has no column '{name} [unit]' with one of the "
+            f"units {', '.join(units)}; begin it with a header such as 'strain [%], force [kN]'.",
         )
         factors[column] = units[unit]
     columns: list[list[float]] = [[], []]
@@ -389,8 +385,8 @@ def _read_csv(path: Path) -> tuple[list[float], list[float]]:
             values = []
         check(
             len(values) == 2,
-            f"The table '{path}' has the row {number} '{', '.join(row)}'; give two numbers in each "
-            "row.",
+            f"The table '{path}' has the row {number} '{', '.join(row)}'; "
+            "give two numbers in each row.",
         )
         for values_so_far, value in zip(columns, values, strict=True):
             values_so_far.append(value)

@@ -84,8 +84,8 @@ class TemperatureInTime:
         check_on_all(
             self._comm,
             is_possible,
-            f"{self._what} is below {self._lowest:g} K at t = {t:.6g} s; give absolute "
-            "temperatures.",
+            f"{self._what} is below {self._lowest:g} K at t = {t:.6g} s; "
+            "give absolute temperatures.",
         )
 
     def _ask(self, value: Any, points: Array, t: float, what: str) -> Array:
@@ -124,8 +124,8 @@ def _cells(mesh: Mesh, group: str, what: str) -> Indices:
     wanted = mesh.domain.topology.dim
     check(
         dim == wanted,
-        f"{what}: the group '{group}' has dimension {dim}; name a group of the cells, of dimension "
-        f"{wanted}.",
+        f"{what}: the group '{group}' has dimension {dim}; "
+        f"name a group of the cells, of dimension {wanted}.",
     )
     return cells
 

@@ -47,8 +47,8 @@ class AttachedMass:
         # The weights of a direction add up to zero: it would have no mass in translation.
         check(
             bool(np.isclose(translation_weight(self.port), 1.0)),
-            f"AttachedMass '{self.name}': its port is not a point of a body; give one, as "
-            "film.port('tip').",
+            f"AttachedMass '{self.name}': its port is not a point of a body; "
+            "give one, as film.port('tip').",
         )
         check_positive(self, "mass", "kg")
 

@@ -99,30 +99,30 @@ class Crease:
         who = f"Crease '{self.name}'"
         check(
             math.isfinite(self.rest_angle) and abs(self.rest_angle) <= math.pi,
-            f"{who}: rest_angle is {self.rest_angle!r} rad; stay within half a turn, between -π "
-            "and π.",
+            f"{who}: rest_angle is {self.rest_angle!r} rad; "
+            "stay within half a turn, between -π and π.",
         )
         φ = self.yield_angle
         check(
             φ is None or (math.isfinite(φ) and φ > 0),
-            f"{who}: yield_angle is {φ!r} rad; give a positive number, or None for a crease that "
-            "does not yield.",
+            f"{who}: yield_angle is {φ!r} rad; "
+            "give a positive number, or None for a crease that does not yield.",
         )
         check(
             self.initial_fold in (None, VALLEY, MOUNTAIN),
-            f"{who}: initial_fold is {self.initial_fold!r}; give 1 for a valley fold, -1 for a "
-            "mountain fold, or None.",
+            f"{who}: initial_fold is {self.initial_fold!r}; "
+            "give 1 for a valley fold, -1 for a mountain fold, or None.",
         )
         check(
             self.body.space.mesh.geometry.cmap.degree == 1,
-            f"{who}: the triangles of '{self.body.name}' are curved; mesh it with plane triangles "
-            "(order 1).",
+            f"{who}: the triangles of '{self.body.name}' are curved; "
+            "mesh it with plane triangles (order 1).",
         )
         self._check_edges(who)
         check(
             not isinstance(self.body, Plate) or self.edges in self.body.hinges,
-            f"{who}: the plate '{self.body.name}' transmits bending at '{self.edges}' itself; give "
-            f"it hinges=['{self.edges}'].",
+            f"{who}: the plate '{self.body.name}' transmits bending at '{self.edges}' itself; "
+            f"give it hinges=['{self.edges}'].",
         )
 
     def _check_edges(self, who: str) -> None:
@@ -142,26 +142,26 @@ class Crease:
         n, rim, unknown = self.body.comm.allreduce(counts).tolist()
         check(
             n > 0,
-            f"{who}: the group '{self.edges}' has no edges; name a line between triangles of the "
-            "mesh.",
+            f"{who}: the group '{self.edges}' has no edges; "
+            "name a line between triangles of the mesh.",
         )
         check(
             rim == 0,
-            f"{who}: {rim} of the {n} edges of '{self.edges}' lie on the rim of '{self.body.name}' "
-            "or where more than "
-            "two triangles meet; a crease has one triangle on each side.",
+            f"{who}: "
+            f"{rim} of the {n} edges of '{self.edges}' lie on the rim of '{self.body.name}' "
+            "or where more than two triangles meet; a crease has one triangle on each side.",
         )
         check(
             unknown == 0,
-            f"{who}: the mesh of '{self.body.name}' was distributed without neighbours; read it "
-            "with read_mesh or gmsh_mesh.",
+            f"{who}: the mesh of '{self.body.name}' was distributed without neighbours; "
+            "read it with read_mesh or gmsh_mesh.",
         )
         check_on_all(
             self.body.comm,
             bool(_passed_both_ways(table, owned).all()),
-            f"{who}: the normals of '{self.body.name}' change sides at '{self.edges}', so that the "
-            "sign of the fold is "
-            "not defined; turn the triangles of one side (gmsh: model.mesh.reverse).",
+            f"{who}: the normals of '{self.body.name}' change sides at '{self.edges}', "
+            "so that the sign of the fold is not defined; "
+            "turn the triangles of one side (gmsh: model.mesh.reverse).",
         )
 
     def requires(self) -> Iterable[Any]:
@@ -249,13 +249,7 @@ class Crease:
             moment_per_angle=self.stiffness,
         )
 
-    def _derivatives(
-        self,
-        cells: Indices,
-        sides: Indices,
-        points: Array,
-        backwards: bool,
-    ) -> Array:
+    def _derivatives(self, cells: Indices, sides: Indices, points: Array, backwards: bool) -> Array:
         """Gradients (n, g, 3, k) [1/m] on the mesh of the k shape functions of triangles, at points
         of edges.
 

@@ -229,8 +229,8 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
 
     def gradient_notes(self) -> list[str]:
         return [
-            f"yielding of '{self.terms[i].name}' is piecewise smooth: the gradient is that of the "
-            "folds that slip in this run"
+            f"yielding of '{self.terms[i].name}' is piecewise smooth: "
+            "the gradient is that of the folds that slip in this run"
             for i in self._yielding
         ]
 
@@ -244,8 +244,8 @@ class CreaseEnergies(HistoryVariables, Differentiable, Shown, CompiledTerms["Cre
             return ""
         for i in self._yielding:
             return (
-                f"'{self.terms[i].name}' yields, so that its rest angle depends on the path; give "
-                "it no yield_angle"
+                f"'{self.terms[i].name}' yields, so that its rest angle depends on the path; "
+                "give it no yield_angle"
             )
         return ""
 

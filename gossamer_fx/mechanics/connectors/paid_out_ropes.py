@@ -56,8 +56,9 @@ class PaidOutRopes(HistoryVariables, CompiledTerms["PaidOutRope"]):
         # The length of a rope between the ends of a step is not known to its brake.
         check(
             not system.rule.takes_mid_strain,
-            f"'{terms[0].name}': a rope that is paid out has forces by its lengths at the ends of "
-            "a step; run its scene with Midpoint.",
+            f"'{terms[0].name}': "
+            "a rope that is paid out has forces by its lengths at the ends of a step; "
+            "run its scene with Midpoint.",
         )
         self._system = system
         self.terms = terms

@@ -65,22 +65,21 @@ class RopeBundle:
         """
         check(
             bool(len(self.ends)) and len(self.ends) == len(self.lengths),
-            f"RopeBundle '{self.name}' has {len(self.ends)} pairs and {len(self.lengths)} lengths; "
-            "give as many of "
-            "both, and at least one.",
+            f"RopeBundle '{self.name}' has {len(self.ends)} pairs "
+            f"and {len(self.lengths)} lengths; give as many of both, and at least one.",
         )
         for k, (pair, length) in enumerate(zip(self.ends, self.lengths, strict=True)):
             check(
                 bool(list(bodies_of(*pair))),
-                f"RopeBundle '{self.name}': rope {k} joins the ground to itself; give a port of a "
-                "body.",
+                f"RopeBundle '{self.name}': rope {k} joins the ground to itself; "
+                "give a port of a body.",
             )
             require_positive(f"RopeBundle '{self.name}': length {k}", length, "m")
         check_positive(self, "stiffness", "N/m")
         check(
             math.isfinite(self.damping) and self.damping >= 0,
-            f"RopeBundle '{self.name}': damping is {self.damping!r} N s/m; give none or a positive "
-            "one.",
+            f"RopeBundle '{self.name}': damping is {self.damping!r} N s/m; "
+            "give none or a positive one.",
         )
 
     def requires(self) -> Iterable[Any]:

@@ -368,8 +368,8 @@ class Damper(Between):
         distance = float(np.linalg.norm(start.vector(self.a) - start.vector(self.b)))
         check(
             distance > 0,
-            f"Damper '{self.name}': its two points coincide, so it has no direction; separate "
-            "them.",
+            f"Damper '{self.name}': its two points coincide, so it has no direction; "
+            "separate them.",
         )
         yield PointDissipation(
             self.name,
@@ -407,8 +407,8 @@ class AxialSpring:
         check_positive(self, "stiffness", "N/m")
         check(
             any(self.direction),
-            f"AxialSpring '{self.name}': direction is {self.direction!r}; give its axis, of any "
-            "length but zero.",
+            f"AxialSpring '{self.name}': direction is {self.direction!r}; "
+            "give its axis, of any length but zero.",
         )
 
     def requires(self) -> Iterable[Any]:

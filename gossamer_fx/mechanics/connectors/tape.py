@@ -78,12 +78,7 @@ class Tape:
 
     @staticmethod
     def along_edges(
-        body: Membrane,
-        law: BarLaw,
-        *,
-        edges: str,
-        length_factor: float = 1.0,
-        name: str = "tape",
+        body: Membrane, law: BarLaw, *, edges: str, length_factor: float = 1.0, name: str = "tape"
     ) -> Tape:
         """A tape along the edges of the mesh in a named group of curves.  Collective.
 
@@ -119,8 +114,8 @@ class Tape:
         bars = [row for part in rows for row in part]
         check(
             len(bars) > 0,
-            f"Tape '{name}' on '{body.name}': the group '{edges}' has no edges of the mesh; put a "
-            "line of its edges into the group.",
+            f"Tape '{name}' on '{body.name}': the group '{edges}' has no edges of the mesh; "
+            "put a line of its edges into the group.",
         )
         midpoints = (x[ends[:, 0]] + x[ends[:, 1]]) / 2
         _refuse_edges_without_length(body, edges, own, midpoints, name)
@@ -179,8 +174,8 @@ class Tape:
         object.__setattr__(self, "lengths", lengths)
         check(
             len(self.bars) > 0 and bool((lengths > 0).all()),
-            f"Tape '{self.name}' has no bars, or one without length; give a line of different "
-            "points.",
+            f"Tape '{self.name}' has no bars, or one without length; "
+            "give a line of different points.",
         )
         check(
             lengths.shape == (len(self.bars),),
@@ -277,8 +272,8 @@ def _refuse_edges_without_length(
     # To the nanometre, so that round-off of zero is zero.
     x, y, z = (round(coordinate, 9) + 0.0 for coordinate in places[0])
     raise InputError(
-        f"Tape '{name}' on '{body.name}': the group '{edges}' has an edge without length at "
-        f"({x:.6g}, {y:.6g}, {z:.6g}) m, as a revolved mesh has at its pole; merge the nodes "
-        "there, or leave "
-        "this edge out of the group."
+        f"Tape '{name}' on '{body.name}': "
+        f"the group '{edges}' has an edge without length at ({x:.6g}, {y:.6g}, {z:.6g}) m, "
+        "as a revolved mesh has at its pole; "
+        "merge the nodes there, or leave this edge out of the group."
     )

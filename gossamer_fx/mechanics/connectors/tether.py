@@ -85,8 +85,8 @@ class Tether(Between):
         check_positive(self, "brake_force", "N")
         check(
             self.total_length >= self.length,
-            f"Tether '{self.name}': total_length is {self.total_length!r} m; give "
-            f"{self.length:g} m or more.",
+            f"Tether '{self.name}': total_length is {self.total_length!r} m; "
+            f"give {self.length:g} m or more.",
         )
 
     @property

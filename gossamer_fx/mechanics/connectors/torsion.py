@@ -56,13 +56,7 @@ def angles(e0: Array, e1: Array) -> tuple[Array, Array]:
     return φ0, Δφ
 
 
-def stress(
-    m: Array,
-    slope: Array,
-    φ0: Array,
-    Δφ: Array,
-    e1: Array,
-) -> tuple[Array, Array]:
+def stress(m: Array, slope: Array, φ0: Array, Δφ: Array, e1: Array) -> tuple[Array, Array]:
     """Stress of a mean moment in the strains (cos φ, sin φ) of n hinges, and its derivative.
 
     The stress S satisfies S·(e1 - e0) = m Δφ, the work [J] of the step.
@@ -135,12 +129,7 @@ def across(axis: Vector, side: Frame) -> Frame:
     return side if is_normal(unit(axis), side) else side.complete
 
 
-def hinge_angle(
-    a: Frame,
-    b: Frame,
-    axis: Vector,
-    rest: float,
-) -> PointMeasure:
+def hinge_angle(a: Frame, b: Frame, axis: Vector, rest: float) -> PointMeasure:
     """The measures (cos φ, sin φ) of the angle φ [rad] of a hinge, which are quadratic.
 
     φ is the rotation of b relative to a about the axis since the start, less `rest`.
@@ -240,8 +229,8 @@ class TorsionSpring(AboutHinge):
         check_positive(self, "stiffness", "N m/rad")
         check(
             abs(self.rest_angle) < math.pi,
-            f"TorsionSpring '{self.name}': rest_angle is {self.rest_angle!r} rad; stay within half "
-            "a turn.",
+            f"TorsionSpring '{self.name}': rest_angle is {self.rest_angle!r} rad; "
+            "stay within half a turn.",
         )
 
     def terms(self, start: State) -> Iterable[Term]:

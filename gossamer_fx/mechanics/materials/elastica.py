@@ -224,9 +224,8 @@ class Elastica(IsotropicFilm):
         shortest = 10 * math.pi * self.thickness
         check(
             math.isfinite(self.half_wavelength) and self.half_wavelength > shortest,
-            f"Elastica: half_wavelength is {self.half_wavelength!r} m; a strip needs more than "
-            f"{shortest:.3g} m, ten "
-            "times pi its thickness.",
+            f"Elastica: half_wavelength is {self.half_wavelength!r} m; "
+            f"a strip needs more than {shortest:.3g} m, ten times pi its thickness.",
         )
         slenderness = math.pi * self.thickness / self.half_wavelength
         e_E = slenderness**2 / 12

@@ -289,8 +289,8 @@ class Miyazaki(IsotropicFilm):
         super().__post_init__()
         check(
             0 <= self.residual_stiffness <= 1,
-            f"{type(self).__name__}: residual_stiffness is {self.residual_stiffness!r}; the ratio "
-            "of compressive to tensile stiffness lies between 0 and 1.",
+            f"{type(self).__name__}: residual_stiffness is {self.residual_stiffness!r}; "
+            "the ratio of compressive to tensile stiffness lies between 0 and 1.",
         )
 
     def energy(self, e: Expr, c: Any) -> Expr:

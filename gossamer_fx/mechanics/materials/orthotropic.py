@@ -175,8 +175,8 @@ class LinearOrthotropic(FilmLaw):
             )
         check(
             self.nu12**2 < self.E1 / self.E2,
-            f"{law}: nu12 is {self.nu12!r}, so that the stiffness is not positive definite; give "
-            f"less than √(E1/E2) = {math.sqrt(self.E1 / self.E2):.6g} in size.",
+            f"{law}: nu12 is {self.nu12!r}, so that the stiffness is not positive definite; "
+            f"give less than √(E1/E2) = {math.sqrt(self.E1 / self.E2):.6g} in size.",
         )
         self._check_direction()
 
@@ -201,8 +201,8 @@ class LinearOrthotropic(FilmLaw):
             where = f" in '{group}'" if group else ""
             check(
                 is_vector and bool(numbers.any()),
-                f"{type(self).__name__}: direction{where} is {vector!r}; give a vector of three "
-                "numbers that is not zero.",
+                f"{type(self).__name__}: direction{where} is {vector!r}; "
+                "give a vector of three numbers that is not zero.",
             )
 
     @classmethod
@@ -242,9 +242,9 @@ class LinearOrthotropic(FilmLaw):
         determinant = A11 * A22 - A12**2
         check(
             A11 > 0 and A22 > 0 and A66 > 0 and determinant > 0,
-            f"{cls.__name__}: the stiffnesses A11 = {A11!r}, A12 = {A12!r}, A22 = {A22!r}, A66 = "
-            f"{A66!r} N/m are not "
-            "positive definite; give A11, A22, A66 > 0 and A12² < A11 A22.",
+            f"{cls.__name__}: the stiffnesses A11 = {A11!r}, "
+            f"A12 = {A12!r}, A22 = {A22!r}, A66 = {A66!r} N/m are not positive definite; "
+            "give A11, A22, A66 > 0 and A12² < A11 A22.",
         )
         return cls(
             determinant / A22 / thickness,
@@ -339,9 +339,8 @@ class Orthotropic(LinearOrthotropic):
         super().__post_init__()
         check(
             0 <= self.residual_stiffness <= 1,
-            f"Orthotropic: residual_stiffness is {self.residual_stiffness!r}; the ratio of "
-            "compressive to tensile "
-            "stiffness lies between 0 and 1.",
+            f"Orthotropic: residual_stiffness is {self.residual_stiffness!r}; "
+            "the ratio of compressive to tensile stiffness lies between 0 and 1.",
         )
 
     def energy(self, e: Expr, c: Any) -> Expr:

@@ -80,8 +80,8 @@ class ThermalExpansion:
         for alpha in self.alphas:
             check(
                 abs(alpha) <= MAX_ALPHA,
-                f"ThermalExpansion: alpha is {alpha!r} 1/K; give at most {MAX_ALPHA:g}, e.g. 20e-6 "
-                "for 20 parts per million and kelvin.",
+                f"ThermalExpansion: alpha is {alpha!r} 1/K; "
+                f"give at most {MAX_ALPHA:g}, e.g. 20e-6 for 20 parts per million and kelvin.",
             )
         check(
             self.reference >= 0,
@@ -91,8 +91,8 @@ class ThermalExpansion:
         for value in self._numbers():
             check(
                 value >= 0,
-                f"ThermalExpansion: temperature is {value!r} K; give an absolute temperature, not "
-                "below 0 K.",
+                f"ThermalExpansion: temperature is {value!r} K; "
+                "give an absolute temperature, not below 0 K.",
             )
 
     @property
