@@ -23,7 +23,7 @@ from spectrum import angular_frequencies
 
 import gossamer_fx as gx
 from gossamer_fx.analysis.statics.equilibrium import Continuation, Equilibrium
-from gossamer_fx.mechanics.bodies.ports import global_node
+from gossamer_fx.mechanics.bodies.meshed import global_node
 from gossamer_fx.meshes.line import line
 
 COMM = MPI.COMM_WORLD

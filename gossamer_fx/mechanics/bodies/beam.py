@@ -24,8 +24,7 @@ from gossamer_fx.core.sections import Section
 from gossamer_fx.mechanics.bodies.curve import Curve
 from gossamer_fx.mechanics.bodies.frames import Frame
 from gossamer_fx.mechanics.bodies.initial_strain import Numbers, prestress_parameters
-from gossamer_fx.mechanics.bodies.meshed import PointFunction, checked
-from gossamer_fx.mechanics.bodies.ports import global_node
+from gossamer_fx.mechanics.bodies.meshed import PointFunction, checked, global_node
 from gossamer_fx.mechanics.bodies.rigid_body import orthonormality
 from gossamer_fx.mechanics.materials.film import constants
 from gossamer_fx.mechanics.terms.element_energies import StoredEnergy

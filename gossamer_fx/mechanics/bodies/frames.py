@@ -1,12 +1,13 @@
-"""Frames: oriented points of bodies and of the ground; a beam's section with its normal."""
+"""Frames: oriented points of bodies and of the ground, a beam's section with its normal, and what
+joins two of them or acts between two points."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from operator import methodcaller
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from dolfinx.common import IndexMap
@@ -222,3 +223,82 @@ class SectionFrame:
 
     def describe(self, node: int) -> str:
         return "the frame of the section"
+
+
+def bodies_of(*sides: Attached | Frame | Line) -> Iterable[Any]:
+    """The bodies that a joint refers to."""
+    for side in sides:
+        vectors = (side.origin, *side.directors) if isinstance(side, Frame | Line) else (side,)
+        # Vectors of the ground belong to no body.
+        for vector in vectors:
+            if isinstance(vector, Port):
+                yield vector.body
+
+
+def check_axis(joint: Any) -> None:
+    """Raise `InputError` if the axis of a joint, or of what acts about one, has no length."""
+    check(
+        any(joint.axis),
+        f"{type(joint).__name__} '{joint.name}': axis has no length; give its direction.",
+    )
+
+
+class Between:
+    """Two sides, at least one of which moves."""
+
+    a: Attached | Frame
+    b: Attached | Frame
+    name: str
+
+    def __post_init__(self) -> None:
+        """Check the arguments, which the class describes; raises `InputError`."""
+        check(
+            bool(list(bodies_of(self.a, self.b))),
+            f"{type(self).__name__} '{self.name}' joins the ground to itself; "
+            "give a port of a body.",
+        )
+
+    @property
+    def _sides(self) -> tuple[Attached | Frame, Attached | Frame]:
+        return self.a, self.b
+
+    def requires(self) -> Iterable[Any]:
+        yield from bodies_of(*self._sides)
+
+
+class FrameJoint(Between):
+    """Frames of two bodies, or of one and the ground."""
+
+    a: Frame
+    b: Frame
+
+    def __post_init__(self) -> None:
+        """Check the two frames `a` and `b`, oriented points of bodies or of the ground, that the
+        joint connects.
+
+        Raises:
+            InputError: both frames are of the ground, or both are of the same body.
+        """
+        super().__post_init__()
+        a = self.a.origin
+        b = self.b.origin
+        # The distance of two points of one body follows from its stiffness: a joint would be a
+        # support.
+        if isinstance(a, Port) and isinstance(b, Port):
+            check(
+                a.body is not b.body,
+                f"{type(self).__name__} '{self.name}' joins '{a.body.name}' to itself; "
+                "join two bodies.",
+            )
+
+
+@runtime_checkable
+class DrawnAsLines(Protocol):
+    """An item of a scene that pictures show as straight lines between points of bodies."""
+
+    name: str
+
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of each line."""
+        ...

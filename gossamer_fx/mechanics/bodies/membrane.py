@@ -166,7 +166,7 @@ class Membrane(Meshed):
         direction = getattr(self.law, "direction", None)
         if direction is not None:
             # Imported here: isotropic film has no axes.
-            from gossamer_fx.mechanics.bodies.directions import direction_field, set_axes
+            from gossamer_fx.mechanics.bodies.properties import direction_field, set_axes
 
             field = direction_field(self.mesh, direction, self.name)
             set_axes(self.constants, field, self._frame)

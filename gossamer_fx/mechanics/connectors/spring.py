@@ -1,4 +1,4 @@
-"""Springs, ropes, stops and dampers between points."""
+"""Springs, ropes, stops and dampers between points, and masses at them."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from gossamer_fx.core.algebra.point_measures import PointMeasure
+from gossamer_fx.core.algebra.point_measures import PointMeasure, translation_weight
 from gossamer_fx.core.checks.arguments import check_arguments
-from gossamer_fx.core.checks.errors import check, check_positive
+from gossamer_fx.core.checks.errors import check, check_positive, require_positive
 from gossamer_fx.core.model.body import Array, Attached, Port, unit
 from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.between import Between
+from gossamer_fx.mechanics.bodies.frames import Between, bodies_of
 from gossamer_fx.mechanics.terms.point_energies import (
+    AttachedKineticEnergy,
     PointDissipation,
     PointStoredEnergy,
     one_sided_average,
@@ -64,7 +65,7 @@ class LengthSpring:
 
     def energy(self, e: Array) -> Array:
         """ψ (n,) [J] of strains e (n, 1) [m²]."""
-        stretch = _length(e) - self.L
+        stretch = length_of(e) - self.L
         if self.side:
             return self.k * one_sided_energy(self.side * stretch)
         return self.k * stretch**2 / 2
@@ -78,8 +79,8 @@ class LengthSpring:
         L [m] is the natural length, k [N/m] the stiffness.  A spring that acts on one side only has
         no stress beyond it.  Coincident ends count as 1e-150 m apart: nothing is refused."""
         # Lengths l0 and l1 [m] at the start and the end of the step.
-        l0 = _length(e0)
-        l1 = _length(e1)
+        l0 = length_of(e0)
+        l1 = length_of(e1)
         mean_length = (l0 + l1) / 2
         if self.side:
             # Stretches y0 and y1 [m], positive where the spring acts.
@@ -111,8 +112,8 @@ class LengthDamper:
 
         The measure is e = ½ l² of the length l; the stress is the force c dl/dt over the length."""
         # Lengths l0 and l1 [m] at the start and the end of the step.
-        l0 = _length(e0)
-        l1 = _length(e1)
+        l0 = length_of(e0)
+        l1 = length_of(e1)
         S = 2 * self.c / h * (l1 - l0) / (l0 + l1)
         D = 4 * self.c / h * l0 / (l0 + l1) ** 2 / l1
         return S[:, None], D[:, None, None]
@@ -138,8 +139,8 @@ class RopeDamper:
         negative.  The rope has the natural length L [m], the stiffness k [N/m] and the damping c
         [N s/m]."""
         # Lengths l0, l1 [m] and stretches s0, s1 [m] at the start and the end of the step.
-        l0 = _length(e0)
-        l1 = _length(e1)
+        l0 = length_of(e0)
+        l1 = length_of(e1)
         both = l0 + l1
         s0 = np.maximum(l0 - self.L, 0.0)
         s1 = np.maximum(l1 - self.L, 0.0)
@@ -163,7 +164,7 @@ class RopeDamper:
 SMALLEST_MEASURE = 1e-300
 
 
-def _length(e: Array) -> Array:
+def length_of(e: Array) -> Array:
     """Lengths (n,) [m] of the measures e = ½ l² (n, 1) [m²]."""
     return np.sqrt(2 * np.maximum(e[:, 0], SMALLEST_MEASURE))
 
@@ -423,3 +424,132 @@ class AxialSpring:
         rest = -float(n @ np.asarray(self.origin, dtype=float))
         measure = PointMeasure([(self.port,)], np.zeros((1, 3, 3)), n[None], np.array([rest]))
         yield PointStoredEnergy(self.name, measure, Quadratic(self.stiffness), (STIFFNESS,))
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class RopeBundle:
+    """Ropes without mass, each as a `Rope`, that are evaluated at once and have one line in the
+    ledger.
+
+    Args:
+        ends: pairs of ports, or of a port and a `Ground`.
+        stiffness: k of each [N/m], positive.
+        lengths: L of each [m], positive; as many as pairs.
+        damping: c of each [N s/m], which acts where the rope is stretched; zero or positive.
+        name: name in messages and output.
+
+    Raises:
+        InputError: no rope, not as many lengths as pairs, a number that is not positive, a pair
+            without a body.
+
+    Example:
+        >>> corners = [film.port("top left"), film.port("top right")]
+        >>> ends = [(corner, gx.Ground((0.5, 2.0, 0.0))) for corner in corners]
+        >>> ropes = gx.connectors.RopeBundle(ends, stiffness=1e3, lengths=[1.2, 1.2])
+        >>> ropes.lengths
+        [1.2, 1.2]
+    """
+
+    ends: Sequence[tuple[Attached, Attached]]
+    _: KW_ONLY
+    stiffness: float
+    lengths: Sequence[float]
+    damping: float = 0.0
+    name: str = "ropes"
+
+    def __post_init__(self) -> None:
+        """Check the ends, the lengths [m], the stiffness [N/m] and the damping [N s/m] of the
+        ropes.
+
+        Raises:
+            InputError: there is no rope, not one length for each pair of ends, a pair without a
+                body, a length or stiffness that is not positive, or a negative damping.
+        """
+        check(
+            bool(len(self.ends)) and len(self.ends) == len(self.lengths),
+            f"RopeBundle '{self.name}' has {len(self.ends)} pairs "
+            f"and {len(self.lengths)} lengths; give as many of both, and at least one.",
+        )
+        for k, (pair, length) in enumerate(zip(self.ends, self.lengths, strict=True)):
+            check(
+                bool(list(bodies_of(*pair))),
+                f"RopeBundle '{self.name}': rope {k} joins the ground to itself; "
+                "give a port of a body.",
+            )
+            require_positive(f"RopeBundle '{self.name}': length {k}", length, "m")
+        check_positive(self, "stiffness", "N/m")
+        check(
+            math.isfinite(self.damping) and self.damping >= 0,
+            f"RopeBundle '{self.name}': damping is {self.damping!r} N s/m; "
+            "give none or a positive one.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        for pair in self.ends:
+            yield from bodies_of(*pair)
+
+    @property
+    def lines_to_draw(self) -> Sequence[tuple[Attached, Attached]]:
+        """The two ends of each rope, for pictures."""
+        return self.ends
+
+    def terms(self, start: State) -> Iterable[Term]:
+        """Stored energy and, with damping, dissipation of each rope.
+
+        Yields:
+            The terms, i.e. what the ropes add to the equations; all have the same name, under which
+            the ledger sums them.
+        """
+        # Terms of one name are summed in the energy balance; those of one kind are one array.
+        for k, (pair, length) in enumerate(zip(self.ends, self.lengths, strict=True)):
+            measure = half_distance_squared(*pair)
+            density = LengthSpring(self.stiffness, float(length), side=1)
+            numbers = (STIFFNESS, Parameter("lengths", "m", "L", entry=k))
+            yield PointStoredEnergy(self.name, measure, density, numbers)
+            if self.damping:
+                loss = RopeDamper(self.damping, self.stiffness, float(length))
+                of_loss = (*numbers, Parameter("damping", "N s/m", "c"))
+                yield PointDissipation(f"{self.name} damping", measure, loss, of_loss)
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class AttachedMass:
+    """A mass at a point of a body, e.g. at the tip of a sail: kinetic energy ½ m |v|² of the point.
+
+    It adds no unknowns.  `Gravity` and `Centrifugal` of the body act on it, too.
+
+    Args:
+        port: a point of a film, plate, cable, beam or rigid body.
+        mass: m [kg], positive.
+        name: name in messages and output.
+
+    Raises:
+        InputError: a port that is a direction, a mass that is not positive.
+
+    Example:
+        >>> gx.connectors.AttachedMass(film.port("top right"), 0.5).mass
+        0.5
+    """
+
+    port: Port
+    mass: float
+    _: KW_ONLY
+    name: str = "attached mass"
+
+    def __post_init__(self) -> None:
+        """Check the arguments, which the class describes; raises `InputError`."""
+        # The weights of a direction add up to zero: it would have no mass in translation.
+        check(
+            bool(np.isclose(translation_weight(self.port), 1.0)),
+            f"AttachedMass '{self.name}': its port is not a point of a body; "
+            "give one, as film.port('tip').",
+        )
+        check_positive(self, "mass", "kg")
+
+    def requires(self) -> Iterable[Any]:
+        yield self.port.body
+
+    def terms(self, start: State) -> Iterable[Term]:
+        yield AttachedKineticEnergy([(self.port,)], np.full((1, 1, 1), self.mass))

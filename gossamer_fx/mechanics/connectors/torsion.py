@@ -27,8 +27,7 @@ from gossamer_fx.core.model.body import Array, Vector, unit
 from gossamer_fx.core.model.parameters import Parameter
 from gossamer_fx.core.model.state import State
 from gossamer_fx.core.model.terms import Term
-from gossamer_fx.mechanics.bodies.between import Between, check_axis
-from gossamer_fx.mechanics.bodies.frames import Frame, along, is_normal
+from gossamer_fx.mechanics.bodies.frames import Between, Frame, along, check_axis, is_normal
 from gossamer_fx.mechanics.terms.point_energies import PointDissipation, PointStoredEnergy
 
 # [rad] Half of the change of the angle below which x/sin x and its derivative are their series: the

@@ -65,8 +65,7 @@ from gossamer_fx.core.checks.errors import check
 from gossamer_fx.core.forms.bending import BendingStiffness, OrthotropicBending
 from gossamer_fx.core.forms.kinematics import Expr
 from gossamer_fx.core.model.body import Array
-from gossamer_fx.mechanics.materials.c_law import CLaw
-from gossamer_fx.mechanics.materials.film import ROUND_OFF, SLACK, TAUT, WRINKLED, FilmLaw
+from gossamer_fx.mechanics.materials.film import ROUND_OFF, SLACK, TAUT, WRINKLED, CLaw, FilmLaw
 
 Vector = Sequence[float]  # (3,)
 Direction = Vector | Mapping[str, Vector] | Callable[[Array], Array]
